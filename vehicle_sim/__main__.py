@@ -11,7 +11,7 @@ from vehicle_sim.worker_pool import processes_for, run_workers, split_fleet
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs until the process is asked to end; returns 1 if no port could be opened."""
+    """Runs until the process receives a stop signal; returns 1 if no port could be opened."""
     argv = sys.argv[1:] if argv is None else argv
     arguments = parse(argv)
     parts = split_fleet(arguments.instances, arguments.processes or processes_for(arguments.instances))

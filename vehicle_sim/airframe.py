@@ -77,8 +77,7 @@ class Airframe:
         )
 
     def wrench_table(self) -> FloatArray:
-        """(4, 4) matrix from rotor thrust fractions (0..1) to thrust [N] and roll, pitch, yaw moments [N
-        m]."""
+        """(4, 4) matrix from rotor thrusts (0..1) to thrust [N] and roll, pitch, yaw moments [Nm]."""
         thrust = self.rotor_thrust_max_n
         return np.stack(
             [

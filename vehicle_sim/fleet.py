@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.flight_numbers import FlightNumbers
 from vehicle_sim.autopilot.steady import SteadyTicks
+from vehicle_sim.autopilot.tick_arrays import TickArrays
 from vehicle_sim.logger.logger import Logbook, Logger
 from vehicle_sim.logger.recorder import Recorders
 from vehicle_sim.mavlink.link import Link
@@ -84,7 +84,7 @@ class VehicleSim:
             start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
             first_vehicle=first_instance if first_noise is None else first_noise,
         )  # fmt: skip
-        numbers = FlightNumbers.of(count)
+        numbers = TickArrays.for_count(count)
         self.autopilots = [
             Autopilot(VehicleView(self.simulation, row, boot_time_unix_s), numbers) for row in range(count)
         ]

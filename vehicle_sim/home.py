@@ -86,7 +86,7 @@ class HomeUpdater:
         """Whether home is set automatically: COM_HOME_EN is set, and no position was commanded."""
         return not self.home.manual and self._view.choice("COM_HOME_EN") != 0
 
-    def armed_or_took_off(self) -> None:
+    def on_arming_or_takeoff(self) -> None:
         """Sets home to the position where the vehicle was armed or took off."""
         if self._is_automatic:
             self.set_here()

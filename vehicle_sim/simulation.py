@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.airframe import Airframe
-from vehicle_sim.control.allocation import mixer_of
+from vehicle_sim.control.allocation import mixer_from_parameters
 from vehicle_sim.control.cascade import OUTER_EVERY_STEPS, Cascade
 from vehicle_sim.control.setpoints import ControlLevel, Setpoints
 from vehicle_sim.estimator.estimator import RANGE_EVERY_STEPS, Estimator
@@ -347,7 +347,7 @@ class Simulation:
     def _apply_parameters(self, i: int) -> None:
         parameters = self.parameters[i]
         airframe = Airframe.from_parameters(parameters)
-        mixer_of(parameters)
+        mixer_from_parameters(parameters)
         self._bodies.configure(i, airframe)
         self._batteries.configure(i, parameters)
         self._sensors.configure(i, parameters)

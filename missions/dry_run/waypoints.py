@@ -99,7 +99,7 @@ class WaypointPilot:
             return
         if self.started_s is None:
             self._start(now_s)
-        elif self._vehicle.autopilot.decided or self._settled_s is not None:
+        elif self._vehicle.autopilot.ran_full_tick or self._settled_s is not None:
             self._watch(now_s, now_s - self.started_s)
 
     def _start(self, now_s: float) -> None:

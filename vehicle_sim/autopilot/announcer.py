@@ -186,7 +186,7 @@ class Announcer:
         self._text_id = 0
         self.sequence = FIRST_SEQUENCE - 1
         self.recent: deque[Event] = deque(maxlen=EVENT_QUEUE_LENGTH)
-        self._held: list[StatusText | Event] | None = None
+        self._queued: list[StatusText | Event] | None = None
 
     def add_listener(self, listener: Callable[[StatusText | Event], None]) -> None:
         """Calls `listener` for each new text or event."""
@@ -202,7 +202,7 @@ class Announcer:
         self._send(name, *EVENTS[name], struct.pack("<" + argument_format, *arguments))
 
     def external_event(self, event_id: int, log_levels: int, arguments: bytes) -> None:
-        """Sends an event of an external component, which has no name here."""
+        """Sends an event of an external component; the simulator knows no name for the event."""
         self._send("", event_id, log_levels, arguments)
 
     def _send(self, name: str, event_id: int, log_levels: int, arguments: bytes) -> None:
@@ -213,24 +213,26 @@ class Announcer:
         self.recent.append(event)
         self._publish(event)
 
-    def both(self, severity: int, text: str, name: str, argument_format: str = "", *arguments: float) -> None:
-        """Sends a text with its event, as PX4 usually does."""
+    def announce(
+        self, severity: int, text: str, name: str, argument_format: str = "", *arguments: float
+    ) -> None:
+        """Sends a text and its event, as PX4 usually does."""
         self.text(severity, text + "\t")
         self.event(name, argument_format, *arguments)
 
-    def hold(self) -> None:
-        """Queues texts and events until `release`, so that an acknowledgement is sent before them."""
-        self._held = []
+    def pause(self) -> None:
+        """Queues texts and events until `resume`, so that an acknowledgement is sent before them."""
+        self._queued = []
 
-    def release(self) -> None:
+    def resume(self) -> None:
         """Sends the queued texts and events."""
-        held, self._held = self._held or [], None
-        for item in held:
-            self._publish(item)
+        queued, self._queued = self._queued or [], None
+        for announcement in queued:
+            self._publish(announcement)
 
-    def _publish(self, item: StatusText | Event) -> None:
-        if self._held is not None:
-            self._held.append(item)
+    def _publish(self, announcement: StatusText | Event) -> None:
+        if self._queued is not None:
+            self._queued.append(announcement)
             return
         for listener in tuple(self._listeners):
-            listener(item)
+            listener(announcement)

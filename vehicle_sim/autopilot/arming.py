@@ -1,4 +1,4 @@
-"""Reasons for arming and for refusing it, and PX4's flight statistics."""
+"""Reasons for arming, disarming and denied arming, and PX4's flight statistics."""
 
 from __future__ import annotations
 
@@ -61,7 +61,8 @@ def auto_disarm_after_s(view: VehicleView, *, flew: bool) -> float:
 
     Args:
         view: the vehicle.
-        flew: whether it has taken off since arming: the time counts from the landing, otherwise from arming.
+        flew: whether the vehicle has taken off since arming; if so, the time counts from the landing,
+            otherwise from arming.
     """
     wait_s = view.parameter("COM_DISARM_LAND" if flew else "COM_DISARM_PRFLT")
     if wait_s <= 0.0:
@@ -76,20 +77,20 @@ class FlightCount:
         self._view = view
         self._took_off_at_s = math.nan
 
-    def took_off(self) -> None:
+    def on_takeoff(self) -> None:
         """Called at a take-off; only the first one after arming counts."""
         if math.isnan(self._took_off_at_s):
             self._took_off_at_s = self._view.time_s
 
-    def disarmed(self) -> None:
+    def on_disarming(self) -> None:
         """Called at disarming, also without a flight."""
         parameters = self._view.parameters
         parameters.count("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
         if math.isnan(self._took_off_at_s):
             return
         high, low = int(parameters.get("LND_FLIGHT_T_HI")), int(parameters.get("LND_FLIGHT_T_LO"))
-        flown_us = round(1e6 * (self._view.time_s - self._took_off_at_s))
-        total_us = (high << 32 | low & _LOW_WORD) + flown_us
+        flight_time_us = round(1e6 * (self._view.time_s - self._took_off_at_s))
+        total_us = (high << 32 | low & _LOW_WORD) + flight_time_us
         parameters.count("LND_FLIGHT_T_HI", total_us >> 32)
         parameters.count("LND_FLIGHT_T_LO", total_us & _LOW_WORD)
         self._took_off_at_s = math.nan

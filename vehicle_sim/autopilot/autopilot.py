@@ -7,12 +7,11 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
-from vehicle_sim.autopilot.flight_numbers import DOWN, RAMP, SETPOINT_DOWN, TILT, FlightNumbers
 from vehicle_sim.autopilot.goto import Goto, GotoControl
 from vehicle_sim.autopilot.land_detector import LandDetector, LandingThresholds, Motion
 from vehicle_sim.autopilot.modes import NavState
-from vehicle_sim.autopilot.navigator import WITH_WAYPOINT, Navigator
-from vehicle_sim.autopilot.offboard import Offboard, Setpoint, SetpointKind, kind_of
+from vehicle_sim.autopilot.navigator import MODES_WITH_WAYPOINT, Navigator
+from vehicle_sim.autopilot.offboard import Offboard, Setpoint, SetpointKind, kind_for_controllers
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
@@ -22,6 +21,7 @@ from vehicle_sim.autopilot.steady_task import STREAM, SteadyLimits, SteadyTask
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffRamp, TakeoffState
 from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
+from vehicle_sim.autopilot.tick_arrays import DOWN, RAMP, SETPOINT_DOWN, TILT, TickArrays
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.external_modes.registry import is_external
 from vehicle_sim.geodesy import to_global
@@ -38,10 +38,10 @@ class Autopilot:
 
     Args:
         view: the vehicle.
-        numbers: arrays of all vehicles.
+        arrays: arrays of all vehicles.
     """
 
-    def __init__(self, view: VehicleView, numbers: FlightNumbers) -> None:
+    def __init__(self, view: VehicleView, arrays: TickArrays) -> None:
         self.view, self.row = view, view.row
         self.announcer = Announcer(view.time_boot_ms)
         self._row = SetpointRow(view)
@@ -50,86 +50,86 @@ class Autopilot:
         self.plans = Plans()
         self.own_commands = OwnCommands()
         self.navigator = Navigator(
-            view, self.announcer, self._row, self.home, self.plans, self.own_commands, numbers
+            view, self.announcer, self._row, self.home, self.plans, self.own_commands, arrays
         )
         self.sticks = Sticks(view)
         self.commander = Commander(
             view, self.announcer, self._row, self.navigator, self.offboard, self.own_commands, self.sticks
         )
         self._manual = Manual(view, self._row, self.sticks, self.home)
-        self.takeoff = TakeoffRamp(float_view(numbers.motion[view.row, RAMP:]))
-        self.land_detector = LandDetector(numbers.detector[view.row], numbers.detector_limits[view.row])
+        self.takeoff = TakeoffRamp(float_view(arrays.motion[view.row, RAMP:]))
+        self.land_detector = LandDetector(arrays.detector[view.row], arrays.detector_limits[view.row])
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self._goto = GotoControl(view, self._row)
         # Memory views, because NumPy takes three times as long; the thrusts are those of all vehicles.
-        self._motion = float_view(numbers.motion[view.row])
+        self._motion = float_view(arrays.motion[view.row])
         self._thrusts = float_view(view.simulation.target.thrust)
         self._hover_thrusts = float_view(view.simulation.target.hover_thrust)
-        self.offboard.on_setpoint = self._take_at_once
+        self.offboard.on_setpoint = self._apply_immediately
         self._landing_limits: LandingThresholds | None = None
         self.steady = False
         """Whether the next tick may run in the compiled loops (`SteadyTicks`)."""
-        self.decided = True
-        """Whether the last tick was a full tick, not one of the compiled loops."""
-        self._steady_situation: tuple[object, ...] = ()
-        self.steady_limits = SteadyLimits.of(view)
-        self._steady_limits_of = view.parameter_changes
+        self.ran_full_tick = True
+        """Whether the last tick was a full tick, not a tick of the compiled loops."""
+        self._steady_state: tuple[object, ...] = ()
+        self.steady_limits = SteadyLimits.for_vehicle(view)
+        self._steady_limits_revision = view.parameter_changes
         view.parameters.add_listener(self._forget_limits)
 
     def update(self) -> None:
         """Runs one tick."""
-        self._take_over()
+        self._let_pilot_take_over()
         self._select_setpoints()
         self._detect_landing()
         self.update_after_detection()
 
     def update_after_detection(self) -> None:
-        """The part of a tick after the land detector."""
-        self._row.in_air(not self.land_detector.landed)
+        """Runs the part of a tick after the land detector."""
+        self._row.set_in_air(not self.land_detector.landed)
         self.commander.update(landed=self.land_detector.landed)
         self._fly()
 
     def update_steady(self) -> bool:
-        """A tick of a steady flight; land detector and trajectory are computed by `SteadyTicks`.
+        """Runs a tick of a steady flight, in which `SteadyTicks` computes land detector and trajectory.
 
         Returns:
-            False if a check changed something; the trajectory of this tick was then computed here.
+            False if a check changed the vehicle's state; this method then also computes the trajectory.
         """
         if self.commander.update_steady():
             if self.commander.active is NavState.OFFBOARD:
                 self._publish_level()
                 self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
                 self._steer_offboard()
-            if not self.gimbal.rests:
+            if not self.gimbal.at_rest:
                 self.gimbal.update(TICK_S)
-            self.decided = False
+            self.ran_full_tick = False
             return True
         self._fly()
         return False
 
     def stays_steady(self) -> bool:
-        """Whether the flight is steady, and nothing has changed from outside since the last tick."""
-        if self.steady and self._situation() != self._steady_situation:
+        """Whether the flight is steady, and no command or parameter has changed since the last tick."""
+        if self.steady and self._commanded_state() != self._steady_state:
             self.steady = False
         return self.steady
 
     def begin_steady(self) -> SteadyTask | None:
         """Begins a steady flight after a full tick; None: the next tick must be a full one."""
-        self.decided = True
+        self.ran_full_tick = True
         task = self._steady_task()
         self.steady = task is not None
         if task is not None:
-            self._steady_situation = self._situation()
-            if self._steady_limits_of != self.view.parameter_changes:
-                self._steady_limits_of = self.view.parameter_changes
-                self.steady_limits = SteadyLimits.of(self.view)
+            self._steady_state = self._commanded_state()
+            if self._steady_limits_revision != self.view.parameter_changes:
+                self._steady_limits_revision = self.view.parameter_changes
+                self.steady_limits = SteadyLimits.for_vehicle(self.view)
         return task
 
     def _steady_task(self) -> SteadyTask | None:
         commander, detector = self.commander, self.land_detector
-        steered = self._goto.goal or self.offboard.has_topics or self.sticks.moved
-        if steered or commander.external.any_mode or not commander.settled:
+        overridden = self._goto.goal or self.offboard.has_topics or self.sticks.moved
+        if overridden or commander.external.any_mode or not commander.settled:
             return None
         if is_grounded(self.takeoff, detector):
             return ground_task(self.view, commander, self.navigator, self.takeoff, detector)
@@ -140,14 +140,14 @@ class Autopilot:
             return STREAM if levels == {ControlLevel.TRAJECTORY} else None
         return self.navigator.steady_task(commander.active)
 
-    def _situation(self) -> tuple[object, ...]:
+    def _commanded_state(self) -> tuple[object, ...]:
         """State that commands and parameters can change between two ticks; a change ends a steady flight."""
         commander, home, active = self.commander, self.home, self.commander.active
         return (
             commander.armed, commander.intended, active, commander.terminated, self.view.parameter_changes,
             self.plans.changes, home.set_at_us, home.position_ned_m, self.sticks.moved, self._goto.goal,
             self.offboard.has_topics, self.offboard.level, commander.external.any_mode,
-            self.navigator.situation(active),
+            self.navigator.commanded_state(active),
         )  # fmt: skip
 
     def _fly(self) -> None:
@@ -157,8 +157,8 @@ class Autopilot:
         self.gimbal.update(TICK_S)
 
     @property
-    def by_setpoints(self) -> bool:
-        """Whether the active mode flies external setpoints: Offboard, and external modes."""
+    def follows_external_setpoints(self) -> bool:
+        """Whether the active mode follows external setpoints: Offboard or an external mode."""
         active = self.commander.active
         return active is NavState.OFFBOARD or is_external(active)
 
@@ -166,11 +166,11 @@ class Autopilot:
         """Selects the kind of setpoints that an external mode sends, by its controllers."""
         active = self.commander.active
         if is_external(active):
-            self.offboard.choose(kind_of(self.commander.external.controllers(active)))
+            self.offboard.select_kind(kind_for_controllers(self.commander.external.controllers(active)))
             return
-        self.offboard.clear_choice()
+        self.offboard.restore_kind()
         if active is not NavState.OFFBOARD:
-            self.offboard.left()
+            self.offboard.clear_topics()
 
     @property
     def waypoint(self) -> tuple[float, float, float] | None:
@@ -195,7 +195,7 @@ class Autopilot:
         estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
         # An unknown horizontal velocity does not prevent the detection of a landing.
         vn, ve, vd = estimate.velocity_ned_m_s
-        before_m, down_m = self._motion[DOWN], estimate.position_ned_m[2]
+        previous_down_m, down_m = self._motion[DOWN], estimate.position_ned_m[2]
         self._motion[DOWN] = down_m
         motion = Motion(
             self.commander.armed,
@@ -203,7 +203,7 @@ class Autopilot:
             self._hover_thrusts[i],
             estimates_hover,
             (vn, ve, vd) if estimate.valid_velocity else (0.0, 0.0, vd),
-            (down_m - before_m) / TICK_S,
+            (down_m - previous_down_m) / TICK_S,
             estimate.valid_altitude,
             estimate.rates_frd_rad_s,
             estimate.height_above_ground_m,
@@ -214,17 +214,17 @@ class Autopilot:
 
     def _limits(self) -> LandingThresholds:
         if self._landing_limits is None:
-            self._landing_limits = LandingThresholds.of(self.view)
+            self._landing_limits = LandingThresholds.for_vehicle(self.view)
         return self._landing_limits
 
     def _forget_limits(self, _name: str, _value: float) -> None:
         self._landing_limits = None
 
     @property
-    def _by_sticks(self) -> bool:
+    def _flies_by_sticks(self) -> bool:
         return self.commander.active in STICK_MODES and self.sticks.valid
 
-    def _take_over(self) -> None:
+    def _let_pilot_take_over(self) -> None:
         """Switches to Position if the pilot moves the sticks in an automatic mode."""
         commander = self.commander
         if not commander.armed or commander.landed or commander.active in STICK_MODES:
@@ -237,9 +237,9 @@ class Autopilot:
         if self.takeoff.flying and self.commander.armed and not self.land_detector.landed:
             return
         parameter, active = self.view.parameter, self.commander.active
-        if self._by_sticks:
+        if self._flies_by_sticks:
             climbs = self._manual.wants_to_climb()
-        elif self.by_setpoints:
+        elif self.follows_external_setpoints:
             climbs = self.offboard.wants_to_climb(self.view.estimate.position_ned_m[2])
         else:
             climbs = self.navigator.wants_to_climb(active)
@@ -260,10 +260,10 @@ class Autopilot:
         if not commander.armed or commander.active is NavState.TERMINATION:
             self._row.idle()
             return
-        streamed, level = self.by_setpoints, self._publish_level()
-        direct = streamed and level is not ControlLevel.TRAJECTORY
+        uses_external, level = self.follows_external_setpoints, self._publish_level()
+        direct = uses_external and level is not ControlLevel.TRAJECTORY
         on_ground = not takeoff.may_thrust or (takeoff.flying and self.land_detector.ground_contact)
-        self._row.limits(
+        self._row.set_limits(
             ramping=takeoff.state is TakeoffState.RAMPUP,
             landed=self.land_detector.landed or on_ground,
             climb_limit_m_s=takeoff.climb_limit_m_s,
@@ -271,9 +271,9 @@ class Autopilot:
             min_thrust=math.nan if takeoff.flying else 0.0,
             tilt_limit_rad=self._tilt_limit_rad(),
         )
-        if streamed:
+        if uses_external:
             self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
-        if self._by_sticks and commander.active in DIRECT_MODES:
+        if self._flies_by_sticks and commander.active in DIRECT_MODES:
             self._manual.run(commander.active)
         elif direct:
             if self.offboard.level is not ControlLevel.TRAJECTORY:
@@ -281,17 +281,17 @@ class Autopilot:
         elif on_ground:
             # PX4 presses the vehicle down before the take-off ramp and after ground contact.
             self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
-        elif self._by_sticks:
+        elif self._flies_by_sticks:
             self._manual.run(commander.active)
             self._motion[SETPOINT_DOWN] = self._row.setpoint_down_m_s
-        elif streamed:
+        elif uses_external:
             if self.offboard.level is ControlLevel.TRAJECTORY:
                 self._steer_offboard()
-        elif not self._manual.wait(commander.active):
+        elif not self._manual.stop_until_input(commander.active):
             self.navigator.run(commander.active)
             self._motion[SETPOINT_DOWN] = self._row.setpoint_down_m_s
             return
-        if not streamed:
+        if not uses_external:
             # keep the trajectory at the vehicle while it cannot follow
             self.navigator.path.idle()
 
@@ -301,36 +301,37 @@ class Autopilot:
         return self._control_mode.update(self.view.time_s, self.offboard.level, key)
 
     def _descent_limit_m_s(self) -> float:
-        """Automatic modes may descend faster than their trajectory, to catch up with it; NaN: others."""
-        if self.commander.active not in WITH_WAYPOINT:
+        """In automatic modes faster than the trajectory, to catch up with it; NaN: no limit here."""
+        if self.commander.active not in MODES_WITH_WAYPOINT:
             return math.nan
         parameter = self.view.parameter
         return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_MARGIN * parameter("MPC_Z_V_AUTO_DN"))
 
     def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Applies a setpoint of PX4's internal topics, in any mode: the controllers use the newest one.
+        """Applies a setpoint of PX4's internal topics in any mode: the controllers use the newest setpoint.
 
-        A mode with its own setpoints overwrites it within a tick; motors, thrust and torque within 4 ms. In
-        PX4 a mode runs directly before the position controller: a trajectory between the two is lost.
+        A mode with its own setpoints overwrites this setpoint within a tick; motors, thrust and torque within
+        4 ms. In PX4 a mode runs directly before the position controller, so a trajectory setpoint that is
+        received between two runs has no effect.
         """
-        self.offboard.put(setpoint)
+        self.offboard.store_topic(setpoint)
         commander, level = self.commander, setpoint.kind.level
         if not commander.armed or commander.terminated or not self.takeoff.flying:
             return
-        streamed = self.by_setpoints
-        if streamed and level is self._control_mode.level and level is self.offboard.level:
+        uses_external = self.follows_external_setpoints
+        if uses_external and level is self._control_mode.level and level is self.offboard.level:
             if level is not ControlLevel.TRAJECTORY:
                 self._steer_offboard()
         elif setpoint.kind in (SetpointKind.ATTITUDE, SetpointKind.RATES):
             self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
         elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
             self._row.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
-        elif not (streamed or self._row.below_trajectory) and self.view.simulation.output_is_used:
+        elif not (uses_external or self._row.below_trajectory) and self.view.simulation.output_is_used:
             self._write_trajectory(setpoint)
 
     def take_goto(self, goto: Goto) -> None:
-        """GotoSetpoint: applied in every mode that controls the position, while messages are received."""
-        self._goto.take(goto)
+        """Handles GotoSetpoint, which overrides every mode that controls the position."""
+        self._goto.receive(goto)
 
     def _fly_goto(self) -> None:
         flying = self.commander.armed and self.takeoff.flying and not self.commander.terminated
@@ -350,9 +351,9 @@ class Autopilot:
             self._motion[TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
         return self._motion[TILT] if self._motion[TILT] < high else math.nan
 
-    def _take_at_once(self) -> None:
-        """Applies a new attitude, rate or motor setpoint immediately, also while the position is still
-        controlled."""
+    def _apply_immediately(self) -> None:
+        """Applies a new attitude, rate or motor setpoint at once, even while the position controller is
+        still active."""
         commander, setpoint = self.commander, self.offboard.setpoint
         if commander.active is not NavState.OFFBOARD or not commander.armed:
             return
@@ -366,7 +367,7 @@ class Autopilot:
         if self.offboard.invalid:
             self.navigator.descend()
         elif self.offboard.awaits_setpoint:
-            self._hold_outputs()
+            self._keep_outputs()
         elif setpoint.kind is SetpointKind.ATTITUDE and setpoint.q_ned_frd is not None:
             self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
         elif setpoint.kind is SetpointKind.RATES:
@@ -378,9 +379,8 @@ class Autopilot:
         else:
             self._write_trajectory(setpoint)
 
-    def _hold_outputs(self) -> None:
-        """Keeps the last outputs of the controllers above this level until a setpoint of the level is
-        received."""
+    def _keep_outputs(self) -> None:
+        """Keeps the last outputs of the outer controllers until a setpoint of this level is received."""
         if self.offboard.level is ControlLevel.MOTORS:
             self._row.freeze_motors()
 

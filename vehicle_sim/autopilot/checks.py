@@ -16,11 +16,11 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 QUIET_AFTER_BOOT_S = 1.0
-POSITION_BACK_S = 1.0
+POSITION_RECOVERY_S = 1.0
 """A lost position must be valid for this long before modes may use it again."""
-GCS_SILENT_S = 2.5
+GCS_TIMEOUT_S = 2.5
 """A ground station counts as connected for this long after a heartbeat; then COM_DL_LOSS_T starts."""
-COMPANION_SILENT_S = 3.0
+COMPANION_TIMEOUT_S = 3.0
 """An onboard computer counts as connected for this long after a heartbeat; then COM_OBC_LOSS_T starts."""
 REPORT_EVERY_S = 2.05
 """Minimum interval between reports of changes, except for a failsafe or on request."""
@@ -38,7 +38,7 @@ _BATTERY_LEVELS = ((EMERGENCY, "BAT_EMERGEN_THR"), (2, "BAT_CRIT_THR"), (1, "BAT
 
 
 class Checks:
-    """Arming checks of one vehicle."""
+    """The arming checks of one vehicle."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class Checks:
         self.monitors = monitors
         self.sensors = SensorWatch(view, announcer)
         self._had_position = False
-        self.position_good_at_s = -math.inf
+        self.position_usable_at_s = -math.inf
         self._gcs_was_lost = False
         self._sticks_lost_at_s: float | None = None
         self.manual_control_at_s = -math.inf
@@ -74,25 +74,25 @@ class Checks:
         self._settings_revision = -1
         """`parameter_changes` at which the parameters were read."""
         self._inputs: tuple[object, ...] = ()
-        self.report = self.fresh(NavState.HOLD, armed=False, terminated=False)
+        self.report = self.current_report(NavState.HOLD, armed=False, terminated=False)
         self._announced: health.CheckResults | None = None
         self._announced_at_s = -math.inf
-        self.unreported = True
+        self.has_unreported_change = True
         """Whether a change has not been reported yet."""
 
     def _read_inputs(self, mode: NavState, *, armed: bool, terminated: bool) -> tuple[object, ...]:
         """The inputs that can change in flight, in the order of `health.CheckInputs`, for this mode."""
         view, estimate, monitors, sensors = self._view, self._view.estimate, self.monitors, self.sensors
-        good = self.position_good
+        position_usable = self.position_usable
         windy = monitors.wind_too_high
         return (
             mode,
             armed,
             estimate.valid_attitude,
-            good and estimate.valid_velocity,
-            good and self._home.valid,
+            position_usable and estimate.valid_velocity,
+            position_usable and self._home.valid,
             self.has_mission,
-            self.offboard.signal(),
+            self.offboard.has_signal(),
             self.manual_control(),
             view.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
             self.battery_warning,
@@ -104,8 +104,8 @@ class Checks:
             round(monitors.wind_m_s, 1) if windy else 0.0,
             monitors.flight_time_over,
             self.logging,
-            sensors.silent("baro"),
-            sensors.silent("mag"),
+            sensors.timed_out("baro"),
+            sensors.timed_out("mag"),
             view.simulation.fusion.gnss_pos.item(view.row),
             "" if armed else sensors.gps_problem(),
             2 if view.simulation.world.lidars.forward else 1,
@@ -129,17 +129,17 @@ class Checks:
         self._inputs = ()
 
     @property
-    def position_good(self) -> bool:
-        """Whether the position is usable; after a loss, only POSITION_BACK_S after it is valid again."""
-        return self._view.estimate.valid_position and self._view.time_s >= self.position_good_at_s
+    def position_usable(self) -> bool:
+        """Whether the position is valid; after a loss, whether it has been valid for POSITION_RECOVERY_S."""
+        return self._view.estimate.valid_position and self._view.time_s >= self.position_usable_at_s
 
     def _watch_sensors(self, armed: bool) -> None:
-        """Records a lost position, and reports sensors that are silent or no longer used."""
+        """Records a lost position, and reports sensors that send no data or that are no longer used."""
         view = self._view
         if view.estimate.valid_position:
             self._had_position = True
         elif self._had_position:
-            self.position_good_at_s = view.time_s + POSITION_BACK_S
+            self.position_usable_at_s = view.time_s + POSITION_RECOVERY_S
         self.sensors.update(armed=armed)
 
     def manual_control(self) -> bool:
@@ -147,8 +147,8 @@ class Checks:
         return self._view.time_s - self.manual_control_at_s < self._view.parameter("COM_RC_LOSS_T")
 
     @property
-    def heard_anyone(self) -> bool:
-        """Whether sticks, a ground station or an onboard computer were ever connected."""
+    def ever_connected(self) -> bool:
+        """Whether sticks, a ground station or an onboard computer have ever been connected."""
         never = -math.inf
         return (
             self.manual_control_at_s != never
@@ -158,7 +158,9 @@ class Checks:
 
     def gcs_alive(self) -> bool:
         """Whether a ground station was connected within COM_DL_LOSS_T."""
-        return self._view.time_s - self.gcs_heartbeat_at_s < GCS_SILENT_S + self._view.choice("COM_DL_LOSS_T")
+        return self._view.time_s - self.gcs_heartbeat_at_s < GCS_TIMEOUT_S + self._view.choice(
+            "COM_DL_LOSS_T"
+        )
 
     def gcs_lost(self) -> bool:
         """Whether the connection to a ground station was lost."""
@@ -175,29 +177,31 @@ class Checks:
             return
         self._gcs_was_lost = lost
         if lost:
-            self._announcer.both(4, "Connection to ground control station lost", "commander_gcs_lost")
+            self._announcer.announce(4, "Connection to ground control station lost", "commander_gcs_lost")
         else:
-            self._announcer.both(6, "GCS connection regained", "commander_dl_regained")
+            self._announcer.announce(6, "GCS connection regained", "commander_dl_regained")
 
     def _watch_battery(self) -> None:
         """Reports the battery warning; in an emergency PX4 requests a shutdown, which the simulated board
         refuses."""
         emergency = self.battery_warning >= EMERGENCY
         if emergency and not self._was_emergency:
-            self._announcer.both(2, "System does not support shutdown", "commander_low_bat_shutdown_failed")
+            self._announcer.announce(
+                2, "System does not support shutdown", "commander_low_bat_shutdown_failed"
+            )
         self._was_emergency = emergency
 
     def _watch_companion(self) -> None:
         heartbeat_at_s = self.companion_heartbeat_at_s
-        limit_s = COMPANION_SILENT_S + self._view.choice("COM_OBC_LOSS_T")
+        limit_s = COMPANION_TIMEOUT_S + self._view.choice("COM_OBC_LOSS_T")
         lost = math.isfinite(heartbeat_at_s) and self._view.time_s - heartbeat_at_s >= limit_s
         if lost == self._companion_was_lost:
             return
         self._companion_was_lost = lost
         if lost:
-            self._announcer.both(2, "Connection to mission computer lost", "commander_mission_comp_lost")
+            self._announcer.announce(2, "Connection to mission computer lost", "commander_mission_comp_lost")
         else:
-            self._announcer.both(6, "Onboard controller regained", "commander_onboard_ctrl_regained")
+            self._announcer.announce(6, "Onboard controller regained", "commander_onboard_ctrl_regained")
 
     def _watch_sticks(self) -> None:
         lost = math.isfinite(self.manual_control_at_s) and not self.manual_control()
@@ -205,8 +209,8 @@ class Checks:
             self._sticks_lost_at_s = self._view.time_s
             self._announcer.event("commander_rc_lost")
         elif not lost and self._sticks_lost_at_s is not None:
-            away_s, self._sticks_lost_at_s = self._view.time_s - self._sticks_lost_at_s, None
-            self._announcer.event("commander_rc_regained", "f", away_s)
+            lost_for_s, self._sticks_lost_at_s = self._view.time_s - self._sticks_lost_at_s, None
+            self._announcer.event("commander_rc_regained", "f", lost_for_s)
 
     @property
     def battery_warning(self) -> int:
@@ -219,34 +223,38 @@ class Checks:
                 return level
         return 0
 
-    def fresh(self, mode: NavState, *, armed: bool, terminated: bool) -> health.CheckResults:
+    def current_report(self, mode: NavState, *, armed: bool, terminated: bool) -> health.CheckResults:
         """The current report, without announcing it; it is computed only if an input has changed."""
-        now = self._read_inputs(mode, armed=armed, terminated=terminated)
-        if now != self._inputs:
-            self._inputs = now
-            self._current = health.examine(health.CheckInputs._make((*now, *self._settings)))
+        inputs = self._read_inputs(mode, armed=armed, terminated=terminated)
+        if inputs != self._inputs:
+            self._inputs = inputs
+            self._current = health.examine(health.CheckInputs._make((*inputs, *self._settings)))
         return self._current
 
     def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:
         """Runs the checks and announces changes."""
-        report = self.fresh(mode, armed=armed, terminated=terminated)
+        report = self.current_report(mode, armed=armed, terminated=terminated)
         if report is not self.report and report != self.report:
-            self.unreported = True
+            self.has_unreported_change = True
         self.report = report
-        if self.unreported and self._view.time_s - self._announced_at_s >= REPORT_EVERY_S:
+        if self.has_unreported_change and self._view.time_s - self._announced_at_s >= REPORT_EVERY_S:
             self.announce()
 
     def announce_changes(self) -> None:
         """Sends a changed report now, without texts; called before a failsafe is announced."""
-        if self.unreported:
+        if self.has_unreported_change:
             self.announce(texts=False)
 
     def announce(self, *, texts: bool = True) -> None:
-        """Sends the report, after boot; `texts`: also status texts for new findings."""
+        """Sends the report if boot has finished; with `texts` also status texts for new findings."""
         before = self._announced
         if self._view.time_s <= QUIET_AFTER_BOOT_S:
             return
-        self._announced, self._announced_at_s, self.unreported = self.report, self._view.time_s, False
+        self._announced, self._announced_at_s, self.has_unreported_change = (
+            self.report,
+            self._view.time_s,
+            False,
+        )
         health.announce(self.report, self._announcer)
         if not texts:
             return

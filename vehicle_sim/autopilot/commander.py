@@ -5,6 +5,7 @@ from __future__ import annotations
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, arming_denial, auto_disarm_after_s
+from vehicle_sim.autopilot.check_skipper import CheckSkipper
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
@@ -15,7 +16,6 @@ from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Offboard
 from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
-from vehicle_sim.autopilot.quiet_checks import QuietChecks
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.external_modes.registry import ExternalModes, is_external
@@ -61,11 +61,11 @@ class Commander:
         self.failsafe_watch = FailsafeWatch(
             view, announcer, self.checks, offboard, navigator.fence, self.monitors
         )
-        self._quiet_checks = QuietChecks(view, self.checks, self.failsafe_watch, navigator.fence)
+        self._check_skipper = CheckSkipper(view, self.checks, self.failsafe_watch, navigator.fence)
         self._commands = commands
-        commands.add_handlers({RETURN: self._return, SET_HOME: self._set_home})
+        commands.add_handlers({RETURN: self._handle_return, SET_HOME: self._handle_set_home})
         self._termination: Decision | None = None
-        self._after_disarming = NavState.HOLD
+        self._mode_after_disarming = NavState.HOLD
         """The last requested mode that allows arming; restored at disarming."""
         self.armed_at_s = 0.0
         self.landed_at_s = 0.0
@@ -83,15 +83,15 @@ class Commander:
         self._check()
         denied = arming_denial(self.report, self.intended, self._sticks, calibrating=self.calibrating)
         if denied is not None:
-            self._announcer.both(2, f"Arming denied: {denied[0]}", f"commander_arm_denied_{denied[1]}")
+            self._announcer.announce(2, f"Arming denied: {denied[0]}", f"commander_arm_denied_{denied[1]}")
             return False
         self.armed = True
         self.armed_at_s = self._view.time_s
         self.flew = False
         self.failsafe_watch.reset()
-        self._row.armed(True)
-        self.home.armed_or_took_off()
-        self._announcer.both(6, f"Armed by {REASONS[reason]}", "commander_armed_by", "B", reason)
+        self._row.set_armed(True)
+        self.home.on_arming_or_takeoff()
+        self._announcer.announce(6, f"Armed by {REASONS[reason]}", "commander_armed_by", "B", reason)
         self._navigator.enter(self.active, self.active, in_air=False)
         return True
 
@@ -100,25 +100,25 @@ class Commander:
         if not self.armed:
             return True
         if not self.landed and not force:
-            self._announcer.both(2, "Disarming denied: not landed", "commander_disarm_denied_not_landed")
+            self._announcer.announce(2, "Disarming denied: not landed", "commander_disarm_denied_not_landed")
             return False
         self.armed = False
-        self._row.armed(False)
+        self._row.set_armed(False)
         self._row.idle()
-        self._announcer.both(6, f"Disarmed by {REASONS[reason]}", "commander_disarmed_by", "B", reason)
+        self._announcer.announce(6, f"Disarmed by {REASONS[reason]}", "commander_disarmed_by", "B", reason)
         self.failsafe_watch.reset()
-        self._flights.disarmed()
-        self.intended = self._after_disarming
+        self._flights.on_disarming()
+        self.intended = self._mode_after_disarming
         self._activate(self.intended)
         return True
 
     def set_mode(self, mode: NavState) -> bool:
-        """Changes the intended mode; in flight only to a mode that can run."""
+        """Changes the intended mode; while armed only to a mode that can run."""
         self._load_plans()
         if self.armed and not self._can_switch(mode):
             return False
         self._mode_was_chosen = True
-        self._choose(mode)
+        self._change_mode(mode)
         return True
 
     def on_stick_input(self) -> None:
@@ -126,12 +126,12 @@ class Commander:
         if not self.armed and not self._mode_was_chosen:
             self.set_mode(NavState.POSITION)
 
-    def _choose(self, mode: NavState) -> None:
+    def _change_mode(self, mode: NavState) -> None:
         self.intended = mode = NavState(self.external.replaces(mode))
-        self.external.mode_chosen(mode)
+        self.external.on_mode_change(mode)
         if mode not in CANNOT_TAKE_OFF:
-            self._after_disarming = mode
-        self.failsafe_watch.mode_chosen()
+            self._mode_after_disarming = mode
+        self.failsafe_watch.on_mode_change()
         if self.armed:
             self._run_failsafe()
         if self.failsafe.action <= Action.WARN:
@@ -143,7 +143,7 @@ class Commander:
         if self.armed and not self._can_switch(NavState.RTL):
             self.refusals.report(NavState.RTL)
             return False
-        self._announcer.both(6, "Returning to launch", "commander_rtl")
+        self._announcer.announce(6, "Returning to launch", "commander_rtl")
         return self.set_mode(NavState.RTL)
 
     def start_mission(self, first_item: float) -> bool | None:
@@ -154,7 +154,7 @@ class Commander:
         """
         self._load_plans()
         if not self.checks.has_mission:
-            self._announcer.both(
+            self._announcer.announce(
                 2, "Mission start denied! No valid mission", "commander_mission_start_denied_no_mission"
             )
             return None
@@ -167,10 +167,10 @@ class Commander:
         self.refusals.report(NavState.MISSION)
         return False
 
-    def _return(self, _parameters: tuple[float, ...]) -> None:
+    def _handle_return(self, _parameters: tuple[float, ...]) -> None:
         self.return_to_launch()
 
-    def _set_home(self, parameters: tuple[float, ...]) -> None:
+    def _handle_set_home(self, parameters: tuple[float, ...]) -> None:
         if parameters[0] == 1.0:
             self.home.set_here()
         elif abs(parameters[4]) <= 90.0 and abs(parameters[5]) <= 180.0:
@@ -180,15 +180,15 @@ class Commander:
         if self.terminated:
             return False
         mode = NavState(self.external.replaces(mode))
-        report = self.checks.fresh(self.intended, armed=self.armed, terminated=self.terminated)
+        report = self.checks.current_report(self.intended, armed=self.armed, terminated=self.terminated)
         return mode is self.active or report.runnable(mode)
 
     def terminate(self) -> bool:
         """Terminates the flight: motors off permanently. Only while armed."""
         if not self.armed:
             return False
-        self.intended = self._after_disarming = NavState.TERMINATION
-        self._announcer.both(
+        self.intended = self._mode_after_disarming = NavState.TERMINATION
+        self._announcer.announce(
             2, "Failsafe activated", "commander_failsafe_enter_generic", "IB",
             MODES[self.intended].custom_mode, Action.TERMINATE,
         )  # fmt: skip
@@ -204,7 +204,7 @@ class Commander:
 
     def update(self, *, landed: bool) -> None:
         """Runs checks, failsafe and automatic disarming; call at 50 Hz after the land detector."""
-        self._quiet_checks.forget()
+        self._check_skipper.reset()
         self._update_landed(landed)
         if not self.armed:
             self.home.follow()
@@ -219,25 +219,24 @@ class Commander:
         self._update_mode(landed)
 
     def update_steady(self) -> bool:
-        """One tick of a steady flight, in which only geofence and checks can act; False: one of them did."""
+        """Runs a tick of a steady flight; False: the geofence or a check has changed the vehicle's state."""
         self._navigator.fence.check()
         self._ticks += 1
-        if self._ticks % CHECK_EVERY_TICKS != 0 or self._quiet_checks.repeat(self.armed_at_s):
+        if self._ticks % CHECK_EVERY_TICKS != 0 or self._check_skipper.skip_if_unchanged(self.armed_at_s):
             return True
         self._run_checks()
         if self.settled:
-            self._quiet_checks.remember(self.armed_at_s)
+            self._check_skipper.remember(self.armed_at_s)
             return True
         self._update_mode(self.landed)
         return False
 
     @property
     def settled(self) -> bool:
-        """Whether the vehicle is armed without a failsafe, and its state has not changed since the last
-        check."""
+        """Whether the vehicle is armed, no failsafe acts, and the state is unchanged since the last check."""
         if not self.armed or self.terminated or self.failsafe.action is not Action.NONE:
             return False
-        return self.monitors.quiet and self._checked_state == self._state()
+        return self.monitors.needs_no_update and self._checked_state == self._state()
 
     def _state(self) -> tuple[object, ...]:
         """State whose change makes a check due."""
@@ -273,7 +272,8 @@ class Commander:
         """Switches to Hold after a finished take-off or mission."""
         mission = self._navigator.mission
         taking_off = self.active is NavState.TAKEOFF and not self.landed
-        if taking_off and not self.external.executor_in_charge and self._navigator.finished(self.active):
+        ends_takeoff = taking_off and not self.external.executor_in_charge
+        if ends_takeoff and self._navigator.takeoff_finished(self.active):
             starts_mission = self._view.choice("COM_TAKEOFF_ACT") == 1 and self.checks.has_mission
             self._continue_in(NavState.MISSION if starts_mission else NavState.HOLD)
             return
@@ -282,8 +282,8 @@ class Commander:
             self._continue_in(NavState.HOLD)
 
     def _continue_in(self, mode: NavState) -> None:
-        self.intended = self._after_disarming = mode
-        self.external.mode_chosen(mode)
+        self.intended = self._mode_after_disarming = mode
+        self.external.on_mode_change(mode)
         self._activate(mode)
 
     def _update_landed(self, landed: bool) -> None:
@@ -294,12 +294,12 @@ class Commander:
         if landed:
             self.landed_at_s = now_s
             if self.armed:
-                self._announcer.both(6, "Landing detected", "commander_landing_detected")
+                self._announcer.announce(6, "Landing detected", "commander_landing_detected")
         elif self.armed:
             self.flew = True
-            self._flights.took_off()
-            self._announcer.both(6, "Takeoff detected", "commander_takeoff_detected")
-            self.home.armed_or_took_off()
+            self._flights.on_takeoff()
+            self._announcer.announce(6, "Takeoff detected", "commander_takeoff_detected")
+            self.home.on_arming_or_takeoff()
 
     def _check(self) -> None:
         self.checks.run(self.intended, armed=self.armed, terminated=self.terminated)
@@ -353,7 +353,7 @@ class Commander:
         self._activate(NavState.TERMINATION)
 
     @property
-    def intention(self) -> NavState:
+    def intended_or_replacement(self) -> NavState:
         """The intended mode; if an external mode replaces it, the external mode."""
         return NavState(self.external.effective_mode(self.intended))
 
@@ -366,12 +366,12 @@ class Commander:
 
     def _activate(self, mode: NavState, *, restart: bool = False) -> None:
         self._selected = mode
-        flown = NavState(self.external.effective_mode(mode))
-        if flown is self.active and not restart:
+        effective = NavState(self.external.effective_mode(mode))
+        if effective is self.active and not restart:
             return
-        previous, self.active = self.active, flown
+        previous, self.active = self.active, effective
         if self.armed:
-            self._navigator.enter(flown, previous, in_air=not self.landed)
+            self._navigator.enter(effective, previous, in_air=not self.landed)
 
     def _auto_disarm(self) -> None:
         if not self.armed or not self.landed or self.terminated:
@@ -396,4 +396,4 @@ class Commander:
 
     def intended_custom_mode(self) -> int:
         """The custom_mode of the intended mode, or of its replacement."""
-        return MODES[self.intention].custom_mode
+        return MODES[self.intended_or_replacement].custom_mode

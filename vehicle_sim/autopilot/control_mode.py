@@ -15,7 +15,7 @@ PUBLISH_EVERY_S = 0.5
 
 
 class ControlMode:
-    """The control level that is published to the controllers of one vehicle."""
+    """The control level that PX4 publishes to the controllers of one vehicle."""
 
     def __init__(self) -> None:
         self.level = ControlLevel.TRAJECTORY

@@ -42,10 +42,9 @@ class Conditions(NamedTuple):
     """The intended mode."""
     offboard_lost: bool = False
     position_lost: bool = False
-    """The mode requires a position, and there is none."""
+    """The mode requires a position, but no valid position exists."""
     external_cannot_run: bool = False
-    """The mode is an external one that is unresponsive, reports that it cannot run, or lacks a
-    requirement."""
+    """The mode is external, and is unresponsive, reports that it cannot run, or lacks a requirement."""
     sticks: bool = False
     """The pilot controls the vehicle with sticks."""
     manual_lost: bool = False
@@ -82,7 +81,7 @@ def demands(c: Conditions) -> list[Demand]:
 
 
 def _latched(name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False) -> Demand:
-    """A demand that lasts until the operator changes the mode; not for termination and disarming."""
+    """A demand that lasts until the operator changes the mode; a termination lasts forever."""
     if action is Action.TERMINATE:
         return Demand(name, action, cause, Clear.NEVER, Takeover.NEVER)
     if action is Action.DISARM:
@@ -152,14 +151,14 @@ def _failures(c: Conditions) -> list[Demand]:
 
 def _mode_fallback(c: Conditions) -> Action:
     if c.mode is NavState.OFFBOARD and (c.offboard_lost or c.position_lost):
-        # Without a position estimate, Offboard is lost, and Altitude replaces the fallback to Position.
+        # Without a valid position, Offboard counts as lost, and Altitude mode replaces Position mode.
         action = _OFFBOARD.get(c.offboard_loss_action, Action.FALLBACK_POSITION)
         return Action.FALLBACK_ALTITUDE if action is Action.FALLBACK_POSITION and c.position_lost else action
     if c.external_cannot_run:
         return Action.RTL
     if not c.position_lost:
         return Action.NONE
-    by_hand = c.mode in (NavState.POSITION, NavState.POSITION_SLOW)
-    if by_hand and c.sticks and not c.position_loss_lands:
+    in_position_mode = c.mode in (NavState.POSITION, NavState.POSITION_SLOW)
+    if in_position_mode and c.sticks and not c.position_loss_lands:
         return Action.FALLBACK_ALTITUDE
     return Action.DESCEND

@@ -38,7 +38,7 @@ class Cause(IntEnum):
 
 
 class Clear(Enum):
-    """When an action ends."""
+    """When a failsafe action ends."""
 
     WHEN_GONE = "when the failure condition is gone"
     ON_MODE_CHANGE = "after the failure condition is gone, when the operator changes the mode"
@@ -95,18 +95,18 @@ class Decision:
 
 
 NO_FAILSAFE = Decision()
-"""The decision if there is no failure condition, and none has a lasting effect."""
+"""The decision if no failure condition exists and no earlier condition has a lasting effect."""
 DEFER_DEFAULT_S = 30.0
 DEFERRAL_DISABLED, DEFERRAL_ENABLED, FAILSAFE_DEFERRED = 0, 1, 2
 """`failsafe_defer_state`; FAILSAFE_DEFERRED: a failsafe would act without the deferral."""
 
 
 class Failsafe:
-    """Stores active demands, takeovers by the operator, and the remaining delay."""
+    """The failsafe state of one vehicle: active demands, takeover by the operator, remaining delay."""
 
     def __init__(self) -> None:
         self._active: dict[str, Demand] = {}
-        self._present: frozenset[str] = frozenset()
+        self._current_names: frozenset[str] = frozenset()
         self._taken_over = False
         self._acts_at_s: float | None = None
         self._decision = Decision()
@@ -121,34 +121,34 @@ class Failsafe:
             return DEFERRAL_DISABLED
         return DEFERRAL_ENABLED if self._deferred_since_s is None else FAILSAFE_DEFERRED
 
-    def defer(self, wanted: bool, timeout_s: int) -> None:
-        """Enables or disables the deferral of failsafes; cannot be enabled while a failsafe acts.
+    def defer(self, enabled: bool, timeout_s: int) -> None:
+        """Enables or disables the deferral of failsafes; ignores `enabled` while a failsafe acts.
 
         Args:
-            wanted: True enables the deferral.
+            enabled: True enables the deferral.
             timeout_s: longest time that an action is deferred; 0: PX4's default, negative: no limit.
         """
-        if wanted and self._decision.action > Action.WARN:
+        if enabled and self._decision.action > Action.WARN:
             return
-        self._defers = wanted
+        self._defers = enabled
         self._defer_s = math.inf if timeout_s < 0 else timeout_s or DEFER_DEFAULT_S
 
     def reset(self) -> None:
         """Clears everything; called at disarming."""
         self._active.clear()
-        self._present = frozenset()
+        self._current_names = frozenset()
         self._taken_over, self._acts_at_s, self._decision = False, None, Decision()
 
-    def mode_chosen(self) -> None:
-        """Called when the operator changes the mode; ends the action if its `Takeover` allows that."""
+    def on_mode_change(self) -> None:
+        """Called when the operator changes the mode; ends the action if its demand allows a takeover."""
         worst = self._worst()
         if worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
             self._taken_over = True
-        gone = [
+        ended = [
             name for name, demand in self._active.items()
-            if name not in self._present and demand.clear is Clear.ON_MODE_CHANGE
+            if name not in self._current_names and demand.clear is Clear.ON_MODE_CHANGE
         ]  # fmt: skip
-        for name in gone:
+        for name in ended:
             del self._active[name]
 
     def update(
@@ -163,7 +163,7 @@ class Failsafe:
         """Updates the decision; call at 50 Hz while armed."""
         if not demands and not self._active:  # the usual case
             self._deferred_since_s = None
-            self._taken_over, self._present, self._acts_at_s, self._decision = (
+            self._taken_over, self._current_names, self._acts_at_s, self._decision = (
                 False,
                 _NO_NAMES,
                 None,
@@ -181,7 +181,7 @@ class Failsafe:
     def _remember(self, demands: Sequence[Demand]) -> None:
         now = {demand.name: demand for demand in demands if demand.action is not Action.NONE}
         for name, demand in now.items():
-            before = self._active[name].action if name in self._present else Action.NONE
+            before = self._active[name].action if name in self._current_names else Action.NONE
             if demand.action > max(before, Action.WARN):
                 self._taken_over = False
             self._active[name] = demand
@@ -190,14 +190,14 @@ class Failsafe:
                 del self._active[name]
         if not self._active:
             self._taken_over = False
-        self._present = frozenset(now)
+        self._current_names = frozenset(now)
 
     def _update_deferral(self, now_s: float) -> None:
         since_s = self._deferred_since_s
         if self._defers and since_s is not None and now_s - since_s > self._defer_s:
             self._defers = False
-        acts = any(each.deferrable and each.action > Action.WARN for each in self._active.values())
-        if not (self._defers and acts):
+        needed = any(each.deferrable and each.action > Action.WARN for each in self._active.values())
+        if not (self._defers and needed):
             self._deferred_since_s = None
         elif since_s is None:
             self._deferred_since_s = now_s

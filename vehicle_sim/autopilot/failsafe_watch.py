@@ -51,7 +51,7 @@ class FailsafeWatch:
         return self._failsafe.deferral
 
     def is_early(self, armed_for_s: float) -> bool:
-        """Whether an attitude failure counts as one of the take-off."""
+        """Whether an attitude failure counts as a failure during take-off."""
         return armed_for_s < self._view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
 
     def reset(self) -> None:
@@ -60,9 +60,9 @@ class FailsafeWatch:
         self._had_sticks = False
         self.decision = Decision()
 
-    def mode_chosen(self) -> None:
+    def on_mode_change(self) -> None:
         """Called when the operator changes the mode."""
-        self._failsafe.mode_chosen()
+        self._failsafe.on_mode_change()
 
     def update(
         self, intended: NavState, *, armed_for_s: float, may_act: bool, overrides: Overrides
@@ -74,17 +74,17 @@ class FailsafeWatch:
             may_act: whether all actions are allowed, because the vehicle flies or has flown; on the ground
                 PX4 acts only on the battery and on a lost position.
         """
-        now = self._read_conditions(intended, armed_for_s)
-        if now != self._condition_values:
-            self._condition_values = now
-            self._conditions = Conditions._make((*now, *self._settings))
+        values = self._read_conditions(intended, armed_for_s)
+        if values != self._condition_values:
+            self._condition_values = values
+            self._conditions = Conditions._make((*values, *self._settings))
             self._demands = demands(self._conditions)
-        wanted = self._demands if may_act else ground_demands(self._conditions)
+        active_demands = self._demands if may_act else ground_demands(self._conditions)
         before = self.decision
         self._failsafe.defer(overrides.defer_failsafes, overrides.defer_timeout_s)
         self.decision = self._failsafe.update(
             self._view.time_s,
-            wanted,
+            active_demands,
             intended=intended,
             can_run=lambda mode: self._can_run(intended, mode),
             delay_s=self._view.parameter("COM_FAIL_ACT_T"),
@@ -94,7 +94,7 @@ class FailsafeWatch:
         return self.decision
 
     def _can_run(self, intended: NavState, mode: NavState) -> bool:
-        return self._checks.position_good or not MODES[mode].needs_position
+        return self._checks.position_usable or not MODES[mode].needs_position
 
     def _read_conditions(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
         """The failure conditions, in the order of `Conditions`."""
@@ -103,14 +103,14 @@ class FailsafeWatch:
             self._read_parameters()
         sticks = checks.manual_control()
         self._had_sticks = self._had_sticks or sticks
-        receiver = view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED
+        sticks_enabled = view.choice("COM_RC_IN_MODE") != RC_IN_DISABLED
         return (
             mode,
-            not self._offboard.signal(),
-            self._needs_position(mode) and not checks.position_good,
+            not self._offboard.has_signal(),
+            self._needs_position(mode) and not checks.position_usable,
             is_external(mode) and not checks.report.runnable(mode),
             sticks,
-            self._had_sticks and not sticks and receiver,
+            self._had_sticks and not sticks and sticks_enabled,
             checks.gcs_lost(),
             checks.battery_warning,
             bool(self._fence.breached),
@@ -160,29 +160,29 @@ class FailsafeWatch:
         if now.pending:
             text = f"Failsafe activated: entering Hold for {delay_s:.0f} seconds"
             if now.cause is Cause.GENERIC:
-                name, form, values = "commander_failsafe_enter_generic_hold", "IBH", (int(delay_s),)
+                name, layout, values = "commander_failsafe_enter_generic_hold", "IBH", (int(delay_s),)
             else:
-                name, form, values = "commander_failsafe_enter_hold", "IBHB", (int(delay_s), now.cause)
-            announcer.both(2, text, name, form, custom, now.pending, *values)
+                name, layout, values = "commander_failsafe_enter_hold", "IBHB", (int(delay_s), now.cause)
+            announcer.announce(2, text, name, layout, custom, now.pending, *values)
             return
         if now.action == before.action and not before.pending:
             return
         if now.cause is not Cause.GENERIC:
-            announcer.both(
+            announcer.announce(
                 2, "Failsafe activated", "commander_failsafe_enter", "IBB", custom, now.action, now.cause
             )
             return
         name = "commander_failsafe_enter_generic"
         if now.action in (Action.FALLBACK_ALTITUDE, Action.FALLBACK_STABILIZED, Action.DESCEND):
             name = "commander_failsafe_enter_autopilot_disengaged"
-        announcer.both(2, "Failsafe activated", name, "IB", custom, now.action)
+        announcer.announce(2, "Failsafe activated", name, "IB", custom, now.action)
 
     def _warn(self, cause: Cause, custom: int) -> None:
         if cause in _WARNINGS:
-            self._announcer.both(2, "Failsafe activated", _WARNINGS[cause])
+            self._announcer.announce(2, "Failsafe activated", _WARNINGS[cause])
         elif cause is Cause.GENERIC:
             name = "commander_failsafe_enter_generic_warn"
-            self._announcer.both(2, "Failsafe activated", name, "I", custom)
+            self._announcer.announce(2, "Failsafe activated", name, "I", custom)
         else:
             name = "commander_failsafe_enter_warn"
-            self._announcer.both(2, "Failsafe activated", name, "IB", custom, cause)
+            self._announcer.announce(2, "Failsafe activated", name, "IB", custom, cause)

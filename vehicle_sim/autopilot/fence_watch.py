@@ -40,11 +40,11 @@ class FenceWatch:
         return self._view.choice("GF_ACTION") != 0
 
     def allows(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
-        """Whether a position is allowed as a command."""
+        """Whether the fence allows a position as the target of a command."""
         return not self.active or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
 
     def update(self) -> None:
-        """Updates the check; call at each tick."""
+        """Reads a changed fence, and checks the position; call at each tick."""
         if self._revision != self._plans.revision(FENCE):
             self._revision = self._plans.revision(FENCE)
             self.zones = read_zones(self._plans.items(FENCE))
@@ -52,7 +52,7 @@ class FenceWatch:
         self.check()
 
     def check(self) -> None:
-        """Checks the position if that is due; the fence has not changed since the last `update`."""
+        """Checks the position if INTERVAL_S has passed; a changed fence is read only by `update`."""
         now_s = self._view.time_s
         if now_s - self.checked_at_s < INTERVAL_S:
             return
@@ -62,11 +62,11 @@ class FenceWatch:
         if not self.active or not (self.zones or any(self.limits())):
             self.breached = frozenset()
             return
-        lat, lon, alt = self._point()
+        lat, lon, alt = self._position_to_check()
         self.breached = breaches(self.zones, self.cylinder(), lat, lon, alt)
 
-    def _point(self) -> tuple[float, float, float]:
-        """Position to check: the current one, or with GF_PREDICT the stopping position."""
+    def _position_to_check(self) -> tuple[float, float, float]:
+        """The current position, or with GF_PREDICT the predicted stopping position."""
         estimate = self._view.estimate
         if self._view.choice("GF_PREDICT") != 1:
             return estimate.lat_deg, estimate.lon_deg, estimate.alt_amsl_m
@@ -82,4 +82,4 @@ class FenceWatch:
     def _check_against_home(self) -> None:
         if self.zones and self._home.valid and not inside(self.zones, self._home.lat_deg, self._home.lon_deg):
             text = "Geofence invalid, doesn't contain Home position"
-            self._announcer.both(2, text, "navigator_geofence_invalid_against_home")
+            self._announcer.announce(2, text, "navigator_geofence_invalid_against_home")

@@ -31,7 +31,7 @@ class Zone:
     radius_m: float = 0.0
 
     def contains(self, lat_deg: float, lon_deg: float) -> bool:
-        """Whether a point lies inside."""
+        """Whether a position lies inside the zone."""
         if len(self.corners) == 1:
             lat, lon = self.corners[0]
             return distance_m(lat_deg, lon_deg, lat, lon) < self.radius_m
@@ -63,7 +63,7 @@ def read_zones(items: Sequence[Item]) -> tuple[Zone, ...]:
 
 
 def inside(zones: Sequence[Zone], lat_deg: float, lon_deg: float) -> bool:
-    """Whether a point is in an inclusion zone (if there are any) and in no exclusion zone."""
+    """Whether a position is in an inclusion zone (if the fence has any) and in no exclusion zone."""
     inclusions = [zone for zone in zones if zone.inclusion]
     if inclusions and not any(zone.contains(lat_deg, lon_deg) for zone in inclusions):
         return False
@@ -90,8 +90,8 @@ def breaches(
         found.add(Breach.ZONE)
     if math.isfinite(cylinder.home_lat_deg):
         if cylinder.radius_m > 0.0:
-            away_m = distance_m(lat_deg, lon_deg, cylinder.home_lat_deg, cylinder.home_lon_deg)
-            if away_m > cylinder.radius_m:
+            from_home_m = distance_m(lat_deg, lon_deg, cylinder.home_lat_deg, cylinder.home_lon_deg)
+            if from_home_m > cylinder.radius_m:
                 found.add(Breach.DISTANCE)
         if cylinder.height_m > 0.0 and alt_amsl_m - cylinder.home_alt_amsl_m > cylinder.height_m:
             found.add(Breach.ALTITUDE)
@@ -105,12 +105,12 @@ def distance_m(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_d
 
 
 def _in_polygon(corners: Sequence[tuple[float, float]], lat_deg: float, lon_deg: float) -> bool:
-    inside = False
+    is_inside = False
     lat_b, lon_b = corners[-1]
     for lat_a, lon_a in corners:
         if (lon_a >= lon_deg) != (lon_b >= lon_deg) and lat_deg <= (lat_b - lat_a) * (lon_deg - lon_a) / (
             lon_b - lon_a
         ) + lat_a:
-            inside = not inside
+            is_inside = not is_inside
         lat_b, lon_b = lat_a, lon_a
-    return inside
+    return is_inside

@@ -1,4 +1,4 @@
-"""GotoSetpoint: a smooth flight to a position in any mode, as by PX4's position controller."""
+"""GotoSetpoint: smooth flight to a position in any mode, as PX4's position controller flies it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 EXPIRES_S = 0.5
-"""The flight ends this long after the last message."""
+"""The flight to the position ends this long after the last message."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,17 +24,17 @@ class Goto:
 
 
 class GotoControl:
-    """Flies one vehicle to the newest goal."""
+    """Flies one vehicle to the position of the newest message."""
 
     def __init__(self, view: VehicleView, row: SetpointRow) -> None:
         self._view = view
         self._path = Path(view, row)
         self.goal: Goto | None = None
-        """The message that is flown; None: none."""
+        """The newest message; None: no message, or the last one has expired."""
         self._received_at_s = -math.inf
         self._flies = False
 
-    def take(self, goal: Goto) -> None:
+    def receive(self, goal: Goto) -> None:
         """Stores a message; a message without a position is ignored."""
         if all(map(math.isfinite, goal.position_ned_m)):
             self.goal, self._received_at_s = goal, self._view.time_s

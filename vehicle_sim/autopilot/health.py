@@ -53,7 +53,7 @@ PRESENT = 0x38021C0A
 GPS_PRESENT = 0x08
 """Bit of PRESENT that is set only while GNSS is fused."""
 MAG_PRESENT = 1 << COMPONENT_MAGNETOMETER
-"""Bit of PRESENT that is set only while the magnetometer sends."""
+"""Bit of PRESENT that is set only while the magnetometer sends data."""
 LOGGING_PRESENT = 0x400
 """Bit of PRESENT that is set only while a log is written."""
 REMOTE_PRESENT = 1 << COMPONENT_REMOTE
@@ -76,7 +76,7 @@ class CheckInputs(NamedTuple):
     gcs_missing: bool
     """A ground station is required (NAV_DLL_ACT) and none is connected."""
     battery_warning: int
-    """0 fine, 1 low, 2 critical, 3 emergency."""
+    """0 normal, 1 low, 2 critical, 3 emergency."""
     terminated: bool
     fence: frozenset[Breach] = frozenset()
     roll_failure: bool = False
@@ -85,22 +85,22 @@ class CheckInputs(NamedTuple):
     wind_m_s: float = 0.0
     flight_time_over: bool = False
     logging: bool = True
-    baro_silent: bool = False
-    mag_silent: bool = False
+    baro_timeout: bool = False
+    mag_timeout: bool = False
     gnss_used: bool = True
     """Whether the estimator fuses GNSS."""
     gps_problem: str = ""
     """Why GPS cannot be used before take-off: a key of GPS_PROBLEMS."""
     distance_sensors: int = 1
     external: ExternalHealth = ExternalHealth()
-    """Reports of the components of external modes."""
+    """Health reports of the components of external modes."""
     mission_required: bool = False
     uncalibrated: tuple[str, ...] = ()
     """Uncalibrated sensors: \"accel\", \"gyro\" and \"mag\"."""
     compasses_required: int = 1
     """SYS_HAS_MAG."""
     open_drone_id: int = 0
-    """COM_ARM_ODID: 1 warns without such a system, 2 requires it; the simulated vehicle has none."""
+    """COM_ARM_ODID: 1 warns without Open Drone ID, 2 requires it; the simulated vehicle has none."""
     parachute_required: bool = False
     """COM_PARACHUTE; the simulated vehicle has no parachute."""
     distance_sensors_required: int = 0
@@ -115,10 +115,12 @@ class Check:
 
     event: str
     modes: int
+    """Bit mask of the modes that the finding concerns, by `NavState`; the same for the next two masks."""
     component: int
     blocks_arming: int = 0
     """Modes in which the finding prevents arming."""
     blocks_running: int = 0
+    """Modes that cannot run."""
     text: str = ""
     severity: int = 2
     argument: float | None = None
@@ -126,7 +128,7 @@ class Check:
     counts: tuple[int, ...] = ()
     """Further arguments: small integers."""
     warns: bool = False
-    """Whether it is a warning, not an error."""
+    """Whether the finding is a warning, not an error."""
     external: ExternalEvent | None = None
     """The event of an external component; its first four arguments are replaced by the modes."""
 
@@ -137,8 +139,11 @@ class CheckResults:
 
     checks: tuple[Check, ...]
     can_arm: int
+    """Bit mask of the modes that allow arming."""
     can_run: int
+    """Bit mask of the modes that can run."""
     present: int = PRESENT
+    """Bit mask of the present health components."""
     requirements: Requirements = BUILT_IN_REQUIREMENTS
 
     def armable(self, mode: NavState) -> bool:
@@ -189,7 +194,7 @@ def examine(inputs: CheckInputs) -> CheckResults:
     if inputs.optical_flow_required:
         add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
             text="Preflight Fail: optical flow sensor missing")  # fmt: skip
-    if inputs.baro_silent:
+    if inputs.baro_timeout:
         text = "Preflight Fail: No valid data from Baro 0"
         checks.append(
             Check("check_baro_no_data", EVERY_MODE, COMPONENT_ABSOLUTE_PRESSURE, EVERY_MODE, 0, text,
@@ -251,7 +256,7 @@ def examine(inputs: CheckInputs) -> CheckResults:
     present = PRESENT | (REMOTE_PRESENT if inputs.manual_control else 0)
     if not inputs.gnss_used:
         present &= ~GPS_PRESENT
-    if inputs.mag_silent:
+    if inputs.mag_timeout:
         present &= ~MAG_PRESENT
     if not inputs.logging:
         present &= ~LOGGING_PRESENT
@@ -263,7 +268,7 @@ def _local_position(needs: Requirements) -> int:
 
 
 def _external(inputs: CheckInputs) -> list[Check]:
-    """Findings of external components."""
+    """Findings about external components."""
     external = inputs.external
     checks = [
         Check("", modes, COMPONENT_SYSTEM, external=event, warns=True) for modes, event in external.events
@@ -343,8 +348,8 @@ def announce(report: CheckResults, announcer: Announcer) -> None:
             event_id, log_levels, arguments = check.external
             announcer.external_event(event_id, log_levels, struct.pack("<I", modes) + arguments[4:])
         elif check.argument is None:
-            form = "IB" + "B" * len(check.counts)
-            announcer.event(check.event, form, modes, check.component, *check.counts)
+            layout = "IB" + "B" * len(check.counts)
+            announcer.event(check.event, layout, modes, check.component, *check.counts)
         else:
             announcer.event(check.event, "IBf", modes, check.component, check.argument)
     announcer.event("commander_health_summary", "BIII", 0, report.present, unhealthy, 0)

@@ -41,7 +41,7 @@ DESCENT_MARGIN = 1.1
 NEAR_GROUND_M = 1.0
 UNSEEN_GROUND_FACTOR = 3.0
 NO_HEIGHT_S = 8.0
-"""Without a vertical estimate, minimum thrust for this long counts as a landing."""
+"""Without an altitude estimate, minimum thrust for this long counts as a landing."""
 
 
 class Motion(NamedTuple):
@@ -60,7 +60,7 @@ class Motion(NamedTuple):
     vertical_known: bool
     rates_frd_rad_s: tuple[float, float, float]
     height_above_ground_m: float
-    """Height of the range finder; NaN: no measurement."""
+    """Range finder's height; NaN: no measurement."""
     climb_rate_controlled: bool
     setpoint_down_m_s: float
     """Vertical velocity of the newest trajectory setpoint; NaN: none."""
@@ -75,11 +75,11 @@ class LandingThresholds:
     rotation_max_rad_s: float
     trigger_s: float
     thrust_min: float
-    thrust_min_by_hand: float
+    manual_thrust_min: float
 
     @classmethod
-    def of(cls, view: VehicleView) -> LandingThresholds:
-        """The vehicle's current parameters."""
+    def for_vehicle(cls, view: VehicleView) -> LandingThresholds:
+        """The thresholds of the vehicle's current parameters."""
         parameter = view.parameter
         return cls(
             climb_max_m_s=parameter("LNDMC_Z_VEL_MAX"),
@@ -87,14 +87,15 @@ class LandingThresholds:
             rotation_max_rad_s=math.radians(parameter("LNDMC_ROT_MAX")),
             trigger_s=parameter("LNDMC_TRIG_TIME"),
             thrust_min=parameter("MPC_THR_MIN"),
-            thrust_min_by_hand=parameter("MPC_MANTHR_MIN"),
+            manual_thrust_min=parameter("MPC_MANTHR_MIN"),
         )
 
 
 CONTACT, MAYBE, LANDED, _AT_MIN_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
-"""Indices of the state. Each condition has two numbers: whether it has held for long enough, and since when
-it holds [s]. The last number is 1 after the first range measurement: only then a missing range counts."""
-_CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _THRUST_MIN_BY_HAND = range(6)
+"""Indices of the state. Each condition has two numbers: 1 if it has been true for long enough, and the time
+since which it is true [s]. The last number is 1 after the first range measurement; a missing range slows the
+detection only after that."""
+_CLIMB_MAX, _HORIZONTAL_MAX, _ROTATION_MAX, _TRIGGER, _THRUST_MIN, _MANUAL_THRUST_MIN = range(6)
 LIMIT_COUNT = 6
 
 
@@ -133,8 +134,8 @@ class LandDetector:
         return self._numbers[LANDED] != 0.0
 
     @property
-    def detected(self) -> float:
-        """The three stages as one number; 0 in flight (`detected_stages`)."""
+    def stages(self) -> float:
+        """The three stages as one number, 0 in flight: 1 ground contact + 2 maybe landed + 4 landed."""
         numbers = self._numbers
         return numbers[CONTACT] + 2.0 * numbers[MAYBE] + 4.0 * numbers[LANDED]
 
@@ -144,7 +145,7 @@ class LandDetector:
             self._limits = limits
             self._limit_numbers[:] = (
                 limits.climb_max_m_s, limits.horizontal_max_m_s, limits.rotation_max_rad_s, limits.trigger_s,
-                limits.thrust_min, limits.thrust_min_by_hand,
+                limits.thrust_min, limits.manual_thrust_min,
             )  # fmt: skip
         vn, ve, vd = motion.velocity_ned_m_s
         roll_rate, pitch_rate, _ = motion.rates_frd_rad_s
@@ -157,25 +158,25 @@ class LandDetector:
 
 
 @formula
-def detected_stages(state: Column) -> float:
-    """`LandDetector.detected`."""
+def landing_stages(state: Column) -> float:
+    """`LandDetector.stages`."""
     return state[CONTACT] + 2.0 * state[MAYBE] + 4.0 * state[LANDED]
 
 
 @formula
-def _hold(state: Column, which: int, now_s: float, condition: bool, for_s: float) -> None:
-    """Sets a condition after it has held for a time, and clears it as soon as it does not hold."""
+def _debounce(state: Column, index: int, now_s: float, condition: bool, delay_s: float) -> None:
+    """Sets a condition that has been true for `delay_s`, and clears it as soon as it is false."""
     if not condition:
-        state[which], state[which + 1] = 0.0, math.inf
+        state[index], state[index + 1] = 0.0, math.inf
         return
-    state[which + 1] = min(state[which + 1], now_s)
-    if now_s - state[which + 1] >= for_s:
-        state[which] = 1.0
+    state[index + 1] = min(state[index + 1], now_s)
+    if now_s - state[index + 1] >= delay_s:
+        state[index] = 1.0
 
 
 @formula
-def _above_least(min_thrust: float, hover: float, part: float) -> float:
-    return min_thrust + (hover - min_thrust) * part
+def _thrust_level(min_thrust: float, hover: float, fraction: float) -> float:
+    return min_thrust + (hover - min_thrust) * fraction
 
 
 @kernel
@@ -198,22 +199,22 @@ def detect(
         or slowest >= limits[_CLIMB_MAX] * slack
         or math.hypot(vn, ve) > limits[_HORIZONTAL_MAX]
     )
-    part = LOW_THRUST_KNOWN_HOVER if hover_known else LOW_THRUST
-    low_thrust = thrust <= _above_least(limits[_THRUST_MIN], hover_thrust, part)
-    down = setpoint_down >= DESCENT_MARGIN * limits[_CLIMB_MAX]
-    descent_intended = not climb_rate_controlled or down or state[MAYBE] != 0.0 or state[LANDED] != 0.0
+    fraction = LOW_THRUST_KNOWN_HOVER if hover_known else LOW_THRUST
+    low_thrust = thrust <= _thrust_level(limits[_THRUST_MIN], hover_thrust, fraction)
+    descends = setpoint_down >= DESCENT_MARGIN * limits[_CLIMB_MAX]
+    descent_intended = not climb_rate_controlled or descends or state[MAYBE] != 0.0 or state[LANDED] != 0.0
     near = not height_m >= NEAR_GROUND_M
-    _hold(
+    _debounce(
         state, CONTACT, now_s, not armed or (near and low_thrust and descent_intended and not moves), stage_s
     )
 
-    min_thrust = limits[_THRUST_MIN_BY_HAND] + 0.01
+    min_thrust = limits[_MANUAL_THRUST_MIN] + 0.01
     if climb_rate_controlled:
-        min_thrust = _above_least(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
+        min_thrust = _thrust_level(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
     idle = thrust <= min_thrust
     if armed:
-        _hold(state, _AT_MIN_THRUST, now_s, idle, NO_HEIGHT_S)
+        _debounce(state, _AT_MIN_THRUST, now_s, idle, NO_HEIGHT_S)
     rotates = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * slack
-    carried = state[CONTACT] != 0.0 if vertical_known else state[_AT_MIN_THRUST] != 0.0
-    _hold(state, MAYBE, now_s, not armed or (idle and not rotates and carried), stage_s)
-    _hold(state, LANDED, now_s, not armed or state[MAYBE] != 0.0, stage_s)
+    supported = state[CONTACT] != 0.0 if vertical_known else state[_AT_MIN_THRUST] != 0.0
+    _debounce(state, MAYBE, now_s, not armed or (idle and not rotates and supported), stage_s)
+    _debounce(state, LANDED, now_s, not armed or state[MAYBE] != 0.0, stage_s)

@@ -1,4 +1,4 @@
-"""Reports of mode changes that the commander refuses."""
+"""Reports mode changes that the commander refuses."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ModeRefusals:
         if now_s - self._refused_at_s <= REFUSAL_EVERY_S:
             return
         self._refused_at_s = now_s
-        self._announcer.both(
+        self._announcer.announce(
             2, f"Switching to {MODES[mode].name} is currently not available",
             "commander_modeswitch_not_avail", "IB",
             MODES[mode].custom_mode, event_number(mode),

@@ -49,7 +49,7 @@ class Mode:
     main: int
     sub: int
     name: str
-    """Name in AVAILABLE_MODES and in refusals."""
+    """Name in PX4's texts."""
     listed_name: str
     """Name in AVAILABLE_MODES; empty for standard modes."""
     standard_mode: int
@@ -108,7 +108,7 @@ MODES: dict[NavState, Mode] = {
         ),
     )
 }  # fmt: skip
-"""Every mode; the numbers of AVAILABLE_MODES are those of the recordings."""
+"""Every mode; AVAILABLE_MODES has the numbers that were recorded on PX4."""
 
 LISTED: tuple[Mode, ...] = tuple(
     sorted((mode for mode in MODES.values() if mode.index), key=lambda mode: mode.index)
@@ -141,7 +141,7 @@ STANDARD_MODES: dict[int, NavState] = {
 
 _MAIN = {1: _S.MANUAL, 2: _S.ALTITUDE, 5: _S.ACRO, 6: _S.OFFBOARD, 7: _S.STABILIZED}
 _POSITION_SUB = {0: _S.POSITION, 2: _S.POSITION_SLOW}
-"""Orbit (1) is started by DO_ORBIT only; requested as a mode it means Position."""
+"""Without sub mode 1 (Orbit): only DO_ORBIT starts it, and PX4 changes such a mode request to Position."""
 _AUTO_SUB = {
     0: _S.MISSION,
     2: _S.TAKEOFF,
@@ -156,7 +156,7 @@ _AUTO_SUB = {
 
 
 class UnsupportedAutoMode(Exception):
-    """PX4 has no such auto sub mode, or only for other vehicle types."""
+    """PX4 does not have this auto sub mode, or only for other vehicle types."""
 
 
 def from_numbers(main: int, sub: int) -> NavState | None:

@@ -22,12 +22,12 @@ WIND_TIME_CONSTANT_S = 4.0
 WIND_WARNING_EVERY_S = 60.0
 AIR_DENSITY_KG_M3 = 1.225
 MIN_TILT_COSINE = 0.1
-"""Cosine of the tilt above which the horizontal wind cannot be estimated from the body axes."""
+"""Cosine of the largest tilt at which the horizontal wind can be estimated from the body axes."""
 TIME_WARNINGS_S = (120, 60, 30, 10)
 
 
 class Monitors:
-    """State of one vehicle; `update` each tick."""
+    """The monitors of one vehicle; call `update` at each tick."""
 
     def __init__(self, view: VehicleView, announcer: Announcer) -> None:
         self._view, self._announcer = view, announcer
@@ -50,7 +50,7 @@ class Monitors:
         self._wind(landed)
 
     @property
-    def quiet(self) -> bool:
+    def needs_no_update(self) -> bool:
         """Whether the attitude is within its limits, and neither flight time nor wind is monitored."""
         return (
             not self._tilted_since_s
@@ -88,22 +88,22 @@ class Monitors:
             self._took_off_at_s = self._view.time_s
         if limit_s <= 0 or math.isnan(self._took_off_at_s):
             return
-        left_s = limit_s - (self._view.time_s - self._took_off_at_s)
-        self.flight_time_over = left_s <= 0.0
+        remaining_s = limit_s - (self._view.time_s - self._took_off_at_s)
+        self.flight_time_over = remaining_s <= 0.0
         for warning_s in TIME_WARNINGS_S:
-            if 0.0 < left_s <= warning_s < min(self._warned_s, limit_s):
+            if 0.0 < remaining_s <= warning_s < min(self._warned_s, limit_s):
                 self._warned_s = warning_s
                 self._warn_of_time(warning_s)
 
     def _warn_of_time(self, seconds: int) -> None:
         if seconds >= 60:
             minutes = seconds // 60
-            self._announcer.both(
+            self._announcer.announce(
                 4, f"Approaching max flight time (system will RTL in {minutes} minutes)",
                 "commander_max_flight_time_warning_minutes", "h", minutes,
             )  # fmt: skip
         else:
-            self._announcer.both(
+            self._announcer.announce(
                 4, f"Approaching max flight time (system will RTL in {seconds} seconds)",
                 "commander_max_flight_time_warning_seconds", "h", seconds,
             )  # fmt: skip
@@ -130,7 +130,7 @@ class Monitors:
         if due and 0.0 < warn_above < self.wind_m_s:
             self._wind_warned_at_s = now_s
             text = f"High wind speed detected ({self.wind_m_s:.1f} m/s), landing advised"
-            self._announcer.both(4, text, "check_high_wind_warning", "f", self.wind_m_s)
+            self._announcer.announce(4, text, "check_high_wind_warning", "f", self.wind_m_s)
 
     def _wind_by_drag(self) -> tuple[float, float]:
         """Wind velocity from the accelerations perpendicular to the thrust, with PX4's drag model.

@@ -1,4 +1,4 @@
-"""Selects the flight task of the active mode, and flies to target positions itself."""
+"""Runs the flight task of the active mode; flies to the targets of go-to commands itself."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.fence_watch import FenceWatch
-from vehicle_sim.autopilot.flight_numbers import FlightNumbers
 from vehicle_sim.autopilot.land_detector import LandedState
 from vehicle_sim.autopilot.mission.executor import Mission
 from vehicle_sim.autopilot.modes import NavState
@@ -20,6 +19,7 @@ from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.autopilot.tasks.follow import Follow
 from vehicle_sim.autopilot.tasks.orbit import Circle, Orbit
 from vehicle_sim.autopilot.tasks.return_home import ReturnHome
+from vehicle_sim.autopilot.tick_arrays import TickArrays
 from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
@@ -28,11 +28,11 @@ LANDING_MODES = frozenset({NavState.LAND, NavState.PRECISION_LAND})
 HOLDING_MODES = frozenset({NavState.HOLD, NavState.VTOL_TAKEOFF})
 STOP_REACTION_S = 0.6
 """Delay before braking that PX4 assumes when it predicts the stopping position."""
-WITHOUT_TASK = frozenset(
+MODES_WITHOUT_TASK = frozenset(
     {NavState.OFFBOARD, NavState.MANUAL, NavState.STABILIZED, NavState.ACRO, NavState.TERMINATION}
 )
-"""Modes without a flight task: the next mode does not continue their trajectory."""
-WITH_WAYPOINT = LANDING_MODES | {NavState.TAKEOFF, NavState.HOLD, NavState.MISSION, NavState.RTL}
+"""Modes without a flight task, and so without a trajectory that the next mode could continue."""
+MODES_WITH_WAYPOINT = LANDING_MODES | {NavState.TAKEOFF, NavState.HOLD, NavState.MISSION, NavState.RTL}
 """Modes that fly to a position."""
 
 
@@ -47,14 +47,14 @@ class Navigator:
         home: Home,
         plans: Plans,
         commands: OwnCommands,
-        numbers: FlightNumbers,
+        arrays: TickArrays,
     ) -> None:
         self._view = view
         self._announcer = announcer
         self._row = row
         self._commands = commands
         self.home = home
-        self.path = Path(view, row, numbers)
+        self.path = Path(view, row, arrays)
         self._climb = Climb(view, announcer, self.path, home)
         self._descent = Descent(view, self.path)
         self._return = ReturnHome(view, announcer, self.path, home, self._descent, plans, commands)
@@ -64,7 +64,7 @@ class Navigator:
         self.mission = Mission(
             view, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
         )
-        self._lands_at: Vector = (0.0, 0.0, 0.0)
+        self._landing_position: Vector = (0.0, 0.0, 0.0)
         commands.add_handlers({CHANGE_SPEED: lambda p: self.change_speed(p[0], p[1])})
 
     # --- commands -------------------------------------------------------------------------------------
@@ -76,7 +76,7 @@ class Navigator:
     def orbit(
         self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
     ) -> None:
-        """DO_ORBIT around a position; default: the vehicle's position."""
+        """Handles DO_ORBIT; NaN: the vehicle's position, or the default value."""
         self._orbit.request(lat_lon_alt, radius_m, speed_m_s, yaw_behaviour)
 
     @property
@@ -85,7 +85,7 @@ class Navigator:
         return self._orbit.circle
 
     def goto(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_ned_rad: float) -> None:
-        """DO_REPOSITION. Default position: the current target; default altitude: the current one.
+        """Handles DO_REPOSITION; without a position the target is kept, without an altitude the current one.
 
         Without any value the vehicle stops.
         """
@@ -109,14 +109,14 @@ class Navigator:
             self.path.face(target_n, target_e)
 
     def stop_at(self, alt_amsl_m: float) -> None:
-        """Stops at this altitude (NaN: the current one)."""
-        north, east, down = self._stopping_place()
+        """Stops the vehicle at an altitude (NaN: the current altitude)."""
+        north, east, down = self._stopping_position()
         if math.isfinite(alt_amsl_m):
             down = -(alt_amsl_m - self._view.origin[2])
         self.path.target_ned_m, self.path.face_target = (north, east, down), True
 
     def change_speed(self, kind: float, speed_m_s: float) -> None:
-        """DO_CHANGE_SPEED; an invalid speed restores the speed of the parameters."""
+        """Handles DO_CHANGE_SPEED; an invalid speed restores the parameter's speed."""
         value = speed_m_s if math.isfinite(speed_m_s) and speed_m_s > 0.0 else math.nan
         which = int(kind) if math.isfinite(kind) else 0
         if which in (0, 1):
@@ -132,13 +132,15 @@ class Navigator:
         """Starts a mode from the vehicle's current position and velocity."""
         if previous is NavState.MISSION and mode is not NavState.MISSION and self.mission.active:
             self.mission.leave()
-        stays = previous is NavState.TAKEOFF or (previous is NavState.MISSION and self.mission.finished)
-        if not stays or mode is not NavState.HOLD:
-            self.path.restart(in_air=in_air, continue_setpoint=previous not in WITHOUT_TASK)
+        keeps_target = previous is NavState.TAKEOFF or (
+            previous is NavState.MISSION and self.mission.finished
+        )
+        if not keeps_target or mode is not NavState.HOLD:
+            self.path.restart(in_air=in_air, continue_setpoint=previous not in MODES_WITHOUT_TASK)
             if mode in HOLDING_MODES and in_air:
-                self.path.target_ned_m, self.path.face_target = self._stopping_place(), True
+                self.path.target_ned_m, self.path.face_target = self._stopping_position(), True
         if mode in LANDING_MODES:
-            self._lands_at = self._view.estimate.position_ned_m
+            self._landing_position = self._view.estimate.position_ned_m
         if mode is NavState.TAKEOFF:
             self._climb.enter()
         elif mode is NavState.RTL:
@@ -162,12 +164,12 @@ class Navigator:
             self._return.check_landing()
 
     def watch(self) -> None:
-        """Updates what applies in every mode: geofence and rally points."""
+        """Checks geofence and rally points, which apply in every mode."""
         self.fence.update()
         self._return.check_rally_points()
 
-    def _stopping_place(self) -> Vector:
-        """Position at which Hold stops: the braking distance ahead, at the current height."""
+    def _stopping_position(self) -> Vector:
+        """Position at which Hold stops: the braking distance ahead, at the current altitude."""
         (north, east, down), (vn, ve, _) = (
             self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip
@@ -181,20 +183,20 @@ class Navigator:
         A landing at the current position has the altitude 0, as in PX4.
         """
         if mode in LANDING_MODES:
-            return (*self._lands_at[:2], 0.0)
+            return (*self._landing_position[:2], 0.0)
         north, east, down = self.path.target_ned_m
-        if mode not in WITH_WAYPOINT or north is None or east is None or down is None:
+        if mode not in MODES_WITH_WAYPOINT or north is None or east is None or down is None:
             return None
         return north, east, self._view.origin[2] - down
 
     @property
-    def return_s(self) -> float:
+    def return_duration_s(self) -> float:
         """Duration of a return from the current position [s]."""
         return self._return.duration_s(self.home.position_ned_m)
 
     @property
     def landing(self) -> bool:
-        """Whether a return has arrived above home."""
+        """Whether a return descends to land at its destination."""
         return self._return.landing
 
     def state_in_air(self, mode: NavState) -> LandedState:
@@ -206,7 +208,7 @@ class Navigator:
             return LandedState.LANDING
         return LandedState.IN_AIR
 
-    def finished(self, mode: NavState) -> bool:
+    def takeoff_finished(self, mode: NavState) -> bool:
         """Whether a take-off has reached its altitude."""
         down = self.path.target_ned_m[2]
         if mode is not NavState.TAKEOFF or down is None:
@@ -221,7 +223,7 @@ class Navigator:
         if mode is NavState.MISSION:
             return self.mission.taking_off
         if mode is NavState.FOLLOW:
-            return self.follow.has_target  # within 1 m of the ground Follow climbs
+            return self.follow.has_target  # Follow climbs while lower than 1 m above ground
         if mode is NavState.RTL and self.landing:
             return False
         if mode is NavState.HOLD:
@@ -231,7 +233,7 @@ class Navigator:
         return False
 
     def run(self, mode: NavState) -> None:
-        """One tick of the active mode; writes the setpoints."""
+        """Runs one tick of the active mode, and writes the setpoints."""
         self.path.follow_resets()
         if mode in LANDING_MODES:
             self._descent.run()
@@ -265,16 +267,16 @@ class Navigator:
         """Whether new rally points have not been checked yet."""
         return self._return.checks_rally_points
 
-    def situation(self, mode: NavState) -> tuple[object, ...]:
-        """State of the mode that commands can change between two ticks."""
-        if mode in WITHOUT_TASK:
+    def commanded_state(self, mode: NavState) -> tuple[object, ...]:
+        """State of the mode that commands can change between two ticks; for comparison."""
+        if mode in MODES_WITHOUT_TASK:
             return ()
         if mode is NavState.MISSION:
-            return self.path.situation(), self.mission.situation()
-        return self.path.situation()
+            return self.path.commanded_state(), self.mission.commanded_state()
+        return self.path.commanded_state()
 
     def descend(self) -> None:
-        """Descends level at landing speed; used without sticks or without a position."""
+        """Descends level at landing speed; for modes that need sticks or a position that is missing."""
         speed = self._view.parameter("MPC_LAND_SPEED")
         self._row.trajectory(
             velocity_ned_m_s=(math.nan, math.nan, speed),

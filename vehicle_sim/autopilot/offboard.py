@@ -47,7 +47,7 @@ class SetpointKind(Enum):
 
 
 class Setpoint(NamedTuple):
-    """The newest setpoint; NaN: not controlled. A tuple, because it is made at each tick."""
+    """A setpoint; NaN: not controlled. A tuple, because tuples are fast to create."""
 
     kind: SetpointKind = SetpointKind.NONE
     position_ned_m: Vector = NAN3
@@ -65,7 +65,7 @@ class Setpoint(NamedTuple):
 
     @property
     def complete(self) -> bool:
-        """Whether the position controller can use it: a value on each axis, north and east together.
+        """Whether the position controller can use the setpoint: each axis has a value, north and east alike.
 
         An incomplete setpoint stops the vehicle: velocity zero.
         """
@@ -80,12 +80,12 @@ class Setpoint(NamedTuple):
         return pairs and (position or velocity or acceleration) and (finite(d) or finite(vd) or finite(ad))
 
 
-def _finite(values: Vector) -> bool:
+def _any_finite(values: Vector) -> bool:
     x, y, z = values
     return math.isfinite(x) or math.isfinite(y) or math.isfinite(z)
 
 
-def _turn(q: tuple[float, float, float, float], v: Vector) -> Vector:
+def _rotate(q: tuple[float, float, float, float], v: Vector) -> Vector:
     w, x, y, z = q
     tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
     return (
@@ -101,97 +101,95 @@ class Offboard:
     def __init__(self, view: VehicleView, announcer: Announcer) -> None:
         self._view = view
         self._announcer = announcer
-        self._heard_at_s = -math.inf
-        self._flagged: SetpointKind | None = None
+        self._received_at_s = -math.inf
+        self._selected_kind: SetpointKind | None = None
         """Kind selected by OffboardControlMode or an external mode; None: the stream uses MAVLink."""
-        self._streamed: SetpointKind | None = None
+        self._offboard_kind: SetpointKind | None = None
         """Kind of the Offboard stream, saved while an external mode is active; None: no external mode is
         active."""
         self._topics: dict[ControlLevel, Setpoint] = {}
         """Newest setpoint of PX4's internal topics, by its level in the cascade."""
         self.setpoint = Setpoint()
         self.invalid_attitude: tuple[float, float, float, float] | None = None
-        """The newest attitude if it is invalid (zeros or NaN): it is not used for control, but reported."""
+        """The newest attitude if it is invalid (zeros or NaN): PX4 reports it, but does not control it."""
         self.reported_thrust = math.nan
-        """Magnitude of the newest thrust of an attitude or rates message, as reported; PX4 drops the sign."""
+        """Thrust of the newest attitude or rates message; PX4 reports it without its sign."""
         self.invalid = False
         """Whether the newest setpoint controls nothing; the vehicle then descends level."""
         self.on_setpoint: Callable[[], None] = _no_listener
         """Called at each attitude, rate, torque or motor setpoint, because these are applied immediately."""
 
-    def signal(self) -> bool:
+    def has_signal(self) -> bool:
         """Whether a valid setpoint was received within COM_OF_LOSS_T."""
         loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))
-        return self._view.time_s - self._heard_at_s < loss_s
+        return self._view.time_s - self._received_at_s < loss_s
 
     def control_mode(self, kind: SetpointKind) -> None:
-        """OffboardControlMode: keeps Offboard active, and selects the setpoints that are used.
+        """Handles OffboardControlMode: keeps Offboard active, and selects the setpoints to use.
 
         Args:
             kind: the first flag that is set; NONE: no flag is set, which counts as no signal.
         """
-        self._heard_at_s = -math.inf if kind is SetpointKind.NONE else self._view.time_s
-        self._flagged = kind
-        self._choose()
+        self._received_at_s = -math.inf if kind is SetpointKind.NONE else self._view.time_s
+        self._selected_kind = kind
+        self._apply_selection()
 
-    def choose(self, kind: SetpointKind) -> None:
-        """Selects the kind of setpoints that an external mode sends; it needs no OffboardControlMode."""
-        if self._streamed is None or self._flagged is not kind:
-            self._streamed, self._flagged = self.kind, kind
-            self._choose()
+    def select_kind(self, kind: SetpointKind) -> None:
+        """Selects the kind of setpoints that an external mode sends, without OffboardControlMode."""
+        if self._offboard_kind is None or self._selected_kind is not kind:
+            self._offboard_kind, self._selected_kind = self.kind, kind
+            self._apply_selection()
 
-    def clear_choice(self) -> None:
+    def restore_kind(self) -> None:
         """Called when no external mode is active: restores the kind of the Offboard stream."""
-        streamed = self._streamed
-        if streamed is None:
+        kind = self._offboard_kind
+        if kind is None:
             return
-        self._streamed, self._flagged, self.setpoint = None, None, Setpoint()
-        if streamed is not SetpointKind.NONE:
-            self._flagged = streamed
-            self._choose()
+        self._offboard_kind, self._selected_kind, self.setpoint = None, None, Setpoint()
+        if kind is not SetpointKind.NONE:
+            self._selected_kind = kind
+            self._apply_selection()
 
-    def put(self, setpoint: Setpoint) -> None:
-        """Stores a setpoint of PX4's internal topics; Offboard uses it if OffboardControlMode selects its
+    def store_topic(self, setpoint: Setpoint) -> None:
+        """Stores a setpoint of PX4's internal topics; Offboard uses it if OffboardControlMode selects this
         level."""
         self._topics[setpoint.kind.level] = setpoint
-        if self._flagged is not None:
-            self._choose()
+        if self._selected_kind is not None:
+            self._apply_selection()
 
     @property
     def has_topics(self) -> bool:
-        """Whether setpoints of PX4's internal topics were received since Offboard or an external mode became
-        active."""
+        """Whether topic setpoints were received since Offboard or an external mode became active."""
         return bool(self._topics)
 
-    def left(self) -> None:
+    def clear_topics(self) -> None:
         """Called when another mode is active: deletes the setpoints of the topics."""
         if self._topics:
             self._topics.clear()
-            if self._flagged is not None:
-                self._choose()
+            if self._selected_kind is not None:
+                self._apply_selection()
 
-    def _choose(self) -> None:
+    def _apply_selection(self) -> None:
         self.setpoint = self._topics.get(self.level, Setpoint())
         self.invalid, self.invalid_attitude = False, None
 
     @property
     def kind(self) -> SetpointKind:
         """The highest-level quantity that is controlled in Offboard."""
-        return self.setpoint.kind if self._flagged is None else self._flagged
+        return self.setpoint.kind if self._selected_kind is None else self._selected_kind
 
     @property
     def awaits_setpoint(self) -> bool:
-        """Whether no setpoint of the level that OffboardControlMode selects was received yet: the last
-        outputs stay in effect."""
-        return self._flagged is not None and self.setpoint.kind is SetpointKind.NONE
+        """Whether the selected level still waits for a setpoint; the last outputs then stay in effect."""
+        return self._selected_kind is not None and self.setpoint.kind is SetpointKind.NONE
 
     def local(
         self, frame: int, mask: int, p: Vector, v: Vector, a: Vector, yaw_rad: float, yaw_rate_rad_s: float
     ) -> None:
-        """SET_POSITION_TARGET_LOCAL_NED."""
+        """Handles SET_POSITION_TARGET_LOCAL_NED."""
         if frame not in (LOCAL_NED, BODY_NED):
             self.invalid = True
-            self._announcer.both(
+            self._announcer.announce(
                 2,
                 f"SET_POSITION_TARGET_LOCAL_NED coordinate frame {frame} unsupported",
                 "mavlink_rcv_sp_target_unsup_coord",
@@ -203,8 +201,10 @@ class Offboard:
         if frame == BODY_NED:
             position = NAN3
             velocity = NAN3 if mask & 0b111000 else self._from_body_yaw(velocity)
-            acceleration = NAN3 if mask & 0b111000000 else _turn(self._view.estimate.q_ned_frd, acceleration)
-        valid = not (mask & FORCE_BIT and _finite(acceleration))
+            acceleration = (
+                NAN3 if mask & 0b111000000 else _rotate(self._view.estimate.q_ned_frd, acceleration)
+            )
+        valid = not (mask & FORCE_BIT and _any_finite(acceleration))
         yaw = _yaw(mask, yaw_rad, yaw_rate_rad_s)
         self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw), valid=valid, report=True)
 
@@ -219,11 +219,11 @@ class Offboard:
         yaw_rad: float,
         yaw_rate_rad_s: float,
     ) -> None:
-        """SET_POSITION_TARGET_GLOBAL_INT. Altitudes are above mean sea level, above the local origin
+        """Handles SET_POSITION_TARGET_GLOBAL_INT; altitudes are above mean sea level, above the local origin
         (relative frame) or above home (terrain frame)."""
         if frame not in (GLOBAL_AMSL, GLOBAL_RELATIVE, GLOBAL_TERRAIN):
             self.invalid = True
-            self._announcer.both(
+            self._announcer.announce(
                 2,
                 f"SET_POSITION_TARGET_GLOBAL_INT invalid coordinate frame {frame}",
                 "mavlink_rcv_sp_target_gl_invalid_coord",
@@ -245,20 +245,20 @@ class Offboard:
         self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw))
 
     def attitude(self, mask: int, q: tuple[float, float, float, float], rates: Vector, thrust: float) -> None:
-        """SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
-        self._flagged = None
+        """Handles SET_ATTITUDE_TARGET: attitude and thrust, or body rates and thrust."""
+        self._selected_kind = None
         limited = min(1.0, max(0.0, thrust)) if math.isfinite(thrust) else 0.0
         self.reported_thrust = 0.0 if mask & 64 else abs(thrust)
         thrust = self.setpoint.thrust if mask & 64 else limited
         norm = math.sqrt(sum(each * each for each in q))
-        self._heard_at_s = self._view.time_s
+        self._received_at_s = self._view.time_s
         self.invalid_attitude = None
         if not mask & 128:
             if not math.isfinite(norm) or norm < 1e-6:
                 self.invalid_attitude = q
                 return
             unit = (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
-            rate = math.nan if mask & 4 else _sane(rates[2])
+            rate = math.nan if mask & 4 else _limited(rates[2])
             self.setpoint = Setpoint(
                 SetpointKind.ATTITUDE, q_ned_frd=unit, thrust=thrust, yaw_rate_ned_rad_s=rate
             )
@@ -271,26 +271,26 @@ class Offboard:
         self.on_setpoint()
 
     def thrust_torque(self, thrust_frd: Vector, torque_frd: Vector) -> None:
-        """Internal interface for thrust and torque setpoints, as from ROS 2, each -1..1 in FRD.
+        """Takes thrust and torque setpoints, each -1..1 in FRD.
 
         Rotors only lift, so only the upward part (-z) of the thrust has an effect; NaN counts as zero.
         """
-        self._direct(thrust_torque_setpoint(thrust_frd, torque_frd))
+        self._take_direct(thrust_torque_setpoint(thrust_frd, torque_frd))
 
     def actuators(self, motors: Sequence[float]) -> None:
-        """Internal interface for motor signals, as from ROS 2, up to `ROTOR_COUNT`, each -1..1.
+        """Takes up to `ROTOR_COUNT` motor signals, each -1..1.
 
-        NaN disarms a motor; so does a negative value, since these motors do not reverse, and a missing one.
+        NaN, a missing value and a negative value (these motors do not reverse) disarm a motor.
 
         Raises:
             ValueError: more motors than the airframe has.
         """
         if len(motors) > ROTOR_COUNT:
-            raise ValueError(f"{len(motors)} motor signals for {ROTOR_COUNT} motors; send one each")
-        self._direct(motor_setpoint(motors))
+            raise ValueError(f"{len(motors)} motor signals for {ROTOR_COUNT} motors; send one for each motor")
+        self._take_direct(motor_setpoint(motors))
 
-    def _direct(self, setpoint: Setpoint) -> None:
-        self._heard_at_s, self._flagged = self._view.time_s, None
+    def _take_direct(self, setpoint: Setpoint) -> None:
+        self._received_at_s, self._selected_kind = self._view.time_s, None
         self.setpoint, self.invalid, self.invalid_attitude = setpoint, False, None
         self.on_setpoint()
 
@@ -303,21 +303,23 @@ class Offboard:
         """Takes a setpoint of `trajectory_setpoint`.
 
         Args:
-            setpoint: controls at least one quantity; otherwise it is invalid.
-            valid: False: it is invalid for another reason.
-            report: an invalid setpoint is reported.
+            setpoint: invalid if it controls no quantity.
+            valid: False if the setpoint is invalid for another reason.
+            report: whether to report an invalid setpoint.
         """
-        self._flagged, self.setpoint, self.invalid_attitude = None, setpoint, None
+        self._selected_kind, self.setpoint, self.invalid_attitude = None, setpoint, None
         self.invalid = setpoint.kind is SetpointKind.NONE or not valid
         if not self.invalid:
-            self._heard_at_s = self._view.time_s
+            self._received_at_s = self._view.time_s
         elif report:
-            self._announcer.both(2, "SET_POSITION_TARGET_LOCAL_NED invalid", "mavlink_rcv_sp_target_invalid")
+            self._announcer.announce(
+                2, "SET_POSITION_TARGET_LOCAL_NED invalid", "mavlink_rcv_sp_target_invalid"
+            )
 
     @property
     def level(self) -> ControlLevel:
         """Control level of the newest setpoint."""
-        flagged = self._flagged
+        flagged = self._selected_kind
         return (self.setpoint.kind if flagged is None else flagged).level
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
@@ -330,7 +332,7 @@ class Offboard:
         )
 
 
-def kind_of(controllers: Controllers) -> SetpointKind:
+def kind_for_controllers(controllers: Controllers) -> SetpointKind:
     """The kind of setpoints that an external mode sends, by the controllers that it has selected."""
     if controllers.trajectory:
         return SetpointKind.POSITION
@@ -343,30 +345,30 @@ def kind_of(controllers: Controllers) -> SetpointKind:
 
 def trajectory_kind(position: Vector, velocity: Vector, acceleration: Vector) -> SetpointKind:
     """The highest-level quantity with a finite value."""
-    if _finite(position):
+    if _any_finite(position):
         return SetpointKind.POSITION
-    if _finite(velocity):
+    if _any_finite(velocity):
         return SetpointKind.VELOCITY
-    return SetpointKind.ACCELERATION if _finite(acceleration) else SetpointKind.NONE
+    return SetpointKind.ACCELERATION if _any_finite(acceleration) else SetpointKind.NONE
 
 
 def trajectory_setpoint(
     position: Vector, velocity: Vector, acceleration: Vector, yaw_rad: float, yaw_rate_rad_s: float
 ) -> Setpoint:
-    """Setpoint of the position controller in the local frame [NED, SI units]; NaN: not controlled."""
+    """Setpoint of the position controller in the local frame (NED, SI units); NaN: not controlled."""
     kind = trajectory_kind(position, velocity, acceleration)
     return Setpoint(kind, position, velocity, acceleration, yaw_rad, yaw_rate_rad_s)
 
 
-def lift_of(thrust_frd: Vector) -> float:
-    """Collective thrust 0..1: rotors only lift, and NaN counts as zero."""
+def collective_thrust(thrust_frd: Vector) -> float:
+    """Collective thrust 0..1 from a thrust vector: rotors only lift, and NaN counts as zero."""
     return max(0.0, min(1.0, -thrust_frd[2])) if math.isfinite(thrust_frd[2]) else 0.0
 
 
 def thrust_torque_setpoint(thrust_frd: Vector, torque_frd: Vector) -> Setpoint:
     """Setpoint of normalised thrust and torques, -1..1; NaN counts as zero."""
     x, y, z = (max(-1.0, min(1.0, each)) if math.isfinite(each) else 0.0 for each in torque_frd)
-    return Setpoint(SetpointKind.THRUST_TORQUE, thrust=lift_of(thrust_frd), torque_frd=(x, y, z))
+    return Setpoint(SetpointKind.THRUST_TORQUE, thrust=collective_thrust(thrust_frd), torque_frd=(x, y, z))
 
 
 def motor_setpoint(motors: Sequence[float]) -> Setpoint:
@@ -379,19 +381,19 @@ def _no_listener() -> None:
     """Default listener without effect."""
 
 
-def _sane(value: float) -> float:
+def _limited(value: float) -> float:
     """Treats infinity as not set, and limits values to a plausible range."""
     return max(-LIMIT, min(LIMIT, value)) if math.isfinite(value) else math.nan
 
 
 def _masked(mask: int, first_bit: int, values: Vector) -> Vector:
-    kept = [math.nan if mask & (first_bit << n) else _sane(value) for n, value in enumerate(values)]
+    kept = [math.nan if mask & (first_bit << n) else _limited(value) for n, value in enumerate(values)]
     return (kept[0], kept[1], kept[2])
 
 
 def _yaw(mask: int, yaw_rad: float, yaw_rate_rad_s: float) -> tuple[float, float]:
-    """Yaw and yaw rate that a type mask leaves."""
+    """Yaw and yaw rate; NaN if the type mask ignores them."""
     return (
-        math.nan if mask & YAW_BIT else _sane(yaw_rad),
-        math.nan if mask & YAW_RATE_BIT else _sane(yaw_rate_rad_s),
+        math.nan if mask & YAW_BIT else _limited(yaw_rad),
+        math.nan if mask & YAW_RATE_BIT else _limited(yaw_rate_rad_s),
     )

@@ -1,4 +1,4 @@
-"""Commands of the autopilot to itself or its payload; executed here, and sent on every link as in PX4."""
+"""Commands that the autopilot sends to itself or its payload; as in PX4 they also go out on every link."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class OwnCommand:
     number: int
     parameters: tuple[float, ...]
     repeated: bool
-    """Whether the command is repeated until it is acknowledged (nothing acknowledges it)."""
+    """Whether the command is sent again until it is acknowledged; nothing acknowledges it."""
 
 
 class OwnCommands:
-    """Passes each command to its handler, then to the listeners."""
+    """Passes each command to the listeners, then to its handler."""
 
     def __init__(self) -> None:
         self._handlers: dict[int, Callable[[tuple[float, ...]], None]] = {}

@@ -14,10 +14,10 @@ TILT_MAX_DEG = 89.0
 
 @dataclass(frozen=True, slots=True)
 class _Limit:
-    """`name` may not exceed the parameter `by`."""
+    """The parameter `name` may not exceed the parameter `maximum`."""
 
     name: str
-    by: str
+    maximum: str
     text: str
     event: str
 
@@ -41,29 +41,31 @@ _LIMITS = (
 
 
 class ParameterLimits:
-    """Enforces the limits after each parameter change from outside."""
+    """Enforces the limits of one vehicle; apply them after each parameter change by a client."""
 
     def __init__(self, parameters: Parameters, announcer: Announcer) -> None:
         self._parameters = parameters
         self._announcer = announcer
 
     def apply(self) -> None:
-        """Reduces values that are too high, and reports it."""
+        """Reduces values that are too high, and reports each change."""
         value = self._parameters.get
         if value("MPC_TILTMAX_AIR") > TILT_MAX_DEG:
             self._parameters.set("MPC_TILTMAX_AIR", TILT_MAX_DEG)
             self._report("Tilt constrained to safe value", "mc_pos_ctrl_tilt_set", TILT_MAX_DEG)
         for limit in _LIMITS:
-            highest = value(limit.by)
+            highest = value(limit.maximum)
             if value(limit.name) > highest:
                 self._parameters.set(limit.name, highest)
                 self._report(limit.text, limit.event, highest)
         low, high = value("MPC_THR_MIN"), value("MPC_THR_MAX")
         hover = value("MPC_THR_HOVER")
         if low <= high and not low <= hover <= high and hover == hover:
-            kept = max(low, min(high, hover))
-            self._parameters.set("MPC_THR_HOVER", kept)
-            self._report("Hover thrust has been constrained by min/max", "mc_pos_ctrl_hover_thrust_set", kept)
+            limited = max(low, min(high, hover))
+            self._parameters.set("MPC_THR_HOVER", limited)
+            self._report(
+                "Hover thrust has been constrained by min/max", "mc_pos_ctrl_hover_thrust_set", limited
+            )
 
     def _report(self, text: str, event: str, value: float) -> None:
-        self._announcer.both(CRITICAL, text, event, "f", value)
+        self._announcer.announce(CRITICAL, text, event, "f", value)

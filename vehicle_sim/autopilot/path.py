@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 
-from vehicle_sim.autopilot.flight_numbers import FlightNumbers
 from vehicle_sim.autopilot.resets import EstimateResets
 from vehicle_sim.autopilot.row import SetpointRow
 from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, WaypointTriplet
 from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
+from vehicle_sim.autopilot.tick_arrays import TickArrays
 from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, fly
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.vehicle_view import Vector, VehicleView
@@ -32,32 +32,32 @@ class Path:
 
     Args:
         view: the vehicle.
-        row: where the setpoints are written.
-        numbers: arrays of all vehicles; None: new arrays for this vehicle alone.
+        row: receives the setpoints.
+        arrays: arrays of all vehicles; None: new arrays for this vehicle alone.
     """
 
-    def __init__(self, view: VehicleView, row: SetpointRow, numbers: FlightNumbers | None = None) -> None:
-        index = 0 if numbers is None else view.row
-        numbers = numbers or FlightNumbers.of(1)
+    def __init__(self, view: VehicleView, row: SetpointRow, arrays: TickArrays | None = None) -> None:
+        index = 0 if arrays is None else view.row
+        arrays = arrays or TickArrays.for_count(1)
         self._view = view
         self._row = row
         self._smoothing = Smoothing(
-            view, numbers.axes[index], numbers.settings[index], numbers.triplet[index],
-            numbers.before_turn_m_s[index],
+            view, arrays.axes[index], arrays.settings[index], arrays.triplet[index],
+            arrays.before_turn_m_s[index],
         )  # fmt: skip
         self.x, self.y, self.z = self._smoothing.x, self._smoothing.y, self._smoothing.z
-        self.yaw = YawRamp(numbers.yaw[index])
+        self.yaw = YawRamp(arrays.yaw[index])
         self._triplet: WaypointTriplet | None = None
         """The waypoints to `target_ned_m`, starting at the vehicle's position when the target was set."""
         self.target_ned_m: tuple[float | None, float | None, float | None] = (None, None, None)
         """None: not set yet; the vehicle stops first."""
         self.face_target = False
-        """The heading is towards the target while the target is farther away than NAV_ACC_RAD."""
+        """Whether the nose points to the target while the target is farther away than NAV_ACC_RAD."""
         self.cruise_m_s = math.nan
         """NaN: the PX4 parameter applies; the same for the next two."""
         self.climb_m_s = math.nan
         self.descent_m_s = math.nan
-        self._resets = EstimateResets(view, numbers.seen_heading_rad[index])
+        self._resets = EstimateResets(view, arrays.last_heading_rad[index])
 
     def follow_resets(self) -> None:
         """Shifts the trajectory by a reset of the estimate, so that the vehicle does not follow the jump."""
@@ -78,17 +78,17 @@ class Path:
         """Starts the trajectory at the vehicle's position and velocity.
 
         Args:
-            in_air: False: the trajectory starts at rest.
-            continue_setpoint: start from the last setpoint of the previous flight task, on each axis that it
-                controlled.
+            in_air: False if the trajectory starts at rest.
+            continue_setpoint: start from the last setpoint of the previous flight task, on each axis that the
+                task controlled.
         """
         estimate = self._view.estimate
         self._smoothing.begin()
-        self._resets.forget()
+        self._resets.discard()
         self._triplet = None
         last = self._row.last_trajectory() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
-            position, velocity, acceleration = (row[k] for row in last)
+            position, velocity, acceleration = (vector[k] for vector in last)
             axis.reset(
                 position if math.isfinite(position) else estimate.position_ned_m[k],
                 velocity if math.isfinite(velocity) else estimate.velocity_ned_m_s[k] if in_air else 0.0,
@@ -103,14 +103,14 @@ class Path:
     def idle(self) -> None:
         """Keeps the trajectory at the vehicle's position while the vehicle is on the ground."""
         x, y, z = self._view.estimate.position_ned_m
-        self._resets.forget()
+        self._resets.discard()
         self.x.reset(x)
         self.y.reset(y)
         self.z.reset(z, GROUND_VELOCITY_DOWN_M_S)
 
     @property
     def yaw_target_rad(self) -> float:
-        """The heading that the trajectory turns to."""
+        """The target heading of the trajectory [rad, NED]."""
         return self.yaw.target_rad
 
     @yaw_target_rad.setter
@@ -132,7 +132,7 @@ class Path:
         return (self.x.position_m, self.y.position_m, self.z.position_m)
 
     def face(self, north_m: float, east_m: float) -> None:
-        """Turns the nose towards a position more than 1 m away, if MPC_YAW_MODE selects that."""
+        """Turns the nose towards a position more than 1 m away, if MPC_YAW_MODE selects this heading."""
         dn, de = north_m - self.x.position_m, east_m - self.y.position_m
         if math.hypot(dn, de) > 1.0 and self._view.choice("MPC_YAW_MODE") in (0, 3, 4):
             self.yaw_target_rad = math.atan2(de, dn)
@@ -163,15 +163,17 @@ class Path:
         """Advances by one tick along the waypoints.
 
         All axes also advance during the take-off ramp. After a go-to command on the ground the trajectory is
-        therefore above the vehicle before lift-off, and this height error lifts the vehicle off.
+        therefore above the vehicle before lift-off, and this altitude error lifts the vehicle off.
         """
         self._smoothing.fly(TICK_S, triplet, self._limits)
         self.write()
 
     def _triplet_to(self, target_ned_m: Vector) -> WaypointTriplet:
         if self._triplet is None or self._triplet.target_ned_m != target_ned_m:
-            here = self._view.estimate.position_ned_m
-            self._triplet = WaypointTriplet(here, target_ned_m, None, self._view.parameter("NAV_ACC_RAD"))
+            position_ned_m = self._view.estimate.position_ned_m
+            self._triplet = WaypointTriplet(
+                position_ned_m, target_ned_m, None, self._view.parameter("NAV_ACC_RAD")
+            )
         return self._triplet
 
     def advance_horizontal(self) -> float:
@@ -187,18 +189,18 @@ class Path:
             triplet = self._triplet_to((north, east, self.z.position_m if down is None else down))
         elif math.hypot(self.x.velocity_m_s, self.y.velocity_m_s) < 0.05:
             self.target_ned_m = (self.x.position_m, self.y.position_m, down)
-        return self._smoothing.fly_level(TICK_S, triplet, self._limits)
+        return self._smoothing.fly_horizontal(TICK_S, triplet, self._limits)
 
     def advance_vertical(self, tick_s: float = TICK_S) -> None:
         """Advances the vertical axis by one tick."""
         north, east, down = self.target_ned_m
-        wanted = 0.0
+        velocity_m_s = 0.0
         if down is not None:
             distance_m = down - self.z.position_m
-            wanted = math.copysign(self._smoothing.vertical_speed(distance_m, self._limits), distance_m)
+            velocity_m_s = math.copysign(self._smoothing.vertical_speed(distance_m, self._limits), distance_m)
         elif abs(self.z.velocity_m_s) < 0.05:
             self.target_ned_m = (north, east, self.z.position_m)
-        self.advance_vertical_speed(wanted, tick_s)
+        self.advance_vertical_speed(velocity_m_s, tick_s)
 
     def advance_vertical_speed(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
         """Advances the vertical axis by one tick towards a vertical speed (down is positive)."""
@@ -237,13 +239,13 @@ class Path:
         """Whether the trajectory follows these waypoints."""
         return self._smoothing.follows(triplet)
 
-    def situation(self) -> tuple[object, ...]:
-        """State that commands can change between two ticks."""
+    def commanded_state(self) -> tuple[object, ...]:
+        """State that commands can change between two ticks; for comparison."""
         return self.target_ned_m, self._triplet, self.cruise_m_s, self.climb_m_s, self.descent_m_s
 
     @property
     def reset_counts(self) -> list[int]:
-        """The estimator's reset counters when they were last checked."""
+        """The estimator's reset counters at the last check."""
         return self._resets.counts
 
     def write(self) -> None:

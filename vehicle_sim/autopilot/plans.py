@@ -12,7 +12,7 @@ MISSION, FENCE, RALLY = 0, 1, 2
 
 
 class Plans:
-    """Three lists of items; the `revision` of each increases with every change."""
+    """Three lists of items; each list's `revision` increases with every change."""
 
     def __init__(self) -> None:
         self._items: dict[int, tuple[Item, ...]] = {MISSION: (), FENCE: (), RALLY: ()}

@@ -11,7 +11,7 @@ from vehicle_sim.vehicle_view import VehicleView
 
 
 class Reset(NamedTuple):
-    """The parts that were reset since the last call."""
+    """The quantities that the estimator has reset since the last call."""
 
     horizontal_velocity: bool
     vertical_velocity: bool
@@ -41,10 +41,10 @@ class EstimateResets:
 
     @property
     def counts(self) -> list[int]:
-        """The counters when they were last checked."""
+        """The counters at the last check."""
         return self._counts
 
-    def forget(self) -> None:
+    def discard(self) -> None:
         """Ignores all resets so far."""
         self._counts, self._heading_rad[0] = self._counters(), self._view.estimate.yaw_ned_rad
 
@@ -55,6 +55,6 @@ class EstimateResets:
         new_rad = self._heading_rad[0] = self._view.estimate.yaw_ned_rad
         if self._counts == before:
             return None
-        changed = [now != then for now, then in zip(self._counts, before, strict=True)]
+        changed = [new != old for new, old in zip(self._counts, before, strict=True)]
         turned_rad = wrap_angle(new_rad - old_rad) if changed[4] else 0.0
         return Reset(changed[0], changed[1], changed[2], changed[3], turned_rad)

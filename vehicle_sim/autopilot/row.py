@@ -13,7 +13,7 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 NAN3: Vector = (math.nan, math.nan, math.nan)
 
 
-# Plain numbers, because NumPy is three times slower with members of an enumeration.
+# A plain number, because NumPy is three times slower with members of an enumeration.
 _TRAJECTORY = int(ControlLevel.TRAJECTORY)
 
 
@@ -23,7 +23,7 @@ def float_view(row: FloatArray) -> memoryview[float]:
 
 
 def bool_view(row: BoolArray) -> memoryview[bool]:
-    """The same for flags."""
+    """A memory view for single flags."""
     return row.data.cast("B").cast("?")
 
 
@@ -32,24 +32,27 @@ def _int_view(row: IntArray) -> memoryview[int]:
 
 
 class SetpointRow:
-    """Input of the controllers of one vehicle."""
+    """Writes the input of one vehicle's controllers."""
 
     def __init__(self, view: VehicleView) -> None:
-        self._all = view.simulation.setpoints
+        self._setpoints = view.simulation.setpoints
         self._simulation = view.simulation
         self._i = view.row
-        self._position = float_view(self._all.position_ned_m[self._i])
-        self._velocity = float_view(self._all.velocity_ned_m_s[self._i])
-        self._acceleration = float_view(self._all.acceleration_ned_m_s2[self._i])
+        self._position = float_view(self._setpoints.position_ned_m[self._i])
+        self._velocity = float_view(self._setpoints.velocity_ned_m_s[self._i])
+        self._acceleration = float_view(self._setpoints.acceleration_ned_m_s2[self._i])
         # Views of whole columns (all vehicles), for the values that are written every tick.
-        every = self._all
-        self._level, self._in_air = _int_view(every.level), bool_view(every.in_air)
-        self._yaw, self._yaw_rate = float_view(every.yaw_ned_rad), float_view(every.yaw_rate_ned_rad_s)
-        self._ramping, self._landed = bool_view(every.ramp_thrust), bool_view(every.landed)
-        self._climb_limit, self._min_thrust = float_view(every.climb_limit_m_s), float_view(every.min_thrust)
+        all_rows = self._setpoints
+        self._level, self._in_air = _int_view(all_rows.level), bool_view(all_rows.in_air)
+        self._yaw, self._yaw_rate = float_view(all_rows.yaw_ned_rad), float_view(all_rows.yaw_rate_ned_rad_s)
+        self._ramping, self._landed = bool_view(all_rows.ramp_thrust), bool_view(all_rows.landed)
+        self._climb_limit, self._min_thrust = (
+            float_view(all_rows.climb_limit_m_s),
+            float_view(all_rows.min_thrust),
+        )
         self._tilt_limit, self._descent_limit = (
-            float_view(every.tilt_limit_rad),
-            float_view(every.descent_limit_m_s),
+            float_view(all_rows.tilt_limit_rad),
+            float_view(all_rows.descent_limit_m_s),
         )
 
     def trajectory(
@@ -88,7 +91,7 @@ class SetpointRow:
         self, q_ned_frd: tuple[float, float, float, float], thrust: float, yaw_rate_ned_rad_s: float
     ) -> None:
         """Writes attitude and collective thrust."""
-        s, i = self._all, self._i
+        s, i = self._setpoints, self._i
         s.level[i] = ControlLevel.ATTITUDE
         s.q_ned_frd[i] = q_ned_frd
         s.thrust[i] = thrust
@@ -96,7 +99,7 @@ class SetpointRow:
 
     def rates(self, rates_frd_rad_s: Vector, thrust: float) -> None:
         """Writes body rates and collective thrust."""
-        s, i = self._all, self._i
+        s, i = self._setpoints, self._i
         s.level[i] = ControlLevel.RATES
         s.rates_frd_rad_s[i] = rates_frd_rad_s
         s.thrust[i] = thrust
@@ -104,7 +107,7 @@ class SetpointRow:
     def override_level(self, q_ned_frd: tuple[float, float, float, float] | None, rates_frd_rad_s: Vector,
                thrust: float) -> None:  # fmt: skip
         """Overrides attitude or body rates until the next output of the outer controllers."""
-        s, i = self._all, self._i
+        s, i = self._setpoints, self._i
         s.thrust[i] = thrust
         if q_ned_frd is not None:
             s.q_ned_frd[i] = q_ned_frd
@@ -115,7 +118,7 @@ class SetpointRow:
 
     def override_motors(self, thrust: float, torque_frd: Vector, signals: tuple[float, ...]) -> None:
         """Overrides the motor signals for one step, or thrust and torque if there are no signals."""
-        s, i = self._all, self._i
+        s, i = self._setpoints, self._i
         if signals:
             s.motors[i, : len(signals)] = signals
             s.override_level[i] = ControlLevel.MOTORS
@@ -125,37 +128,37 @@ class SetpointRow:
 
     def thrust_torque(self, thrust: float, torque_frd: Vector) -> None:
         """Writes collective thrust 0..1 and normalised torques, which bypass the rate controller."""
-        s, i = self._all, self._i
+        s, i = self._setpoints, self._i
         s.level[i] = ControlLevel.THRUST_TORQUE
         s.thrust[i] = thrust
         s.torque_frd[i] = torque_frd
 
     def motors(self, signals: tuple[float, ...]) -> None:
         """Writes motor signals, which bypass the mixer; NaN: stopped."""
-        s, i = self._all, self._i
+        s, i = self._setpoints, self._i
         s.level[i] = ControlLevel.MOTORS
         s.motors[i] = np.nan
         s.motors[i, : len(signals)] = signals
 
     def freeze_motors(self) -> None:
-        """Writes the last motor signals again: all controllers are off."""
+        """Writes the last motor signals again, with all controllers off."""
         pulses = self._simulation.motors_us[self._i].tolist()
         self.motors(tuple((each - 1000.0) / 1000.0 if each >= 1000.0 else math.nan for each in pulses))
 
     def idle(self) -> None:
         """Disables all controllers; armed motors run at idle."""
-        self._all.clear(self._i)
-        self._all.level[self._i] = ControlLevel.DISARMED
+        self._setpoints.clear(self._i)
+        self._setpoints.level[self._i] = ControlLevel.DISARMED
 
-    def armed(self, armed: bool) -> None:
+    def set_armed(self, armed: bool) -> None:
         """Sets whether the motors may run."""
-        self._all.armed[self._i] = armed
+        self._setpoints.armed[self._i] = armed
 
-    def in_air(self, in_air: bool) -> None:
+    def set_in_air(self, in_air: bool) -> None:
         """Sets whether the land detector reports a flight."""
         self._in_air[self._i] = in_air
 
-    def limits(
+    def set_limits(
         self,
         *,
         ramping: bool,

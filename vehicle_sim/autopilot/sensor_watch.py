@@ -1,4 +1,4 @@
-"""Reports sensor failures: silent or stale sensors, and start and stop of GNSS fusion."""
+"""Reports sensors without data, sensors with stale data, and start and stop of GNSS fusion."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.vehicle_view import VehicleView
 
 FAILED_AFTER_S, NO_DATA_AFTER_S = 0.3, 1.0
-"""Silence after which a driver counts as failed, and after which its data is invalid."""
+"""Time without data after which PX4 reports a failed driver, and after which the data counts as invalid."""
 STALE, TIMEOUT = 2, 4
 """Bits of sensor_failover_reason_t."""
 FIX_3D = 3
@@ -17,7 +17,7 @@ class SensorWatch:
 
     def __init__(self, view: VehicleView, announcer: Announcer) -> None:
         self._view, self._announcer = view, announcer
-        self._heard_at_s = {"baro": view.time_s, "mag": view.time_s}
+        self._received_at_s = {"baro": view.time_s, "mag": view.time_s}
         self._failed = {"baro": False, "mag": False}
         self._gnss_used = False
 
@@ -30,10 +30,10 @@ class SensorWatch:
             ("mag", sensors.mag_fresh.item(i), sensors.mag_stale.item(i)),
         ):
             if fresh or stale:
-                self._heard_at_s[name] = now_s
+                self._received_at_s[name] = now_s
             if fresh:
                 self._failed[name] = False
-            elif not self._failed[name] and (stale or now_s - self._heard_at_s[name] >= FAILED_AFTER_S):
+            elif not self._failed[name] and (stale or now_s - self._received_at_s[name] >= FAILED_AFTER_S):
                 self._failed[name] = True
                 reason, word = (STALE, "STALE") if stale else (TIMEOUT, "TIMEOUT")
                 self._announcer.text(0, f"{name.upper()} #0 failed:  {word}!\t")
@@ -44,16 +44,16 @@ class SensorWatch:
                 self._announcer.event(f"check_estimator_gnss_fusion_{'started' if used else 'stopped'}")
             self._gnss_used = used
 
-    def note_all_fresh(self) -> None:
-        """The same as `update` if both were and are fresh, and the use of GNSS has not changed."""
-        self._heard_at_s["baro"] = self._heard_at_s["mag"] = self._view.time_s
+    def note_fresh_data(self) -> None:
+        """Replaces `update` while both sensors send fresh data and the use of GNSS has not changed."""
+        self._received_at_s["baro"] = self._received_at_s["mag"] = self._view.time_s
 
-    def silent(self, name: str) -> bool:
-        """Whether "baro" or "mag" has sent nothing for NO_DATA_AFTER_S."""
-        return self._view.time_s - self._heard_at_s[name] >= NO_DATA_AFTER_S
+    def timed_out(self, name: str) -> bool:
+        """Whether "baro" or "mag" has sent no data for NO_DATA_AFTER_S."""
+        return self._view.time_s - self._received_at_s[name] >= NO_DATA_AFTER_S
 
     def gps_problem(self) -> str:
-        """Why the newest fix does not satisfy EKF2_REQ_*; empty: it does, or was not checked."""
+        """Why the newest fix does not satisfy EKF2_REQ_*; empty: no problem, or not checked."""
         view, i = self._view, self._view.row
         if not view.simulation.fusion.gps_quality_bad[i]:
             return ""

@@ -1,8 +1,8 @@
 """Speed and direction of the trajectory from waypoint to waypoint (PX4's position smoothing).
 
 The speed falls with the remaining distance, so that jerk and acceleration limits allow the stop or the corner
-speed. While the trajectory turns it does not accelerate, and it aims at the line to the target instead of at
-the target. Height and horizontal position are reached together. If the vehicle lags, the trajectory's time
+speed. While the trajectory turns, it does not accelerate, and it aims at the line to the target instead of at
+the target. Altitude and horizontal position are reached together. If the vehicle lags, the trajectory's time
 runs more slowly.
 """
 
@@ -38,8 +38,8 @@ SETTINGS = (
     _DOWN_ACCELERATION, _JERK, _ERROR_MAX, _TRAJECTORY_P, _ALTITUDE_RADIUS,
 ) = range(11)  # fmt: skip
 """Columns of the settings."""
-FROM, TO, ONWARD, ACCEPTANCE, TRIPLET_SIZE = 0, 3, 6, 9, 10
-"""Offsets in the numbers of a waypoint triplet: three positions and the acceptance radius."""
+PREVIOUS, TARGET, NEXT, ACCEPTANCE, TRIPLET_SIZE = 0, 3, 6, 9, 10
+"""Offsets in the row of a waypoint triplet: three positions (NED) and the acceptance radius."""
 _X, _Y, _Z = 0, 1, 2
 
 
@@ -63,7 +63,7 @@ class WaypointTriplet:
 
 
 class Smoothing:
-    """Three axes of one vehicle, and the speed they had before a turn.
+    """Three axes of one vehicle, and their horizontal speed before a turn.
 
     Args:
         view: the vehicle.
@@ -84,11 +84,11 @@ class Smoothing:
         self._settings_version = -1
         """Value of `parameter_changes` at which the settings were read."""
         self._triplet: WaypointTriplet | None = None
-        """The waypoints whose numbers are in `_triplet_numbers`."""
-        self._triplet_numbers = triplet
+        """The waypoints that `_triplet_row` contains."""
+        self._triplet_row = triplet
 
     def begin(self) -> None:
-        """Sets the stored speed before a turn to 0, so that a vehicle that does not move towards the target
+        """Sets the stored speed before a turn to 0, so that a vehicle not moving towards the target
         brakes first."""
         self._before_turn_m_s[0] = 0.0
 
@@ -99,7 +99,7 @@ class Smoothing:
         fly_triplet(
             self._axes,
             self._read_settings(),
-            self._triplet_numbers,
+            self._triplet_row,
             self._before_turn_m_s,
             dt_s,
             x,
@@ -115,20 +115,20 @@ class Smoothing:
         """Velocity setpoint along the waypoints, NED; the trajectory changes to it within its limits."""
         self._set_triplet(triplet)
         return _velocity_towards(
-            self._axes, self._read_settings(), self._triplet_numbers, self._before_turn_m_s, *limits
+            self._axes, self._read_settings(), self._triplet_row, self._before_turn_m_s, *limits
         )
 
-    def fly_level(self, dt_s: float, triplet: WaypointTriplet | None, limits: SpeedLimits) -> float:
+    def fly_horizontal(self, dt_s: float, triplet: WaypointTriplet | None, limits: SpeedLimits) -> float:
         """Advances north and east by one tick; without waypoints the trajectory brakes to a stop.
 
         Returns:
-            Tick length of the trajectory [s]; it is shorter while the vehicle lags.
+            By how much the trajectory time advanced [s]; less than a tick while the vehicle lags.
         """
         x, y, _ = self._view.estimate.position_ned_m
         if triplet is not None:
             self._set_triplet(triplet)
-        return fly_level(
-            self._axes, self._read_settings(), self._triplet_numbers, self._before_turn_m_s,
+        return fly_horizontal(
+            self._axes, self._read_settings(), self._triplet_row, self._before_turn_m_s,
             dt_s, x, y, triplet is not None, limits.cruise_m_s,
         )  # fmt: skip
 
@@ -136,9 +136,9 @@ class Smoothing:
         """Plans a vertical speed (down is positive) with the limits of its direction."""
         plan_vertical(self.z.row, self._read_settings(), velocity_m_s)
 
-    def vertical_speed(self, to_go_m: float, limits: SpeedLimits) -> float:
+    def vertical_speed(self, remaining_m: float, limits: SpeedLimits) -> float:
         """Speed for a climb (negative distance) or descent over this distance; never negative."""
-        return _vertical_speed(self._read_settings(), to_go_m, limits.climb_m_s, limits.descent_m_s)
+        return _vertical_speed(self._read_settings(), remaining_m, limits.climb_m_s, limits.descent_m_s)
 
     def _read_settings(self) -> Column:
         """Current parameter values."""
@@ -150,17 +150,17 @@ class Smoothing:
     def _set_triplet(self, triplet: WaypointTriplet) -> None:
         if triplet is not self._triplet:
             self._triplet = triplet
-            onward = triplet.next_ned_m or (math.nan, math.nan, math.nan)
-            self._triplet_numbers[:] = (
+            following = triplet.next_ned_m or (math.nan, math.nan, math.nan)
+            self._triplet_row[:] = (
                 *triplet.previous_ned_m,
                 *triplet.target_ned_m,
-                *onward,
+                *following,
                 triplet.acceptance_m,
             )
 
 
 @formula
-def _stretch(axes: Rows, settings: Column, x: float, y: float) -> float:
+def _time_factor(axes: Rows, settings: Column, x: float, y: float) -> float:
     """Time factor of the trajectory, below 1 if the vehicle lags behind the trajectory; 1 if the vehicle is
     ahead, because the trajectory would otherwise stop before its target."""
     behind_n, behind_e = axes[_X, POSITION] - x, axes[_Y, POSITION] - y
@@ -174,7 +174,7 @@ def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
     """A component of the velocity within its limit, and the factor by which the other component must slow
     down.
 
-    Slow components are only clipped, so that a small height error does not slow the horizontal flight.
+    Slow components are only clipped, so that a small altitude error does not slow the horizontal flight.
     """
     if speed_m_s <= limit_m_s:
         return speed_m_s, 1.0
@@ -184,8 +184,8 @@ def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
 
 @formula
 def _corner_speed(axes: Rows, settings: Column, triplet: Column) -> float:
-    an, ae = triplet[TO] - axes[_X, POSITION], triplet[TO + 1] - axes[_Y, POSITION]
-    bn, be = triplet[TO] - triplet[ONWARD], triplet[TO + 1] - triplet[ONWARD + 1]
+    an, ae = triplet[TARGET] - axes[_X, POSITION], triplet[TARGET + 1] - axes[_Y, POSITION]
+    bn, be = triplet[TARGET] - triplet[NEXT], triplet[TARGET + 1] - triplet[NEXT + 1]
     lengths = math.hypot(an, ae) * math.hypot(bn, be)
     cosine = (an * bn + ae * be) / lengths if lengths > 1e-9 else 0.0
     half = min(math.acos(max(-1.0, min(1.0, cosine))), math.pi - 1e-6) / 2.0
@@ -194,39 +194,39 @@ def _corner_speed(axes: Rows, settings: Column, triplet: Column) -> float:
 
 
 @formula
-def _level_speed(axes: Rows, settings: Column, triplet: Column, cruise_m_s: float) -> float:
+def _horizontal_speed(axes: Rows, settings: Column, triplet: Column, cruise_m_s: float) -> float:
     cruise = min(cruise_m_s if math.isfinite(cruise_m_s) else settings[_CRUISE], settings[_SPEED_MAX])
     jerk, acceleration = settings[_JERK], settings[_HORIZONTAL_ACCELERATION]
-    tn, te, td = triplet[TO], triplet[TO + 1], triplet[TO + 2]
-    nn, ne, nd = triplet[ONWARD], triplet[ONWARD + 1], triplet[ONWARD + 2]
+    tn, te, td = triplet[TARGET], triplet[TARGET + 1], triplet[TARGET + 2]
+    nn, ne, nd = triplet[NEXT], triplet[NEXT + 1], triplet[NEXT + 2]
     at_target = 0.0
     if not math.isnan(nn):
-        onward_m = math.hypot(nn - tn, ne - te)
-        same_height = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
-        if onward_m > 0.001 and onward_m >= triplet[ACCEPTANCE] and same_height:
-            exit_speed = max_speed_for_distance(jerk, acceleration, onward_m, 0.0)
+        next_leg_m = math.hypot(nn - tn, ne - te)
+        same_altitude = max(abs(td - axes[_Z, POSITION]), abs(nd - td)) < settings[_ALTITUDE_RADIUS]
+        if next_leg_m > 0.001 and next_leg_m >= triplet[ACCEPTANCE] and same_altitude:
+            exit_speed = max_speed_for_distance(jerk, acceleration, next_leg_m, 0.0)
             at_target = min(min(_corner_speed(axes, settings, triplet), exit_speed), cruise)
-    left_m = math.hypot(tn - axes[_X, POSITION], te - axes[_Y, POSITION])
-    return min(cruise, max_speed_for_distance(jerk, acceleration, left_m, at_target))
+    remaining_m = math.hypot(tn - axes[_X, POSITION], te - axes[_Y, POSITION])
+    return min(cruise, max_speed_for_distance(jerk, acceleration, remaining_m, at_target))
 
 
 @formula
 def _turning(axes: Rows, triplet: Column) -> bool:
     vn, ve = axes[_X, VELOCITY], axes[_Y, VELOCITY]
-    dn, de = triplet[TO] - axes[_X, POSITION], triplet[TO + 1] - axes[_Y, POSITION]
-    speed, left_m = math.hypot(vn, ve), math.hypot(dn, de)
-    if speed <= TURNING_SPEED_M_S or left_m <= triplet[ACCEPTANCE]:
+    dn, de = triplet[TARGET] - axes[_X, POSITION], triplet[TARGET + 1] - axes[_Y, POSITION]
+    speed, remaining_m = math.hypot(vn, ve), math.hypot(dn, de)
+    if speed <= TURNING_SPEED_M_S or remaining_m <= triplet[ACCEPTANCE]:
         return False
-    return (vn * dn + ve * de) / (speed * left_m) < ALIGNED
+    return (vn * dn + ve * de) / (speed * remaining_m) < ALIGNED
 
 
 @formula
 def _aim_point(axes: Rows, triplet: Column) -> tuple[float, float]:
-    """Point to aim at while turning: on the line to the target, one radius ahead of the trajectory.
+    """Point to aim at while turning: on the line to the target, at the L1 radius from the trajectory.
 
     Past the target, the point is the target itself.
     """
-    pn, pe, tn, te = triplet[FROM], triplet[FROM + 1], triplet[TO], triplet[TO + 1]
+    pn, pe, tn, te = triplet[PREVIOUS], triplet[PREVIOUS + 1], triplet[TARGET], triplet[TARGET + 1]
     length = math.hypot(tn - pn, te - pe)
     if length < 1e-6:
         return tn, te
@@ -236,19 +236,19 @@ def _aim_point(axes: Rows, triplet: Column) -> tuple[float, float]:
     if along > length:
         return tn, te
     closest_n, closest_e = pn + un * along, pe + ue * along
-    off_m = math.hypot(closest_n - x, closest_e - y)
+    cross_track_m = math.hypot(closest_n - x, closest_e - y)
     radius = max(triplet[ACCEPTANCE], L1_MIN_M)
-    ahead = math.sqrt(radius * radius - off_m * off_m) if radius > off_m else 0.0
+    ahead = math.sqrt(radius * radius - cross_track_m * cross_track_m) if radius > cross_track_m else 0.0
     return closest_n + un * ahead, closest_e + ue * ahead
 
 
 @formula
-def _level(
+def _horizontal_aim(
     axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, cruise_m_s: float
 ) -> tuple[float, float, float]:
     """The horizontal speed, and the distances north and east to the point to aim at."""
-    speed = _level_speed(axes, settings, triplet, cruise_m_s)
-    aim_n, aim_e = triplet[TO], triplet[TO + 1]
+    speed = _horizontal_speed(axes, settings, triplet, cruise_m_s)
+    aim_n, aim_e = triplet[TARGET], triplet[TARGET + 1]
     if _turning(axes, triplet):
         speed = min(speed, before_turn_m_s[0])
         aim_n, aim_e = _aim_point(axes, triplet)
@@ -258,19 +258,19 @@ def _level(
 
 
 @formula
-def _plan_level(axes: Rows, settings: Column, north_m_s: float, east_m_s: float) -> None:
+def _plan_horizontal(axes: Rows, settings: Column, north_m_s: float, east_m_s: float) -> None:
     plan(axes[_X], north_m_s, settings[_HORIZONTAL_ACCELERATION], settings[_JERK])
     plan(axes[_Y], east_m_s, settings[_HORIZONTAL_ACCELERATION], settings[_JERK])
 
 
 @kernel
-def _vertical_speed(settings: Column, way_m: float, climb_m_s: float, descent_m_s: float) -> float:
-    up = way_m < 0.0
+def _vertical_speed(settings: Column, distance_m: float, climb_m_s: float, descent_m_s: float) -> float:
+    up = distance_m < 0.0
     limit = climb_m_s if up else descent_m_s
     if not math.isfinite(limit):
         limit = settings[_UP_SPEED] if up else settings[_DOWN_SPEED]
     acceleration = settings[_UP_ACCELERATION] if up else settings[_DOWN_ACCELERATION]
-    return min(limit, max_speed_for_distance(settings[_JERK], acceleration, abs(way_m), 0.0))
+    return min(limit, max_speed_for_distance(settings[_JERK], acceleration, abs(distance_m), 0.0))
 
 
 @kernel
@@ -286,23 +286,23 @@ def plan_vertical(axis: Column, settings: Column, velocity_m_s: float) -> None:
 
 
 @kernel
-def fly_level(
+def fly_horizontal(
     axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, dt_s: float, x: float, y: float,
     has_triplet: bool, cruise_m_s: float,
 ) -> float:  # fmt: skip
-    """Advances north and east of one vehicle by one tick; returns the tick length of the trajectory [s]."""
-    stretched_s = dt_s * _stretch(axes, settings, x, y)
-    fly(axes[_X], stretched_s)
-    fly(axes[_Y], stretched_s)
+    """Advances north and east by one tick; returns by how much the trajectory time advanced [s]."""
+    advanced_s = dt_s * _time_factor(axes, settings, x, y)
+    fly(axes[_X], advanced_s)
+    fly(axes[_Y], advanced_s)
     north = east = 0.0
     if has_triplet:
-        speed, dn, de = _level(axes, settings, triplet, before_turn_m_s, cruise_m_s)
+        speed, dn, de = _horizontal_aim(axes, settings, triplet, before_turn_m_s, cruise_m_s)
         length = math.hypot(dn, de)
         if length > 1e-6:
             north, east = speed * dn / length, speed * de / length
-    _plan_level(axes, settings, north, east)
+    _plan_horizontal(axes, settings, north, east)
     synchronise(axes, 2)
-    return stretched_s
+    return advanced_s
 
 
 @kernel
@@ -311,8 +311,8 @@ def _velocity_towards(
     climb_m_s: float, descent_m_s: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Velocity setpoint along the waypoints, NED."""
-    horizontal, dn, de = _level(axes, settings, triplet, before_turn_m_s, cruise_m_s)
-    dd = triplet[TO + 2] - axes[_Z, POSITION]
+    horizontal, dn, de = _horizontal_aim(axes, settings, triplet, before_turn_m_s, cruise_m_s)
+    dd = triplet[TARGET + 2] - axes[_Z, POSITION]
     vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
     flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
     if length < 1e-6:
@@ -330,12 +330,12 @@ def fly_triplet(
     cruise_m_s: float, climb_m_s: float, descent_m_s: float,
 ) -> None:  # fmt: skip
     """Advances all axes of one vehicle by one tick along its waypoints."""
-    stretched_s = dt_s * _stretch(axes, settings, x, y)
+    advanced_s = dt_s * _time_factor(axes, settings, x, y)
     for k in range(3):
-        fly(axes[k], stretched_s)
+        fly(axes[k], advanced_s)
     north, east, down = _velocity_towards(
         axes, settings, triplet, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s
     )
-    _plan_level(axes, settings, north, east)
+    _plan_horizontal(axes, settings, north, east)
     plan_vertical(axes[_Z], settings, down)
     synchronise(axes, 3)

@@ -1,7 +1,7 @@
 """Ticks of all autopilots; for vehicles in steady flight they run in compiled loops.
 
 Most ticks decide nothing: an armed vehicle climbs, descends, flies a leg, follows a stream of trajectory
-setpoints or is pressed to the ground, no failsafe acts, no command has arrived, and its item is not finished.
+setpoints or is pressed to the ground; no failsafe acts, no command has arrived, and no item is finished.
 The compiled loops compute such ticks for all these vehicles together, with the same formulas and results as
 `Autopilot.update`. Geofence and the checks of the commander run at their own rates. A tick that may decide
 something runs in `Autopilot.update`.
@@ -15,12 +15,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from vehicle_sim.autopilot.autopilot import Autopilot
-from vehicle_sim.autopilot.flight_numbers import DOWN, RAMP, SETPOINT_DOWN, TILT, FlightNumbers
-from vehicle_sim.autopilot.land_detector import detect, detected_stages
+from vehicle_sim.autopilot.land_detector import detect, landing_stages
 from vehicle_sim.autopilot.path import GROUND_VELOCITY_DOWN_M_S, TICK_S
-from vehicle_sim.autopilot.smoothing import FROM, ONWARD, TO, fly_level, fly_triplet, plan_vertical
+from vehicle_sim.autopilot.smoothing import NEXT, PREVIOUS, TARGET, fly_horizontal, fly_triplet, plan_vertical
 from vehicle_sim.autopilot.steady_task import Motion, SteadyLimits
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffState, climb_limit
+from vehicle_sim.autopilot.tick_arrays import DOWN, RAMP, SETPOINT_DOWN, TILT, TickArrays
 from vehicle_sim.autopilot.trajectory import (
     ACCELERATION,
     POSITION,
@@ -44,7 +44,7 @@ from vehicle_sim.state import angles_of
     _ABOVE_AMSL, _ABOVE_DOWN, _ARRIVES_NORTH, _ARRIVES_EAST, _ARRIVES_WITHIN, _WAITS_SINCE, _WAITS_FOR,
     _TAKEOFF, _DETECTED, _HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE,
 ) = range(20)  # fmt: skip
-"""Columns of the tasks: `SteadyTask`, then home height and origin altitude from which it was computed."""
+"""Columns of the tasks: `SteadyTask`, then the home position (down) and the origin altitude of that task."""
 (
     _ESTIMATES_HOVER, _ROLL_FAILURE, _PITCH_FAILURE, _TILT_MAX, _YAW_RATE_MAX, _LAND_ALT1, _LAND_ALT2,
     _LAND_ALT3, _LAND_SPEED, _LAND_CRAWL, _TAKEOFF_SPEED, _TAKEOFF_RAMP, _CLIMB_MAX, _VELOCITY_GAIN,
@@ -57,7 +57,7 @@ _IS_PRESSED = int(Motion.PRESSED)
 _FLIGHT, _RAMPUP = int(TakeoffState.FLIGHT), int(TakeoffState.RAMPUP)
 _TRAJECTORY = int(ControlLevel.TRAJECTORY)
 _NEAR_M = 1e-6
-"""A vehicle this near to a threshold counts as having reached it; Python then decides exactly."""
+"""A vehicle this near to a threshold gets a full tick, in which `Autopilot.update` compares exactly."""
 
 
 class SteadyTicks:
@@ -65,12 +65,12 @@ class SteadyTicks:
 
     Args:
         simulation: the vehicles.
-        numbers: arrays of their autopilots.
+        arrays: the arrays of their autopilots.
     """
 
-    def __init__(self, simulation: Simulation, numbers: FlightNumbers) -> None:
+    def __init__(self, simulation: Simulation, arrays: TickArrays) -> None:
         count = simulation.count
-        self._simulation, self._numbers = simulation, numbers
+        self._simulation, self._arrays = simulation, arrays
         self._tasks, self._limits = (
             np.zeros((count, _TASK_SIZE)),
             np.zeros((count, len(SteadyLimits._fields))),
@@ -81,11 +81,11 @@ class SteadyTicks:
         self._row_numbers = np.zeros(0, dtype=np.int64)
 
     def update(self, autopilots: Sequence[Autopilot]) -> None:
-        """One tick of these autopilots; call it at 50 Hz."""
+        """Runs one tick of these autopilots; call it at 50 Hz."""
         steady = [autopilot.row for autopilot in autopilots if autopilot.stays_steady()]
         if steady:
-            self._look(steady)
-        flies: list[int] = []
+            self._detect(steady)
+        steady_rows: list[int] = []
         ready = self._ready.tolist()  # plain values, because access to single elements of arrays is slow
         for autopilot in autopilots:
             if not autopilot.steady:
@@ -93,11 +93,11 @@ class SteadyTicks:
             elif not ready[autopilot.row]:
                 autopilot.update_after_detection()
             elif autopilot.update_steady():
-                flies.append(autopilot.row)
+                steady_rows.append(autopilot.row)
                 continue
             self._begin(autopilot)
-        if flies:
-            self._fly(flies)
+        if steady_rows:
+            self._fly(steady_rows)
 
     def _begin(self, autopilot: Autopilot) -> None:
         """Begins a steady flight if the vehicle's next tick needs no decision."""
@@ -115,12 +115,12 @@ class SteadyTicks:
             self._rows, self._row_numbers = rows, np.array(rows, dtype=np.int64)
         return self._row_numbers
 
-    def _look(self, rows: list[int]) -> None:
-        simulation, numbers = self._simulation, self._numbers
+    def _detect(self, rows: list[int]) -> None:
+        simulation, arrays = self._simulation, self._arrays
         estimate, fusion = simulation.estimate, simulation.fusion
-        _look(
+        _detect(
             self._indices(rows), simulation.time_s, self._tasks, self._limits, self._resets,
-            numbers.detector, numbers.detector_limits, numbers.motion, estimate.position_ned_m,
+            arrays.detector, arrays.detector_limits, arrays.motion, estimate.position_ned_m,
             estimate.velocity_ned_m_s, estimate.q_ned_frd, estimate.rates_frd_rad_s, estimate.alt_amsl_m,
             estimate.origin_alt_amsl_m, estimate.height_above_ground_m, estimate.valid_velocity,
             estimate.valid_altitude, fusion.resets, fusion.heading_reset_counter, simulation.setpoints.level,
@@ -128,11 +128,11 @@ class SteadyTicks:
         )  # fmt: skip
 
     def _fly(self, rows: list[int]) -> None:
-        simulation, numbers = self._simulation, self._numbers
+        simulation, arrays = self._simulation, self._arrays
         estimate, setpoints = simulation.estimate, simulation.setpoints
         _fly(
-            self._indices(rows), self._tasks, self._limits, numbers.axes, numbers.settings, numbers.triplet,
-            numbers.before_turn_m_s, numbers.yaw, numbers.seen_heading_rad, numbers.motion,
+            self._indices(rows), self._tasks, self._limits, arrays.axes, arrays.settings, arrays.triplet,
+            arrays.before_turn_m_s, arrays.yaw, arrays.last_heading_rad, arrays.motion,
             estimate.position_ned_m, estimate.q_ned_frd, estimate.height_above_ground_m,
             simulation.fusion.heading_good_for_control, setpoints.position_ned_m, setpoints.velocity_ned_m_s,
             setpoints.acceleration_ned_m_s2, setpoints.yaw_ned_rad, setpoints.yaw_rate_ned_rad_s,
@@ -143,11 +143,11 @@ class SteadyTicks:
 @formula
 def _ended(task: Column, now_s: float, position: Column, alt_amsl_m: float) -> bool:
     """Whether the motion may have ended."""
-    away_m = math.hypot(task[_ARRIVES_NORTH] - position[0], task[_ARRIVES_EAST] - position[1])
+    distance_m = math.hypot(task[_ARRIVES_NORTH] - position[0], task[_ARRIVES_EAST] - position[1])
     return (
         alt_amsl_m > task[_ABOVE_AMSL] - _NEAR_M
         or position[2] <= task[_ABOVE_DOWN] + _NEAR_M
-        or away_m <= task[_ARRIVES_WITHIN] + _NEAR_M
+        or distance_m <= task[_ARRIVES_WITHIN] + _NEAR_M
         or now_s - task[_WAITS_SINCE] >= task[_WAITS_FOR]
     )
 
@@ -174,14 +174,14 @@ def _upright(limits: Column, q_ned_frd: Column) -> bool:
 
 
 @kernel
-def _look(
+def _detect(
     rows: Integers, now_s: float, tasks: Rows, limits: Rows, counts: IntegerRows, detector: Rows,
     detector_limits: Rows, motion: Rows, position: Rows, velocity: Rows, q_ned_frd: Rows, rates: Rows,
     alt_amsl_m: Column, origin_alt_m: Column, height_m: Column, valid_velocity: Flags, valid_altitude: Flags,
     resets: IntegerRows, heading_resets: Integers, level: Integers, thrust: Column, hover_thrust: Column,
     ready: Flags,
 ) -> None:  # fmt: skip
-    """Runs the land detectors; sets `ready` (N,): whether no decision is needed."""
+    """Runs the land detectors; sets `ready` (N,): whether the vehicle needs no full tick."""
     for row in rows:
         r = int(row)
         down_m_s = (position[r, 2] - motion[r, DOWN]) / TICK_S
@@ -199,7 +199,7 @@ def _look(
         ready[r] = (
             level[r] == _TRAJECTORY
             and origin_alt_m[r] == tasks[r, _ORIGIN_ALT]
-            and detected_stages(detector[r]) == tasks[r, _DETECTED]
+            and landing_stages(detector[r]) == tasks[r, _DETECTED]
             and not _ramp_ends(tasks[r], limits[r], motion[r])
             and not _was_reset(counts[r], resets, heading_resets, r)
             and _upright(limits[r], q_ned_frd[r])
@@ -213,29 +213,29 @@ def _climb(
     position: Column,
 ) -> None:  # fmt: skip
     """One tick of `Climb.run`."""
-    tick_s = fly_level(
+    tick_s = fly_horizontal(
         axes, settings, triplet, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
     )
     axis = axes[2]
     low = task[_HOME_DOWN] - position[2] < limits[_LAND_ALT1]
     if low:
         axis[POSITION] = position[2]
-    to_go_m = task[_TARGET_DOWN] - axis[POSITION]
+    remaining_m = task[_TARGET_DOWN] - axis[POSITION]
     fly(axis, tick_s)
     speed, acceleration = settings[_UP_SPEED], settings[_UP_ACCELERATION]
-    if to_go_m > 0.0:
+    if remaining_m > 0.0:
         speed, acceleration = settings[_DOWN_SPEED], settings[_DOWN_ACCELERATION]
     elif low:
         speed = limits[_TAKEOFF_SPEED]
         if limits[_TAKEOFF_RAMP] > 0.0:
             acceleration = min(acceleration, speed / limits[_TAKEOFF_RAMP])
-    wanted = min(speed, max_speed_for_distance(settings[_JERK], acceleration, abs(to_go_m), 0.0))
-    plan(axis, math.copysign(wanted, to_go_m), acceleration, settings[_JERK])
+    wanted = min(speed, max_speed_for_distance(settings[_JERK], acceleration, abs(remaining_m), 0.0))
+    plan(axis, math.copysign(wanted, remaining_m), acceleration, settings[_JERK])
 
 
 @formula
 def _land_speed(limits: Column, settings: Column, down_m: float, range_m: float) -> float:
-    """`Descent`'s speed at this height."""
+    """`Descent`'s speed at this height above ground."""
     height = -down_m if math.isnan(range_m) else range_m
     fast, slow = settings[_DOWN_SPEED], limits[_LAND_SPEED]
     high, low = limits[_LAND_ALT1], limits[_LAND_ALT2]
@@ -253,12 +253,12 @@ def _descend(
     task: Column, limits: Column, axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column,
     position: Column, range_m: float,
 ) -> None:  # fmt: skip
-    """One tick of `Descent.run`; without a target height, the target waypoint has the trajectory's height."""
-    if math.isnan(task[_TARGET_DOWN]) and triplet[TO + 2] != axes[2, POSITION]:
+    """One tick of `Descent.run`; without a target altitude, the target follows the trajectory's altitude."""
+    if math.isnan(task[_TARGET_DOWN]) and triplet[TARGET + 2] != axes[2, POSITION]:
         for k in range(3):
-            triplet[FROM + k], triplet[ONWARD + k] = position[k], math.nan
-        triplet[TO + 2] = axes[2, POSITION]
-    tick_s = fly_level(
+            triplet[PREVIOUS + k], triplet[NEXT + k] = position[k], math.nan
+        triplet[TARGET + 2] = axes[2, POSITION]
+    tick_s = fly_horizontal(
         axes, settings, triplet, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
     )
     fly(axes[2], tick_s)
@@ -299,7 +299,7 @@ def _face(task: Column, axes: Rows, yaw: Column) -> None:
 @kernel
 def _fly(
     rows: Integers, tasks: Rows, limits: Rows, axes: Blocks, settings: Rows, triplet: Rows,
-    before_turn_m_s: Rows, yaw: Rows, seen_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows,
+    before_turn_m_s: Rows, yaw: Rows, last_heading_rad: Rows, motion: Rows, position: Rows, q_ned_frd: Rows,
     range_m: Column, heading_good: Flags, setpoint_position: Rows, setpoint_velocity: Rows,
     setpoint_acceleration: Rows, setpoint_yaw: Column, setpoint_yaw_rate: Column, tilt_limit: Column,
     climb_limit_m_s: Column,
@@ -312,7 +312,7 @@ def _fly(
         kind = tasks[r, _MOTION]
         if kind == _IS_STREAM:
             continue
-        seen_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
+        last_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
         if kind == _IS_PRESSED:
             _press(axes[r], position[r])
             continue
@@ -338,7 +338,7 @@ def _fly(
         if heading_good[r]:
             turn(yaw[r], TICK_S, limits[r, _YAW_RATE_MAX])
         else:
-            follow_heading(yaw[r], seen_heading_rad[r, 0])
+            follow_heading(yaw[r], last_heading_rad[r, 0])
         for k in range(3):
             setpoint_position[r, k] = axes[r, k, POSITION]
             setpoint_velocity[r, k] = axes[r, k, VELOCITY]

@@ -22,7 +22,7 @@ def ground_task(
 ) -> SteadyTask | None:
     """The motion until the state of take-off or landing changes; None: the mode needs full ticks."""
     mode, state = commander.active, takeoff.state
-    touches = state is TakeoffState.FLIGHT and detector.ground_contact
+    has_contact = state is TakeoffState.FLIGHT and detector.ground_contact
     if navigator.awaits_rally_check:
         return None
     if mode is NavState.TAKEOFF and state is TakeoffState.RAMPUP:
@@ -31,13 +31,13 @@ def ground_task(
         task = PRESSED._replace(
             waits_since_s=takeoff.armed_at_s, waits_for_s=view.parameter("COM_SPOOLUP_TIME")
         )
-    elif mode in LANDING_MODES and (touches or state is TakeoffState.READY):
+    elif mode in LANDING_MODES and (has_contact or state is TakeoffState.READY):
         task = PRESSED
     else:
         return None
     if task is None:
         return None
-    task = task._replace(takeoff=state, detected=detector.detected)
+    task = task._replace(takeoff=state, landing_stages=detector.stages)
     if commander.landed and state is not TakeoffState.SPOOLUP:  # the task ends before disarming
         since_s = commander.landed_at_s if commander.flew else commander.armed_at_s
         wait_s = auto_disarm_after_s(view, flew=commander.flew)
@@ -47,4 +47,4 @@ def ground_task(
 
 def is_grounded(takeoff: TakeoffRamp, detector: LandDetector) -> bool:
     """Whether the vehicle is on the ground or in its take-off ramp."""
-    return not takeoff.flying or detector.detected != 0.0
+    return not takeoff.flying or detector.stages != 0.0

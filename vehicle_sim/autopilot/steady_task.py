@@ -18,7 +18,7 @@ class Motion(IntEnum):
     DESCENT = 2
     LEG = 3
     STREAM = 4
-    """Trajectory setpoints in Offboard; the autopilot writes the newest at each tick."""
+    """Trajectory setpoints in Offboard; the autopilot writes the newest setpoint at each tick."""
     PRESSED = 5
     """The vehicle is pressed to the ground, before take-off or after ground contact."""
 
@@ -28,11 +28,11 @@ class SteadyTask(NamedTuple):
 
     motion: Motion
     cruise_m_s: float
-    """Speeds; a value that is not finite means the parameter's value."""
+    """Speed; not finite: the parameter applies. The same for the next two."""
     climb_m_s: float
     descent_m_s: float
     target_down_m: float = math.nan
-    """Of a climb, or of a descent; NaN: the descent has no target height."""
+    """Target of a climb or descent, down in the local frame; NaN: a descent without a target altitude."""
     towards_north_m: float = 0.0
     """The nose points to this position while the trajectory is farther away than `towards_min_m`."""
     towards_east_m: float = 0.0
@@ -41,7 +41,7 @@ class SteadyTask(NamedTuple):
     ends_above_amsl_m: float = math.inf
     """The climb ends above this estimated altitude."""
     ends_above_down_m: float = -math.inf
-    """The climb ends at or above this local height."""
+    """The climb ends when the position down is at or below this value, so at or above this altitude."""
     arrives_north_m: float = 0.0
     """The leg ends within `arrives_within_m` of this point."""
     arrives_east_m: float = 0.0
@@ -50,9 +50,9 @@ class SteadyTask(NamedTuple):
     """The mission item ends `waits_for_s` after this time."""
     waits_for_s: float = 0.0
     takeoff: TakeoffState = TakeoffState.FLIGHT
-    """A change ends the motion; so does the end of the take-off ramp."""
-    detected: float = 0.0
-    """`LandDetector.detected`; a change ends the motion."""
+    """A change of the take-off state ends the motion; so does the end of the take-off ramp."""
+    landing_stages: float = 0.0
+    """`LandDetector.stages`; a change ends the motion."""
 
 
 STREAM = SteadyTask(Motion.STREAM, math.nan, math.nan, math.nan)
@@ -83,8 +83,8 @@ class SteadyLimits(NamedTuple):
     """MPC_Z_VEL_P_ACC."""
 
     @classmethod
-    def of(cls, view: VehicleView) -> SteadyLimits:
-        """The vehicle's current parameters."""
+    def for_vehicle(cls, view: VehicleView) -> SteadyLimits:
+        """The limits of the vehicle's current parameters."""
         parameter = view.parameter
         roll_deg, pitch_deg = (
             limit if limit > 0.0 else math.inf for limit in (parameter("FD_FAIL_R"), parameter("FD_FAIL_P"))

@@ -33,7 +33,7 @@ class Sticks:
         self.raw = Deflection()
         self.received_at_s = -math.inf
         self.moved = False
-        """A stick moved faster than COM_RC_STICK_OV; cleared by the code that handles it."""
+        """Whether a stick has moved faster than COM_RC_STICK_OV; the autopilot clears it."""
 
     def receive(self, x: int, y: int, z: int, r: int) -> bool:
         """Handles one stick input (ranges of MANUAL_CONTROL); False: sticks are disabled or an axis is
@@ -44,9 +44,9 @@ class Sticks:
         now_s = self._view.time_s
         since_s = now_s - self.received_at_s
         if self.valid and since_s > 0.0:
-            fastest = 0.01 * self._view.parameter("COM_RC_STICK_OV")
+            threshold_per_s = 0.01 * self._view.parameter("COM_RC_STICK_OV")
             changes = (new.forward - self.raw.forward, new.right - self.raw.right, new.yaw - self.raw.yaw)
-            self.moved = self.moved or any(abs(change) / since_s > fastest for change in changes)
+            self.moved = self.moved or any(abs(change) / since_s > threshold_per_s for change in changes)
         self.raw, self.received_at_s = new, now_s
         return True
 
@@ -62,7 +62,7 @@ class Sticks:
         return moved and self.valid and bool(self._view.choice("COM_RC_OVERRIDE") & bit)
 
     def shaped(self) -> Deflection:
-        """Stick positions with dead zone and expo, for Position and Altitude modes."""
+        """Stick positions after dead zone and expo, for Position and Altitude modes."""
         parameter = self._view.parameter
         zone = parameter("MPC_HOLD_DZ")
         horizontal, vertical, turn = (
@@ -70,10 +70,10 @@ class Sticks:
         )
         raw = self.raw
         return Deflection(
-            _expo(_dead(raw.forward, zone), horizontal),
-            _expo(_dead(raw.right, zone), horizontal),
-            _expo(_dead(raw.yaw, zone), turn),
-            _expo(_dead(raw.throttle, zone), vertical),
+            _expo(_dead_zone(raw.forward, zone), horizontal),
+            _expo(_dead_zone(raw.right, zone), horizontal),
+            _expo(_dead_zone(raw.yaw, zone), turn),
+            _expo(_dead_zone(raw.throttle, zone), vertical),
         )
 
     def acro_rates_rad_s(self) -> tuple[float, float, float]:
@@ -89,7 +89,7 @@ class Sticks:
         )
 
     def thrust(self, hover_thrust: float) -> float:
-        """Collective thrust of Stabilized; by MPC_THR_CURVE the stick centre is hover thrust (0) or half
+        """Collective thrust in Stabilized mode; MPC_THR_CURVE: the stick centre is hover thrust (0) or half
         thrust (1)."""
         parameter = self._view.parameter
         throttle = 0.5 * (self.raw.throttle + 1.0)
@@ -105,7 +105,7 @@ def _unit(value: float) -> float:
     return max(-1.0, min(1.0, value))
 
 
-def _dead(value: float, zone: float) -> float:
+def _dead_zone(value: float, zone: float) -> float:
     if abs(value) <= zone or zone >= 1.0:
         return 0.0
     return (value - math.copysign(zone, value)) / (1.0 - zone)

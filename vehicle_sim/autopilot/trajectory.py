@@ -1,8 +1,8 @@
 """Smooth motion of one axis: a velocity is reached as fast as acceleration and jerk limits allow.
 
 The change of velocity has three parts (jerk, constant acceleration, opposite jerk), as in PX4's smoothing.
-Axes that move together use the duration of the slowest, so that they follow one curve. An axis is a row of
-numbers for the compiled functions below; `Axis` gives names to the row's numbers.
+Axes that move together take as long as the slowest axis, so that they follow one curve. An axis is a row of
+numbers for the compiled functions; `Axis` gives names to the row's numbers.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ durations of the three parts [s], and whether a plan exists since the reset. Wit
 is kept."""
 
 _NEGLIGIBLE = 1e-6
-"""Accelerations [m/s²] and changes [m/s] below this count as zero."""
+"""Smaller accelerations [m/s²] and velocity changes [m/s] count as zero."""
 
 
 @kernel
 def max_speed_for_distance(
     jerk_m_s3: float, acceleration_m_s2: float, distance_m: float, final_speed_m_s: float
 ) -> float:
-    """The highest speed from which the vehicle can stop within `distance_m` under both limits."""
+    """The highest speed from which the final speed can be reached within `distance_m` under both limits."""
     jerk_m_s3 = max(jerk_m_s3, 0.1)
     distance_m = max(distance_m, 0.0)
     b = 4.0 * acceleration_m_s2 * acceleration_m_s2 / jerk_m_s3
@@ -106,23 +106,23 @@ def _stretch(axis: Column, total_s: float) -> None:
 @kernel
 def fly(axis: Column, dt_s: float) -> None:
     """Advances along the plan; after its end the velocity is constant."""
-    left_s = dt_s
+    remaining_s = dt_s
     for part in range(3):
         part_s = axis[FIRST + part]
-        if part_s > 0.0 and left_s > 0.0:
-            step_s = min(left_s, part_s)
+        if part_s > 0.0 and remaining_s > 0.0:
+            step_s = min(remaining_s, part_s)
             _move(axis, step_s, (1 - part) * axis[JERK])
-            left_s -= step_s
+            remaining_s -= step_s
             axis[FIRST + part] = part_s - step_s
-    if left_s > 0.0:
+    if remaining_s > 0.0:
         if axis[PLANNED] != 0.0:
             axis[ACCELERATION] = 0.0
-        _move(axis, left_s, 0.0)
+        _move(axis, remaining_s, 0.0)
 
 
 @kernel
 def synchronise(axes: Rows, count: int) -> None:
-    """Stretches the plans of the first `count` axes to the duration of the slowest."""
+    """Stretches the plans of the first `count` axes to the duration of the slowest axis."""
     longest_s = 0.0
     for k in range(count):
         longest_s = max(longest_s, axes[k, FIRST] + axes[k, MIDDLE] + axes[k, LAST])
@@ -147,7 +147,7 @@ class Axis:
     """One axis.
 
     Args:
-        row: its numbers; default: a new row, at rest at zero.
+        row: the axis's numbers; default: a new row, at rest at zero.
     """
 
     position_m = _number_property(POSITION)
@@ -157,7 +157,7 @@ class Axis:
     def __init__(self, row: NDArray[np.float64] | None = None) -> None:
         self.row = np.zeros(SIZE) if row is None else row
         self.values: memoryview[float] = self.row.data.cast("B").cast("d")
-        """The same numbers; access is several times as fast."""
+        """The numbers of `row`; access is several times as fast."""
 
     def reset(self, position_m: float, velocity_m_s: float = 0.0) -> None:
         """Sets position and velocity, without acceleration."""
@@ -166,7 +166,7 @@ class Axis:
 
 
 YAW_RATE_TIME_CONSTANT_S = 0.2
-"""Time constant of the low-pass on the fed-forward yaw rate (from recorded turns: 63 % after 0.2 s)."""
+"""Time constant of the low-pass on the fed-forward yaw rate (recorded turns: 63 % after 0.2 s)."""
 YAW, YAW_RATE, YAW_TARGET, YAW_LOCKED, YAW_SIZE = range(5)
 """The numbers of a heading: the heading [rad], its rate [rad/s], its target [rad] and the heading at the
 start of the flight task [rad]."""
@@ -193,8 +193,8 @@ def turn(yaw: Column, dt_s: float, rate_max_rad_s: float) -> None:
 
 @kernel
 def follow_heading(yaw: Column, heading_rad: float) -> None:
-    """Sets a heading that is not controlled to the estimated one; a target that is the heading at the start
-    of the flight task follows it."""
+    """Sets a heading that is not controlled to the estimated heading; also the target, if it is still the
+    heading at the start of the flight task."""
     yaw[YAW], yaw[YAW_RATE] = heading_rad, 0.0
     if yaw[YAW_TARGET] == yaw[YAW_LOCKED]:
         yaw[YAW_TARGET] = yaw[YAW_LOCKED] = heading_rad
@@ -204,7 +204,7 @@ class YawRamp:
     """A heading with the rate limit MPC_YAWRAUTO_MAX; its rate is fed forward through a low-pass.
 
     Args:
-        row: its numbers.
+        row: the heading's numbers.
     """
 
     yaw_ned_rad = _number_property(YAW)

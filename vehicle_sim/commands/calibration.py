@@ -1,7 +1,7 @@
-"""PREFLIGHT_CALIBRATION as in PX4: its texts, replies and results.
+"""PREFLIGHT_CALIBRATION as in PX4: texts, replies and results.
 
-All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides requests
-each side of the vehicle, and fails if the vehicle is not turned.
+All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides asks for
+each side of the vehicle in turn, and fails if nobody turns the vehicle.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ MOTION = "[cal] detected motion, hold still..."
 PROGRESS_S = 0.1
 TEXT_INTERVAL_S = 0.05
 """Delay between two texts."""
-AFTER_A_SIDE_S = 0.136
+SIDE_PAUSE_S = 0.136
 ACCEL_STILL_S, MAG_STILL_S, MAG_TOLERANCE = 1.3, 0.5, 3.0
 """Required duration of rest, and tolerance of motion."""
 ACCEL_SAMPLES, GYRO_SAMPLES, QUICK_SAMPLES = 750, 250, 7
 REST_TIMEOUT_S = 90.0
 FAILURES_ALLOWED = 4
-"""Number of failed attempts (side already done, or none detected) before the calibration fails."""
+"""Number of failed attempts (side already measured, or no side detected) before the calibration fails."""
 RUNNING_AFTER_S = 0.6
-"""A calibration still counts as running for this time after its last text."""
+"""A calibration counts as running until this time after its last text."""
 Action = Callable[[], None]
 FloatArray = NDArray[np.float64]
 Steps = Generator[float, None, None]
@@ -80,32 +80,32 @@ class CalibrationCommands:
         }
 
     def calibrate(self, c: Command) -> int | None:
-        """Starts the calibration of the first parameter that is set; all zero cancels."""
+        """Starts the calibration that the first set parameter selects; all zero cancels a calibration."""
         if self._host.autopilot.commander.armed:
             return TEMPORARILY_REJECTED
-        wanted = [int(p) if math.isfinite(p) else 0 for p in (c.p1, c.p2, c.p3, c.p4, c.p5, c.p6, c.p7)]
-        if not any(wanted):
+        requested = [int(p) if math.isfinite(p) else 0 for p in (c.p1, c.p2, c.p3, c.p4, c.p5, c.p6, c.p7)]
+        if not any(requested):
             return self._cancel(c)
         if self._running:
             return TEMPORARILY_REJECTED
-        if wanted[0] == 1:
+        if requested[0] == 1:
             return self._begin(self._gyro)
-        if wanted[1] == 1:
+        if requested[1] == 1:
             return self._begin(self._mag)
-        if wanted[2] == 1:
+        if requested[2] == 1:
             return self._begin(self._baro)
-        if wanted[3] in (1, 2):
+        if requested[3] in (1, 2):
             return self._begin(self._remote)
-        if wanted[4] in (ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK):
+        if requested[4] in (ACCELEROMETER_FULL, LEVEL, ACCELEROMETER_QUICK):
             starts = {ACCELEROMETER_FULL: self._accelerometer, LEVEL: self._level,
                       ACCELEROMETER_QUICK: self._accelerometer_quick}  # fmt: skip
-            return self._begin(starts[wanted[4]])
-        if wanted[5] in (1, 2):
+            return self._begin(starts[requested[4]])
+        if requested[5] in (1, 2):
             return self._begin(self._airspeed)
-        if wanted[6] == 1:
+        if requested[6] == 1:
             self._text("[cal] calibration failed: Disconnect battery and try again", CRITICAL)
             return DENIED
-        return None if wanted[0] or wanted[2] else UNSUPPORTED
+        return None if requested[0] or requested[2] else UNSUPPORTED
 
     def fixed_mag(self, c: Command) -> int:
         """FIXED_MAG_CAL_YAW: calibrates the compass from a given heading and the known field."""
@@ -149,13 +149,13 @@ class CalibrationCommands:
         self._running = name
         self._text(f"[cal] calibration started: 2 {name}")
 
-    def _done(self, name: str) -> None:
+    def _succeed(self, name: str) -> None:
         self._text(f"[cal] calibration done: {name}")
         self._after(RUNNING_AFTER_S, lambda: setattr(self, "_running", ""))
 
-    def _failed(self, name: str, why: str = "") -> None:
-        if why:
-            self._text(f"[cal] {why}", CRITICAL)
+    def _fail(self, name: str, reason: str = "") -> None:
+        if reason:
+            self._text(f"[cal] {reason}", CRITICAL)
         self._running = ""
         self._text(f"[cal] calibration failed: {name}", CRITICAL)
 
@@ -171,7 +171,7 @@ class CalibrationCommands:
         yield 0.04
         self._readings.store("CAL_GYRO0_", "OFF", offset)
         yield 0.04
-        self._done("gyro")
+        self._succeed("gyro")
 
     def _mag(self) -> None:
         self._start("mag")
@@ -181,11 +181,11 @@ class CalibrationCommands:
     def _rotate(self, _side: Side) -> Check:
         """Samples the field while the vehicle is turned on one side."""
         self._text("[cal] Rotate vehicle")
-        taken = yield from self._readings.turned_fields()
-        self._fields += taken
-        if not taken:
+        fields = yield from self._readings.fields_while_turning()
+        self._fields += fields
+        if not fields:
             self._text("Failed: This calibration requires rotation.", CRITICAL)
-        return bool(taken)
+        return bool(fields)
 
     def _learn_mag(self) -> bool:
         try:
@@ -218,11 +218,11 @@ class CalibrationCommands:
         return True
 
     def _learn_accelerometer(self) -> bool:
-        found = offset_and_scale(self._means)
-        if found is None:
+        result = offset_and_scale(self._means)
+        if result is None:
             return False
-        self._readings.store("CAL_ACC0_", "OFF", found[0], send=False)
-        self._readings.store("CAL_ACC0_", "SCALE", found[1])
+        self._readings.store("CAL_ACC0_", "OFF", result[0], send=False)
+        self._readings.store("CAL_ACC0_", "SCALE", result[1])
         return True
 
     # --- sides -----------------------------------------------------------------------------------------
@@ -246,24 +246,24 @@ class CalibrationCommands:
             yield TEXT_INTERVAL_S
         elif succeeded and learn():
             yield TEXT_INTERVAL_S
-            self._done(name)
+            self._succeed(name)
             return
-        self._failed(name)
+        self._fail(name)
 
     def _each_side(self, still_s: float, tolerance: float, measure: Callable[[Side], Check]) -> Check:
-        done: list[Side] = []
+        measured: list[Side] = []
         failures = 0
-        while len(done) < len(Side) and self._cancelled_by is None:
+        while len(measured) < len(Side) and self._cancelled_by is None:
             self._measuring = False
             if failures > FAILURES_ALLOWED:
                 self._text("[cal] calibration failed: timeout: no motion", CRITICAL)
                 return False
             yield TEXT_INTERVAL_S
-            self._text("[cal] pending: " + " ".join(side.value for side in Side if side not in done))
+            self._text("[cal] pending: " + " ".join(side.value for side in Side if side not in measured))
             yield TEXT_INTERVAL_S
             self._text(STILL)
             side = yield from self._wait_for_rest(RestDetector(still_s, tolerance))
-            if side is None or side in done:
+            if side is None or side in measured:
                 failures += 1
                 self._text(MOTION if side is None else f"[cal] {side.value} side already completed")
                 continue
@@ -273,24 +273,24 @@ class CalibrationCommands:
                 yield TEXT_INTERVAL_S
             if not (yield from measure(side)):
                 return False
-            done.append(side)
+            measured.append(side)
             for _ in range(2):
                 self._text(f"[cal] {side.value} side done, rotate to a different side")
                 yield TEXT_INTERVAL_S
-            yield AFTER_A_SIDE_S - TEXT_INTERVAL_S
+            yield SIDE_PAUSE_S - TEXT_INTERVAL_S
         return self._cancelled_by is None
 
     def _wait_for_rest(self, detector: RestDetector) -> Generator[float, None, Side | None]:
-        """The side that points down when the vehicle is at rest; None: held at an angle, or not at rest in
-        time."""
+        """The side that points down when the vehicle is at rest; None: tilted between two sides, or no rest
+        within REST_TIMEOUT_S."""
         simulation = self._host.view.simulation
-        begun_s = simulation.time_s
-        while simulation.time_s - begun_s < REST_TIMEOUT_S:
+        started_at_s = simulation.time_s
+        while simulation.time_s - started_at_s < REST_TIMEOUT_S:
             yield 0.0
             x, y, z = self._readings.accel().tolist()
             rest = detector.feed((x, y, z), simulation.dt_s)
             if rest is Rest.BEGAN:
-                begun_s = simulation.time_s
+                started_at_s = simulation.time_s
                 self._text(REST)
             elif rest is Rest.BROKEN:
                 self._text(MOTION)
@@ -308,15 +308,15 @@ class CalibrationCommands:
         self._run(self._learn_baro())
 
     def _learn_baro(self) -> Steps:
-        found = yield from self._readings.learn_baro()
-        if found:
-            self._done("baro")
+        has_fix = yield from self._readings.learn_baro()
+        if has_fix:
+            self._succeed("baro")
         else:
-            self._failed("GPS required for baro cal")
+            self._fail("GPS required for baro cal")
 
     def _remote(self) -> None:
         self._running = "rc"
-        self._announcer.both(INFO, "Calibration: Disabling RC input", "commander_calib_rc_off")
+        self._announcer.announce(INFO, "Calibration: Disabling RC input", "commander_calib_rc_off")
 
     def _level(self) -> None:
         self._start("level")
@@ -326,20 +326,20 @@ class CalibrationCommands:
 
     def _learn_level(self) -> Steps:
         yield TEXT_INTERVAL_S
-        wrong = yield from self._readings.learn_level()
+        problem = yield from self._readings.learn_level()
         yield 0.03
         self._progress(100)
         yield TEXT_INTERVAL_S
-        if wrong:
-            self._failed("level", wrong)
+        if problem:
+            self._fail("level", problem)
         else:
-            self._done("level")
+            self._succeed("level")
 
     def _accelerometer_quick(self) -> None:
         self._run(self._learn_quickly())
 
     def _learn_quickly(self) -> Steps:
-        """Calibrates on the assumption that the vehicle is level."""
+        """Calibrates the accelerometer; assumes that the vehicle is level."""
         mean = yield from self._readings.mean(self._readings.accel, QUICK_SAMPLES)
         self._readings.store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))
 
@@ -349,7 +349,7 @@ class CalibrationCommands:
             TEXT_INTERVAL_S / 2, lambda: self._text("[cal] Ensure sensor is not measuring wind", CRITICAL)
         )
 
-    # --- ends ------------------------------------------------------------------------------------------
+    # --- cancelling and helpers ------------------------------------------------------------------------
 
     def _cancel(self, c: Command) -> int | None:
         running = self._running
@@ -363,7 +363,7 @@ class CalibrationCommands:
         self._token += 1
         self._running = ""
         if running == "rc":
-            self._announcer.both(INFO, "Calibration: Restoring RC input", "commander_calib_rc_on")
+            self._announcer.announce(INFO, "Calibration: Restoring RC input", "commander_calib_rc_on")
             return ACCEPTED
         self._host.acknowledge(c, ACCEPTED)
         self._text("[cal] calibration cancelled", CRITICAL)
@@ -387,11 +387,11 @@ class CalibrationCommands:
     def _run(self, steps: Steps) -> None:
         token = self._token
 
-        def go() -> None:
+        def run_next() -> None:
             if token != self._token:
                 return
             wait_s = next(steps, None)
             if wait_s is not None:
-                self._host.after(wait_s, go)
+                self._host.after(wait_s, run_next)
 
-        go()
+        run_next()

@@ -17,7 +17,7 @@ ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED, FAILED, IN_PROGRESS, CANCEL
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Number and parameters; p5 and p6 are in degrees, also of a COMMAND_INT."""
+    """A command; p5 and p6 are in degrees, also if it was received as a COMMAND_INT."""
 
     number: int
     p1: float
@@ -35,7 +35,7 @@ class Command:
 
 
 Handler = Callable[[Command], int | None]
-"""Executes a command; returns a MAV_RESULT, or None if PX4 sends no reply."""
+"""Executes a command; returns a MAV_RESULT, or None if PX4 sends no acknowledgement."""
 
 
 class CommandHost(Protocol):
@@ -63,11 +63,11 @@ class CommandHost(Protocol):
 
 
 def execute(host: CommandHost, handlers: Mapping[int, Handler], command: Command) -> None:
-    """Executes a command and acknowledges it; its texts are sent after the acknowledgement."""
+    """Executes a command and acknowledges it; sends its status texts after the acknowledgement."""
     handler = handlers.get(command.number)
     announcer = host.autopilot.announcer
-    announcer.hold()
+    announcer.pause()
     result = UNSUPPORTED if handler is None else handler(command)
     if result is not None:
         host.acknowledge(command, result)
-    announcer.release()
+    announcer.resume()

@@ -1,8 +1,8 @@
 """INJECT_FAILURE as in PX4's simulation.
 
 The battery can be discharged. Motor failures are acknowledged without an effect on the flight: in PX4 they
-only mask the reports of the speed controllers, and this vehicle has none. Sensors and all other units get no
-answer, as in PX4. Use a fault script for other failures.
+only mask the reports of the speed controllers, and this vehicle has none. PX4 does not acknowledge failures
+of other units, such as sensors; use a fault script for those.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class FailureCommands:
         self.commands: dict[int, Handler] = {INJECT_FAILURE: self.inject}
 
     def inject(self, command: Command) -> int | None:
-        """Unit and kind of failure in param1 and param2."""
+        """Injects the failure of the unit in param1 and of the type in param2."""
         if self._host.view.choice("SYS_FAILURE_EN") != 1:
             return DENIED
         unit = self._units.get(_as_integer(command.p1))

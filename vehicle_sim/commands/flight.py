@@ -20,11 +20,11 @@ from vehicle_sim.commands.command import (
 )
 from vehicle_sim.geodesy import is_position
 
-NO_ANSWER = frozenset(
+NO_ACKNOWLEDGEMENT = frozenset(
     {0, 1, 2, 93, 203, 206, 214, 242, 243, 260, 311, 500, 521, 530, 531, 532, 2003, 2511, 3000, 30001,
      30002, 42600}
 )  # fmt: skip
-"""PX4 sends no acknowledgement for these: no module handles them, or their module does not acknowledge."""
+"""Commands that PX4 does not acknowledge: no module handles them, or the module sends no acknowledgement."""
 ALWAYS_ACCEPTED = frozenset({187, 191, 2510})
 """Commands without effect here: actuator sets, aborted fixed-wing landing, log stream."""
 ARM_DISARM, SET_MODE, SET_STANDARD_MODE = 400, 176, 262
@@ -35,7 +35,7 @@ RUN_PREARM_CHECKS, STORAGE, REBOOT, ACTUATOR_TEST = 401, 245, 246, 310
 GRIPPER, AUTOTUNE, EXTERNAL_POSITION, EXTERNAL_WIND = 211, 212, 43003, 43004
 VTOL_TAKEOFF = 84
 SET_NAV_STATE = 100_001
-"""Command inside PX4 and over ROS 2 only, because its number is too large for MAVLink."""
+"""Command only inside PX4 and over ROS 2: the number is too large for MAVLink."""
 FORCE = 21196
 AUTO_FLAG, GUIDED_FLAG, STABILIZE_FLAG, MANUAL_FLAG, CUSTOM_FLAG = 4, 8, 16, 64, 1
 """MAV_MODE_FLAG."""
@@ -49,7 +49,7 @@ STORAGE_RESETS = {
 }
 """param1 of PREFLIGHT_STORAGE: parameters to reset, and exceptions from them."""
 GRIPPER_S = 1.0
-"""PD_GRIPPER_TO: a gripper without feedback counts as done after this time."""
+"""PD_GRIPPER_TO: the movement of a gripper without feedback counts as finished after this time."""
 ALTITUDE_LIMIT_M = 100_000.0
 """Largest altitude that messages can contain."""
 INT32_MAX = 0x7FFFFFFF
@@ -67,9 +67,9 @@ class FlightCommands:
         self._commander = host.autopilot.commander
         self._navigator = host.autopilot.navigator
         self._announcer = host.autopilot.announcer
-        self._gripper_holds = True
+        self._gripper_closed = True
         self.commands: dict[int, Handler] = {
-            **dict.fromkeys(NO_ANSWER, lambda c: None),
+            **dict.fromkeys(NO_ACKNOWLEDGEMENT, lambda c: None),
             **dict.fromkeys(ALWAYS_ACCEPTED, lambda c: ACCEPTED),
             ARM_DISARM: self._arm,
             SET_MODE: self._set_mode,
@@ -98,7 +98,7 @@ class FlightCommands:
             # An external position is used only during dead reckoning.
             EXTERNAL_POSITION: lambda c: TEMPORARILY_REJECTED,
             EXTERNAL_WIND: self._external_wind,
-            # PX4 accepts the mode on every vehicle; a multicopter holds in it.
+            # PX4 accepts the mode on every vehicle; in it a multicopter keeps its position.
             VTOL_TAKEOFF: lambda c: self._switch(NavState.VTOL_TAKEOFF),
         }
 
@@ -108,10 +108,10 @@ class FlightCommands:
         action = _rounded(c.p1)
         if action == 0:
             reason = Reason.EXTERNAL_COMMAND if c.external else Reason.INTERNAL_COMMAND
-            done = self._commander.disarm(reason, force=_rounded(c.p2) == FORCE)
-            return ACCEPTED if done else TEMPORARILY_REJECTED
+            disarmed = self._commander.disarm(reason, force=_rounded(c.p2) == FORCE)
+            return ACCEPTED if disarmed else TEMPORARILY_REJECTED
         if action != 1:
-            self._announcer.both(
+            self._announcer.announce(
                 2, f"Unsupported ARM_DISARM param: {c.p1:.3f}", "commander_unsupported_arm_disarm_param",
                 "f", c.p1,
             )  # fmt: skip
@@ -125,7 +125,7 @@ class FlightCommands:
     def _switch_by_numbers(self, c: Command) -> int:
         base = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
         if not base & CUSTOM_FLAG:
-            mode = _mode_of_flags(base)
+            mode = _mode_from_flags(base)
             return (
                 ACCEPTED
                 if mode is None
@@ -136,7 +136,7 @@ class FlightCommands:
         try:
             mode = from_numbers(main, sub)
         except UnsupportedAutoMode:
-            self._announcer.both(2, "Unsupported auto mode", "commander_unsupported_auto_mode")
+            self._announcer.announce(2, "Unsupported auto mode", "commander_unsupported_auto_mode")
             return TEMPORARILY_REJECTED
         if mode is None:
             return ACCEPTED
@@ -171,7 +171,7 @@ class FlightCommands:
     def _land(self, c: Command) -> int:
         result = self._switch(NavState.LAND)
         if result == ACCEPTED:
-            self._announcer.both(6, "Landing at current position", "commander_landing_current_pos")
+            self._announcer.announce(6, "Landing at current position", "commander_landing_current_pos")
         return result
 
     def _return(self, c: Command) -> int:
@@ -180,7 +180,7 @@ class FlightCommands:
     def _precision_land(self, c: Command) -> int:
         result = self._switch(NavState.PRECISION_LAND)
         if result == ACCEPTED:
-            self._announcer.both(6, "Precision landing", "commander_landing_prec_land")
+            self._announcer.announce(6, "Precision landing", "commander_landing_prec_land")
         return result
 
     def _orbit(self, c: Command) -> int:
@@ -204,7 +204,9 @@ class FlightCommands:
         if result != ACCEPTED or not self._commander.armed:
             return result
         if outside:
-            self._announcer.both(2, "Reposition is outside geofence", "navigator_reposition_outside_geofence")
+            self._announcer.announce(
+                2, "Reposition is outside geofence", "navigator_reposition_outside_geofence"
+            )
         elif self._commander.active is NavState.HOLD:
             self._navigator.goto(c.p5, c.p6, c.p7, c.p4)
             if math.isfinite(c.p1) and c.p1 > 0.0:
@@ -214,13 +216,13 @@ class FlightCommands:
         return result
 
     def _change_altitude(self, c: Command) -> int:
-        """Holds at the altitude AMSL in param1 [m], at the horizontal position where the vehicle stops."""
+        """Switches to Hold at the altitude AMSL in param1 [m], and stops the vehicle horizontally."""
         outside = self._is_outside_fence(math.nan, math.nan, c.p1)
         result = self._switch(NavState.HOLD)
         if result != ACCEPTED or not self._commander.armed:
             return result
         if outside:
-            self._announcer.both(
+            self._announcer.announce(
                 2, "Altitude outside the geofence", "navigator_change_altitude_outside_geofence"
             )
         elif self._commander.active is NavState.HOLD:
@@ -229,8 +231,8 @@ class FlightCommands:
 
     def _is_outside_fence(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
         estimate = self._host.view.estimate
-        here = estimate.lat_deg, estimate.lon_deg
-        lat, lon = (lat_deg, lon_deg) if is_position(lat_deg, lon_deg) else here
+        current = estimate.lat_deg, estimate.lon_deg
+        lat, lon = (lat_deg, lon_deg) if is_position(lat_deg, lon_deg) else current
         alt = alt_amsl_m if math.isfinite(alt_amsl_m) else estimate.alt_amsl_m
         return math.isfinite(lat) and not self._navigator.fence.allows(lat, lon, alt)
 
@@ -269,21 +271,23 @@ class FlightCommands:
         self._commander.start_mission(float(start))
         return ACCEPTED
 
-    # --- the rest --------------------------------------------------------------------------------------
+    # --- other commands --------------------------------------------------------------------------------
 
     def _actuator_test(self, c: Command) -> int | None:
         if self._commander.armed or self._host.view.choice("COM_MOT_TEST_EN") != 1:
             return DENIED
-        which = int(c.p5 + 0.5) if math.isfinite(c.p5) else 0
+        function = int(c.p5 + 0.5) if math.isfinite(c.p5) else 0
         known = (
-            FIRST_MOTOR <= which < FIRST_MOTOR + MOTORS
-            or FIRST_SERVO <= which < FIRST_SERVO + SERVOS
-            or which >= PX4_FUNCTIONS
+            FIRST_MOTOR <= function < FIRST_MOTOR + MOTORS
+            or FIRST_SERVO <= function < FIRST_SERVO + SERVOS
+            or function >= PX4_FUNCTIONS
         )
         return ACCEPTED if known else None
 
     def _high_latency(self, c: Command) -> int:
-        self._announcer.both(2, "No high-latency telemetry to control", "commander_ctrl_high_latency_failed")
+        self._announcer.announce(
+            2, "No high-latency telemetry to control", "commander_ctrl_high_latency_failed"
+        )
         return FAILED
 
     def _checks(self, c: Command) -> int:
@@ -293,18 +297,18 @@ class FlightCommands:
     def _storage(self, c: Command) -> int | None:
         if self._commander.armed:
             return TEMPORARILY_REJECTED
-        what = int(c.p1) if math.isfinite(c.p1) else -1
-        if what in STORAGE_RESETS:
-            only, keep = STORAGE_RESETS[what]
+        action = int(c.p1) if math.isfinite(c.p1) else -1
+        if action in STORAGE_RESETS:
+            only, keep = STORAGE_RESETS[action]
             parameters = self._host.view.parameters
             self._host.later(lambda: parameters.reset_all(only=only, keep=keep))
-        return ACCEPTED if what in (LOAD, SAVE, *STORAGE_RESETS) else None
+        return ACCEPTED if action in (LOAD, SAVE, *STORAGE_RESETS) else None
 
     def _gripper(self, c: Command) -> int | None:
-        grab = c.p2 == 1.0
-        if grab == self._gripper_holds:
+        closes = c.p2 == 1.0
+        if closes == self._gripper_closed:
             return ACCEPTED
-        self._gripper_holds = grab
+        self._gripper_closed = closes
         self._host.acknowledge(c, IN_PROGRESS, progress=255)
         self._host.after(GRIPPER_S, lambda: self._host.acknowledge(c, ACCEPTED))
         return None
@@ -319,7 +323,7 @@ class FlightCommands:
 
     def _external_wind(self, c: Command) -> int:
         self._host.acknowledge(c, ACCEPTED)
-        return UNSUPPORTED  # PX4 answers twice, as recorded
+        return UNSUPPORTED  # recorded PX4 sends both acknowledgements
 
 
 def _rounded(value: float) -> int:
@@ -329,8 +333,8 @@ def _rounded(value: float) -> int:
     return int(math.copysign(math.floor(min(abs(value), INT32_MAX) + 0.5), value))
 
 
-def _mode_of_flags(base: int) -> NavState | None:
-    """The mode of the deprecated base mode flags, without a PX4 custom mode."""
+def _mode_from_flags(base: int) -> NavState | None:
+    """The mode that the deprecated base mode flags select; None: no mode."""
     if base & AUTO_FLAG:
         return NavState.MISSION
     if not base & MANUAL_FLAG:

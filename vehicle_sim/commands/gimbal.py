@@ -1,4 +1,4 @@
-"""The gimbal manager's commands (protocol version 2), and the deprecated mount commands that PX4 accepts."""
+"""Commands of the gimbal manager (protocol version 2), and the deprecated mount commands that PX4 accepts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOUNT_RETRACT, MOUNT_NEUTRAL, MOUNT_MAVLINK, MOUNT_RC, MOUNT_GPS = 0, 1, 2, 3, 4
 
 
 class GimbalCommands:
-    """Gimbal manager commands: control of the gimbal, and its target."""
+    """Handles gimbal commands: control of the gimbal, and its target."""
 
     def __init__(self, host: CommandHost) -> None:
         self._host = host
@@ -31,7 +31,7 @@ class GimbalCommands:
         }
 
     def configure(self, command: Command) -> int | None:
-        """Takes, passes on or releases control; the secondary controller is not stored."""
+        """Takes, transfers or releases control; the secondary controller is ignored."""
         if not self._gimbal.enabled:
             return None
         system = _whole(command.p1)
@@ -39,7 +39,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def pitch_yaw(self, command: Command) -> int | None:
-        """Sets angles or rates, in degrees."""
+        """Sets pitch and yaw: angles [deg] or rates [deg/s]."""
         if not self._gimbal.enabled:
             return None
         if not self._gimbal.controls(command.sender):
@@ -51,7 +51,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi_location(self, command: Command) -> int:
-        """Points at a location (ROI); the sender need not have control of the gimbal."""
+        """Points at a location (ROI), also for a sender without control of the gimbal."""
         self._gimbal.point_at(command.p5, command.p6, command.p7)
         return ACCEPTED
 
@@ -73,7 +73,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def mount(self, command: Command) -> int | None:
-        """The deprecated DO_MOUNT_CONTROL; the sender need not have control of the gimbal."""
+        """The deprecated DO_MOUNT_CONTROL, also for a sender without control of the gimbal."""
         if not self._gimbal.enabled:
             return None
         mode = _whole(command.p7)

@@ -16,15 +16,15 @@ from vehicle_sim.magnetic_field import field_ned_gauss
 from vehicle_sim.sensors.suite import pressure_hpa
 from vehicle_sim.vehicle_view import VehicleView
 
-KEPT_WITHIN = 0.01
-"""A result that differs less than this from the stored one is not stored; in the parameter's unit."""
+MIN_CHANGE = 0.01
+"""A result that differs less from the stored value is not stored; in the parameter's unit."""
 PRIORITY = 50
 """Priority of a calibrated sensor whose priority is not set."""
-LEVEL_S, LEVEL_STILL_RAD, LEVEL_WITHIN_RAD = 0.5, math.radians(0.5), 0.8
+LEVEL_S, LEVEL_STILL_RAD, LEVEL_MAX_RAD = 0.5, math.radians(0.5), 0.8
 BARO_S, BARO_EVERY_S = 3.0, 0.1
 MAG_ROTATION_S, MAG_EVERY_S = 100.0, 0.02
 """Time limit for turning the vehicle on one side, and the sampling period."""
-MAG_TURNED_RAD, MAG_SAMPLES_A_SIDE, MAG_APART = 0.5, 40, 0.03
+MAG_TURNED_RAD, MAG_SAMPLES_PER_SIDE, MAG_SEPARATION = 0.5, 40, 0.03
 """Rotation of the field before sampling starts, samples for each side, and the minimum distance between
 samples as a fraction of the field strength."""
 FIX_2D, VERTICAL_ACCURACY_M = 2, 100.0
@@ -65,24 +65,24 @@ class Readings:
         matrix = board_matrix(estimate.roll_rad, estimate.pitch_rad, yaw_ned_rad)
         return matrix.T @ np.array(field_ned_gauss())
 
-    def turned_fields(self) -> Generator[float, None, list[FloatArray]]:
+    def fields_while_turning(self) -> Generator[float, None, list[FloatArray]]:
         """Raw compass readings while the vehicle is turned; empty if it is not turned in time."""
-        view, first, taken = self._view, self.mag(), list[FloatArray]()
+        view, first, fields = self._view, self.mag(), list[FloatArray]()
         strength, end_s = float(np.linalg.norm(first)), view.simulation.time_s + MAG_ROTATION_S
         while view.simulation.time_s < end_s:
             yield MAG_EVERY_S
             field = self.mag()
-            if not taken and float(np.linalg.norm(field - first)) < MAG_TURNED_RAD * strength:
+            if not fields and float(np.linalg.norm(field - first)) < MAG_TURNED_RAD * strength:
                 continue
-            if all(float(np.linalg.norm(field - each)) > MAG_APART * strength for each in taken):
-                taken.append(field)
-            if len(taken) == MAG_SAMPLES_A_SIDE:
-                return taken
+            if all(float(np.linalg.norm(field - each)) > MAG_SEPARATION * strength for each in fields):
+                fields.append(field)
+            if len(fields) == MAG_SAMPLES_PER_SIDE:
+                return fields
         return []
 
     @staticmethod
     def mean(read: Callable[[], FloatArray], samples: int) -> Generator[float, None, FloatArray]:
-        """Mean of a number of readings; yields 0 (the next sample) before each."""
+        """Mean of a number of readings; yields 0 (wait for the next sample) before each reading."""
         total = np.zeros(3)
         for _ in range(samples):
             yield 0.0
@@ -90,24 +90,24 @@ class Readings:
         return total / samples
 
     def store(self, prefix: str, what: str, values: FloatArray, *, send: bool = True) -> None:
-        """Stores the result of three axes if it differs; `send` sends the sensor's parameters."""
+        """Stores the result of three axes if it differs; with `send`, also sends the sensor's parameters."""
         names = [f"{prefix}{axis}{what}" for axis in "XYZ"]
-        if float(np.linalg.norm(values - self._triple(prefix, what))) > KEPT_WITHIN:
+        if float(np.linalg.norm(values - self._triple(prefix, what))) > MIN_CHANGE:
             for name, value in zip(names, values.tolist(), strict=True):
                 self._view.parameters.set(name, value)
         if send:
             self.send(prefix)
 
     def send(self, prefix: str) -> None:
-        """Sends a sensor's parameters to every ground station; first sets the priority of a sensor without
-        one."""
+        """Sends a sensor's parameters to every ground station; before, sets a missing priority of the sensor
+        to PRIORITY."""
         store = self._view.parameters
         if store.get(f"{prefix}PRIO") < 0:
             store.set(f"{prefix}PRIO", PRIORITY)
         self._send_parameters([name for name in store.names if name.startswith(prefix)])
 
     def learn_level(self) -> Generator[float, None, str]:
-        """Stores the mean attitude of half a second as level (SENS_BOARD_*_OFF); returns a problem, or ""."""
+        """Stores the mean attitude over LEVEL_S as level (SENS_BOARD_*_OFF); returns a problem, or ""."""
         view = self._view
         rolls, pitches = list[float](), list[float]()
         end_s = view.simulation.time_s + LEVEL_S
@@ -121,7 +121,7 @@ class Readings:
             math.fsum(rolls) / len(rolls), math.fsum(pitches) / len(pitches)
         )
         for name, angle in (("roll", roll), ("pitch", pitch)):
-            if abs(angle) > LEVEL_WITHIN_RAD:
+            if abs(angle) > LEVEL_MAX_RAD:
                 return f"excess {name} angle"
         view.parameters.set("SENS_BOARD_X_OFF", math.degrees(roll))
         view.parameters.set("SENS_BOARD_Y_OFF", math.degrees(pitch))
@@ -140,8 +140,8 @@ class Readings:
                 altitudes_m.append(float(sensors.gps_alt_amsl_m[i]))
         if not altitudes_m:
             return False
-        wanted_hpa = float(pressure_hpa(np.asarray(math.fsum(altitudes_m) / len(altitudes_m))))
-        bias_pa = 100.0 * (math.fsum(pressures_hpa) / len(pressures_hpa) - wanted_hpa)
+        expected_hpa = float(pressure_hpa(np.asarray(math.fsum(altitudes_m) / len(altitudes_m))))
+        bias_pa = 100.0 * (math.fsum(pressures_hpa) / len(pressures_hpa) - expected_hpa)
         view.parameters.set("CAL_BARO0_OFF", view.parameter("CAL_BARO0_OFF") + bias_pa)
         return True
 
@@ -162,7 +162,7 @@ class Readings:
 
 
 def board_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float = 0.0) -> FloatArray:
-    """(3, 3) rotation matrix of these angles; yaw is the first rotation."""
+    """(3, 3) rotation matrix from roll, pitch and yaw; the yaw rotation is the first."""
     return rotation_matrix(np.array([quaternion_of(roll_rad, pitch_rad, yaw_rad)]))[0]
 
 

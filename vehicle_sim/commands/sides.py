@@ -1,7 +1,7 @@
 """Detects which side of a vehicle points down and whether it is at rest, for calibrations by sides.
 
-As in PX4 it uses only the accelerometer: a moving average, a decaying maximum of the deviation from it, and a
-time for which the deviation must be small.
+As in PX4, the detection uses only the accelerometer: a moving average, a decaying maximum of the deviation
+from the average, and a time for which the deviation must be small.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Side(Enum):
 
     @property
     def axis(self) -> int:
-        """Which body axis (x forward, y right, z down) is vertical."""
+        """Index of the vertical body axis (x forward, y right, z down)."""
         return list(Side).index(self) // 2
 
     @property
@@ -49,7 +49,7 @@ class Side(Enum):
 
     @property
     def sign(self) -> float:
-        """Sign of the reading on that axis at rest: the specific force points up."""
+        """Sign of the reading on the vertical axis at rest: the specific force points up."""
         return 1.0 if self in (Side.BACK, Side.LEFT, Side.UP) else -1.0
 
 
@@ -74,7 +74,7 @@ class Rest(Enum):
 
 
 class RestDetector:
-    """Detects a vehicle that is held still.
+    """Detects a vehicle at rest.
 
     Args:
         still_s: required duration of rest.
@@ -114,7 +114,7 @@ class RestDetector:
 
     @property
     def side(self) -> Side | None:
-        """The side that points down; None: held at an angle."""
+        """The side that points down; None: tilted between sides."""
         for side in Side:
             rest = [0.0, 0.0, 0.0]
             rest[side.axis] = side.sign * GRAVITY_M_S2

@@ -1,7 +1,7 @@
-"""Control allocation: collective thrust and torques become four motor signals (PX4's, airmode off).
+"""Control allocation: collective thrust and torques become four motor signals, as in PX4 with airmode off.
 
 The mixer is the normalised pseudo-inverse of the rotor geometry (CA_ROTOR*). If a signal is outside 0..1,
-demands are reduced in PX4's order: thrust, then roll and pitch, then yaw; a margin keeps some yaw.
+demands are reduced in PX4's order: thrust, then roll and pitch, then yaw; a margin keeps some yaw torque.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Allocation:
         Raises:
             ValueError: rotors that cannot control all four axes.
         """
-        rows = mixer_of(parameters)
+        rows = mixer_from_parameters(parameters)
         self._mixer[i] = rows
         self._inverse_mixer[i] = np.linalg.pinv(rows)[:, :3]
 
@@ -51,7 +51,7 @@ class Allocation:
         """Writes the motor signals.
 
         Args:
-            powered: (N,) vehicles whose motors are controlled; the motors of the others stop.
+            powered: (N,) vehicles whose motors are controlled; all other motors stop.
             torque: (N, 3) normalised.
             thrust: (N,) collective.
             motors: (N, 4) written, 0..1.
@@ -116,7 +116,7 @@ def _step_length(motors: FloatArray, axis: FloatArray, sign: float, highest: flo
     return most_negative + most_positive
 
 
-def mixer_of(parameters: Parameters) -> FloatArray:
+def mixer_from_parameters(parameters: Parameters) -> FloatArray:
     """(4, ROTOR_COUNT): motor signals per unit of roll, pitch, yaw torque and of collective thrust.
 
     Raises:

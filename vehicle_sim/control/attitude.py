@@ -1,4 +1,4 @@
-"""Attitude control: the attitude error becomes body rates (mc_att_control).
+"""Attitude control: the attitude error becomes body rate setpoints (mc_att_control).
 
 Tilt has priority: the shortest rotation that aligns the thrust axis, then the part of the yaw rotation that
 MC_YAW_WEIGHT allows.
@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _OPPOSITE = 1e-6
-"""Below this norm the thrust axes are opposite, and the yaw part of the rotation is not defined."""
+"""Below this norm the thrust axes are opposite, and the yaw part of the rotation is undefined."""
 
 
 class AttitudeControl:
@@ -53,10 +53,10 @@ class AttitudeControl:
         """Writes the body rate setpoints.
 
         Args:
-            controlled: (N,) vehicles whose attitude is controlled; the rates of the others are not changed.
+            controlled: (N,) vehicles whose attitude is controlled; other rows are not changed.
             q: (N, 4) attitude.
             q_setpoint: (N, 4) attitude setpoint.
-            yaw_rate_ned_rad_s: (N,) feed-forward about the vertical; NaN: none.
+            yaw_rate_ned_rad_s: (N,) feed-forward about the vertical; NaN: no feed-forward.
             rates: (N, 3) written.
         """
         _rotate_towards(

@@ -57,9 +57,9 @@ class Cascade:
         self._allocation = Allocation(count)
         self._steps = 0
         self._thrust = np.zeros(count)
-        self._groups = _Groups.of(count)
+        self._groups = _Groups.for_count(count)
         self._any_direct = False
-        """Whether any vehicle is controlled by thrust and torque or by motor signals."""
+        """Whether any vehicle is at level THRUST_TORQUE or MOTORS."""
         self.motor_signal = np.zeros((count, ROTOR_COUNT))
         """(N, 4) 0..1, motor signals to the rotors."""
         self.motors_us = np.full((count, ROTOR_COUNT), MOTOR_DISARMED_US)
@@ -127,7 +127,7 @@ class Cascade:
             setpoints.override_level[rows] = _DISARMED
 
     def _override_rates(self, setpoints: Setpoints) -> None:
-        """Applies overriding body rates that arrived between two runs of the outer controllers."""
+        """Applies overriding body rates that were received between two runs of the outer controllers."""
         rows = (setpoints.override_level == _RATES) & self._groups.trajectory
         if any_of(rows):
             rates = np.clip(np.nan_to_num(setpoints.rates_frd_rad_s), -_MAX_RATE_RAD_S, _MAX_RATE_RAD_S)
@@ -153,7 +153,7 @@ class Cascade:
             target,
             self._thrust,
         )
-        _take_lower_levels(
+        _copy_lower_levels(
             groups.level, setpoints.override_level, setpoints.q_ned_frd, setpoints.rates_frd_rad_s,
             setpoints.thrust, target.q_ned_frd, target.rates_frd_rad_s, self._thrust,
         )  # fmt: skip
@@ -188,22 +188,22 @@ class _Groups:
     level: IntArray
     """ControlLevel; DISARMED for vehicles that are not armed."""
     powered: BoolArray
-    """At least one controller runs."""
+    """Vehicles for which at least one controller runs."""
     rates: BoolArray
-    """The body rates are controlled."""
+    """Vehicles whose body rates are controlled."""
     attitude: BoolArray
-    """The attitude is controlled."""
+    """Vehicles whose attitude is controlled."""
     trajectory: BoolArray
-    """The position is controlled."""
+    """Vehicles at level TRAJECTORY."""
     reset_integral: BoolArray
-    """Vehicles that have just entered level TRAJECTORY or are still on the ground. PX4 integrates from the
-    start of the take-off ramp, while the vehicle is still on the ground. That downward part of the integral
-    delays lift-off until about 3 s after the start of the ramp."""
+    """Vehicles that have just entered level TRAJECTORY, or that are on the ground before the take-off ramp.
+    PX4 integrates from the start of the ramp, while the vehicle is still on the ground; this integral points
+    down and delays lift-off until about 3 s after the start of the ramp."""
     grounded: BoolArray
-    """The hover thrust cannot be estimated."""
+    """Vehicles whose hover thrust cannot be estimated."""
 
     @classmethod
-    def of(cls, count: int) -> _Groups:
+    def for_count(cls, count: int) -> _Groups:
         """Groups of disarmed vehicles."""
         masks = np.zeros((6, count), dtype=np.bool_)
         return cls(np.zeros(count, dtype=np.int64), *masks)
@@ -215,13 +215,13 @@ def _update_groups(
     powered: Flags, rates: Flags, attitude: Flags, trajectory: Flags, reset_integral: Flags,
     grounded: Flags, thrust: Column, target_rates: Rows,
 ) -> bool:  # fmt: skip
-    """Groups the vehicles; those without a controller get zero thrust. Returns whether any is controlled
-    below body rates."""
+    """Groups the vehicles; vehicles without a controller get zero thrust. Returns whether any vehicle is at
+    level THRUST_TORQUE or MOTORS."""
     any_direct = False
     for i in range(level.shape[0]):
-        level[i] = now = requested_level[i] if armed[i] else _DISARMED
-        powered[i], rates[i], attitude[i] = now > _DISARMED, now >= _RATES, now >= _ATTITUDE
-        on_trajectory = now == _TRAJECTORY
+        level[i] = current = requested_level[i] if armed[i] else _DISARMED
+        powered[i], rates[i], attitude[i] = current > _DISARMED, current >= _RATES, current >= _ATTITUDE
+        on_trajectory = current == _TRAJECTORY
         reset_integral[i] = on_trajectory and (not trajectory[i] or (landed[i] and not ramp[i]))
         trajectory[i] = on_trajectory
         grounded[i] = not armed[i] or landed[i] or ramp[i]
@@ -232,11 +232,11 @@ def _update_groups(
 
 
 @kernel
-def _take_lower_levels(
+def _copy_lower_levels(
     level: Integers, override_level: Integers, q: Rows, rates: Rows, thrust: Column,
     target_q: Rows, target_rates: Rows, target_thrust: Column,
 ) -> None:  # fmt: skip
-    """Copies attitude, rate and thrust setpoints of vehicles at those levels; NaN changes nothing.
+    """Copies the setpoints of vehicles at the levels ATTITUDE to MOTORS; an invalid quaternion is ignored.
 
     An attitude setpoint that overrides a trajectory is applied once.
     """

@@ -81,7 +81,7 @@ class HoverThrust:
         """Updates the estimates with one measurement.
 
         Args:
-            active: (N,) vehicles that fly under thrust control.
+            active: (N,) vehicles in flight at level TRAJECTORY.
             lift: (N,) thrust setpoint times the cosine of the tilt.
             acceleration_up_m_s2: (N,).
             velocity_ned_m_s: (N, 3).
@@ -109,7 +109,7 @@ def _update(
     velocity: Rows, default: Column, process_variance: Column, gate: Column,
     range_: Column, speed_limits: Rows, value: Column, variance: Column, noise: Column,
 ) -> None:  # fmt: skip
-    share = dt_s / (_NOISE_TIME_CONSTANT_S + dt_s)
+    weight = dt_s / (_NOISE_TIME_CONSTANT_S + dt_s)
     for i in range(value.shape[0]):
         if not (active[i] and use[i]):
             continue
@@ -127,4 +127,4 @@ def _update(
             value[i] = min(max(hover + gain * innovation, lowest), highest)
             variance[i] = constrain((1.0 - gain * slope) * variance[i], 1e-10, 1.0)
         squared = constrain(innovation * innovation, _MIN_NOISE_M2_S4, 40.0)
-        noise[i] += share * (squared - noise[i])
+        noise[i] += weight * (squared - noise[i])

@@ -1,7 +1,7 @@
 """Position and velocity control: trajectory setpoints become an attitude and a thrust (mc_pos_control).
 
 P on position, PID on velocity, acceleration to thrust vector, thrust vector to attitude. NaN in a setpoint
-means "not controlled". As in PX4, the sum of a finite value and NaN is the finite value.
+means "not controlled". As in PX4, the sum of a finite value and NaN is the finite value (`_sum`).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class PositionControl:
         self._derivative_gain = np.ones((count, 3))
         self._velocity = np.zeros((count, 3))
         self._velocity_rate = np.zeros((count, 3))
-        self._heading_before_rad = np.zeros(count)
+        self._last_heading_rad = np.zeros(count)
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads MPC_* of vehicle `i`."""
@@ -82,7 +82,7 @@ class PositionControl:
         self.velocity_integral[i] = 0.0
 
     def filter_velocity(self, estimate: EstimateState) -> None:
-        """Updates the filtered velocity and its derivative, also while position control is off."""
+        """Updates the filtered velocity and its derivative; needed also while position control is off."""
         _filter_velocity(
             self._dt_s, estimate.velocity_ned_m_s, self._velocity_keep, self._derivative_gain, self._velocity,
             self._velocity_rate,
@@ -104,13 +104,13 @@ class PositionControl:
         """Runs one control step.
 
         Args:
-            controlled: (N,) vehicles at level TRAJECTORY; the rows of the others are not changed.
+            controlled: (N,) vehicles at level TRAJECTORY; other rows are not changed.
             reset_integral: (N,) vehicles whose velocity integral is cleared: position control has just begun,
                 or the vehicle is on the ground.
             setpoints: the trajectory setpoints.
             estimate: estimated states of the vehicles.
             hover_thrust: (N,).
-            target: written: the setpoint that is followed, and the attitude setpoint.
+            target: written: the applied trajectory setpoint, and the attitude setpoint.
             thrust: (N,) written, collective 0..1.
         """
         _control(
@@ -120,7 +120,7 @@ class PositionControl:
             setpoints.thrust_limit, setpoints.tilt_limit_rad,
             estimate.position_ned_m, estimate.heading_rad, self._velocity, self._velocity_rate, hover_thrust,
             self._position_p, self._velocity_p, self._velocity_i, self._velocity_d, self._limits,
-            self._decouple, self.velocity_integral, self._heading_before_rad, target.velocity_ned_m_s,
+            self._decouple, self.velocity_integral, self._last_heading_rad, target.velocity_ned_m_s,
             target.acceleration_ned_m_s2, target.q_ned_frd, thrust,
         )  # fmt: skip
         rows = controlled[:, None]
@@ -151,22 +151,22 @@ def _thrust_vector(
     dn: float, de: float, dd: float, hover_thrust: float, decouple: bool, tilt_limit: float, lowest: float,
     highest: float, margin: float,
 ) -> tuple[Three, Three]:  # fmt: skip
-    """The body's up axis and the thrust vector for an acceleration and gravity.
+    """The body's up axis and the thrust vector that give an acceleration against gravity.
 
     Vertical thrust has priority over horizontal thrust.
     """
     up = GRAVITY_M_S2 if decouple else max(GRAVITY_M_S2 - dd, _TINY)
     demand_length = _length(dn, de)
     tilt = min(math.atan2(demand_length, up), tilt_limit)
-    part = math.sin(tilt) / max(demand_length, _TINY)
-    zn, ze, zd = -dn * part, -de * part, math.cos(tilt)
+    per_demand = math.sin(tilt) / max(demand_length, _TINY)
+    zn, ze, zd = -dn * per_demand, -de * per_demand, math.cos(tilt)
     collective = max(hover_thrust * (1.0 - dd / GRAVITY_M_S2) / zd, lowest)
     tn, te, td = -zn * collective, -ze * collective, -zd * collective
     horizontal = _length(tn, te)
     reserved = min(horizontal, margin)
     td = max(td, -math.sqrt(max(highest * highest - reserved * reserved, 0.0)))
-    room = math.sqrt(max(highest * highest - td * td, 0.0))
-    scale = min(1.0, room / max(horizontal, _TINY))
+    available = math.sqrt(max(highest * highest - td * td, 0.0))
+    scale = min(1.0, available / max(horizontal, _TINY))
     return (zn, ze, zd), (tn * scale, te * scale, td)
 
 
@@ -176,7 +176,7 @@ def _integrate(
     thrust: Three, hover_thrust: float, lowest: float, highest: float, gain: FloatArray,
     integral_gain: FloatArray, integral: FloatArray,
 ) -> None:  # fmt: skip
-    """Integrates the velocity error, with anti-windup where the thrust limits apply."""
+    """Integrates the velocity error, with anti-windup while a thrust limit applies."""
     error_n, error_e = (
         _zero_if_nan(velocity_setpoint[0] - velocity[0]),
         _zero_if_nan(velocity_setpoint[1] - velocity[1]),
@@ -185,10 +185,10 @@ def _integrate(
     if (thrust[2] >= -lowest and error_d >= 0.0) or (thrust[2] <= -highest and error_d <= 0.0):
         error_d = 0.0
     achieved_n, achieved_e = thrust[0] * GRAVITY_M_S2 / hover_thrust, thrust[1] * GRAVITY_M_S2 / hover_thrust
-    wanted_n, wanted_e = demand_ne
-    if wanted_n * wanted_n + wanted_e * wanted_e > achieved_n * achieved_n + achieved_e * achieved_e:
-        error_n -= (wanted_n - achieved_n) * 2.0 / gain[0]
-        error_e -= (wanted_e - achieved_e) * 2.0 / gain[0]
+    demand_n, demand_e = demand_ne
+    if demand_n * demand_n + demand_e * demand_e > achieved_n * achieved_n + achieved_e * achieved_e:
+        error_n -= (demand_n - achieved_n) * 2.0 / gain[0]
+        error_e -= (demand_e - achieved_e) * 2.0 / gain[0]
     integral[0] += error_n * integral_gain[0] * dt_s
     integral[1] += error_e * integral_gain[1] * dt_s
     integral[2] = constrain(integral[2] + error_d * integral_gain[2] * dt_s, -GRAVITY_M_S2, GRAVITY_M_S2)
@@ -201,7 +201,7 @@ def _length(north: float, east: float) -> float:
 
 @formula
 def _sum(a: float, b: float) -> float:
-    """a + b if both are finite, else the finite one, else NaN."""
+    """a + b; if one is NaN, the other; NaN if both are NaN."""
     total = a + b
     if math.isnan(total):
         return b if math.isnan(a) else a
@@ -216,7 +216,7 @@ def _zero_if_nan(value: float) -> float:
 
 @formula
 def _bounded(value: float) -> float:
-    """Bounds values that cannot be flown (infinite, 1e30) against overflow; NaN stays NaN."""
+    """Limits values that no vehicle can fly (infinite, 1e30) to prevent overflow; NaN stays NaN."""
     return constrain(value, -_BOUND, _BOUND)
 
 
@@ -231,8 +231,8 @@ def _constrained(
         return first_n * scale, first_e * scale
     unit_n, unit_e = second_n / second, second_e / second
     along = first_n * unit_n + first_e * unit_e
-    room = max(along * along - first * first + limit * limit, 0.0)
-    part = constrain(math.sqrt(room) - along, 0.0, second)
+    square = max(along * along - first * first + limit * limit, 0.0)
+    part = constrain(math.sqrt(square) - along, 0.0, second)
     return first_n + unit_n * part, first_e + unit_e * part
 
 
@@ -240,7 +240,7 @@ def _constrained(
 def _write_attitude(zn: float, ze: float, zd: float, yaw_ned_rad: float, q: FloatArray) -> None:
     """Writes the attitude (4,) with the down axis (zn, ze, zd) and the nose towards the yaw.
 
-    Not valid for half turns about a slanted axis, where the signs are lost; the controllers never need one.
+    Not valid for half turns about a slanted axis, because the signs are lost; no controller needs them.
     """
     sin_yaw, cos_yaw = math.sin(yaw_ned_rad), math.cos(yaw_ned_rad)
     xn, xe, xd = cos_yaw * zd, sin_yaw * zd, -(cos_yaw * zn + sin_yaw * ze)
@@ -269,13 +269,13 @@ def _filter_velocity(
 
 @kernel
 def _control(
-    controlled: Flags, reset_integral: Flags, dt_s: float, wanted_position: Rows,
-    wanted_velocity: Rows, wanted_acceleration: Rows, wanted_yaw: Column,
+    controlled: Flags, reset_integral: Flags, dt_s: float, setpoint_position: Rows,
+    setpoint_velocity: Rows, setpoint_acceleration: Rows, setpoint_yaw: Column,
     ramp_thrust: Flags, climb_limit: Column, descent_limit: Column, min_thrust: Column, thrust_limit: Column,
     tilt_limit: Column, position: Rows, heading: Column, velocity: Rows,
     velocity_rate: Rows, hover_thrust: Column, position_p: Rows, velocity_p: Rows,
     velocity_i: Rows, velocity_d: Rows, limits: Rows, decouple: Flags,
-    integral: Rows, heading_before: Column, target_velocity: Rows,
+    integral: Rows, last_heading: Column, target_velocity: Rows,
     target_acceleration: Rows, target_q: Rows, thrust: Column,
 ) -> None:  # fmt: skip
     for i in range(controlled.shape[0]):
@@ -292,11 +292,13 @@ def _control(
 
         velocity_setpoint = target_velocity[i]
         correction_n, correction_e, correction_d = _position_control(
-            wanted_position[i], position[i], position_p[i]
+            setpoint_position[i], position[i], position_p[i]
         )
-        velocity_setpoint[0] = _bounded(_sum(wanted_velocity[i, 0], correction_n))
-        velocity_setpoint[1] = _bounded(_sum(wanted_velocity[i, 1], correction_e))
-        velocity_setpoint[2] = constrain(_bounded(_sum(wanted_velocity[i, 2], correction_d)), -climb, descent)
+        velocity_setpoint[0] = _bounded(_sum(setpoint_velocity[i, 0], correction_n))
+        velocity_setpoint[1] = _bounded(_sum(setpoint_velocity[i, 1], correction_e))
+        velocity_setpoint[2] = constrain(
+            _bounded(_sum(setpoint_velocity[i, 2], correction_d)), -climb, descent
+        )
         if _length(velocity_setpoint[0], velocity_setpoint[1]) > limit[_SPEED_XY]:
             first_n, first_e = _zero_if_nan(correction_n), _zero_if_nan(correction_e)
             velocity_setpoint[0], velocity_setpoint[1] = _constrained(
@@ -312,7 +314,7 @@ def _control(
             correction = velocity_p[i, k] * (velocity_setpoint[k] - velocity[i, k]) + integral[i, k] - (
                 velocity_d[i, k] * velocity_rate[i, k]
             )  # fmt: skip
-            feed_forward = math.nan if k == 2 and ramp_thrust[i] else wanted_acceleration[i, k]
+            feed_forward = math.nan if k == 2 and ramp_thrust[i] else setpoint_acceleration[i, k]
             demand[k] = _bounded(_sum(feed_forward, correction))
         dn, de, dd = _zero_if_nan(demand[0]), _zero_if_nan(demand[1]), _zero_if_nan(demand[2])
 
@@ -324,10 +326,10 @@ def _control(
             velocity_p[i], velocity_i[i], integral[i],
         )  # fmt: skip
         thrust[i] = math.sqrt(tn * tn + te * te + td * td)
-        # Without a yaw setpoint PX4 holds the heading of the last update, which slows a commanded turn a
+        # Without a yaw setpoint PX4 keeps the heading of the last update, which slows a commanded turn a
         # little.
-        yaw = wanted_yaw[i] if math.isfinite(wanted_yaw[i]) else heading_before[i]
-        heading_before[i] = heading[i]
+        yaw = setpoint_yaw[i] if math.isfinite(setpoint_yaw[i]) else last_heading[i]
+        last_heading[i] = heading[i]
         if thrust[i] > _TINY:
             zn, ze, zd = -tn / thrust[i], -te / thrust[i], -td / thrust[i]
         _write_attitude(zn, ze, zd, yaw, target_q[i])

@@ -1,6 +1,6 @@
 """Body rate control: a PID on each axis gives normalised torques (mc_rate_control).
 
-The derivative uses the measured angular acceleration. The integrator's gain falls at large errors, and
+The derivative part uses the measured angular acceleration. The integral gain decreases at large errors, and
 integration stops in the direction of saturation. The yaw torque passes a low-pass (MC_YAW_TQ_CUTOFF).
 """
 
@@ -67,11 +67,11 @@ class RateControl:
         """Writes the normalised torques.
 
         Args:
-            controlled: (N,) vehicles whose body rates are controlled; the others get zero torque.
+            controlled: (N,) vehicles whose body rates are controlled; all others get zero torque.
             rates: (N, 3) filtered body rates.
             acceleration: (N, 3) filtered angular acceleration.
             setpoint: (N, 3) rate setpoints.
-            landed: (N,) vehicles whose integrators are not updated.
+            landed: (N,) vehicles on the ground; their integrators are not updated.
             unallocated: (N, 3) torque that the motors could not produce in the last step.
             torque: (N, 3) written.
         """

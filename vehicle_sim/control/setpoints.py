@@ -1,6 +1,6 @@
-"""Setpoints of the controllers: the only data that flight modes pass to the control cascade.
+"""Setpoints of the controllers: the only data that flight modes pass to the controllers.
 
-A mode writes rows of `Setpoints` between two steps; the controllers only read them. NaN always means "not
+A mode writes rows of `Setpoints` between two steps; the controllers only read the rows. NaN always means "not
 controlled".
 """
 
@@ -18,7 +18,7 @@ IntArray = NDArray[np.int64]
 
 
 class ControlLevel(IntEnum):
-    """Controller of the cascade that a vehicle's setpoint goes to."""
+    """The controller that receives a vehicle's setpoint, from the motors (low) to the trajectory (high)."""
 
     DISARMED = 0
     """No controller runs: motors idle when armed, and are stopped when disarmed."""
@@ -52,9 +52,9 @@ class Setpoints:
     position_ned_m: FloatArray
     """(N, 3)."""
     velocity_ned_m_s: FloatArray
-    """(N, 3); with a position it is the feed-forward."""
+    """(N, 3); feed-forward if the position is also controlled."""
     acceleration_ned_m_s2: FloatArray
-    """(N, 3); with velocity it is the feed-forward."""
+    """(N, 3); feed-forward if position or velocity is also controlled."""
     yaw_ned_rad: FloatArray
     """(N,)."""
     yaw_rate_ned_rad_s: FloatArray
@@ -70,11 +70,11 @@ class Setpoints:
     motors: FloatArray
     """(N, 4) 0..1, level MOTORS; a motor with NaN or a negative value stops."""
     override_level: IntArray
-    """(N,) a setpoint of this level has arrived, but the vehicle is controlled at a higher one; DISARMED:
-    none. ATTITUDE and RATES hold until the outer controllers write again, THRUST_TORQUE and MOTORS for one
-    step. The cascade resets it."""
+    """(N,) level of a setpoint that was received while the vehicle is controlled at a higher level; DISARMED:
+    no such setpoint. ATTITUDE and RATES apply until the outer controllers write again, THRUST_TORQUE and
+    MOTORS for one step. The cascade resets the value to DISARMED."""
     ramp_thrust: BoolArray
-    """(N,) the take-off ramp runs: MPC_THR_HOVER is used unchanged, without feed-forward of acceleration in
+    """(N,) in the take-off ramp: MPC_THR_HOVER is used unchanged, without feed-forward of acceleration in
     z."""
     thrust_limit: FloatArray
     """(N,) upper limit of the collective thrust at level TRAJECTORY, 0..1."""
@@ -87,9 +87,9 @@ class Setpoints:
     tilt_limit_rad: FloatArray
     """(N,) NaN: MPC_TILTMAX_AIR (near the ground the autopilot passes MPC_TILTMAX_LND)."""
     landed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """(N,) on the ground or in ground contact: integrators are held at zero."""
+    """(N,) landed or in ground contact: the rate integrators are not updated."""
     in_air: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    """(N,) state of the land detector, which decides whether the estimator uses the range finder."""
+    """(N,) the land detector reports a flight; the estimator then uses the range finder."""
 
     @classmethod
     def idle(cls, count: int) -> Setpoints:

@@ -1,7 +1,7 @@
-"""Carries the ROS 2 topics of vehicles over Cyclone DDS, with one participant for each; no call blocks.
+"""Carries the ROS 2 topics of vehicles over Cyclone DDS, one participant for each vehicle; no call blocks.
 
 Cyclone's threads discover other programs and receive their messages. The simulation's thread sends (best
-effort: directly to the socket) and takes received messages.
+effort: directly to the socket) and reads received messages.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from vehicle_sim.ros2.topics import INPUTS, OUTPUTS, SERVICE_REPLY, SERVICE_REQU
 
 LOOPBACK = "lo"
 MAX_PARTICIPANTS = 99
-"""On loopback: without multicast, discovery uses one port for each participant."""
-REPLIES_KEPT = 10
+"""Limit on loopback: without multicast, discovery uses one port for each participant."""
+REPLY_HISTORY = 10
 SERVICE_TYPE = "px4_msgs.srv.dds_.VehicleCommand_{}_"
 
 
 class DdsUnavailable(Exception):
-    """DDS is not available in this domain or on this interface."""
+    """The DDS domain cannot be opened on this network interface."""
 
 
 def configuration(interface: str | None) -> str:
@@ -58,7 +58,7 @@ def _writer_qos(reliable: bool = False) -> Qos:
     return Qos(
         Policy.Reliability.Reliable(duration()) if reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal,
-        Policy.History.KeepLast(REPLIES_KEPT if reliable else 1),
+        Policy.History.KeepLast(REPLY_HISTORY if reliable else 1),
     )
 
 
@@ -82,43 +82,43 @@ class DdsPort:
 
     def __init__(self, domain: DdsDomain, domain_id: int, namespace: str) -> None:
         self._domain = domain
-        """A reference: Cyclone deletes a domain and everything in it after the last reference is gone."""
+        """Keeps the domain alive: Cyclone deletes a domain and its entities after the last reference."""
         self._participant = DomainParticipant(domain_id)
         self._namespace = namespace
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
         self._readers: list[_Reader] = []
         self._waitset = WaitSet(self._participant)
         for output in OUTPUTS:
-            self._write(output.name, idl_type(output.message), _writer_qos())
+            self._add_writer(output.name, idl_type(output.message), _writer_qos())
         reply = idl_type(MESSAGES["VehicleCommandAck"], SERVICE_TYPE.format("Response"))
-        self._write(SERVICE_REPLY, reply, _writer_qos(reliable=True))
+        self._add_writer(SERVICE_REPLY, reply, _writer_qos(reliable=True))
         for each in INPUTS:
-            self._read(each.name, idl_type(each.message), each.depth, _reader_qos(each.depth))
+            self._add_reader(each.name, idl_type(each.message), each.depth, _reader_qos(each.depth))
         command: MessageType = MESSAGES["VehicleCommand"]
         depth = 2 * command.constants["ORB_QUEUE_LENGTH"]
         request = idl_type(command, SERVICE_TYPE.format("Request"))
-        self._read(SERVICE_REQUEST, request, depth, _reader_qos(depth, reliable=True))
+        self._add_reader(SERVICE_REQUEST, request, depth, _reader_qos(depth, reliable=True))
 
     def _topic(self, name: str, sample_type: type[Sample]) -> Any:
         return Topic(self._participant, dds_name(name, self._namespace), sample_type)
 
-    def _write(self, name: str, sample_type: type[Sample], qos: Qos) -> None:
+    def _add_writer(self, name: str, sample_type: type[Sample], qos: Qos) -> None:
         self._writers[name] = (
             sample_type,
             DataWriter(self._participant, self._topic(name, sample_type), qos=qos),
         )
 
-    def _read(self, name: str, sample_type: type[Sample], depth: int, qos: Qos) -> None:
+    def _add_reader(self, name: str, sample_type: type[Sample], depth: int, qos: Qos) -> None:
         reader: Any = DataReader(self._participant, self._topic(name, sample_type), qos=qos)
         self._readers.append(_Reader(name, reader, depth))
         mask = SampleState.Any | ViewState.Any | InstanceState.Any
         self._waitset.attach(ReadCondition(reader, mask))
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Sends a message; a message that DDS rejects is lost, as with best effort."""
+        """Sends a message; a message that DDS rejects is lost, as best effort allows."""
         sample_type, writer = self._writers[topic]
         try:
-            writer.write(sample_type.of(data))
+            writer.write(sample_type.from_bytes(data))
         except DDSException:
             return
 
@@ -141,7 +141,7 @@ class DdsDomain:
     """A DDS domain of this process.
 
     Args:
-        domain_id: its number.
+        domain_id: number of the domain.
         interface: network interface; None: loopback.
 
     Raises:
@@ -159,7 +159,7 @@ class DdsDomain:
         """Creates the participant of a vehicle.
 
         Raises:
-            DdsUnavailable: DDS cannot create one.
+            DdsUnavailable: DDS cannot create the participant.
         """
         try:
             return DdsPort(self, self._domain_id, namespace)

@@ -1,4 +1,4 @@
-"""PX4's message types for Cyclone DDS; samples stay bytes, which `ros2.messages` packs and unpacks.
+"""PX4's message types for Cyclone DDS; samples stay bytes, because `ros2.messages` packs and unpacks them.
 
 Cyclone's own Python encoder takes 30 µs to 300 µs per message, at up to 900 messages per second and vehicle.
 """
@@ -24,7 +24,7 @@ class Sample(IdlStruct):
     """A sample as bytes on the wire; `idl_type` creates a subclass for each type."""
 
     cdr = b""
-    """With encapsulation header. It has no annotation, because Cyclone treats annotations as fields."""
+    """Bytes with encapsulation header. No annotation, because Cyclone treats annotations as fields."""
 
     def serialize(self, *_: Any, **__: Any) -> bytes:
         """The bytes that Cyclone sends."""
@@ -32,17 +32,17 @@ class Sample(IdlStruct):
 
     @classmethod
     def deserialize(cls, data: bytes, *_: Any, **__: Any) -> Self:
-        """A sample of the bytes that Cyclone received, without a check."""
-        return cls.of(bytes(data))
+        """A sample with the bytes that Cyclone received; they are not checked."""
+        return cls.from_bytes(bytes(data))
 
     @classmethod
     def deserialize_key(cls, data: bytes, *_: Any, **__: Any) -> Self:
         """Called by Cyclone when a writer has ended; these types have no keys."""
-        return cls.of(b"")
+        return cls.from_bytes(b"")
 
     @classmethod
-    def of(cls, cdr: bytes) -> Self:
-        """A sample of these bytes."""
+    def from_bytes(cls, cdr: bytes) -> Self:
+        """A sample with these bytes."""
         sample = cls()
         sample.cdr = cdr
         return sample
@@ -64,8 +64,8 @@ def idl_dataclass(message: MessageType) -> type[IdlStruct]:
 def idl_type(message: MessageType, typename: str = "") -> type[Sample]:
     """The type of a topic; `typename` if it has another name on the wire (services)."""
     fields = {field.name: _idl_field(field.type, field.length) for field in message.fields}
-    made: Any = make_idl_struct(
+    sample_type: Any = make_idl_struct(
         message.name, typename or f"px4_msgs.msg.dds_.{message.name}_", fields, dataclassify=False,
         bases=(Sample,),
     )  # fmt: skip
-    return made
+    return sample_type

@@ -1,8 +1,8 @@
-"""Fusion of the barometer: its offset is estimated slowly while GNSS height is fused.
+"""Fusion of the barometer, with an estimate of its offset while GNSS height is fused.
 
-The filter rejects a height outside EKF2_BARO_GATE. After 5 s of rejections the barometer is marked faulty for
-the rest of the flight if another height source works. If it is the only height source, the filter resets the
-height to it.
+The filter rejects an altitude outside EKF2_BARO_GATE. After 5 s of rejections the barometer is marked faulty
+until the next start if another height source works; if the barometer is the only height source, the filter
+resets the height to the barometer's.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 BIAS_NOISE_M_SQRT_S = 0.125
-"""Process noise of the offset. On recorded PX4, the offset corrects 0.1 to 0.12 of its error per second."""
+"""Process noise of the offset. On recorded PX4, 0.1 to 0.12 of the offset's error is corrected per second."""
 BIAS_GATE = 3.0
 SAMPLE_TIMEOUT_S = 0.4
 SMOOTHING = 0.2
@@ -43,7 +43,7 @@ class Barometer:
     def __init__(self, count: int, kalman: Kalman, fusion: Fusion) -> None:
         self._kalman, self._fusion = kalman, fusion
         self.bias_m = np.zeros(count)
-        """(N,) pressure altitude minus height above the local origin."""
+        """(N,) pressure altitude minus altitude above the local origin."""
         self.ratio = np.zeros(count)
         """(N,) innovation divided by gate."""
         self.below_ratio = np.zeros(count)
@@ -122,8 +122,8 @@ class Barometer:
         reset_due = in_use & only_source & fusion.height_reset_due(now_s)
         failing = in_use & ~reset_due & (now_s - self._fused_at_s > HEIGHT_TIMEOUT_S + HORIZON_S)
         if reset_due.any():
-            kalman.reset_one(reset_due, POSITION + 2, self.bias_m - self._smooth_m, self._variance)
-            kalman.reset_one(
+            kalman.reset_state(reset_due, POSITION + 2, self.bias_m - self._smooth_m, self._variance)
+            kalman.reset_state(
                 reset_due & ~fusion.gnss_vel,
                 VELOCITY + 2,
                 0.0,

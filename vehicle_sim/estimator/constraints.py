@@ -20,8 +20,9 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 EVERY_S = 0.2
-RESTS_AFTER_S = 2.5
-"""A vehicle that is disarmed on the ground for this time counts as at rest, as in PX4's recorded flags."""
+AT_REST_AFTER_S = 2.5
+"""A vehicle that has been disarmed on the ground for this time counts as at rest, as in PX4's recorded
+flags."""
 _ALIGNING_SPEED_VARIANCE, _REST_SPEED_VARIANCE = 0.001**2, 0.2**2
 """Variance of the zero velocity of a vehicle at rest, before and after its tilt is known."""
 _TILT_KNOWN_RAD = math.radians(3.0)
@@ -32,7 +33,7 @@ _FAKE_SPEED_VARIANCE = 10.0
 _GRAVITY_BIT = 4
 """Bit of EKF2_IMU_CTRL."""
 _NEAR_G = 0.1
-"""Specific force may differ by this part of 1 g and still count as gravity."""
+"""Specific force that differs from 1 g by less than this fraction counts as gravity."""
 _GRAVITY_GATE = 0.25
 """Largest innovation, in standard deviations, at which the specific force counts as the direction of gravity.
 """
@@ -49,23 +50,23 @@ class Constraints:
 
     def __init__(self, count: int, kalman: Kalman, fusion: Fusion) -> None:
         self._kalman, self._fusion = kalman, fusion
-        self._rest_time_s = np.full(count, RESTS_AFTER_S)
+        self._rest_time_s = np.full(count, AT_REST_AFTER_S)
         self._gravity_variance = np.full(count, np.inf)
-        """(N,) variance of one sample's direction, as a part of 1 g; infinite: gravity is not used."""
+        """(N,) variance of one sample's direction, as a fraction of 1 g; infinite: gravity is not used."""
         self._peak_decay_per_s = np.full(count, math.inf)
         self._rest_gyro_variance = np.ones(count)
         """(N,) variance of the mean rate that a vehicle at rest measures, fused every EVERY_S."""
         self._peak_m_s2 = np.zeros(count)
         """(N,) greatest recent specific force."""
         self._tilt_known = np.zeros(count, dtype=np.bool_)
-        self._held_position = np.zeros((count, 3))
+        self._kept_position = np.zeros((count, 3))
         self._sensitivity = np.zeros((count, 2, SIZE))
         self._correctable = np.ones((count, SIZE))
         self.active = True
-        """A vehicle rests or is not aided, so the IMU samples must be added by `add`."""
+        """Whether any vehicle is at rest or unaided, so that `add` must be called with each IMU sample."""
         self._constrained = np.ones(count, dtype=np.bool_)
-        """(N,) vehicles that were at rest or unaided at the last update. The sums of the others are not used:
-        whether these were filled depends on other vehicles of the fleet."""
+        """(N,) vehicles that were at rest or unaided at the last update. The sums of other vehicles are not
+        used, because `active` depends on the whole fleet."""
         self._force = np.zeros((count, 3))
         self._level_samples = np.zeros(count, dtype=np.int64)
         """(N,) samples in `_force`."""
@@ -81,7 +82,7 @@ class Constraints:
 
     def reset(self, i: int) -> None:
         """Resets vehicle `i` when its estimator starts."""
-        self._rest_time_s[i] = RESTS_AFTER_S
+        self._rest_time_s[i] = AT_REST_AFTER_S
         self._peak_m_s2[i] = 0.0
         self._constrained[i] = True
         self._tilt_known[i] = False
@@ -90,7 +91,7 @@ class Constraints:
         """Adds the IMU's measurements of one prediction step (N, 3).
 
         A specific force counts as gravity while its recent peak is within a tenth of 1 g. The noise of
-        running motors interrupts this some twenty times per second.
+        running motors exceeds this limit about twenty times per second.
         """
         self._angle_sum += delta_angle
         size = row_norm(delta_velocity)[:, 0] / dt_s
@@ -106,12 +107,12 @@ class Constraints:
 
         Args:
             aided: (N,) vehicles with an external position or velocity.
-            moving: (N,) armed or in the air.
+            moving: (N,) vehicles that are armed or in the air.
             ready: (N,) vehicles with a known attitude.
         """
         kalman, fusion = self._kalman, self._fusion
         self._rest_time_s = np.where(moving, 0.0, self._rest_time_s + EVERY_S)
-        at_rest = ready & (self._rest_time_s >= RESTS_AFTER_S)
+        at_rest = ready & (self._rest_time_s >= AT_REST_AFTER_S)
         np.copyto(fusion.vehicle_at_rest, at_rest)
         kalman.restore_symmetry()
         unaided = ready & ~aided
@@ -120,7 +121,7 @@ class Constraints:
             self._force.fill(0.0)
             self._level_samples.fill(0)
             self._angle_sum.fill(0.0)
-        self._hold_height(ready)
+        self._keep_height(ready)
         self._constrained = unaided | ~moving
         self._peak_m_s2[~self._constrained] = 0.0
         self.active = bool(self._constrained.any())
@@ -130,11 +131,11 @@ class Constraints:
         if at_rest.any():
             self._fuse_rest(at_rest, unaided_at_rest)
         if unaided_at_rest.any() or self._fusion.valid_fake_pos.any():
-            self._hold_position(unaided_at_rest)
+            self._keep_position(unaided_at_rest)
         self._fuse_gravity(unaided)
 
     def _fuse_rest(self, at_rest: BoolArray, unaided_at_rest: BoolArray) -> None:
-        """A vehicle at rest does not rotate; if it is also unaided, its velocity is zero."""
+        """Fuses zero rotation for vehicles at rest, and zero velocity for vehicles at rest without aiding."""
         kalman = self._kalman
         innovation = np.where(unaided_at_rest[:, None], -kalman.velocity, 0.0)
         self._tilt_known |= (kalman.variances(TILT, YAW) < _TILT_KNOWN_RAD**2).all(axis=1)
@@ -145,35 +146,35 @@ class Constraints:
         gyro_variance = np.where(at_rest, self._rest_gyro_variance, UNUSED)
         kalman.fuse_states(GYRO_BIAS, innovation, np.repeat(gyro_variance[:, None], 3, axis=1))
 
-    def _hold_position(self, unaided_at_rest: BoolArray) -> None:
-        """A vehicle at rest without aiding stays at its estimated position."""
+    def _keep_position(self, unaided_at_rest: BoolArray) -> None:
+        """Keeps the estimated position of a vehicle at rest without aiding."""
         kalman, fusion = self._kalman, self._fusion
         new = unaided_at_rest & ~fusion.valid_fake_pos
-        np.copyto(self._held_position, kalman.position, where=new[:, None])
+        np.copyto(self._kept_position, kalman.position, where=new[:, None])
         if new.any():
             for k in range(2):
-                kalman.reset_one(new, VELOCITY + k, 0.0, np.full(len(new), _REST_SPEED_VARIANCE))
+                kalman.reset_state(new, VELOCITY + k, 0.0, np.full(len(new), _REST_SPEED_VARIANCE))
             fusion.xy_reset_counter += new & fusion.aided_once
             fusion.vxy_reset_counter += new & fusion.aided_once
         np.copyto(fusion.valid_fake_pos, unaided_at_rest)
         variance = np.where(unaided_at_rest, _FAKE_POSITION_VARIANCE, np.inf)
         for k in range(2):
-            innovation = np.where(unaided_at_rest, self._held_position[:, k] - kalman.position[:, k], 0.0)
+            innovation = np.where(unaided_at_rest, self._kept_position[:, k] - kalman.position[:, k], 0.0)
             kalman.fuse(POSITION + k, innovation, variance)
 
-    def _hold_height(self, ready: BoolArray) -> None:
-        """Without any height source the height is held constant and marked invalid."""
+    def _keep_height(self, ready: BoolArray) -> None:
+        """Keeps the height constant and marks it invalid while no height source is fused."""
         kalman, fusion = self._kalman, self._fusion
         fake = ready & ~fusion.gps_hgt & ~fusion.baro_hgt & ~fusion.vision_hgt
         new = fake & ~fusion.fake_hgt
         if new.any():
-            np.copyto(self._held_position[:, 2], kalman.position[:, 2], where=new)
-            kalman.reset_one(new, VELOCITY + 2, 0.0, np.full(len(new), _FAKE_SPEED_VARIANCE))
+            np.copyto(self._kept_position[:, 2], kalman.position[:, 2], where=new)
+            kalman.reset_state(new, VELOCITY + 2, 0.0, np.full(len(new), _FAKE_SPEED_VARIANCE))
             fusion.z_reset_counter += new
             fusion.vz_reset_counter += new
         np.copyto(fusion.fake_hgt, fake)
         if fake.any():
-            innovation = np.where(fake, self._held_position[:, 2] - kalman.position[:, 2], 0.0)
+            innovation = np.where(fake, self._kept_position[:, 2] - kalman.position[:, 2], 0.0)
             kalman.fuse(POSITION + 2, innovation, np.where(fake, _FAKE_HEIGHT_VARIANCE, np.inf))
 
     def _fuse_gravity(self, unaided: BoolArray) -> None:
@@ -196,7 +197,7 @@ class Constraints:
         cross_covariance, innovation_covariance = kalman.measurement_covariances(
             sensitivity, variance / samples
         )
-        # The gate is that of a single sample.
+        # The gate applies to a single sample, not to the mean.
         sigma = np.sqrt(
             np.einsum("nii->ni", innovation_covariance) + (variance - variance / samples)[:, None]
         )

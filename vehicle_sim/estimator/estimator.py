@@ -2,9 +2,9 @@
 
 A strapdown prediction runs at half the IMU rate, because PX4's filter also combines two samples. A Kalman
 filter (`kalman.py`) is corrected by one module for each sensor: `gnss.py`, `barometer.py`, `magnetometer.py`
-and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections
-smoothly (EKF2_TAU_POS, EKF2_TAU_VEL). A reset of the filter moves them at once by the same amount; earlier
-corrections are still followed smoothly. Without aiding the estimate drifts with the errors of the IMU, and
+and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections smoothly
+(EKF2_TAU_POS, EKF2_TAU_VEL). A reset of the filter moves the outputs at once by the same amount; the outputs
+still follow earlier corrections smoothly. Without aiding the estimate drifts with the errors of the IMU, and
 becomes invalid after EKF2_NOAID_TOUT.
 """
 
@@ -47,7 +47,7 @@ _SAMPLES_PER_PREDICTION = 2
 _ALIGN_SAMPLES = 25
 _BARO_SAMPLES = 2
 """Number of barometer samples that are averaged, as PX4's sensor hub does with samples at 20 Hz
-(SENS_BARO_RATE): its recorded pressure altitude has a noise of 0.06 m, a sample has 0.09 m."""
+(SENS_BARO_RATE): the recorded pressure altitude has a noise of 0.06 m, a single sample 0.09 m."""
 _PUBLISH_EVERY_PREDICTIONS = 5
 _TIMEOUTS_EVERY_PREDICTIONS = 10
 _MAG_SAMPLES = 4
@@ -104,7 +104,7 @@ class Estimator:
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads IMU_* and EKF2_* of vehicle `i`."""
         value = parameters.finite_value
-        for part in (
+        for module in (
             self.kalman,
             self._gnss,
             self._barometer,
@@ -113,7 +113,7 @@ class Estimator:
             self._vision,
             self._terrain,
         ):
-            part.configure(i, parameters)
+            module.configure(i, parameters)
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
         for k, name in enumerate(("EKF2_TAU_VEL", "EKF2_TAU_POS")):
             self._decay[i, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
@@ -165,7 +165,7 @@ class Estimator:
         """Updates the height above ground, every RANGE_EVERY_STEPS samples.
 
         Args:
-            range_m: (N,) ranges; NaN: none.
+            range_m: (N,) ranges; NaN: no measurement.
             in_air: (N,) vehicles in the air.
             armed: (N,) armed vehicles.
         """
@@ -180,7 +180,7 @@ class Estimator:
 
     def add_vision(self, i: int, sample: VisionSample) -> None:
         """Stores an external position, velocity or heading of vehicle `i` for fusion (EKF2_EV_CTRL)."""
-        self._vision.put(i, sample)
+        self._vision.add_sample(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         """Sets the local origin of vehicle `i`; its global position does not change."""
@@ -255,7 +255,7 @@ class Estimator:
         state.valid_altitude[:] = self._started & ~fusion.fake_hgt
 
     def _stop_without_samples(self, now_s: float) -> None:
-        """Stops the fusion of silent sensors; called about 12 times per second."""
+        """Stops the fusion of sensors that send no data; called about 12 times per second."""
         self._gnss.stop_without_samples(now_s)
         self._barometer.stop_without_samples(now_s)
         self._magnetometer.stop_without_samples(now_s, self.kalman.horizontal_accel_m_s2)
@@ -292,21 +292,21 @@ class Estimator:
         if self._vision.has_samples:
             self._fuse_vision()
         if constrain:
-            aided = fusion.gnss_pos | fusion.gnss_vel | self._vision.fresh(now_s)
+            aided = fusion.gnss_pos | fusion.gnss_vel | self._vision.aided(now_s)
             moving = self._armed | fusion.in_air
             self._constraints.update(aided, moving, self._started)
         self._residual -= kalman.motion - before - kalman.shift
         kalman.shift.fill(0.0)
 
     def _publish_ratios(self, now_s: float) -> None:
-        """Updates the test ratios of ESTIMATOR_STATUS and the check of the accelerometer."""
+        """Updates the test ratios of ESTIMATOR_STATUS, and checks the accelerometer."""
         state, fusion = self.state, self.fusion
         state.innovation_ratio_velocity[:] = np.where(fusion.gnss_vel, self._gnss.ratio[:, 0], 0.0)
         state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.ratio[:, 1], 0.0)
-        by_gps = np.where(fusion.gps_hgt, self._gnss.ratio[:, 2], 0.0)
-        by_baro = np.where(fusion.baro_hgt, self._barometer.ratio, 0.0)
+        gps_ratio = np.where(fusion.gps_hgt, self._gnss.ratio[:, 2], 0.0)
+        baro_ratio = np.where(fusion.baro_hgt, self._barometer.ratio, 0.0)
         sources = np.maximum(fusion.gps_hgt * 1 + fusion.baro_hgt * 1, 1)
-        state.innovation_ratio_height[:] = (by_gps + by_baro) / sources
+        state.innovation_ratio_height[:] = (gps_ratio + baro_ratio) / sources
         baro_below = np.where(fusion.baro_hgt, self._barometer.below_ratio, 0.0)
         fusion.check_accelerometer(now_s, baro_below, np.where(fusion.gps_hgt, self._gnss.below_ratio, 0.0))
         np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
@@ -364,7 +364,7 @@ def _publish_motion(
     residual: Blocks, vector: Rows, change_m_s: Rows, q: Rows, velocity: Rows, position: Rows,
     acceleration: Rows, heading_rad: Column,
 ) -> None:  # fmt: skip
-    """Writes the outputs after a prediction, adds the step to the sums of the yaw estimator and clears the
+    """Writes the outputs after a prediction, adds the step to the yaw estimator's sums, and clears the
     IMU sums."""
     for i in range(q.shape[0]):
         for k in range(3):

@@ -1,4 +1,4 @@
-"""Flags and counters of each estimator, as PX4's EKF2 reports them: what it fuses, rejects and has reset."""
+"""Flags and counters of each estimator, as PX4's EKF2 reports them: fusion, faults and resets."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 HEIGHT_TIMEOUT_S = 5.0
-"""After this time of rejections a height source is stopped or the height is reset to it
+"""After this time of rejections a height source is stopped, or the height is reset to the source
 (hgt_fusion_timeout_max)."""
 RESET_TIMEOUT_S = 7.0
 """After this time of rejections, position, velocity or heading is reset to its source (reset_timeout_max)."""
 HORIZON_S = 0.12
-"""PX4 fuses samples of this age (its delayed time horizon), and detects missing ones that much later."""
+"""PX4 fuses samples of this age (its delayed time horizon), and detects missing samples that much later."""
 BAD_ACCEL_RESETS_AFTER_S = 0.5
 _BAD_ACCEL_LASTS_S = 3.0
 _COUNTERS = ("vxy_reset_counter", "vz_reset_counter", "xy_reset_counter", "z_reset_counter")
 _FAILS, _CONFIRMS = 3.0, 1.0
-"""Innovations in standard deviations: above the first a source indicates a fault, above the second a source
+"""Innovations in standard deviations. Above the first, a source indicates a fault; above the second, a source
 of the other kind confirms it."""
 
 
 @dataclass(slots=True)
 class Fusion:
-    """Flags (N,) with the names of estimator_status_flags, counters (N,) with those of
+    """Flags (N,) with the names of estimator_status_flags; counters (N,) with the names of
     vehicle_local_position."""
 
     gnss_pos: BoolArray
@@ -59,7 +59,7 @@ class Fusion:
     gps_receiving: BoolArray
     """The receiver sends fixes."""
     resets: IntArray
-    """(4, N) the next four counters."""
+    """(4, N) the four counters that follow."""
     vxy_reset_counter: IntArray
     vz_reset_counter: IntArray
     xy_reset_counter: IntArray
@@ -74,7 +74,8 @@ class Fusion:
     """(N,) how far resets have moved the estimate down since the last barometer fusion."""
 
     def height_reset_due(self, now_s: float) -> BoolArray:
-        """(N,) vehicles without an accepted height for too long, or with a faulty accelerometer."""
+        """(N,) vehicles whose height must be reset: no accepted height for too long, or a faulty
+        accelerometer."""
         no_height = now_s - self.height_fused_at_s > HEIGHT_TIMEOUT_S
         return no_height | (now_s - self.accel_good_at_s > BAD_ACCEL_RESETS_AFTER_S)
 
@@ -86,7 +87,7 @@ class Fusion:
             now_s: since boot.
             baro_below: (N,) how far the estimate is below the barometer's height, in standard deviations of
                 the innovation.
-            gnss_below: (N,) the same for GNSS height or velocity, whichever is greater.
+            gnss_below: (N,) how far the estimate is below GNSS height or velocity, the greater of the two.
         """
         larger, smaller = np.maximum(baro_below, gnss_below), np.minimum(baro_below, gnss_below)
         bad = (larger > _FAILS) & (smaller > _CONFIRMS)

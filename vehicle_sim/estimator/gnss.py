@@ -1,7 +1,7 @@
-"""Fusion of GNSS: PX4's quality checks (EKF2_REQ_*), gates, timeouts, stops and resets.
+"""Fusion of GNSS: PX4's quality checks (EKF2_REQ_*), gates, timeouts and resets.
 
-A fix is used after the checks have passed for one second (the first time for EKF2_REQ_GPS_H). Position and
-velocity are each rejected as a whole when one axis is outside its gate. The estimate is reset to the fix
+Fixes are used once the checks have passed for one second (the first time: for EKF2_REQ_GPS_H). Position and
+velocity are each rejected as a whole if one axis is outside its gate. The estimate is reset to the fix
 after 7 s of rejected velocity and position, or after 14 s of rejected position alone. Fusion stops after 7 s
 without a good fix.
 """
@@ -33,8 +33,8 @@ FIX_TIMEOUT_S = 1.0
 """The GNSS height is not used after this time without a fix."""
 YAW_RESET_AFTER_S = 1.0 + HORIZON_S
 MAX_YAW_ERROR_RAD = math.radians(25.0)
-"""The heading is reset if velocities are rejected for YAW_RESET_AFTER_S and it differs from the yaw
-estimator's by more than MAX_YAW_ERROR_RAD."""
+"""The heading is reset if velocities are rejected for YAW_RESET_AFTER_S and the heading differs from the yaw
+estimator's heading by more than MAX_YAW_ERROR_RAD."""
 POSITION_RESET_S = 2.0 * RESET_TIMEOUT_S + HORIZON_S
 VERTICAL_NOISE_FACTOR = 1.5
 """Vertical noise relative to horizontal noise, for GNSS velocity and the minimum noise of GNSS position."""
@@ -59,7 +59,7 @@ class Gnss:
         self.ratio = np.zeros((count, 3))
         """(N, 3) innovation divided by gate, for velocity, position and height."""
         self.below_ratio = np.zeros(count)
-        """(N,) how far the estimate is below GNSS height or velocity, in standard deviations of the
+        """(N,) how far the estimate is below GNSS height or vertical velocity, in standard deviations of the
         innovation."""
         self._control = np.zeros(count, dtype=np.int64)
         self._limits = np.zeros((count, len(_CHECKS)))
@@ -104,7 +104,7 @@ class Gnss:
             times[i] = -math.inf
 
     def stop_without_samples(self, now_s: float) -> None:
-        """Stops the fusion of receivers that had no good fix for too long; called a few times per second."""
+        """Stops the fusion of receivers without a good fix; called a few times per second."""
         fusion = self._fusion
         np.copyto(fusion.gps_receiving, now_s - self._received_at_s <= FIX_TIMEOUT_S)
         fusion.gps_hgt &= fusion.gps_receiving
@@ -118,7 +118,7 @@ class Gnss:
         Args:
             now_s: since boot.
             sensors: `gps_fresh` marks the receivers with a new fix.
-            state: the first good fix sets its origin.
+            state: the estimates; the first good fix sets their local origin.
             ready: (N,) vehicles with a known attitude.
 
         Returns:
@@ -157,7 +157,7 @@ class Gnss:
         return passed
 
     def _local_position(self, sensors: SensorState, state: EstimateState, passed: BoolArray) -> FloatArray:
-        """(N, 3) local position from GNSS; zero without a usable fix."""
+        """(N, 3) local position from GNSS; zero where the checks have not passed."""
         position = np.zeros((len(passed), 3))
         if passed.any():
             lat, lon, alt = state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_amsl_m
@@ -252,10 +252,10 @@ class Gnss:
     def _reset_heading(
         self, now_s: float, use_velocity: BoolArray, velocity_ne: FloatArray, variance: FloatArray
     ) -> BoolArray:
-        """Updates the yaw estimator.
+        """Updates the yaw estimator, and resets headings while velocities are rejected.
 
         Returns:
-            (N,) vehicles whose heading was reset to the yaw estimator's, because velocities were rejected.
+            (N,) vehicles whose heading was reset to the yaw estimator's heading.
         """
         kalman, fusion, yaw = self._kalman, self._fusion, self._yaw
         yaw.fuse(velocity_ne, variance, use_velocity, fusion.in_air)
@@ -281,13 +281,13 @@ class Gnss:
         self, now_s: float, resetting: BoolArray, use_position: BoolArray, use_velocity: BoolArray,
         measured: FloatArray, variances: FloatArray,
     ) -> None:  # fmt: skip
-        """Resets position and velocity to the fix, at the start of a fusion or after a timeout."""
+        """Resets position and velocity to the fix, at the start of the fusion or after a timeout."""
         kalman, fusion = self._kalman, self._fusion
         position_resets, velocity_resets = resetting & use_position, resetting & use_velocity
         for k in range(3):
-            kalman.reset_one(velocity_resets, VELOCITY + k, measured[:, k], variances[:, k])
+            kalman.reset_state(velocity_resets, VELOCITY + k, measured[:, k], variances[:, k])
         for k in (3, 4):
-            kalman.reset_one(position_resets, VELOCITY + k, measured[:, k], variances[:, k])
+            kalman.reset_state(position_resets, VELOCITY + k, measured[:, k], variances[:, k])
         fusion.xy_reset_counter += position_resets
         fusion.vxy_reset_counter += velocity_resets
         fusion.vz_reset_counter += velocity_resets
@@ -305,8 +305,8 @@ class Gnss:
         height_variance: FloatArray,
         climb_variance: FloatArray,
     ) -> None:
-        """Starts, resets or stops the fusion of GNSS height; the barometer's offset is corrected by each
-        reset."""
+        """Starts, resets or stops the fusion of GNSS height; each reset also shifts the barometer's
+        offset."""
         kalman, fusion = self._kalman, self._fusion
         enabled = passed & (self._control & HEIGHT_BIT != 0)
         starting = enabled & ~fusion.gps_hgt
@@ -317,8 +317,8 @@ class Gnss:
         if not resetting.any():
             return
         fusion.height_shift_m += np.where(resetting, measured[:, 5] - kalman.position[:, 2], 0.0)
-        kalman.reset_one(resetting, POSITION + 2, measured[:, 5], height_variance)
-        kalman.reset_one(resetting & fusion.gnss_vel, VELOCITY + 2, measured[:, 2], climb_variance)
+        kalman.reset_state(resetting, POSITION + 2, measured[:, 5], height_variance)
+        kalman.reset_state(resetting & fusion.gnss_vel, VELOCITY + 2, measured[:, 2], climb_variance)
         fusion.z_reset_counter += resetting
         fusion.vz_reset_counter += reset_due
         fusion.gps_hgt |= starting

@@ -1,8 +1,8 @@
 """Filtered body rates for the rate controller: PX4's low-pass filter and derivative as one matrix product.
 
 A second-order Butterworth low-pass (IMU_GYRO_CUTOFF) is followed by a difference with a first-order low-pass
-(IMU_DGYRO_CUTOFF). Both together are one linear map of five numbers per axis. A cutoff of zero or above half
-the sample rate disables a filter.
+(IMU_DGYRO_CUTOFF). Both filters together are one linear map of five numbers per axis. A cutoff of zero or
+above half the sample rate disables a filter.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class GyroFilter:
 def _butterworth(
     cutoff_hz: float, sample_hz: float
 ) -> tuple[tuple[float, float, float], tuple[float, float]]:
-    """Numerator and denominator (without its leading one) of a second-order low-pass, bilinear transform."""
+    """Numerator and denominator (without the leading 1) of a second-order low-pass, by bilinear transform."""
     if not 0.0 < cutoff_hz < 0.5 * sample_hz:
         return (1.0, 0.0, 0.0), (0.0, 0.0)
     omega = math.tan(math.pi * cutoff_hz / sample_hz)

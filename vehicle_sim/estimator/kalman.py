@@ -63,15 +63,16 @@ class Kalman:
         self.mag_bias = self._view(MAG_BIAS)
         self.covariance = np.zeros((count, SIZE, SIZE))
         self.bad_accel = np.zeros(count, dtype=np.bool_)
-        """(N,) the vertical accelerometer is marked faulty: the noise of all three is raised and their biases
-        are not estimated."""
+        """(N,) vehicles with a faulty vertical accelerometer: the noise of all three is raised and their
+        biases are not estimated."""
         self.velocity_change = np.zeros((count, 3))
         """(N, 3) change of velocity in the newest prediction [m/s]."""
         self.horizontal_accel_m_s2 = np.zeros((count, 2))
-        """(N, 2) horizontal acceleration over the last second; GNSS shows the heading only while it is large.
+        """(N, 2) horizontal acceleration over the last second; GNSS makes the heading observable only while
+        it is large.
         """
         self.shift = np.zeros((count, 2, 3))
-        """(N, 2, 3) how far resets have moved velocity and position, until its reader clears it."""
+        """(N, 2, 3) how far resets have moved velocity and position; the reader clears the array."""
         self._shift = self.shift.reshape(count, 6)
         self._impulse = np.zeros((count, 3))
         self._pending_s = 0.0
@@ -129,7 +130,9 @@ class Kalman:
             new_variance = np.broadcast_to(variance, (len(mask), 3))[rows, k]
             self.covariance[rows, first + k, first + k] = new_variance
 
-    def reset_one(self, mask: BoolArray, index: int, value: FloatArray | float, variance: FloatArray) -> None:
+    def reset_state(
+        self, mask: BoolArray, index: int, value: FloatArray | float, variance: FloatArray
+    ) -> None:
         """Sets velocity or position `index` to a value (N,) with a variance (N,), where `mask` is set."""
         rows = np.flatnonzero(mask)
         new_value = np.broadcast_to(value, mask.shape)[rows]
@@ -140,11 +143,11 @@ class Kalman:
         self.covariance[rows, index, index] = np.broadcast_to(variance, mask.shape)[rows]
 
     def reset_field_covariance(self, field: BoolArray, bias: BoolArray | None = None) -> None:
-        """Resets the covariances of field and magnetometer bias to their initial values, where a mask is set.
+        """Resets the covariances of field and magnetometer bias to their initial values.
 
         Args:
-            field: (N,) for the field.
-            bias: (N,) for the bias; None: the same vehicles.
+            field: (N,) vehicles whose field is reset.
+            bias: (N,) vehicles whose bias is reset; None: the same as `field`.
         """
         initial = self._initial_variance[:, FIELD : FIELD + 3]
         self.reset_covariance(field, FIELD, initial)
@@ -194,9 +197,9 @@ class Kalman:
         """Fuses a measurement of one state.
 
         Args:
-            index: of the state.
+            index: index of the state.
             innovation: (N,) measured minus predicted.
-            variance: (N,) of the measurement; vehicles with UNUSED or more are not changed.
+            variance: (N,) variance of the measurement; vehicles with UNUSED or more are not changed.
         """
         self.fuse_states(index, innovation[:, None], variance[:, None])
 
@@ -206,7 +209,7 @@ class Kalman:
         Args:
             first: index of the first state.
             innovation: (N, m) measured minus predicted, m up to 6.
-            variance: (N, m) of the measurements; those with UNUSED or more are not fused.
+            variance: (N, m) variances; measurements with UNUSED or more are not fused.
         """
         kalman_loops.fuse_states(
             first, np.ascontiguousarray(innovation), np.ascontiguousarray(variance), self.bad_accel,
@@ -219,8 +222,8 @@ class Kalman:
         """Covariances of measurements that depend on several states.
 
         Args:
-            sensitivity: (N, m, 21) of m measurements to the error states.
-            variance: (N,) of each measurement.
+            sensitivity: (N, m, 21) sensitivity of m measurements to the error states.
+            variance: (N,) variance of each measurement.
 
         Returns:
             Covariance of states and measurements (N, 21, m), and of the innovations (N, m, m).
@@ -248,7 +251,7 @@ class Kalman:
             cross_covariance: (N, 21, m) from `measurement_covariances`.
             innovation_covariance: (N, m, m) from `measurement_covariances`.
             innovation: (N, m) measured minus predicted.
-            correctable: (N, 21) 1 for a state that the measurements may correct, 0 for others.
+            correctable: (N, 21) 1 for states that the measurements may correct, otherwise 0.
         """
         kalman_loops.fuse_measurements(
             cross_covariance, innovation_covariance, np.ascontiguousarray(innovation), correctable,
@@ -261,7 +264,7 @@ class Kalman:
         kalman_loops.restore_symmetry(self.covariance)
 
     def reset_heading(self, mask: BoolArray, down_rad: FloatArray, variance: FloatArray) -> None:
-        """Rotates the attitudes by angles (N,) of any size about down and sets the heading's variance, where
+        """Rotates the attitudes about down by angles (N,) of any size, and sets the heading's variance, where
         `mask` is set."""
         half = 0.5 * np.where(mask, down_rad, 0.0)
         delta = np.zeros_like(self.q_ned_frd)

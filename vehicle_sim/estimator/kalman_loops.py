@@ -15,7 +15,7 @@ TILT, YAW, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS, FIELD, MAG_BIAS, SIZE = 0,
 PREDICTION_S = 0.008
 """PX4 adds its process noise once per filter step; this step length converts it to a density."""
 BAD_ACCEL_NOISE_M_S2 = 4.9
-"""Noise of all accelerometers while the vertical one is marked faulty (EKF2's BADACC_BIAS_PNOISE); the
+"""Noise of all accelerometers while the vertical accelerometer is marked faulty (BADACC_BIAS_PNOISE); the
 recorded horizontal speed accuracy grows with it."""
 ACCEL_SMOOTHING_S = 1.0
 _MIN_VARIANCE = 1e-12
@@ -45,8 +45,8 @@ def _apply_correction(
 
 @formula
 def _propagate_errors(dt_s: float, bias_effect: Rows, tilt_effect: Rows, states: Column) -> None:
-    """Propagates the error states (21,) by one step: gyro bias changes attitude, tilt and bias change
-    velocity, velocity changes position."""
+    """Propagates the error states (21,) by one step: gyro bias changes attitude; tilt and bias change
+    velocity; velocity changes position."""
     tilt_n, tilt_e, tilt_d = states[0], states[1], states[2]
     for k in range(3):
         by_tilt = tilt_effect[k, 0] * tilt_n + tilt_effect[k, 1] * tilt_e + tilt_effect[k, 2] * tilt_d
@@ -62,7 +62,7 @@ def _propagate_errors(dt_s: float, bias_effect: Rows, tilt_effect: Rows, states:
 def _propagate_columns(
     dt_s: float, bias_effect: Rows, tilt_effect: Rows, errors: Rows, tilts: Rows, changes: Rows
 ) -> None:
-    """The same as `_propagate_errors` for each column of `errors` (21, 21), in loops along contiguous rows.
+    """Runs `_propagate_errors` for each column of `errors` (21, 21), in loops along contiguous rows.
 
     `tilts` (3, 21) and `changes` (2, 21) are work arrays.
     """
@@ -133,7 +133,7 @@ def propagate_covariance(
     dt_s: float, matrix: Blocks, impulse: Rows, horizontal_accel: Rows, bad_accel: Flags, noise: Rows,
     covariance: Blocks,
 ) -> None:  # fmt: skip
-    """Propagates the covariance: the same step is applied to its columns and to its rows."""
+    """Propagates the covariance: applies the error propagation to its columns and to its rows."""
     bias_effect, tilt_effect = np.empty((3, 3)), np.zeros((3, 3))
     tilts, changes = np.empty((3, SIZE)), np.empty((2, SIZE))
     for i in range(covariance.shape[0]):
@@ -232,7 +232,7 @@ def fuse_measurements(
                 for n in range(measured):
                     value += cross_covariance[i, k, n] * inverse[i, n, m]
                 gain[i, k, m] = value * correctable[i, k]
-        # Subtracts half of gain times innovation_covariance, so that one product serves both sides.
+        # Subtracts half of gain times innovation_covariance, so that one product gives both symmetric terms.
         for k in range(SIZE):
             for m in range(measured):
                 value = cross_covariance[i, k, m]
@@ -242,7 +242,7 @@ def fuse_measurements(
         for k in range(SIZE):
             for m in range(measured):
                 gains[m, k], changes[m, k] = gain[i, k, m], change[i, k, m]
-        # The update is symmetric to the last bit, so one half of it is computed.
+        # The update is symmetric to the last bit, so only one half is computed.
         for k in range(SIZE):
             for j in range(k + 1):
                 values[j] = 0.0

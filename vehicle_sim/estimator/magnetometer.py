@@ -1,10 +1,10 @@
-"""Fusion of the magnetometer: three axes compared with the known field, its checks, and when it stops.
+"""Fusion of the magnetometer: comparison with the known field, checks, alignment and stop.
 
-On the ground it corrects every state except roll, pitch and their gyroscope biases, and the declination is
-fused while the vehicle is at rest. At 1.5 m above ground, field, bias and heading are reset; from then on the
-magnetometer may correct every state. With a disturbed or inconsistent field it no longer corrects the
-attitude. After 7 s of rejections its fusion stops and the variances of field and bias are reset, which widens
-the gate. The fusion starts again with the first sample inside the gate.
+On the ground the magnetometer corrects every state except roll, pitch and their gyroscope biases, and the
+declination is fused while the vehicle is at rest. At 1.5 m above ground, field, bias and heading are reset;
+then the magnetometer may correct every state. While the field is disturbed or inconsistent, it does not
+correct the attitude. After 7 s of rejections the fusion stops and the variances of field and bias are reset,
+which widens the gate. The fusion starts again with the first sample inside the gate.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ BoolArray = NDArray[np.bool_]
 SAMPLE_TIMEOUT_S = 1.0
 ABOVE_ANOMALIES_M = 1.5
 CONSISTENCY_S = 0.66 + HORIZON_S
-"""Time constant of the smoothed heading innovation: PX4 gives a new sample, every 0.07 s, a weight of 0.1."""
+"""Time constant of the smoothed heading innovation: PX4 weights a new sample every 0.07 s by 0.1."""
 UNDISTURBED_S = 1.0
-"""A stopped magnetometer starts again only when the field has not been disturbed for this time."""
+"""The fusion starts again only when the field has not been disturbed for this time."""
 FIELD_CHANGE_GAUSS = 0.01
-"""A reset keeps an estimated field that differs from the known one by less than this."""
+"""A reset keeps an estimated field that differs from the known field by less than this."""
 SMOOTHING = 0.1
 """Weight of a new sample in the smoothed field; a reset uses the smoothed field."""
 MAX_RATIO = 2.0
@@ -41,9 +41,9 @@ HEADING_TYPE = 1
 STRENGTH_CHECK, INCLINATION_CHECK = 1, 2
 """Bits of EKF2_MAG_CHECK."""
 CONTROL_AFTER_S = 1.0
-"""A magnetometer heading is good for control this long after its alignment in flight."""
+"""`heading_good_for_control` becomes true this long after the alignment in flight."""
 DECLINATION_VARIANCE_RAD2 = 0.5
-"""PX4 uses this number as the variance: with it, the standard deviation of the field's east component matches
+"""PX4 uses this value as the variance; with it, the standard deviation of the field's east component matches
 PX4's log."""
 
 
@@ -59,7 +59,7 @@ class Magnetometer:
     def __init__(self, count: int, kalman: Kalman, fusion: Fusion) -> None:
         self._kalman, self._fusion = kalman, fusion
         self.ratio = np.zeros(count)
-        """(N,) innovation divided by gate, of the worst axis."""
+        """(N,) innovation divided by gate, for the axis with the largest ratio."""
         self._field_ned = np.zeros((count, 3))
         self._declination_rad = np.zeros(count)
         self._variance = np.ones(count)
@@ -74,7 +74,7 @@ class Magnetometer:
         self._heading_error_rad = np.zeros(count)
         self._received_at_s = np.full(count, -math.inf)
         self._fused_at_s = np.full(count, -math.inf)
-        self._gnss_shows_heading = np.zeros(count, dtype=np.bool_)
+        self._heading_observable = np.zeros(count, dtype=np.bool_)
         self._aligned_at_s = np.full(count, -math.inf)
         self._resets = np.zeros(count, dtype=np.int64)
         self._sensitivity = np.zeros((count, 3, SIZE))
@@ -97,7 +97,7 @@ class Magnetometer:
         self._accel_limit_m_s2[i] = value("EKF2_MAG_ACCLIM")
 
     def align(self, i: int, now_s: float, level_field: FloatArray) -> float:
-        """Initializes vehicle `i`. Returns its heading [rad] from a field (3,) in the levelled body frame."""
+        """Initializes vehicle `i`; returns the heading [rad] from a field (3,) in the levelled body frame."""
         kalman, fusion = self._kalman, self._fusion
         kalman.field[i] = self._field_ned[i]
         self._fused_at_s[i] = self._received_at_s[i] = now_s
@@ -108,17 +108,17 @@ class Magnetometer:
         return self._declination_rad[i] - math.atan2(level_field[1], level_field[0])
 
     def stop_without_samples(self, now_s: float, horizontal_accel_m_s2: FloatArray) -> None:
-        """Stops silent magnetometers and updates which vehicles accelerate enough for GNSS to show the
-        heading.
+        """Stops magnetometers that send no data, and updates which vehicles accelerate enough to observe the
+        heading by GNSS.
 
         Args:
             now_s: since boot.
-            horizontal_accel_m_s2: (N, 2).
+            horizontal_accel_m_s2: (N, 2) north and east.
         """
-        silent = (now_s - self._received_at_s > SAMPLE_TIMEOUT_S) | (self._type == NEVER_TYPE)
-        self._stop(silent & self._fusion.mag)
+        timed_out = (now_s - self._received_at_s > SAMPLE_TIMEOUT_S) | (self._type == NEVER_TYPE)
+        self._stop(timed_out & self._fusion.mag)
         accel_m_s2 = np.hypot(horizontal_accel_m_s2[:, 0], horizontal_accel_m_s2[:, 1])
-        np.greater(accel_m_s2, self._accel_limit_m_s2, out=self._gnss_shows_heading)
+        np.greater(accel_m_s2, self._accel_limit_m_s2, out=self._heading_observable)
 
     def _stop(self, mask: BoolArray) -> None:
         fusion = self._fusion
@@ -179,18 +179,18 @@ class Magnetometer:
         return disturbed
 
     def _check_heading(self, interval_s: float, measured: FloatArray, fresh: BoolArray) -> None:
-        """Updates whether the field's heading, without the estimated bias, stays consistent with the
+        """Updates whether the heading from the field, without the estimated bias, is consistent with the
         estimate's heading."""
         kalman, fusion = self._kalman, self._fusion
         field_ned = rotate(kalman.matrix, measured - kalman.mag_bias)
         declination = np.arctan2(kalman.field[:, 1], kalman.field[:, 0])
         heading_error = wrap_pi(declination - np.arctan2(field_ned[:, 1], field_ned[:, 0]))
-        share = 1.0 - math.exp(-interval_s / CONSISTENCY_S)
+        weight = 1.0 - math.exp(-interval_s / CONSISTENCY_S)
         self._heading_error_rad[fusion.heading_reset_counter != self._resets] = 0.0
         self._resets[:] = fusion.heading_reset_counter
-        self._heading_error_rad += np.where(fresh, share, 0.0) * (heading_error - self._heading_error_rad)
+        self._heading_error_rad += np.where(fresh, weight, 0.0) * (heading_error - self._heading_error_rad)
         small = np.abs(self._heading_error_rad) < self._heading_noise_rad
-        observed = self._gnss_shows_heading | ~fusion.in_air
+        observed = self._heading_observable | ~fusion.in_air
         np.copyto(
             fusion.mag_heading_consistent, small & (observed | fusion.mag_heading_consistent), where=fresh
         )
@@ -206,7 +206,7 @@ class Magnetometer:
         np.copyto(fusion.mag_dec, fusion.mag & (~gnss_aided | fusion.vehicle_at_rest), where=fresh)
 
     def _reset_field(self, mask: BoolArray, now_s: float) -> None:
-        """Resets the field if it has changed, and the heading, or else the bias, where the field may correct
+        """Resets the field if it has changed; resets the heading, or the bias where the field may not correct
         the heading."""
         kalman, fusion = self._kalman, self._fusion
         heading_reset = mask & (fusion.mag_hdg | fusion.mag_3d)
@@ -264,7 +264,8 @@ class Magnetometer:
         return accepted
 
     def _fuse_declination(self, mask: BoolArray) -> None:
-        """Keeps the horizontal direction of the field, which only GNSS in flight determines otherwise."""
+        """Fuses the declination: without GNSS in flight, nothing else fixes the field's horizontal
+        direction."""
         kalman = self._kalman
         north, east = kalman.field[:, 0], kalman.field[:, 1]
         squared = np.maximum(north**2 + east**2, 1e-6)

@@ -1,9 +1,9 @@
 """Height above ground from the range finder: dist_bottom of EKF2.
 
-A range below EKF2_MIN_RNG is invalid: on the ground the height is set to that minimum, and just above ground
-it is unknown. Lag and times come from a recorded flight (ALTITUDE and DISTANCE_SENSOR at 10 Hz). The height
-follows the range 0.13 s late. Without a range it stays valid for 0.45 s while landing, and for 0.9 s after
-lift-off.
+A range below EKF2_MIN_RNG is invalid: on the ground the height is that minimum, and just above ground the
+height is unknown. Lag and times come from a recorded flight (ALTITUDE and DISTANCE_SENSOR at 10 Hz). The
+height follows the range 0.13 s late. Without a range the height stays valid for 0.45 s while landing, and for
+0.9 s after lift-off.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ class Terrain:
         """Processes ranges; returns heights above ground (N,) [m], NaN: unknown.
 
         Args:
-            range_m: (N,) measured along the body's axis; NaN: none.
+            range_m: (N,) ranges along the body's down axis; NaN: no measurement.
             cos_tilt: (N,) cosine of the angle between body axis and vertical.
             in_air: (N,) state of the land detectors.
-            down_m: (N,) local down coordinate of the estimates.
+            down_m: (N,) estimated position down.
         """
         measured = range_m * cos_tilt
         valid = in_air & self._used & (range_m >= self._min_range_m)

@@ -1,4 +1,4 @@
-"""Fusion of external position, velocity and heading (cameras, motion capture) for vehicles without GNSS.
+"""Fusion of external position, velocity and heading (camera, motion capture) for vehicles without GNSS.
 
 EKF2_EV_CTRL selects the measurements: bit 0 horizontal position, 1 vertical position, 2 velocity, 3 heading.
 While PX4 fuses GNSS, it fuses only the change of an external position. This simulator drops samples that
@@ -22,14 +22,14 @@ FloatArray = NDArray[np.float64]
 EV_HPOS, EV_VPOS, EV_VEL, EV_YAW = 1, 2, 4, 8
 """Bits of EKF2_EV_CTRL."""
 SAMPLE_TIMEOUT_S = 1.0
-"""After this time without an accepted sample the filter is reset to the next one."""
+"""After this time without an accepted sample the filter is reset to the next sample."""
 Vector = tuple[float, float, float]
 UNKNOWN: Vector = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True, slots=True)
 class VisionSample:
-    """One measurement; NaN where there is none."""
+    """One measurement; NaN: not measured."""
 
     position_ned_m: Vector = UNKNOWN
     velocity_ned_m_s: Vector = UNKNOWN
@@ -46,7 +46,7 @@ class VisionResult:
     horizontal: bool
     """Position or velocity was fused."""
     vertical: bool
-    """The height was fused."""
+    """The vertical position was fused."""
     heading_rad: float
     """NaN: not measured."""
 
@@ -83,7 +83,7 @@ class Vision:
             max(value("EKF2_EVV_GATE"), 1.0),
         )
 
-    def put(self, i: int, sample: VisionSample) -> None:
+    def add_sample(self, i: int, sample: VisionSample) -> None:
         """Stores a sample of vehicle `i`; ignored if EKF2_EV_CTRL is zero."""
         limits = self._limits[i]
         if limits is not None and limits.control:
@@ -94,14 +94,16 @@ class Vision:
         """Whether there are samples to fuse."""
         return bool(self._samples)
 
-    def fresh(self, now_s: float) -> NDArray[np.bool_]:
+    def aided(self, now_s: float) -> NDArray[np.bool_]:
         """(N,) vehicles that were aided within the last second."""
         return now_s - self._accepted_at_s <= SAMPLE_TIMEOUT_S
 
     def fuse(self, kalman: Kalman, gps_aided: NDArray[np.bool_], now_s: float) -> list[VisionResult]:
-        """Fuses the samples of vehicles without GNSS; returns one result for each."""
+        """Fuses the samples of vehicles without GNSS; returns one result for each vehicle."""
         samples, self._samples = self._samples, {}
-        return [self._fuse_one(i, sample, kalman, now_s) for i, sample in samples.items() if not gps_aided[i]]
+        return [
+            self._fuse_sample(i, sample, kalman, now_s) for i, sample in samples.items() if not gps_aided[i]
+        ]
 
     def reset(self, i: int) -> None:
         """Resets vehicle `i` when its estimator starts."""
@@ -109,13 +111,14 @@ class Vision:
         self._accepted_at_s[i] = -math.inf
 
     def heading_variance(self, i: int) -> float:
-        """Variance of a heading of vehicle `i` [rad²]; infinite if EKF2_EV_CTRL selects none."""
+        """Variance of a heading of vehicle `i` [rad²]; infinite if EKF2_EV_CTRL does not select the
+        heading."""
         limits = self._limits[i]
         if limits is None or not limits.control & EV_YAW:
             return math.inf
         return limits.heading_noise_rad**2
 
-    def _fuse_one(self, i: int, sample: VisionSample, kalman: Kalman, now_s: float) -> VisionResult:
+    def _fuse_sample(self, i: int, sample: VisionSample, kalman: Kalman, now_s: float) -> VisionResult:
         limits = self._limits[i]
         if limits is None:
             return VisionResult(i, False, False, math.nan)
@@ -139,11 +142,12 @@ class Vision:
         self, i: int, kalman: Kalman, first: int, measured: Vector, selected: tuple[bool, ...], gate: float,
         variance: float, is_first: bool,
     ) -> tuple[bool, bool]:  # fmt: skip
-        """Fuses the selected axes. Returns whether both horizontal axes, and the vertical one, were fused."""
+        """Fuses the selected axes. Returns whether both horizontal axes, and the vertical axis, were
+        fused."""
         count = len(kalman.vector)
         accepted = [False, False, False]
-        one = np.zeros(count, dtype=np.bool_)
-        one[i] = True
+        mask = np.zeros(count, dtype=np.bool_)
+        mask[i] = True
         for axis in range(3):
             if not selected[axis] or not math.isfinite(measured[axis]):
                 continue
@@ -151,9 +155,9 @@ class Vision:
             innovation = measured[axis] - float(kalman.vector[i, index - VELOCITY])
             sigma = math.sqrt(float(kalman.variance(index)[i]) + variance)
             if is_first:
-                kalman.reset_one(one, index, measured[axis], np.full(count, variance))
+                kalman.reset_state(mask, index, measured[axis], np.full(count, variance))
             elif abs(innovation) <= gate * sigma:
-                kalman.fuse(index, np.where(one, innovation, 0.0), np.where(one, variance, np.inf))
+                kalman.fuse(index, np.where(mask, innovation, 0.0), np.where(mask, variance, np.inf))
             else:
                 continue
             accepted[axis] = True

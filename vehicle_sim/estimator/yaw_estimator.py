@@ -2,7 +2,7 @@
 
 This is PX4's EKF-GSF. The accelerometer levels one attitude, which is rotated to five headings. Each
 hypothesis integrates its own velocity and corrects its heading by the fixes. If the main filter keeps
-rejecting velocities and this heading differs from its own, the main filter is reset to this heading.
+rejecting velocities and its heading differs from the heading of this estimator, it is reset to the latter.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ EVERY_PREDICTIONS = 4
 HYPOTHESES = 5
 TILT_GAIN_PER_S = 0.2
 BIAS_GAIN_PER_S = 0.04
-"""Part of a tilt correction that is attributed to the gyroscope's bias, while the vehicle rotates slowly."""
+"""Fraction of a tilt correction that is attributed to the gyroscope's bias, while the vehicle rotates
+slowly."""
 SLOW_RAD_S = math.radians(10.0)
 BIAS_LIMIT_RAD_S = 0.05
 FORCE_SMOOTHING_PER_S = 2.0
@@ -33,10 +34,10 @@ ACCEL_NOISE_M_S2, GYRO_NOISE_RAD_S = 2.0, 0.1
 NOISE_STEP_S = 0.008
 """PX4 adds this noise once per filter step; this step length converts it to a density."""
 WORST_RATIO = 25.0
-"""Innovations above five standard deviations count as five."""
+"""Square of the largest innovation in standard deviations; larger innovations are clipped to it."""
 MIN_WEIGHT = 1e-5
 MAX_HEADING_SIGMA_RAD = 0.262
-"""Largest standard deviation at which the heading may be used."""
+"""Largest standard deviation at which the main filter may be reset to the heading."""
 _NOISE_PER_S = np.square([[[ACCEL_NOISE_M_S2]], [[ACCEL_NOISE_M_S2]], [[GYRO_NOISE_RAD_S]]]) * NOISE_STEP_S
 _INITIAL_ANGLES = np.arange(HYPOTHESES) * (2.0 * math.pi / HYPOTHESES)
 
@@ -104,8 +105,8 @@ class YawEstimator:
 
         Args:
             velocity_ne: (N, 2) [m/s].
-            variance: (N,) of each axis.
-            fresh: (N,) vehicles with a new good fix; the others continue with their IMU.
+            variance: (N,) variance of each axis.
+            fresh: (N,) vehicles with a new good fix; all others continue with their IMU.
             in_air: (N,) vehicles in the air; on the ground velocity does not show a heading.
         """
         dt_s, self._pending_s = self._pending_s, 0.0
@@ -165,7 +166,7 @@ class YawEstimator:
         np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=accepted_rows)
 
     def headings(self) -> tuple[FloatArray, FloatArray]:
-        """(N,) weighted mean of the hypotheses' headings [rad] and its variance [rad²], which is infinite if
+        """(N,) weighted mean of the hypotheses' headings [rad], and the variance [rad²], which is infinite if
         no hypothesis is running."""
         headings = yaw_of(self._q)[:, None] + self._states[2]
         weights = self._weights
@@ -179,10 +180,10 @@ def _turn_and_level(
     dt_s: float, delta_angle: Rows, delta_velocity: Rows, bias: Rows, force: Rows, velocity_change: Rows,
     q: Rows, matrix: Blocks,
 ) -> None:  # fmt: skip
-    share = min(1.0, FORCE_SMOOTHING_PER_S * dt_s)
+    weight = min(1.0, FORCE_SMOOTHING_PER_S * dt_s)
     for i in range(q.shape[0]):
         for k in range(3):
-            force[i, k] += share * (delta_velocity[i, k] / dt_s - force[i, k])
+            force[i, k] += weight * (delta_velocity[i, k] / dt_s - force[i, k])
         fx, fy, fz = force[i, 0], force[i, 1], force[i, 2]
         rx, ry, rz = (
             delta_angle[i, 0] / dt_s - bias[i, 0],

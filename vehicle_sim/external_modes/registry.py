@@ -212,7 +212,7 @@ class ExternalModes:
         """Id of the executor in charge; during a failsafe the autopilot is in charge."""
         return AUTOPILOT if self.failsafe_acts else self._in_charge
 
-    def mode_chosen(self, state: int) -> None:
+    def on_mode_change(self, state: int) -> None:
         """Called after a change of the intended mode: the executor of the new mode is then in charge.
 
         If the mode has no executor, the autopilot is in charge, unless the executor in charge selected the

@@ -308,7 +308,7 @@ class Logger:
 
     def _full(self, free: int) -> None:
         free_mib = free >> 20
-        self._announcer.both(
+        self._announcer.announce(
             3, f"[logger] no log: {free_mib} MiB left, 50 are needed", "logger_storage_full", "I", free_mib
         )
 

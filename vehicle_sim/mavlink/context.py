@@ -13,7 +13,7 @@ from vehicle_sim.mavlink.telemetry import Telemetry
 
 AUTOPILOT_COMPONENT = 1
 AckListener = Callable[[Command, int, int], None]
-GCS_SILENT_S = 2.5
+GCS_TIMEOUT_S = 2.5
 """A ground station counts as connected for this long after its last heartbeat, so that one may be lost."""
 
 
@@ -28,7 +28,7 @@ class Context:
         self.telemetry = Telemetry(autopilot)
         self._later: list[Callable[[], None]] = []
         self._woken = False
-        self.gcs_silent_s = GCS_SILENT_S
+        self.gcs_silent_s = GCS_TIMEOUT_S
         """In simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
         self.known_senders: set[tuple[int, int]] = set()

@@ -78,7 +78,7 @@ class Gimbal:
         self._servo_inputs: tuple[float, ...] | None = None
         """Inputs of the current servo angles, which are computed again only after a change; None: the angles
         depend on the vehicle's attitude, and are computed in each update."""
-        self.rests = False
+        self.at_rest = False
         """Whether `update` changes nothing until a command, a parameter or the landed state changes."""
         self._roi: GlobalPosition | None = None
         self._waypoint_offsets: Angles | None = None
@@ -216,8 +216,8 @@ class Gimbal:
     def update(self, dt_s: float) -> None:
         """Advances the simulation by `dt_s`."""
         fixed = self._rate_setpoints is None and self._roi is None and self._waypoint_offsets is None
-        self.rests = fixed and self._inputs() == self._servo_inputs
-        if self.rests:
+        self.at_rest = fixed and self._inputs() == self._servo_inputs
+        if self.at_rest:
             return
         if self._rate_setpoints is not None:
             pitch_limit = math.radians(90.0)
@@ -328,7 +328,7 @@ class Gimbal:
 
     def _clear_targets(self) -> None:
         """Called by each command that moves the gimbal."""
-        self.rests = False
+        self.at_rest = False
         self._rate_setpoints = None
         self._roi = self._waypoint_offsets = None
 

@@ -71,7 +71,7 @@ class ExternalModeTopics:
                 self._register(self._registrations.popleft())
             while self._removals:
                 self._remove(self._removals.popleft())
-            external.remove_unresponsive(commander.intention)
+            external.remove_unresponsive(commander.intended_or_replacement)
         self._configure()
         for state in self._completed.take():
             self._publish(MODE_COMPLETED, "ModeCompleted", {"nav_state": state})
@@ -165,7 +165,7 @@ class _CompletedModes:
 
     def _took_off(self, active: NavState) -> bool:
         stays = active in (NavState.TAKEOFF, NavState.HOLD)
-        return stays and not self._commander.landed and self._navigator.finished(NavState.TAKEOFF)
+        return stays and not self._commander.landed and self._navigator.takeoff_finished(NavState.TAKEOFF)
 
     def _ended(self, active: NavState) -> bool:
         if active is NavState.RTL:

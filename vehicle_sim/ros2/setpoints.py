@@ -13,7 +13,7 @@ from vehicle_sim.autopilot.offboard import (
     Setpoint,
     SetpointKind,
     Vector,
-    lift_of,
+    collective_thrust,
     motor_setpoint,
     thrust_torque_setpoint,
     trajectory_kind,
@@ -76,7 +76,7 @@ class SetpointInputs:
         self._autopilot.take_setpoint(
             Setpoint(
                 SetpointKind.ATTITUDE, q_ned_frd=(w / norm, x / norm, y / norm, z / norm),
-                thrust=lift_of(v["thrust_body"]),
+                thrust=collective_thrust(v["thrust_body"]),
                 yaw_rate_ned_rad_s=turn_rad_s if abs(turn_rad_s) <= MAX_RATE_RAD_S else math.nan,
             )
         )  # fmt: skip
@@ -87,7 +87,11 @@ class SetpointInputs:
             for axis in ("roll", "pitch", "yaw")
         )
         self._autopilot.take_setpoint(
-            Setpoint(SetpointKind.RATES, rates_frd_rad_s=(roll, pitch, yaw), thrust=lift_of(v["thrust_body"]))
+            Setpoint(
+                SetpointKind.RATES,
+                rates_frd_rad_s=(roll, pitch, yaw),
+                thrust=collective_thrust(v["thrust_body"]),
+            )
         )
 
     def _thrust(self, v: Values) -> None:

@@ -24,7 +24,7 @@ DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in Requiremen
 def fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
     """Flags of current faults; the topic is published immediately when a flag changes."""
     estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
-    position = checks.position_good
+    position = checks.position_usable
     return {
         "attitude_invalid": not estimate.valid_attitude,
         "angular_velocity_invalid": not estimate.valid_attitude,
@@ -34,7 +34,7 @@ def fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str
         "local_velocity_invalid": not estimate.valid_velocity,
         "global_position_invalid": not position,
         "auto_mission_missing": not checks.has_mission,
-        "offboard_control_signal_lost": not commander.offboard.signal(),
+        "offboard_control_signal_lost": not commander.offboard.has_signal(),
         "home_position_invalid": not home.valid,
         "manual_control_signal_lost": not checks.manual_control(),
         "gcs_connection_lost": not checks.gcs_alive(),

@@ -245,7 +245,7 @@ class States:
             "can_set_nav_states_mask": c.external.settable(SETTABLE_STATES),
             "arming_state": ARMING_ARMED if c.armed else ARMING_DISARMED,
             "latest_arming_reason": self._reasons[0], "latest_disarming_reason": self._reasons[1],
-            "nav_state_user_intention": int(c.intention), "nav_state": int(c.active),
+            "nav_state_user_intention": int(c.intended_or_replacement), "nav_state": int(c.active),
             "executor_in_charge": c.external.executor_in_charge,
             "failsafe_defer_state": c.failsafe_watch.deferral,
             "vehicle_type": ROTARY_WING, "failsafe": c.in_failsafe,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vehicle_sim import frames
-from vehicle_sim.control.allocation import Allocation, mixer_of
+from vehicle_sim.control.allocation import Allocation, mixer_from_parameters
 from vehicle_sim.control.attitude import AttitudeControl
 from vehicle_sim.estimator.gyro_filter import GyroFilter
 from vehicle_sim.parameters import Parameters
@@ -34,7 +34,7 @@ def wanted_rates(control: AttitudeControl, q: np.ndarray, wanted: np.ndarray, ya
 
 def test_the_mixer_is_the_normalised_quad_x():
     half = math.sqrt(0.5)
-    assert mixer_of(Parameters()) == pytest.approx(
+    assert mixer_from_parameters(Parameters()) == pytest.approx(
         np.array([[-half, half, half, -half], [half, -half, half, -half], [1, 1, -1, -1], [1, 1, 1, 1]])
     )
 
@@ -42,12 +42,12 @@ def test_the_mixer_is_the_normalised_quad_x():
 def test_rotors_in_a_line_are_refused():
     overrides = {f"CA_ROTOR{k}_PY": 0.0 for k in range(4)}
     with pytest.raises(ValueError, match="CA_ROTOR"):
-        mixer_of(Parameters(overrides))
+        mixer_from_parameters(Parameters(overrides))
 
 
 def test_demands_within_the_motor_limits_are_allocated_exactly():
     motors = signals(allocation(), np.array([[0.05, -0.02, 0.03]]), np.array([0.5]))
-    expected = 0.5 + np.array([0.05, -0.02, 0.03]) @ mixer_of(Parameters())[:3]
+    expected = 0.5 + np.array([0.05, -0.02, 0.03]) @ mixer_from_parameters(Parameters())[:3]
     assert motors[0] == pytest.approx(expected)
 
 

@@ -214,20 +214,20 @@ def test_a_replacement_is_flown_while_it_answers():
 def test_the_executor_of_the_selected_mode_is_in_charge():
     registry = Registry()
     registry.register_mode("A", executor=True)
-    registry.mode_chosen(23)
+    registry.on_mode_change(23)
     assert registry.executor_in_charge == 1
     registry.commanded_by_executor = True
-    registry.mode_chosen(HOLD)
+    registry.on_mode_change(HOLD)
     assert registry.executor_in_charge == 1
     registry.commanded_by_executor = False
-    registry.mode_chosen(HOLD)
+    registry.on_mode_change(HOLD)
     assert registry.executor_in_charge == 0
 
 
 def test_during_a_failsafe_no_executor_is_in_charge():
     registry = Registry()
     registry.register_mode("A", executor=True)
-    registry.mode_chosen(23)
+    registry.on_mode_change(23)
     registry.update(0, failsafe_acts=True)
     assert registry.executor_in_charge == 0
     registry.update(0, failsafe_acts=False)
@@ -237,7 +237,7 @@ def test_during_a_failsafe_no_executor_is_in_charge():
 def test_an_unregistered_executor_is_not_in_charge():
     registry = Registry()
     registry.register_mode("A", executor=True)
-    registry.mode_chosen(23)
+    registry.on_mode_change(23)
     registry.unregister("A", 0, 23)
     assert registry.executor_in_charge == 0
 
@@ -248,7 +248,7 @@ def test_overrides_of_the_mode_and_of_the_executor_in_charge_apply():
     registry.override(Overrides(disable_auto_disarm=True), mode=23)
     registry.override(Overrides(defer_failsafes=True, defer_timeout_s=4), executor=1)
     assert registry.overrides(23) == Overrides(disable_auto_disarm=True)
-    registry.mode_chosen(23)
+    registry.on_mode_change(23)
     assert registry.overrides(23) == Overrides(True, True, 4)
     assert registry.overrides(HOLD) == Overrides(False, True, 4)
 

@@ -39,7 +39,7 @@ def test_a_failsafe_holds_for_the_delay_then_acts_and_continues_without_its_caus
     assert m.after(4.9, GCS).action is Action.HOLD
     assert m.after(0.2, GCS) == Decision(Action.RTL, Cause.GCS_LOSS)
     assert m.after(1.0).action is Action.RTL, "the return continues although the link is back"
-    m.failsafe.mode_chosen()
+    m.failsafe.on_mode_change()
     assert m.after(0.1).action is Action.NONE
 
 
@@ -54,12 +54,12 @@ def test_a_worse_condition_does_not_restart_the_delay() -> None:
 def test_a_takeover_lasts_until_a_new_condition() -> None:
     m = Machine()
     m.after(0.0, GCS)
-    m.failsafe.mode_chosen()
+    m.failsafe.on_mode_change()
     assert m.after(6.0, GCS).action is Action.NONE
     assert m.after(0.1, GCS, LANDS).action is Action.HOLD
     final = Demand("attitude", Action.TERMINATE, clear=Clear.NEVER, takeover=Takeover.NEVER)
     assert m.after(0.1, final).action is Action.TERMINATE
-    m.failsafe.mode_chosen()
+    m.failsafe.on_mode_change()
     assert m.after(0.1).action is Action.TERMINATE
 
 

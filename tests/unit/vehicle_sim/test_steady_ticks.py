@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from vehicle_sim.autopilot.autopilot import Autopilot
+from vehicle_sim.autopilot.check_skipper import CheckSkipper
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.offboard import trajectory_setpoint
 from vehicle_sim.autopilot.plans import MISSION
-from vehicle_sim.autopilot.quiet_checks import QuietChecks
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.sensors.faults import Driver
@@ -59,7 +59,7 @@ def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str],
             digest.update(values.tobytes())
         for autopilot in sim.autopilots:
             digest.update(repr((autopilot.gimbal.actual, autopilot.gimbal.rates)).encode())
-        steady += sum(not autopilot.decided for autopilot in sim.autopilots)
+        steady += sum(not autopilot.ran_full_tick for autopilot in sim.autopilots)
     return digest.hexdigest(), messages, steady / (count * seconds / 0.02)
 
 
@@ -168,7 +168,7 @@ def test_a_forced_disarm_in_a_steady_flight_stops_the_motors_in_the_same_tick() 
     autopilot.commander.disarm(force=True)
     sim.step(0.02)
     assert not autopilot.steady
-    assert autopilot.decided
+    assert autopilot.ran_full_tick
     assert not sim.simulation.setpoints.armed[0]
 
 
@@ -237,20 +237,20 @@ REPORTS = (
 
 def test_checks_are_skipped_only_while_they_would_find_nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
     skipped: list[bool] = []
-    repeat = QuietChecks.repeat
+    repeat = CheckSkipper.repeat
 
-    def counted(quiet: QuietChecks, armed_at_s: float) -> bool:
+    def counted(quiet: CheckSkipper, armed_at_s: float) -> bool:
         skipped.append(repeat(quiet, armed_at_s))
         return skipped[-1]
 
-    def never(_quiet: QuietChecks, _armed_at_s: float) -> bool:
+    def never(_quiet: CheckSkipper, _armed_at_s: float) -> bool:
         return False
 
     script: Script = {5.0: for_each_autopilot(climb_far), **FAILURES}
     with monkeypatch.context() as patch:
-        patch.setattr(QuietChecks, "repeat", counted)
+        patch.setattr(CheckSkipper, "repeat", counted)
         found = fly(script, 22.0, count=5)
-    monkeypatch.setattr(QuietChecks, "repeat", never)
+    monkeypatch.setattr(CheckSkipper, "repeat", never)
     assert fly(script, 22.0, count=5) == found
     missing = [report for report in REPORTS if not any(report in message for message in found[1])]
     assert not missing

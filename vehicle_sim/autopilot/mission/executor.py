@@ -38,7 +38,7 @@ ITEMS_PER_TICK = 20
 """Maximum items per tick: items without a position are executed immediately, and jumps may form a loop."""
 
 
-class Work(Enum):
+class Phase(Enum):
     """Phase of the current item."""
 
     NONE = "none"
@@ -49,7 +49,7 @@ class Work(Enum):
 
 
 class Mission:
-    """The mission of one vehicle. Call `update` at each tick in Mission mode, and `run` while it may fly."""
+    """The mission of one vehicle. In Mission mode, call `update` at each tick, and `run` in flight."""
 
     def __init__(
         self,
@@ -75,9 +75,9 @@ class Mission:
         """Number of items reached so far; each increase is reported."""
         self.finished = False
         self.active = False
-        self._work = Work.NONE
+        self._phase = Phase.NONE
         self._arrived_at_s = math.nan
-        self._jumps: dict[int, int] = {}
+        self._jump_counts: dict[int, int] = {}
         self._revision = 0
         self._needs_takeoff = True
         self._disarmed_after_start = False
@@ -92,7 +92,7 @@ class Mission:
         return self._plans.mission
 
     def valid(self, *, landed: bool) -> bool:
-        """Whether there is a mission that can be flown; reports the reason once if not."""
+        """Whether the plan passes the feasibility check; reports the findings of a changed plan once."""
         inputs = self._plans.changes, self._home.set_at_us, self._home.valid, self._view.parameter_changes
         if inputs == self._validity_inputs:
             return self._validity[1]
@@ -132,8 +132,8 @@ class Mission:
             self._revision = self._plans.revision(MISSION)
             self.current = self._plans.start_seq
             self.reached, self.finished = None, False
-            self._jumps.clear()
-            self._work, self._replay.left_at = Work.NONE, None
+            self._jump_counts.clear()
+            self._phase, self._replay.left_at_seq = Phase.NONE, None
 
     @property
     def count(self) -> int:
@@ -154,47 +154,47 @@ class Mission:
         if not 0 <= seq < len(self._items):
             return False
         if seq != self.current:
-            self._replay.left_at = None
+            self._replay.left_at_seq = None
         self.current, self.finished = seq, False
-        self._work = Work.NONE
+        self._phase = Phase.NONE
         return True
 
     # --- the mode --------------------------------------------------------------------------------------
 
     def enter(self) -> None:
-        """Starts the mission, or continues it."""
+        """Starts or continues the mission."""
         if self._disarmed_after_start and self.current + 1 >= len(self._items):
             self.current, self.finished, self.reached = 0, False, None
-            self._jumps.clear()
-            self._replay.left_at = None
+            self._jump_counts.clear()
+            self._replay.left_at_seq = None
         self.active, self._disarmed_after_start = True, False
-        self._work, self._needs_takeoff = Work.NONE, True
+        self._phase, self._needs_takeoff = Phase.NONE, True
         self._path.cruise_m_s = math.nan
         self._leg.restart()
         self.heading.reset()
-        self._announcer.both(6, "Executing Mission", "mission_execute")
+        self._announcer.announce(6, "Executing Mission", "mission_execute")
         self.current = self._replay.begin(self._items, self.current)
 
     def leave(self) -> None:
         """Called when another mode becomes active: stops camera triggers and releases the gimbal."""
         self.active = False
-        self._work, self._replay.left_at = Work.NONE, self.current
+        self._phase, self._replay.left_at_seq = Phase.NONE, self.current
         self._commands.stop_triggering()
         self._commands.release_gimbal()
 
     def update(self, *, landed: bool) -> None:
-        """One tick: starts items, and continues with the next one when an item is done."""
+        """Runs one tick: starts items, and continues with the next item when an item is finished."""
         if self.finished or not self.valid(landed=landed):
             return
         for _ in range(ITEMS_PER_TICK):
             item = self._items[self.current]
-            if item.command == JUMP and self._work is Work.NONE:
+            if item.command == JUMP and self._phase is Phase.NONE:
                 if not self._jump(item):
                     break
                 continue
-            if self._work is Work.NONE:
+            if self._phase is Phase.NONE:
                 self._begin(item, landed)
-            if not self._done(item, landed):
+            if not self._is_finished(item, landed):
                 break
             if not self._complete(item, landed):
                 break
@@ -202,62 +202,62 @@ class Mission:
     def _begin(self, item: Item, landed: bool) -> None:
         self._arrived_at_s = math.nan
         if not item.is_position:
-            self._work = Work.WAIT
+            self._phase = Phase.WAIT
             if item.command not in (LAND_START, GATE):
                 self._issue(item)
             if item.command == GATE:
-                self._fly_to(self._place(item), self._next_place(self.current), item)
+                self._fly_to(self._position_of(item), self._next_target(self.current), item)
             return
         takeoff_amsl_m = self._takeoff_altitude(item, landed)
         if self._needs_takeoff and self._must_climb(item, takeoff_amsl_m, landed):
             self._needs_takeoff = False
-            self._work = Work.TAKEOFF
+            self._phase = Phase.TAKEOFF
             self._climb.begin(takeoff_amsl_m)
             above_m = takeoff_amsl_m - self._home.alt_amsl_m
             text = f"Climb to {above_m:.1f} meters above home"
-            self._announcer.both(6, text, "mission_climb_before_start", "f", above_m)
+            self._announcer.announce(6, text, "mission_climb_before_start", "f", above_m)
             return
         self._needs_takeoff = False
         self._replay.after_climb()
-        self._work = Work.FLY
-        place = self._place(item)
+        self._phase = Phase.FLY
+        target = self._position_of(item)
         if item.command == LAND:
-            place = (place[0], place[1], self._path.position_ned_m[2])
-        self._fly_to(place, self._next_place(self.current), item)
+            target = (target[0], target[1], self._path.position_ned_m[2])
+        self._fly_to(target, self._next_target(self.current), item)
 
-    def _fly_to(self, place: Vector, onward: Vector | None, item: Item) -> None:
+    def _fly_to(self, target: Vector, next_target: Vector | None, item: Item) -> None:
         if item.hold_time_s() > 0.0 or item.command in (LAND, LOITER_UNLIMITED):
-            onward = None
-        self._leg.set(place, onward, self._acceptance(item))
+            next_target = None
+        self._leg.set(target, next_target, self._acceptance(item))
         self.heading.item_yaw_rad = item.yaw_rad()
 
     def _jump(self, item: Item) -> bool:
         """Executes or skips a jump; False: the mission has ended."""
-        target, repeats = int(item.parameters[0]), int(item.parameters[1])
-        done = self._jumps.get(self.current, 0)
-        if 0 <= target < len(self._items) and (repeats < 0 or done < repeats):
-            self._jumps[self.current] = done + 1
-            self.current = target
+        target_seq, repeats = int(item.parameters[0]), int(item.parameters[1])
+        count = self._jump_counts.get(self.current, 0)
+        if 0 <= target_seq < len(self._items) and (repeats < 0 or count < repeats):
+            self._jump_counts[self.current] = count + 1
+            self.current = target_seq
             return True
-        self._jumps.pop(self.current, None)
+        self._jump_counts.pop(self.current, None)
         return self._advance(landed=False)
 
-    def _done(self, item: Item, landed: bool) -> bool:
-        if self._work is Work.TAKEOFF:
+    def _is_finished(self, item: Item, landed: bool) -> bool:
+        if self._phase is Phase.TAKEOFF:
             if self._view.estimate.alt_amsl_m > self._climb.goal_alt_amsl_m - self._altitude_acceptance(item):
-                self._work = Work.NONE
+                self._phase = Phase.NONE
                 self._leg.restart()
                 self._begin(item, landed)
-                return self._done(item, landed)
+                return self._is_finished(item, landed)
             return False
-        if self._work is Work.LAND:
+        if self._phase is Phase.LAND:
             return landed
         if item.command == GATE:
-            return self._through_gate(item)
+            return self._passed_gate(item)
         if item.is_position and not self._arrived(item):
             return False
         if item.command == LAND:
-            self._work = Work.LAND
+            self._phase = Phase.LAND
             return False
         if item.command in (LOITER_UNLIMITED, RETURN):
             return False
@@ -274,30 +274,30 @@ class Mission:
             return False
         if item.command != LAND and abs(td - d) > self._view.parameter("NAV_MC_ALT_RAD"):
             return False
-        return self._turned(item)
+        return self._heading_reached(item)
 
-    def _turned(self, item: Item) -> bool:
+    def _heading_reached(self, item: Item) -> bool:
         yaw = item.yaw_rad()
         timeout_s = self._view.parameter("MIS_YAW_TMT")
         if math.isnan(yaw) or timeout_s > 0.0 or self.heading.has_roi:
             return True
-        off = abs(wrap_angle(yaw - self._view.estimate.yaw_ned_rad))
-        return off < math.radians(self._view.parameter("MIS_YAW_ERR"))
+        error_rad = abs(wrap_angle(yaw - self._view.estimate.yaw_ned_rad))
+        return error_rad < math.radians(self._view.parameter("MIS_YAW_ERR"))
 
-    def _through_gate(self, item: Item) -> bool:
-        onward = self._next_place(self.current)
-        if onward is None:
+    def _passed_gate(self, item: Item) -> bool:
+        next_target = self._next_target(self.current)
+        if next_target is None:
             return True
-        gn, ge, _ = self._place(item)
+        gn, ge, _ = self._position_of(item)
         n, e, _ = self._view.estimate.position_ned_m
-        return (onward[0] - gn) * (n - gn) + (onward[1] - ge) * (e - ge) >= 0.0
+        return (next_target[0] - gn) * (n - gn) + (next_target[1] - ge) * (e - ge) >= 0.0
 
     def _complete(self, item: Item, landed: bool) -> bool:
         self.reached = self.current
         self.reached_count += 1
-        self._work = Work.NONE
+        self._phase = Phase.NONE
         if not item.autocontinue:
-            self._work = Work.WAIT
+            self._phase = Phase.WAIT
             self._arrived_at_s = math.inf
             return False
         return self._advance(landed)
@@ -309,36 +309,37 @@ class Mission:
             return True
         self.finished = True
         if landed:
-            self._announcer.both(6, "Mission finished, landed", "mission_finished")
+            self._announcer.announce(6, "Mission finished, landed", "mission_finished")
         else:
-            self._announcer.both(6, "Mission finished, loitering", "mission_finished_loiter")
+            self._announcer.announce(6, "Mission finished, loitering", "mission_finished_loiter")
         return False
 
-    # --- places and commands ---------------------------------------------------------------------------
+    # --- positions and commands -----------------------------------------------------------------------
 
     def _issue(self, item: Item) -> None:
         parameters = item.command_parameters(self._home.alt_amsl_m)
         self.heading.handle_item(item, parameters)
         self._commands.send(item.command, *parameters, repeated=item.command != RETURN)
 
-    def _place(self, item: Item) -> Vector:
+    def _position_of(self, item: Item) -> Vector:
         origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(item.lat_deg, item.lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         return (float(n), float(e), origin_alt - item.alt_amsl_m(self._home.alt_amsl_m))
 
-    def _next_place(self, seq: int) -> Vector | None:
-        """Position of the next item after `seq` that is flown to; None: the vehicle stops at item `seq`."""
-        item = next_position(self._items, seq, self._jumps)
-        return None if item is None else self._place(item)
+    def _next_target(self, seq: int) -> Vector | None:
+        """Position of the next position item after `seq`; None: the vehicle stops at item `seq`."""
+        item = next_position(self._items, seq, self._jump_counts)
+        return None if item is None else self._position_of(item)
 
     def _acceptance(self, item: Item) -> float:
         given = item.parameters[1] if item.command == WAYPOINT else 0.0
         return given if math.isfinite(given) and abs(given) > 0.001 else self._view.parameter("NAV_ACC_RAD")
 
     def _altitude_acceptance(self, item: Item) -> float:
-        usual = self._view.parameter("NAV_MC_ALT_RAD")
-        height = self._climb.goal_alt_amsl_m - self._home.alt_amsl_m
-        return height / 2.0 if item.command == TAKEOFF and 0.0 < height < usual else usual
+        default_m = self._view.parameter("NAV_MC_ALT_RAD")
+        above_home_m = self._climb.goal_alt_amsl_m - self._home.alt_amsl_m
+        low = item.command == TAKEOFF and 0.0 < above_home_m < default_m
+        return above_home_m / 2.0 if low else default_m
 
     def _takeoff_altitude(self, item: Item, landed: bool) -> float:
         ground = self._view.estimate.alt_amsl_m if landed else self._home.alt_amsl_m
@@ -356,43 +357,43 @@ class Mission:
     # --- flying ----------------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """One tick of motion."""
-        if self._work is Work.TAKEOFF:
+        """Runs one tick of the motion."""
+        if self._phase is Phase.TAKEOFF:
             self._climb.run()
             return
-        if self._work is Work.LAND:
+        if self._phase is Phase.LAND:
             self._descent.run()
             return
-        self._path.yaw_target_rad = self.heading.wanted(self._leg.target_ned_m, self._leg.acceptance_m)
+        self._path.yaw_target_rad = self.heading.setpoint_rad(self._leg.target_ned_m, self._leg.acceptance_m)
         self._leg.fly()
 
     @property
     def taking_off(self) -> bool:
-        """Whether the vehicle climbs before the first item."""
-        return self._work is Work.TAKEOFF
+        """Whether the vehicle climbs to the take-off altitude before it flies to an item."""
+        return self._phase is Phase.TAKEOFF
 
     @property
     def landing(self) -> bool:
         """Whether the vehicle descends for a landing item."""
-        return self._work is Work.LAND
+        return self._phase is Phase.LAND
 
     def steady_task(self) -> SteadyTask | None:
-        """What the mission flies until its item is finished; None: it decides at each tick."""
+        """The motion until the current item is finished; None: the mission needs full ticks."""
         if self.finished or not self.active or not self.current < len(self._items):
             return None
         item = self._items[self.current]
-        if self._work is Work.TAKEOFF:
-            ends_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance(item)
-            return self._climb.steady_task(ends_above_amsl_m=ends_m)
-        if self._work is Work.LAND:
+        if self._phase is Phase.TAKEOFF:
+            end_amsl_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance(item)
+            return self._climb.steady_task(ends_above_amsl_m=end_amsl_m)
+        if self._phase is Phase.LAND:
             return self._descent.steady_task()
-        if self._work is Work.NONE or item.command in (GATE, LOITER_UNLIMITED, RETURN):
+        if self._phase is Phase.NONE or item.command in (GATE, LOITER_UNLIMITED, RETURN):
             return None
         arrived_at_s = self._arrived_at_s if math.isfinite(self._arrived_at_s) else None
-        if arrived_at_s is None and self._work is not Work.FLY:
+        if arrived_at_s is None and self._phase is not Phase.FLY:
             return None
         return self._leg.steady_task(self.heading, arrived_at_s, item.hold_time_s())
 
-    def situation(self) -> tuple[object, ...]:
+    def commanded_state(self) -> tuple[object, ...]:
         """State that commands can change between two ticks."""
-        return self.current, self._work, self._arrived_at_s, self._leg.triplet, self.heading.item_yaw_rad
+        return self.current, self._phase, self._arrived_at_s, self._leg.triplet, self.heading.item_yaw_rad

@@ -12,12 +12,12 @@ from vehicle_sim.vehicle_view import Vector, VehicleView
 
 TOWARDS_WAYPOINT, TOWARDS_HOME, AWAY_FROM_HOME, ALONG_TRAJECTORY, YAW_FIRST, FIXED = range(6)
 """MPC_YAW_MODE."""
-OLD_ROI_NEXT, OLD_ROI_PLACE = 1, 3
+OLD_ROI_NEXT, OLD_ROI_LOCATION = 1, 3
 """MAV_ROI of DO_SET_ROI's first parameter."""
 
 
 class Heading:
-    """State of one vehicle's heading in Mission mode."""
+    """The heading of one vehicle in Mission mode."""
 
     def __init__(self, view: VehicleView, path: Path, home: Home) -> None:
         self._view, self._path, self._home = view, path, home
@@ -31,7 +31,7 @@ class Heading:
 
     def handle_item(self, item: Item, parameters: tuple[float, ...]) -> None:
         """Handles items that set or clear the region of interest."""
-        if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == OLD_ROI_PLACE):
+        if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == OLD_ROI_LOCATION):
             self.look_at(parameters[4], parameters[5])
         elif item.command in (ROI_NONE, ROI_NEXT_WAYPOINT, ROI):
             self._roi_ne_m = None
@@ -48,8 +48,8 @@ class Heading:
         """Whether a region of interest determines the heading."""
         return self._roi_ne_m is not None
 
-    def wanted(self, target_ned_m: Vector, acceptance_m: float) -> float:
-        """The heading setpoint; if none is defined, the last one."""
+    def setpoint_rad(self, target_ned_m: Vector, acceptance_m: float) -> float:
+        """The heading setpoint [rad, NED]; the last one if neither item nor parameters define it."""
         x, y, _ = self._path.position_ned_m
         if self._roi_ne_m is not None:
             return self._towards(self._roi_ne_m[0] - x, self._roi_ne_m[1] - y, 0.5)
@@ -68,10 +68,10 @@ class Heading:
         return self._path.yaw_target_rad
 
     def steady_point(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
-        """The heading setpoint as north and east [m] of a point, and a distance [m]; None: there is no point.
+        """The heading setpoint as north and east [m] of a point, and a distance [m]; None: no fixed point.
 
-        The nose points to the point while it is farther away than the distance; infinite: the heading does
-        not change.
+        The nose points to the point while the point is farther away than the distance; with an infinite
+        distance the heading does not change.
         """
         mode = self._view.choice("MPC_YAW_MODE")
         if self._roi_ne_m is not None:

@@ -20,7 +20,7 @@ RALLY_POINT = 5100
 POSITIONS = frozenset(
     {WAYPOINT, LOITER_UNLIMITED, LOITER_TIME, LAND, TAKEOFF, LOITER_TO_ALTITUDE, VTOL_TAKEOFF, VTOL_LAND}
 )
-"""Items that are flown to."""
+"""Items with a position to which the vehicle flies."""
 GIMBAL_ITEMS = frozenset(
     {MOUNT_CONFIGURE, MOUNT_CONTROL, GIMBAL_PITCH_YAW, GIMBAL_CONFIGURE, ROI, ROI_LOCATION, ROI_NEXT_WAYPOINT,
      ROI_NONE}
@@ -30,8 +30,8 @@ SUPPORTED = POSITIONS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
     {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, 211, 260,
      CAMERA_MODE, 531, 532, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, 42600}
 )  # fmt: skip
-"""Items that the feasibility check accepts for a multicopter; others are refused at upload or by the
-check."""
+"""Items that the feasibility check accepts for a multicopter; upload or check refuses all other
+items."""
 
 GLOBAL_FRAMES = frozenset({0, 5})
 RELATIVE_FRAMES = frozenset({3, 6})
@@ -52,7 +52,7 @@ class Item:
 
     @property
     def is_position(self) -> bool:
-        """Whether it is flown to."""
+        """Whether the vehicle flies to the item's position."""
         return self.command in POSITIONS
 
     @property
@@ -97,14 +97,14 @@ def read(fields: Mapping[str, Any]) -> Item:
 
 
 def next_position(items: Sequence[Item], seq: int, jumps: Mapping[int, int]) -> Item | None:
-    """The next item after item `seq` that is flown to; None: the vehicle stops at item `seq`.
+    """The next position item after item `seq`; None: the vehicle stops at item `seq`.
 
     Args:
-        items: of the mission.
+        items: the mission's items.
         seq: index of the current item.
         jumps: how often each jump was executed, by index.
     """
-    done = dict(jumps)
+    counts = dict(jumps)
     for _ in range(len(items)):
         seq += 1
         if seq >= len(items):
@@ -112,8 +112,8 @@ def next_position(items: Sequence[Item], seq: int, jumps: Mapping[int, int]) -> 
         item = items[seq]
         if item.command == JUMP:
             target, repeats = int(item.parameters[0]), int(item.parameters[1])
-            if 0 <= target < len(items) and (repeats < 0 or done.get(seq, 0) < repeats):
-                done[seq] = done.get(seq, 0) + 1
+            if 0 <= target < len(items) and (repeats < 0 or counts.get(seq, 0) < repeats):
+                counts[seq] = counts.get(seq, 0) + 1
                 seq = target - 1
             continue
         if item.command in (DELAY, RETURN):

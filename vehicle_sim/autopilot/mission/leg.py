@@ -28,7 +28,7 @@ class Leg:
 
     @property
     def acceptance_m(self) -> float:
-        """Distance to the target within which it is reached."""
+        """Distance within which the target counts as reached."""
         return self._triplet.acceptance_m
 
     def set(self, target_ned_m: Vector, next_ned_m: Vector | None, acceptance_m: float) -> None:
@@ -38,11 +38,11 @@ class Leg:
 
     def restart(self) -> None:
         """Starts the leg at the current position of the trajectory."""
-        here = self._path.position_ned_m
-        self._triplet = WaypointTriplet(here, here, None, self._triplet.acceptance_m)
+        position_ned_m = self._path.position_ned_m
+        self._triplet = WaypointTriplet(position_ned_m, position_ned_m, None, self._triplet.acceptance_m)
 
     def steady_task(self, heading: Heading, arrived_at_s: float | None, waits_s: float) -> SteadyTask | None:
-        """The leg until arrival, or after arrival until the end of the wait; None: the heading depends on the
+        """The leg until arrival, or after it until the end of the wait; None: the heading depends on the
         motion."""
         path, (north_m, east_m, _) = self._path, self.target_ned_m
         point = heading.steady_point(self.target_ned_m, self.acceptance_m)
@@ -59,5 +59,5 @@ class Leg:
         )
 
     def fly(self) -> None:
-        """One tick along the leg."""
+        """Runs one tick along the leg."""
         self._path.fly_triplet(self._triplet)

@@ -24,7 +24,7 @@ TRIGGERS = frozenset({CAMERA_TRIGGER_DISTANCE, TRIGGER_CONTROL, PICTURES_START, 
 
 
 class Replay:
-    """The items that one vehicle repeats.
+    """The settings that one vehicle repeats.
 
     Args:
         issue: sends the command of an item.
@@ -33,52 +33,52 @@ class Replay:
     def __init__(self, issue: Callable[[Item], None]) -> None:
         self._issue = issue
         self._gimbal: list[Item] = []
-        self._at_first: list[Item] = []
+        self._at_first_item: list[Item] = []
         """Items to repeat when the first item is reached."""
         self._start = 0
         """Index of the item at which the mission was started."""
-        self.left_at: int | None = None
+        self.left_at_seq: int | None = None
         """Index of the current item when the mission was left; None: the current item has changed since."""
 
     def begin(self, items: Sequence[Item], current: int) -> int:
         """Called when the mission is started or continued.
 
         Returns:
-            The item to fly: the current one. If pictures were taken when the mission was left, it is the last
-            position item before the one flown then, so that no picture is lost.
+            Index of the item to fly: `current`. If the camera was triggering when the vehicle left the
+            mission: the last position item before the item that was current then, so that no picture is lost.
         """
-        earlier, pause = items[:current], self.left_at
-        self.left_at = None
+        earlier, left_at_seq = items[:current], self.left_at_seq
+        self.left_at_seq = None
         trigger, speed = _last(earlier, *TRIGGERS), _last(earlier, CHANGE_SPEED)
         pictures = [trigger] if trigger is not None and takes_pictures(trigger) else []
-        at_once = [] if speed is None else [speed]
-        self._at_first = pictures
-        if pictures and pause is not None:
-            back = next((seq for seq in range(pause - 1, -1, -1) if items[seq].is_position), None)
-            if back is not None:
-                current, self._at_first, at_once = back, at_once + pictures, []
-        self._gimbal = _known(_last(earlier, GIMBAL_CONFIGURE), _last(earlier, GIMBAL_PITCH_YAW))
+        immediate = [] if speed is None else [speed]
+        self._at_first_item = pictures
+        if pictures and left_at_seq is not None:
+            previous = next((seq for seq in range(left_at_seq - 1, -1, -1) if items[seq].is_position), None)
+            if previous is not None:
+                current, self._at_first_item, immediate = previous, immediate + pictures, []
+        self._gimbal = _without_none(_last(earlier, GIMBAL_CONFIGURE), _last(earlier, GIMBAL_PITCH_YAW))
         self._start = current
-        for item in at_once + _known(_last(earlier, CAMERA_MODE)):
+        for item in immediate + _without_none(_last(earlier, CAMERA_MODE)):
             self._issue(item)
         return current
 
     def after_climb(self) -> None:
-        """Repeats the gimbal's settings once the vehicle does not climb to the first item any more."""
+        """Repeats the gimbal's settings; called when the climb before the first item has ended."""
         gimbal, self._gimbal = self._gimbal, []
         for item in gimbal:
             self._issue(item)
 
     def reached(self, current: int) -> None:
-        """Repeats the remaining settings once the first item is reached."""
-        if self._at_first and current > self._start:
-            at_first, self._at_first = self._at_first, []
-            for item in at_first:
+        """Repeats the remaining settings when the first item is reached."""
+        if self._at_first_item and current > self._start:
+            settings, self._at_first_item = self._at_first_item, []
+            for item in settings:
                 self._issue(item)
 
 
 def takes_pictures(item: Item) -> bool:
-    """Whether pictures are taken after this item of `TRIGGERS`."""
+    """Whether the camera triggers after this item, one of `TRIGGERS`."""
     if item.command == CAMERA_TRIGGER_DISTANCE:
         return item.parameters[0] > 0.0
     if item.command == TRIGGER_CONTROL:
@@ -90,5 +90,5 @@ def _last(items: Sequence[Item], *commands: int) -> Item | None:
     return next((item for item in reversed(items) if item.command in commands), None)
 
 
-def _known(*items: Item | None) -> list[Item]:
+def _without_none(*items: Item | None) -> list[Item]:
     return [item for item in items if item is not None]

@@ -12,7 +12,7 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 MIN_CLIMB_M = 0.2
-"""A smaller height above the vehicle does not start a take-off."""
+"""A smaller climb does not start a take-off."""
 
 
 class Climb:
@@ -27,14 +27,14 @@ class Climb:
         """Altitude of the command, kept until the climb begins; NaN: MIS_TAKEOFF_ALT."""
 
     def enter(self) -> None:
-        """Sets the altitude: the commanded one, else MIS_TAKEOFF_ALT above the vehicle, but not below the
+        """Sets the altitude: the commanded one, otherwise MIS_TAKEOFF_ALT above the vehicle; never below the
         vehicle."""
         default_m = self._view.parameter("MIS_TAKEOFF_ALT")
         current_amsl_m = self._view.estimate.alt_amsl_m
         wanted, self.alt_amsl_m = self.alt_amsl_m, math.nan
         if not math.isfinite(wanted):
             wanted = current_amsl_m + default_m
-            self._announcer.both(
+            self._announcer.announce(
                 6,
                 f"Using default takeoff altitude: {default_m:.1f} m",
                 "navigator_takeoff_default_alt",
@@ -43,7 +43,7 @@ class Climb:
             )
         elif wanted < current_amsl_m:
             wanted = current_amsl_m
-            self._announcer.both(
+            self._announcer.announce(
                 2, "Already higher than takeoff altitude", "navigator_takeoff_already_higher"
             )
         self.begin(wanted)
@@ -68,7 +68,7 @@ class Climb:
     def steady_task(
         self, *, ends_above_amsl_m: float = math.inf, altitude_radius_m: float = math.nan
     ) -> SteadyTask | None:
-        """The climb until an altitude AMSL, or until its height error is within the radius; None: no target
+        """The climb until an altitude AMSL, or until the altitude error is within the radius; None: no target
         yet."""
         task = self._path.steady_task(Motion.CLIMB)
         if task is None or math.isnan(task.target_down_m):
@@ -80,8 +80,8 @@ class Climb:
     def run(self) -> None:
         """Runs one tick of the climb.
 
-        Below MPC_LAND_ALT1 the acceleration is limited to that of the take-off ramp. The trajectory's height
-        is then the vehicle's height, so that it does not descend at first.
+        Below MPC_LAND_ALT1 above home, the take-off ramp limits the acceleration, and the trajectory starts
+        each tick at the vehicle's altitude, so that it does not descend at first.
         """
         path, parameter = self._path, self._view.parameter
         _, _, down = path.target_ned_m
@@ -90,15 +90,15 @@ class Climb:
         low = self._home.position_ned_m[2] - z < parameter("MPC_LAND_ALT1")
         if low:
             path.z.position_m = z
-        to_go_m = 0.0 if down is None else down - path.z.position_m
+        remaining_m = 0.0 if down is None else down - path.z.position_m
         fly(path.z.row, tick_s)
         speed, acceleration = parameter("MPC_Z_V_AUTO_UP"), parameter("MPC_ACC_UP_MAX")
-        if to_go_m > 0.0:
+        if remaining_m > 0.0:
             speed, acceleration = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_ACC_DOWN_MAX")
         elif low:
             speed, ramp_s = parameter("MPC_TKO_SPEED"), parameter("MPC_TKO_RAMP_T")
             acceleration = min(acceleration, speed / ramp_s) if ramp_s > 0.0 else acceleration
         jerk = parameter("MPC_JERK_AUTO")
-        wanted = min(speed, max_speed_for_distance(jerk, acceleration, abs(to_go_m), 0.0))
-        plan(path.z.row, math.copysign(wanted, to_go_m), acceleration, jerk)
+        wanted = min(speed, max_speed_for_distance(jerk, acceleration, abs(remaining_m), 0.0))
+        plan(path.z.row, math.copysign(wanted, remaining_m), acceleration, jerk)
         path.write()

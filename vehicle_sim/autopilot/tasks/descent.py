@@ -1,7 +1,7 @@
 """Landing: descends at the current position, slower near the ground.
 
-Height is measured by the range finder. Without it, height above the local origin is used, and the lowest
-speed MPC_LAND_CRWL is not applied.
+The range finder measures the height above ground. Without it, the altitude above the local origin is used,
+and the lowest speed MPC_LAND_CRWL is not applied.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class Descent:
     def _land_speed(self) -> float:
         parameter = self._view.parameter
         estimate = self._view.estimate
-        range_at_m = estimate.height_above_ground_m
-        height = -estimate.position_ned_m[2] if math.isnan(range_at_m) else range_at_m
+        range_m = estimate.height_above_ground_m
+        height = -estimate.position_ned_m[2] if math.isnan(range_m) else range_m
         fast, slow = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_LAND_SPEED")
         high, low = parameter("MPC_LAND_ALT1"), parameter("MPC_LAND_ALT2")
-        if range_at_m <= parameter("MPC_LAND_ALT3"):
+        if range_m <= parameter("MPC_LAND_ALT3"):
             return parameter("MPC_LAND_CRWL")
         if height >= high:
             return fast

@@ -1,4 +1,4 @@
-"""End and route of a return: home, a rally point or the mission's landing, by RTL_TYPE."""
+"""Destination and route of a return: home, a rally point or the mission's landing, by RTL_TYPE."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Destination:
 
     kind: DestinationKind
     position_ned_m: Vector
-    """On the ground; for a mission landing, a waypoint of its route."""
+    """A position on the ground; for a mission landing, a waypoint of the route."""
     yaw_ned_rad: float
     route_ned_m: tuple[Vector, ...] = ()
     """Waypoints to fly through; the vehicle lands at the last one."""
@@ -67,7 +67,7 @@ class DestinationChooser:
 
     def _rally_points(self) -> list[Destination]:
         points: list[Destination] = []
-        unknown: int | None = None
+        unsupported_frame: int | None = None
         for item in self._plans.items(RALLY):
             if item.command != RALLY_POINT:
                 continue
@@ -75,10 +75,12 @@ class DestinationChooser:
                 points.append(
                     Destination(DestinationKind.RALLY, self._local_position(item), self._home.yaw_ned_rad)
                 )
-            elif unknown is None:
-                unknown = item.frame
-        if unknown is not None:
-            self._announcer.both(2, "RTL: unsupported MAV_FRAME", "rtl_unsupported_mav_frame", "B", unknown)
+            elif unsupported_frame is None:
+                unsupported_frame = item.frame
+        if unsupported_frame is not None:
+            self._announcer.announce(
+                2, "RTL: unsupported MAV_FRAME", "rtl_unsupported_mav_frame", "B", unsupported_frame
+            )
         return points
 
     def _landing(self) -> Destination | None:
@@ -109,12 +111,12 @@ class DestinationChooser:
         if landing is None:
             return reverse
         land = next(n for n, item in enumerate(items) if item.command == LAND)
-        onward = tuple(self._local_position(item) for item in items[seq : land + 1] if item.is_position)
-        if not onward:
+        forward = tuple(self._local_position(item) for item in items[seq : land + 1] if item.is_position)
+        if not forward:
             return landing
-        if kind == FEWEST_WAYPOINTS and len(back) < len(onward) - 1:
+        if kind == FEWEST_WAYPOINTS and len(back) < len(forward) - 1:
             return reverse
-        return Destination(DestinationKind.LANDING, onward[-1], landing.yaw_ned_rad, onward, climbs=False)
+        return Destination(DestinationKind.LANDING, forward[-1], landing.yaw_ned_rad, forward, climbs=False)
 
     def _local_position(self, item: Item) -> Vector:
         origin_lat, origin_lon, origin_alt = self._view.origin

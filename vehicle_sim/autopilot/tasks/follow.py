@@ -1,9 +1,9 @@
-"""Follow Target: follows the sender of FOLLOW_TARGET at the distance, angle and height of FLW_TGT_*.
+"""Follow Target: follows the sender of FOLLOW_TARGET at the distance, angle and altitude of FLW_TGT_*.
 
 The target's position passes a second-order filter (time constant FLW_TGT_RS). The vehicle keeps its angle to
-the target's course, and moves around the target no faster than FLW_TGT_MAX_VEL. Without a target it holds its
-position. Height has priority: with a large height error the vehicle moves only vertically. Within a metre of
-the ground it climbs, whatever its target height.
+the target's course, and moves around the target no faster than FLW_TGT_MAX_VEL. Without a target the vehicle
+keeps its position. Altitude has priority: with a large altitude error the vehicle moves only vertically.
+Below 1 m above the ground the vehicle climbs, whatever its target altitude.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ LOST_AFTER_S = 3.0
 MIN_COURSE_SPEED_M_S = 1.0
 """Below this speed the target's last course is kept."""
 MIN_HEIGHT_M = 1.0
-"""Below this height the vehicle stops and climbs."""
+"""Below this height above ground the vehicle stops and climbs."""
 CLIMB_FROM_GROUND_M_S = 0.5
 """Climb speed below the minimum height."""
-HEIGHT_FIRST_M = 3.0
-"""With a larger height error than this, the vehicle does not move horizontally."""
+MAX_ALTITUDE_ERROR_M = 3.0
+"""With a larger altitude error, the vehicle does not move horizontally."""
 ABOVE_HOME, ABOVE_TERRAIN, ABOVE_TARGET = range(3)
 """Values of FLW_TGT_ALT_M."""
 _NONE = (math.nan, math.nan, math.nan)
@@ -86,11 +86,11 @@ class Follow:
 
     @property
     def has_target(self) -> bool:
-        """Whether there is a target."""
+        """Whether a message was received within LOST_AFTER_S."""
         return self._message is not None and self._view.time_s - self._message.at_s < LOST_AFTER_S
 
     def run(self) -> None:
-        """Runs one tick: follows the target, or holds position without one."""
+        """Runs one tick: follows the target, or keeps the position while there is no target."""
         if self._message is None or not self.has_target:
             if self._target is not None:
                 self._target = None
@@ -113,26 +113,26 @@ class Follow:
         )
         self._face(north.position_m, east.position_m)
         yaw = self._path.yaw
-        here_n, here_e, here_d = self._view.estimate.position_ned_m
+        current_n, current_e, current_d = self._view.estimate.position_ned_m
         goal = self._goal_down_m(down.position_m)
         if self._above_ground_m < MIN_HEIGHT_M:
-            position, speed = (math.nan, math.nan, here_d), (0.0, 0.0, -CLIMB_FROM_GROUND_M_S)
-        elif abs(goal - here_d) >= HEIGHT_FIRST_M:
-            position, speed = (here_n, here_e, goal), (0.0, 0.0, math.nan)
+            position, speed = (math.nan, math.nan, current_d), (0.0, 0.0, -CLIMB_FROM_GROUND_M_S)
+        elif abs(goal - current_d) >= MAX_ALTITUDE_ERROR_M:
+            position, speed = (current_n, current_e, goal), (0.0, 0.0, math.nan)
         else:
             position, speed = (*goal_ne_m, goal), (*velocity, math.nan)
         self._row.trajectory(position, speed, _NONE, yaw.yaw_ned_rad, yaw.rate_rad_s)
 
     @property
     def _above_ground_m(self) -> float:
-        """Height by the range finder, or above home without a range measurement."""
+        """Height from the range finder; without a range measurement, the altitude above home."""
         estimate = self._view.estimate
         if math.isfinite(estimate.height_above_ground_m):
             return estimate.height_above_ground_m
         return self._home.position_ned_m[2] - estimate.position_ned_m[2]
 
     def _goal_down_m(self, target_down_m: float) -> float:
-        """FLW_TGT_HT above the reference of FLW_TGT_ALT_M."""
+        """Target position down: FLW_TGT_HT above the reference that FLW_TGT_ALT_M selects."""
         height_m, choice = self._view.parameter("FLW_TGT_HT"), self._view.choice("FLW_TGT_ALT_M")
         if choice == ABOVE_TARGET:
             return target_down_m - height_m
@@ -146,8 +146,8 @@ class Follow:
         n, e = to_local(message.lat_deg, message.lon_deg, lat, lon)  # type: ignore[arg-type]
         age_s = self._view.time_s - message.at_s
         now = [
-            at + age_s * speed
-            for at, speed in zip(
+            position + age_s * speed
+            for position, speed in zip(
                 (float(n), float(e), alt - message.alt_amsl_m), message.velocity_ned_m_s, strict=True
             )
         ]
@@ -157,9 +157,9 @@ class Follow:
             x, y, _ = self._view.estimate.position_ned_m
             self._angle_rad = math.atan2(y - now[1], x - now[0])
             self._path.yaw.reset(self._view.estimate.yaw_ned_rad)
-        slow_s = self._view.parameter("FLW_TGT_RS")
-        for axis, at, speed in zip(self._target, now, message.velocity_ned_m_s, strict=True):
-            axis.update(at, speed, slow_s)
+        time_constant_s = self._view.parameter("FLW_TGT_RS")
+        for axis, position, speed in zip(self._target, now, message.velocity_ned_m_s, strict=True):
+            axis.update(position, speed, time_constant_s)
         return self._target
 
     def _update_course(self, north: _Filtered, east: _Filtered) -> None:
@@ -168,7 +168,7 @@ class Follow:
             self._course_rad = math.atan2(east.velocity_m_s, north.velocity_m_s)
 
     def _step_angle(self, distance_m: float) -> float:
-        """Turns the angle towards the desired angle; for a target that never moved the angle is kept."""
+        """Turns the angle towards the desired angle; a target that never moved keeps its angle."""
         if math.isnan(self._course_rad):
             return 0.0
         wanted = self._course_rad + math.radians(self._view.parameter("FLW_TGT_FA"))

@@ -18,7 +18,7 @@ from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
 DIRECT_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
-"""Modes that control attitude or rates, also on the ground; PX4's Manual of a multicopter is Stabilized."""
+"""Modes that control attitude or rates, also on the ground; a multicopter flies Manual as Stabilized."""
 STICK_MODES = DIRECT_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
 
 TAKEOFF_THROTTLE = 0.3
@@ -26,7 +26,7 @@ TAKEOFF_THROTTLE = 0.3
 BRAKE_BOOST = 2.0
 BRAKE_BOOST_TIME_CONSTANT_S = 0.8
 DRAG_ACCELERATION_FACTOR = 2.0
-"""The acceleration starts at twice MPC_ACC_HOR, because drag takes half of it on average up to full speed."""
+"""Factor on MPC_ACC_HOR at the start, because the modelled drag takes half of the acceleration on average."""
 STANDSTILL_M_S = 0.01
 
 
@@ -41,8 +41,8 @@ class Manual:
         self._mode: NavState | None = None
         self._velocity_m_s = (0.0, 0.0)
         self._acceleration_m_s2 = (0.0, 0.0)
-        self._held_position_m: tuple[float, float] | None = None
-        self._held_down_m: float | None = None
+        self._kept_position_m: tuple[float, float] | None = None
+        self._kept_down_m: float | None = None
         self._z = Axis()
         self._brake_boost = 1.0
         self._yaw_rad: float | None = None
@@ -50,7 +50,7 @@ class Manual:
         self._ran_at_s = -math.inf
         self._resets = EstimateResets(view, np.zeros(1))
 
-    # --- for the take-off state ----------------------------------------------------------------------------
+    # --- take-off ------------------------------------------------------------------------------------------
 
     def wants_to_climb(self) -> bool:
         """Whether the throttle would take off a vehicle on the ground."""
@@ -69,7 +69,7 @@ class Manual:
         else:
             self._fly(mode)
 
-    def wait(self, mode: NavState) -> bool:
+    def stop_until_input(self, mode: NavState) -> bool:
         """Runs one tick of a stick mode without stick input: the vehicle stops until stick input returns.
 
         PX4 keeps the flight task and its speed setpoints while the vehicle stops.
@@ -90,10 +90,10 @@ class Manual:
         if mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
             vn, ve, vd = estimate.velocity_ned_m_s
             self._mode, self._velocity_m_s, self._acceleration_m_s2 = mode, (vn, ve), (0.0, 0.0)
-            self._held_position_m = self._held_down_m = self._yaw_rad = None
+            self._kept_position_m = self._kept_down_m = self._yaw_rad = None
             self._z.reset(estimate.position_ned_m[2], vd)
             self._brake_boost, self._yaw_rate_rad_s = 1.0, 0.0
-            self._resets.forget()
+            self._resets.discard()
         self._ran_at_s = now_s
         self._follow_resets()
 
@@ -105,14 +105,14 @@ class Manual:
         (north, east, down), (vn, ve, vd) = (
             self._view.estimate.position_ned_m, self._view.estimate.velocity_ned_m_s,
         )  # fmt: skip
-        if reset.horizontal_position and self._held_position_m is not None:
-            self._held_position_m = north, east
-        if reset.horizontal_velocity and self._held_position_m is None:
+        if reset.horizontal_position and self._kept_position_m is not None:
+            self._kept_position_m = north, east
+        if reset.horizontal_velocity and self._kept_position_m is None:
             self._velocity_m_s = vn, ve
         if reset.height:
             self._z.position_m = down
-            self._held_down_m = None if self._held_down_m is None else down
-        if reset.vertical_velocity and self._held_down_m is None:
+            self._kept_down_m = None if self._kept_down_m is None else down
+        if reset.vertical_velocity and self._kept_down_m is None:
             self._z.velocity_m_s = vd
         if self._yaw_rad is not None:
             self._yaw_rad = wrap_angle(self._yaw_rad + reset.heading_rad)
@@ -149,15 +149,15 @@ class Manual:
                 max_acceleration_m_s2, math.nan), yaw_rad, yaw_rate,
             )  # fmt: skip
             return
-        held_position = self._horizontal(mode)
-        n, e = held_position if held_position is not None else (math.nan, math.nan)
+        kept_position = self._horizontal(mode)
+        n, e = kept_position if kept_position is not None else (math.nan, math.nan)
         (vn, ve), (an, ae) = self._velocity_m_s, self._acceleration_m_s2
         self._row.trajectory((n, e, z), (vn, ve, vz), (an, ae, math.nan), yaw_rad, yaw_rate)
 
     # --- heading -------------------------------------------------------------------------------------------
 
     def _turn(self) -> tuple[float, float]:
-        """Heading to hold and yaw rate: the stick commands a rate; at zero stick the heading is locked."""
+        """Heading to keep, and yaw rate: the stick commands a rate; a centred stick keeps the heading."""
         parameter = self._view.parameter
         name = "MC_SLOW_DEF_YAWR" if self._mode is NavState.POSITION_SLOW else "MPC_MAN_Y_MAX"
         wanted = self._sticks.shaped().yaw * math.radians(parameter(name))
@@ -183,13 +183,13 @@ class Manual:
         length = max(1.0, math.hypot(shaped.forward, shaped.right))
         return shaped.forward / length, shaped.right / length
 
-    # --- over the ground -----------------------------------------------------------------------------------
+    # --- horizontal ----------------------------------------------------------------------------------------
 
     def _horizontal(self, mode: NavState) -> tuple[float, float] | None:
         """Integrates the stick's acceleration minus a drag (equal at full speed) to a velocity setpoint.
 
         Returns:
-            Position (north, east) to hold at standstill; None: the velocity is controlled.
+            Position (north, east) to keep at standstill; None: the velocity is controlled.
         """
         parameter, estimate = self._view.parameter, self._view.estimate
         full = max(0.1, parameter("MPC_VEL_MANUAL"))
@@ -200,11 +200,11 @@ class Manual:
         boost = BRAKE_BOOST if centred else 1.0
         boost_gain = TICK_S / (TICK_S + BRAKE_BOOST_TIME_CONSTANT_S)
         self._brake_boost += boost_gain * (boost - self._brake_boost)
-        if not centred and self._held_position_m is not None:
-            # The velocity starts from the last setpoint, so that releasing the position hold causes no jump.
+        if not centred and self._kept_position_m is not None:
+            # The velocity starts from the last setpoint, so that the end of position control causes no jump.
             target, i = self._view.simulation.target, self._view.row
             vn, ve, _ = target.velocity_ned_m_s[i].tolist()
-            self._velocity_m_s, self._held_position_m = (vn, ve), None
+            self._velocity_m_s, self._kept_position_m = (vn, ve), None
         vn, ve = self._velocity_m_s
         speed = math.hypot(vn, ve)
         drag = self._brake_boost * max_acceleration / fastest
@@ -220,37 +220,37 @@ class Manual:
         if centred and (math.hypot(vn, ve) < STANDSTILL_M_S or self._reverses(vn, ve)):
             vn = ve = an = ae = 0.0
         self._velocity_m_s, self._acceleration_m_s2 = (vn, ve), (an, ae)
-        if centred and vn == 0.0 and ve == 0.0 and self._held_position_m is None:
-            self._held_position_m = estimate.position_ned_m[0], estimate.position_ned_m[1]
-        return self._held_position_m
+        if centred and vn == 0.0 and ve == 0.0 and self._kept_position_m is None:
+            self._kept_position_m = estimate.position_ned_m[0], estimate.position_ned_m[1]
+        return self._kept_position_m
 
     def _reverses(self, vn: float, ve: float) -> bool:
         """Whether braking has reversed the velocity."""
         old_n, old_e = self._velocity_m_s
         return vn * old_n + ve * old_e < 0.0
 
-    # --- height --------------------------------------------------------------------------------------------
+    # --- altitude ------------------------------------------------------------------------------------------
 
     def _vertical(self, mode: NavState) -> tuple[float, float]:
-        """Smooth climb rate from the throttle; height is held at zero throttle."""
+        """Smooth climb rate from the throttle; with the stick centred the altitude is kept."""
         parameter, estimate = self._view.parameter, self._view.estimate
         throttle = self._sticks.shaped().throttle
         up, down = parameter("MPC_Z_VEL_MAX_UP"), parameter("MPC_Z_VEL_MAX_DN")
         if mode is NavState.POSITION_SLOW:
             slow = parameter("MC_SLOW_DEF_VVEL")
             up, down = min(up, slow), min(down, slow)
-        height = self._home.position_ned_m[2] - estimate.position_ned_m[2]
+        above_home_m = self._home.position_ned_m[2] - estimate.position_ned_m[2]
         low, high = parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT1")
-        part = max(0.0, min(1.0, (height - low) / (high - low))) if high > low else 1.0
-        down = min(down, parameter("MPC_LAND_SPEED") + part * (down - parameter("MPC_LAND_SPEED")))
+        fraction = max(0.0, min(1.0, (above_home_m - low) / (high - low))) if high > low else 1.0
+        down = min(down, parameter("MPC_LAND_SPEED") + fraction * (down - parameter("MPC_LAND_SPEED")))
         wanted = -throttle * (up if throttle > 0.0 else max(0.0, down))
         climbing = wanted < self._z.velocity_m_s
         limit = parameter("MPC_ACC_UP_MAX" if climbing else "MPC_ACC_DOWN_MAX")
         fly(self._z.row, TICK_S)
         plan(self._z.row, wanted, limit, parameter("MPC_JERK_MAX"))
         if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDSTILL_M_S:
-            self._held_down_m = None
+            self._kept_down_m = None
             return math.nan, self._z.velocity_m_s
-        if self._held_down_m is None:
-            self._held_down_m = estimate.position_ned_m[2]
-        return self._held_down_m, 0.0
+        if self._kept_down_m is None:
+            self._kept_down_m = estimate.position_ned_m[2]
+        return self._kept_down_m, 0.0

@@ -1,4 +1,4 @@
-"""Orbit: flies to the nearest point of a circle, then around the circle with velocity setpoints. The yaw
+"""Orbit: flies to the nearest point of a circle, then around the circle with velocity setpoints. The heading
 follows ORBIT_YAW_BEHAVIOUR."""
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Orbit:
         self._circle: Circle | None = None
         self._on_orbit = False
         self._speed_m_s = 0.0
-        """Current speed along the circle; it rises with MPC_ACC_HOR."""
+        """Current speed along the circle; it changes with MPC_ACC_HOR."""
         self._initial_yaw_rad = 0.0
         self._requested = self._commanded = False
 
@@ -76,7 +76,7 @@ class Orbit:
     def request(
         self, lat_lon_alt: tuple[float, float, float], radius_m: float, speed_m_s: float, yaw_behaviour: float
     ) -> None:
-        """Handles DO_ORBIT; missing centre and altitude are the vehicle's own."""
+        """Handles DO_ORBIT; NaN for centre or altitude means the vehicle's current one."""
         north, east, down = self._path.position_ned_m
         lat_deg, lon_deg, alt_amsl_m = lat_lon_alt
         origin_lat, origin_lon, origin_alt = self._view.origin
@@ -89,7 +89,7 @@ class Orbit:
         fastest = self._view.parameter("MPC_XY_VEL_MAX")
         speed = max(-fastest, min(fastest, speed_m_s)) if math.isfinite(speed_m_s) else 1.0
         if not RADIUS_MIN_M <= abs(radius) <= self._view.parameter("MC_ORBIT_RAD_MAX"):
-            self._announcer.both(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
+            self._announcer.announce(2, "Orbit radius limit exceeded", "orbit_radius_exceeded")
             self._requested = False
             return
         yaw = self._parameter_yaw()
@@ -103,16 +103,17 @@ class Orbit:
 
     def _on_circle(self, circle: Circle) -> bool:
         north, east, down = self._view.estimate.position_ned_m
-        off_m = math.hypot(north - circle.north_m, east - circle.east_m) - circle.radius_m
-        return abs(off_m) < ON_CIRCLE_M and abs(down - circle.down_m) < self._view.parameter("NAV_MC_ALT_RAD")
+        error_m = math.hypot(north - circle.north_m, east - circle.east_m) - circle.radius_m
+        return abs(error_m) < ON_CIRCLE_M and abs(down - circle.down_m) < self._view.parameter(
+            "NAV_MC_ALT_RAD"
+        )
 
     def _parameter_yaw(self) -> YawBehaviour:
         choice = self._view.choice("MC_ORBIT_YAW_MOD")
         return YawBehaviour(choice) if 0 <= choice < len(YawBehaviour) else YawBehaviour.TO_CENTRE
 
     def run(self) -> None:
-        """Runs one tick towards the circle or around it; a vehicle that has reached the circle does not
-        approach again."""
+        """Runs one tick towards the circle, or around it once the vehicle has reached it."""
         circle = self._circle
         if circle is None:
             self._path.fly_to_target()
@@ -133,7 +134,7 @@ class Orbit:
     def _fly_around(self, circle: Circle, outward: tuple[float, float], distance_m: float) -> None:
         north, east, _ = self._view.estimate.position_ned_m
         if not self._on_orbit:
-            # The current height is kept; it is within NAV_MC_ALT_RAD of the circle's height.
+            # The current altitude is kept; it is within NAV_MC_ALT_RAD of the circle's altitude.
             self._on_orbit, self._speed_m_s = True, 0.0
             self._path.target_ned_m = (north, east, None)
         un, ue = outward

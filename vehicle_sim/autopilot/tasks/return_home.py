@@ -15,10 +15,10 @@ from vehicle_sim.autopilot.tasks.destination import Destination, DestinationChoo
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
-HEIGHT_TOLERANCE_M = 0.8
-"""Height error within which the vehicle continues with the next phase."""
-MIN_HEIGHT_RADII = 2.0
-"""PX4 returns no lower than twice NAV_ACC_RAD above the destination, except within NAV_ACC_RAD of it."""
+ALTITUDE_TOLERANCE_M = 0.8
+"""Altitude error within which the vehicle continues with the next phase."""
+MIN_ALTITUDE_RADII = 2.0
+"""PX4 returns at least twice NAV_ACC_RAD above the destination, unless it starts within NAV_ACC_RAD."""
 RETURN_SPEEDS = ("MPC_Z_V_AUTO_UP", "MPC_XY_CRUISE", "MPC_Z_V_AUTO_DN")
 RALLY_CHECK_DELAY_S = 0.8
 IDLE = 0
@@ -79,54 +79,54 @@ class ReturnHome:
             return
         goal_n, goal_e, goal_d = self._destination.position_ned_m
         distance = math.hypot(north - goal_n, east - goal_e)
-        height = goal_d - down
-        height = max(height, self._return_height(distance, height))
-        self._return_z_m = goal_d - height
+        above_m = goal_d - down
+        above_m = max(above_m, self._return_above_m(distance, above_m))
+        self._return_z_m = goal_d - above_m
         self._set_phase(ReturnPhase.CLIMB)
         self._path.target_ned_m = (north, east, self._return_z_m)
-        above = math.ceil(height)
+        above = math.ceil(above_m)
         if self._destination.kind is DestinationKind.LANDING:
             amsl = round(self._view.origin[2] - self._return_z_m)
-            self._announcer.both(
+            self._announcer.announce(
                 6, f"RTL Mission Land: climb to {amsl} m", "rtl_mission_land_climb", "i", amsl
             )
             return
-        amsl = math.ceil(self._view.origin[2] - goal_d + height)
-        self._announcer.both(
+        amsl = math.ceil(self._view.origin[2] - goal_d + above_m)
+        self._announcer.announce(
             6, f"RTL: start return at {amsl} m ({above} m above destination)",
             "vrtl_return_at", "ii", amsl, above,
         )  # fmt: skip
 
-    def _return_height(self, distance_m: float, height_m: float) -> float:
-        """RTL_RETURN_ALT; within RTL_MIN_DIST at most the height of the cone of RTL_CONE_ANG."""
+    def _return_above_m(self, distance_m: float, above_m: float) -> float:
+        """Altitude above the destination: RTL_RETURN_ALT; within RTL_MIN_DIST, RTL_CONE_ANG limits it."""
         parameter = self._view.parameter
         radius = parameter("NAV_ACC_RAD")
         if distance_m <= radius:
-            return height_m
-        return_height_m = parameter("RTL_RETURN_ALT")
+            return above_m
+        return_above_m = parameter("RTL_RETURN_ALT")
         cone_deg = self._view.choice("RTL_CONE_ANG")
         if cone_deg >= 90:
-            return_height_m = parameter("RTL_DESCEND_ALT")
+            return_above_m = parameter("RTL_DESCEND_ALT")
         elif cone_deg > 0 and distance_m < parameter("RTL_MIN_DIST"):
-            return_height_m = min(return_height_m, distance_m / math.tan(math.radians(cone_deg)))
-        return max(return_height_m, MIN_HEIGHT_RADII * radius)
+            return_above_m = min(return_above_m, distance_m / math.tan(math.radians(cone_deg)))
+        return max(return_above_m, MIN_ALTITUDE_RADII * radius)
 
     def duration_s(self, to_ned_m: Vector) -> float:
         """Duration of climb, flight and descent to a position, at the speeds of the parameters."""
         north, east, down = self._view.estimate.position_ned_m
         distance = math.hypot(north - to_ned_m[0], east - to_ned_m[1])
-        height = max(0.0, to_ned_m[2] - down)
-        top = max(height, self._return_height(distance, height))
+        above_m = max(0.0, to_ned_m[2] - down)
+        top = max(above_m, self._return_above_m(distance, above_m))
         speeds = (self._view.parameter(name) for name in RETURN_SPEEDS)
-        legs = zip((top - height, distance, top), speeds, strict=True)
+        legs = zip((top - above_m, distance, top), speeds, strict=True)
         return sum(leg_m / max(0.1, speed) for leg_m, speed in legs)
 
     def run(self) -> None:
-        """Runs one tick of the phase, or starts the next phase."""
+        """Runs one tick, and starts the next phase when the current one has ended."""
         goal_n, goal_e, _ = self._destination.position_ned_m
         north, east, down = self._view.estimate.position_ned_m
         distance = math.hypot(north - goal_n, east - goal_e)
-        if self.phase is ReturnPhase.CLIMB and down <= self._return_z_m + HEIGHT_TOLERANCE_M:
+        if self.phase is ReturnPhase.CLIMB and down <= self._return_z_m + ALTITUDE_TOLERANCE_M:
             self._set_phase(ReturnPhase.RETURN)
             self._path.target_ned_m = (goal_n, goal_e, self._return_z_m)
             self._path.face(goal_n, goal_e)
@@ -140,7 +140,7 @@ class ReturnHome:
             self._follow_route()
         elif self.phase is ReturnPhase.DESCEND:
             goal = self._path.target_ned_m[2]
-            if goal is None or down >= goal - HEIGHT_TOLERANCE_M:
+            if goal is None or down >= goal - ALTITUDE_TOLERANCE_M:
                 self._set_phase(ReturnPhase.WAIT)
         elif self.phase is ReturnPhase.WAIT:
             self._wait()
@@ -156,7 +156,7 @@ class ReturnHome:
             self._path.fly_to_target()
 
     def _begin_descent(self) -> None:
-        self._announcer.both(6, "RTL: land at destination", "rtl_land_at_destination")
+        self._announcer.announce(6, "RTL: land at destination", "rtl_land_at_destination")
         self._path.yaw_target_rad = self._destination.yaw_ned_rad
         if self._view.parameter("RTL_LAND_DELAY") == 0.0:
             self._land()
@@ -171,7 +171,7 @@ class ReturnHome:
         delay_s = self._view.parameter("RTL_LAND_DELAY")
         if delay_s < 0.0:
             self._set_phase(ReturnPhase.LOITER)
-            self._announcer.both(6, "RTL: completed, loitering", "rtl_completed_loiter")
+            self._announcer.announce(6, "RTL: completed, loitering", "rtl_completed_loiter")
         elif self._view.time_s - self._phase_since_s >= delay_s:
             self._land()
 
@@ -184,16 +184,16 @@ class ReturnHome:
     def _next_on_route(self) -> None:
         waypoint = self._route.pop(0)
         if not self._route:
-            # fly to above the landing point, at the current altitude of the trajectory
+            # the position above the landing point, at the current altitude of the trajectory
             waypoint = (waypoint[0], waypoint[1], self._path.position_ned_m[2])
-        onward = self._route[0] if self._route else None
-        self._leg.set(waypoint, onward, self._view.parameter("NAV_ACC_RAD"))
+        next_target = self._route[0] if self._route else None
+        self._leg.set(waypoint, next_target, self._view.parameter("NAV_ACC_RAD"))
         self._set_phase(ReturnPhase.ROUTE)
 
     def _follow_route(self) -> None:
         n, e, d = self._view.estimate.position_ned_m
         tn, te, td = self._leg.target_ned_m
-        if math.hypot(tn - n, te - e) > self._leg.acceptance_m or abs(td - d) > HEIGHT_TOLERANCE_M:
+        if math.hypot(tn - n, te - e) > self._leg.acceptance_m or abs(td - d) > ALTITUDE_TOLERANCE_M:
             return
         if self._route:
             self._next_on_route()
@@ -203,7 +203,7 @@ class ReturnHome:
         else:
             self._begin_descent()
 
-    # --- any time --------------------------------------------------------------------------------------
+    # --- checks ----------------------------------------------------------------------------------------
 
     def check_landing(self) -> None:
         """Commands the vehicle to idle once after a landing, as PX4 does."""

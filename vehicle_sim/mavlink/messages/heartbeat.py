@@ -36,4 +36,4 @@ def system_status(commander: Commander) -> int:
         return CRITICAL if commander.in_failsafe else ACTIVE
     if commander.calibrating:
         return CALIBRATING
-    return STANDBY if commander.report.armable(commander.intention) else UNINITIALIZED
+    return STANDBY if commander.report.armable(commander.intended_or_replacement) else UNINITIALIZED

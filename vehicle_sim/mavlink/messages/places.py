@@ -112,7 +112,7 @@ class PlaceMessages(MessageGroup):
         seconds = 0
         if self._autopilot.commander.armed and self._autopilot.home.valid:
             view = self._view
-            return_s = self._autopilot.navigator.return_s
+            return_s = self._autopilot.navigator.return_duration_s
             seconds = int(return_s * view.parameter("RTL_TIME_FACTOR") + view.choice("RTL_TIME_MARGIN"))
         return pack(
             "TIME_ESTIMATE_TO_TARGET", safe_return=seconds, land=-1, mission_next_item=-1, mission_end=-1,

@@ -54,7 +54,9 @@ class StateMessages(MessageGroup):
 
     def sys_status(self) -> bytes:
         commander, battery, i = self._autopilot.commander, self._view.simulation.battery, self._view.row
-        ready = commander.report.armable(commander.active if commander.armed else commander.intention)
+        ready = commander.report.armable(
+            commander.active if commander.armed else commander.intended_or_replacement
+        )
         present, enabled, healthy = self._sensors(commander.report)
         return pack(
             "SYS_STATUS",

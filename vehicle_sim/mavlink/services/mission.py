@@ -88,7 +88,7 @@ class MissionService:
         return transfer
 
     def _report(self, text: str, event: str) -> None:
-        self._context.autopilot.announcer.both(CRITICAL_SEVERITY, text, event)
+        self._context.autopilot.announcer.announce(CRITICAL_SEVERITY, text, event)
 
     def send_current(self, link: Link) -> None:
         """Sends MISSION_CURRENT, at 1 Hz."""

@@ -1,12 +1,12 @@
-"""Whether the checks of a steady flight would find again what they found last.
+"""Skips the checks of a steady flight while they would give the same result as last time.
 
-`Commander` checks at 10 Hz, and in most flights nothing has changed since. Report and failsafe then stay as
-they are, because they depend only on
+`Commander` checks at 10 Hz, and mostly nothing has changed since the last check. Report and failsafe are then
+unchanged, because they depend only on
 
 - the values that are compared here,
 - commands, parameters and the commander's state, whose change ends the steady flight,
-- time, while a condition lasts (a sensor is silent, the position was lost, a link was used). The checks then
-  run each time.
+- time, while a condition lasts (a sensor sends no data, the position was lost, a link was used). In that
+  case every check runs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from vehicle_sim.autopilot.row import bool_view
 from vehicle_sim.vehicle_view import VehicleView
 
 
-class QuietChecks:
+class CheckSkipper:
     """Compares the inputs of the checks of one vehicle with those of its last checks."""
 
     def __init__(
@@ -35,40 +35,40 @@ class QuietChecks:
         self._baro_fresh, self._mag_fresh = bool_view(sensors.baro_fresh), bool_view(sensors.mag_fresh)
         self._gnss_used = bool_view(view.simulation.fusion.gnss_pos)
         self._inputs: tuple[object, ...] | None = None
-        """Inputs of the last checks; None: the next ones must run."""
+        """Inputs of the last checks; None: the next checks must run."""
 
-    def forget(self) -> None:
-        """The next checks must run, because a full tick may change what is not compared."""
+    def reset(self) -> None:
+        """Makes the next checks run, because a full tick may change values that are not compared."""
         self._inputs = None
 
     def remember(self, armed_at_s: float) -> None:
-        """Called after checks in a steady tick."""
+        """Stores the inputs; called after checks in a steady tick."""
         self._inputs = self._read(armed_at_s)
 
-    def repeat(self, armed_at_s: float) -> bool:
-        """Whether checks would find the same as the last ones; if so, this call replaces them."""
+    def skip_if_unchanged(self, armed_at_s: float) -> bool:
+        """Whether the checks would give the same result; if so, this call replaces them."""
         if self._inputs is None or self._read(armed_at_s) != self._inputs:
             self._inputs = None
             return False
-        self._checks.sensors.note_all_fresh()
+        self._checks.sensors.note_fresh_data()
         return True
 
     def _read(self, armed_at_s: float) -> tuple[object, ...] | None:
-        """The inputs; None: a condition lasts whose result also depends on time."""
+        """The inputs; None: a condition exists whose result also depends on time."""
         checks, simulation, row = self._checks, self._simulation, self._row
         estimate, now_s = simulation.estimates[row], simulation.time_s
         if (
-            checks.heard_anyone
-            or checks.unreported
+            checks.ever_connected
+            or checks.has_unreported_change
             or not estimate.valid_position
-            or now_s < checks.position_good_at_s
+            or now_s < checks.position_usable_at_s
             or not (self._baro_fresh[row] and self._mag_fresh[row])
             or self._failsafe.decision is not NO_FAILSAFE
             or self._failsafe.is_early(now_s - armed_at_s)
         ):
             return None
         return (
-            checks.report, estimate.valid_velocity, estimate.valid_attitude, checks.offboard.signal(),
+            checks.report, estimate.valid_velocity, estimate.valid_attitude, checks.offboard.has_signal(),
             checks.battery_warning, self._gnss_used[row], self._fence.breached, checks.logging,
             checks.external.health(),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Values that change at every tick, as arrays with a row for each autopilot. An autopilot uses its own row,
+"""Values that change at every tick, as arrays with a row for each autopilot. An autopilot uses its row,
 the compiled ticks (`steady.py`) use all rows together."""
 
 from __future__ import annotations
@@ -13,37 +13,37 @@ from vehicle_sim.autopilot.trajectory import SIZE, YAW_SIZE
 from vehicle_sim.kernels import Blocks, Rows
 
 DOWN, SETPOINT_DOWN, TILT, RAMP, MOTION_SIZE = range(5)
-"""Columns of `motion`: estimated position down at the last tick [m]; vertical velocity of the last trajectory
+"""Columns of `motion`: estimated position down at the last tick [m]; velocity down of the last trajectory
 setpoint [m/s] (NaN: none; setpoints that press the vehicle to the ground do not count); allowed tilt after
 take-off [rad]; progress of the take-off ramp, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)
-class FlightNumbers:
+class TickArrays:
     """Arrays of N vehicles, NED."""
 
     axes: Blocks
-    """(N, 3, `trajectory.SIZE`) the axes of the trajectory."""
+    """(N, 3, `trajectory.SIZE`) axes of the trajectory."""
     settings: Rows
     """(N, `len(SETTINGS)`) parameters of the trajectory."""
     triplet: Rows
-    """(N, `TRIPLET_SIZE`) the waypoints of the trajectory (`smoothing.WaypointTriplet`)."""
+    """(N, `TRIPLET_SIZE`) waypoints of the trajectory (`smoothing.WaypointTriplet`)."""
     before_turn_m_s: Rows
     """(N, 1) speed of the trajectory before a turn."""
     yaw: Rows
     """(N, `YAW_SIZE`) heading of the trajectory."""
-    seen_heading_rad: Rows
-    """(N, 1) the estimated heading when resets of the estimate were last checked."""
+    last_heading_rad: Rows
+    """(N, 1) estimated heading at the last check for resets of the estimate."""
     detector: Rows
     """(N, 9) conditions of the land detector (`land_detector.new_state`)."""
     detector_limits: Rows
-    """(N, `LIMIT_COUNT`)."""
+    """(N, `LIMIT_COUNT`) thresholds of the land detector."""
     motion: Rows
     """(N, `MOTION_SIZE`) `DOWN`, `SETPOINT_DOWN`, `TILT`, `RAMP`."""
 
     @classmethod
-    def of(cls, count: int) -> FlightNumbers:
-        """Numbers of vehicles on the ground."""
+    def for_count(cls, count: int) -> TickArrays:
+        """Arrays for this number of vehicles on the ground."""
         motion = np.zeros((count, MOTION_SIZE))
         motion[:, SETPOINT_DOWN] = np.nan
         return cls(
@@ -52,7 +52,7 @@ class FlightNumbers:
             triplet=np.zeros((count, TRIPLET_SIZE)),
             before_turn_m_s=np.zeros((count, 1)),
             yaw=np.zeros((count, YAW_SIZE)),
-            seen_heading_rad=np.zeros((count, 1)),
+            last_heading_rad=np.zeros((count, 1)),
             detector=np.tile(new_state(), (count, 1)),
             detector_limits=np.zeros((count, LIMIT_COUNT)),
             motion=motion,
