@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.steady import SteadyTicks
 from vehicle_sim.autopilot.tick_arrays import TickArrays
-from vehicle_sim.logger.logger import Logbook, Logger
+from vehicle_sim.logger.logger import FleetLogs, Logger
 from vehicle_sim.logger.recorder import Recorders
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.mavlink.node import Node
@@ -39,17 +39,17 @@ class VehicleSim:
         count: number of vehicles.
         first_instance: PX4's instance number of the first vehicle; system id is instance + 1.
         parameters: parameter values of all vehicles, as if set before boot.
-        stores: parameter stores to use instead, one for each vehicle.
+        stores: parameter stores, one for each vehicle, used instead of `parameters`.
         files: folders, one for each vehicle; default: temporary folders.
-        links: (name, profile) of the links each vehicle has from the start.
+        links: (name, profile) of the links that each vehicle has from the start.
         seed: seed of sensor noise and gusts.
-        first_noise: number of the first vehicle's noise and gusts (`Simulation.first_vehicle`); default: its
-            instance number, so that a vehicle flies the same in any shard of a fleet.
+        first_noise: noise number of the first vehicle (`Simulation.first_vehicle`); default: the instance
+            number, so that a vehicle flies the same in any shard of a fleet.
         home: global position of the first vehicle.
         boot_time_unix_s: UTC at boot.
         sensor_noise: False: no sensor noise.
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
-        start_yaw_ned_rad: (N,) their headings; default: north.
+        start_yaw_ned_rad: (N,) start headings; default: north.
         world: ground, obstacles and lidars; default: flat and empty, as PX4's own simulation.
         script: fault script.
         camera: whether each vehicle has a camera; the recorded PX4 had none.
@@ -84,11 +84,11 @@ class VehicleSim:
             start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
             first_vehicle=first_instance if first_noise is None else first_noise,
         )  # fmt: skip
-        numbers = TickArrays.for_count(count)
+        arrays = TickArrays.for_count(count)
         self.autopilots = [
-            Autopilot(VehicleView(self.simulation, row, boot_time_unix_s), numbers) for row in range(count)
+            Autopilot(VehicleView(self.simulation, row, boot_time_unix_s), arrays) for row in range(count)
         ]
-        self._ticks = SteadyTicks(self.simulation, numbers)
+        self._ticks = SteadyTicks(self.simulation, arrays)
         if files is None:
             files = [VehicleFiles(None, BUILT_IN) for _ in range(count)]
         self.files = list(files)
@@ -113,10 +113,10 @@ class VehicleSim:
                 self.nodes[-1].add_camera(
                     Camera(autopilot.view, autopilot.gimbal, autopilot.home, vehicle_files)
                 )
-        self._logbook = Logbook(recorders, self.loggers) if recorders is not None else None
+        self._logs = FleetLogs(recorders, self.loggers) if recorders is not None else None
         self._links: list[dict[str, Link]] = [{} for _ in range(count)]
-        self._linked = camera
-        """Whether any vehicle has had a link, a ROS 2 port or a camera; before, nodes only run delayed
+        self._steps_nodes = camera
+        """Whether any vehicle has had a link, a ROS 2 port or a camera; without them, nodes only run delayed
         actions."""
         for row in range(count):
             for name, profile in links:
@@ -137,7 +137,7 @@ class VehicleSim:
         self.remove_link(row, name)
         link = Link(name, profile, self.nodes[row].system_id)
         self._links[row][name] = link
-        self._linked = True
+        self._steps_nodes = True
         self.nodes[row].add_link(link)
         return link
 
@@ -146,11 +146,11 @@ class VehicleSim:
 
         Args:
             row: the vehicle, from 0.
-            port: carries its messages.
+            port: carries the vehicle's messages.
             report: called once for each topic with an invalid message.
         """
         node = self.nodes[row]
-        self._linked = True
+        self._steps_nodes = True
         self._bridges[row] = Bridge(
             node.context, self._states[row], node.commands, node.mavlink_commands, port, report
         )
@@ -162,7 +162,7 @@ class VehicleSim:
             self.nodes[row].remove_link(link)
 
     def feed(self, row: int, link: str, data: bytes) -> None:
-        """Passes received bytes to the vehicle in a row (from 0) on one of its links."""
+        """Passes bytes received on a link to the vehicle in a row (from 0)."""
         if (row, link) not in self._interrupted:
             self.nodes[row].receive(self._links[row][link], data)
 
@@ -185,7 +185,7 @@ class VehicleSim:
                 self._interrupted.add((row, name))
 
     def set_parameter(self, row: int, name: str, value: ParameterValue) -> None:
-        """Changes a parameter from outside, without MAVLink."""
+        """Changes a parameter directly, without MAVLink."""
         self.simulation.parameters[row].set(name, value)
         self.simulation.reload_parameters(row)
 
@@ -198,7 +198,7 @@ class VehicleSim:
             )
 
     def step(self, dt_s: float) -> None:
-        """Advances the simulation by `dt_s`; the remainder of a simulation step is kept for the next call."""
+        """Advances the simulation by `dt_s`; a remainder shorter than a step is added to the next call."""
         self._remainder_s += dt_s
         step_s = self.simulation.dt_s
         while self._remainder_s >= step_s * 0.999:
@@ -214,7 +214,7 @@ class VehicleSim:
             self._ticks.update(self._active_autopilots)
             if self._script is not None:
                 self._script.step()
-        if self._linked:
+        if self._steps_nodes:
             for node in self._active_nodes:
                 if tick_due or node.needs_every_step:
                     node.step()
@@ -224,8 +224,8 @@ class VehicleSim:
                     node.step()
         for bridge in self._bridges.values():
             bridge.step()
-        if self._logbook is not None:
-            self._logbook.step(self.simulation.steps * STEP_US)
+        if self._logs is not None:
+            self._logs.step(self.simulation.steps * STEP_US)
 
     def retire(self, row: int) -> None:
         """Permanently stops simulating a vehicle whose flight has ended."""
@@ -242,10 +242,10 @@ class VehicleSim:
         """Stops the motors of a vehicle that hit an obstacle, and reports the collision; PX4 has no message
         for it."""
         autopilot = self.autopilots[collision.row]
-        autopilot.announcer.text(2, f"Collision with {collision.what}: motors stopped")
+        autopilot.announcer.text(2, f"Collision with {collision.obstacle}: motors stopped")
         autopilot.commander.disarm(force=True)
 
     def close(self) -> None:
         """Closes files that are being written, as a shutdown does."""
-        if self._logbook is not None:
-            self._logbook.close()
+        if self._logs is not None:
+            self._logs.close()

@@ -85,7 +85,7 @@ def _outer(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _times(rows: FloatArray, table: FloatArray) -> FloatArray:
-    """rows · table, computed separately for each row.
+    """rows · table, as a separate product for each row.
 
     BLAS adds in an order that depends on the number of rows, so the last bit of a vehicle's state would
     depend on the size of the fleet. A table with two entries per column does not need this, because the order
@@ -157,7 +157,7 @@ def quaternion_from_yaw(yaw_ned_rad: FloatArray) -> FloatArray:
 def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
     """Unit quaternion (N, 4), w ≥ 0, of rotation matrices (N, 3, 3).
 
-    Not valid for half turns about a tilted axis, where the signs are lost; the controllers do not use them.
+    Not valid for half turns about a tilted axis, because the signs are lost; no controller needs them.
     """
     flat = matrix.reshape(-1, 9)
     magnitude = np.sqrt(np.maximum(_times(flat, _SQUARES) + 0.25, 0.0))
@@ -166,7 +166,7 @@ def quaternion_from_matrix(matrix: FloatArray) -> FloatArray:
 
 
 def quaternion_of(roll_rad: float, pitch_rad: float, yaw_ned_rad: float) -> Quaternion:
-    """One `q_ned_frd` from roll, pitch, yaw (yaw turned first), as plain numbers."""
+    """One `q_ned_frd` from roll, pitch and yaw (the yaw rotation is the first), as plain numbers."""
     cr, sr = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
     cp, sp = math.cos(0.5 * pitch_rad), math.sin(0.5 * pitch_rad)
     cy, sy = math.cos(0.5 * yaw_ned_rad), math.sin(0.5 * yaw_ned_rad)
@@ -202,12 +202,12 @@ def euler_of(q: FloatArray) -> FloatArray:
 
 
 def wrap_pi(angle_rad: FloatArray) -> FloatArray:
-    """The same angle within -pi..pi."""
+    """The angles within -pi..pi."""
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """Same as `wrap_pi`, for one number."""
+    """One angle within -pi..pi."""
     return math.remainder(angle_rad, math.tau)
 
 

@@ -1,4 +1,4 @@
-"""Conversion between local metres and latitude and longitude, the same for GPS and navigator.
+"""Conversion between local metres and latitude and longitude, used by GPS and navigator alike.
 
 Azimuthal equidistant projection around a reference point on PX4's sphere of 6,371,000 m.
 """
@@ -18,7 +18,7 @@ EARTH_RADIUS_M = 6371000.0
 def to_local(
     lat_deg: FloatArray, lon_deg: FloatArray, origin_lat_deg: FloatArray, origin_lon_deg: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """North and east metres of a point from an origin; arrays or floats of one shape."""
+    """Position of a point north and east of an origin [m]; arrays or floats of one shape."""
     lat, lat0 = np.radians(lat_deg), np.radians(origin_lat_deg)
     d_lon = np.radians(np.asarray(lon_deg) - np.asarray(origin_lon_deg))
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
@@ -35,7 +35,7 @@ def to_local(
 def to_global(
     north_m: FloatArray, east_m: FloatArray, origin_lat_deg: FloatArray, origin_lon_deg: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Latitude and longitude of local metres from an origin; the inverse of `to_local`."""
+    """Latitude and longitude [deg] of a point north and east of an origin [m]; the inverse of `to_local`."""
     x, y = np.asarray(north_m) / EARTH_RADIUS_M, np.asarray(east_m) / EARTH_RADIUS_M
     lat0 = np.radians(origin_lat_deg)
     angle = np.hypot(x, y)

@@ -1,4 +1,4 @@
-"""The home position, and its updates."""
+"""The home position and its updates: by command, while disarmed, at arming and at take-off."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ class Home:
     yaw_ned_rad: float = 0.0
     set_at_us: int = 0
     manual: bool = False
+    """Whether a command has set home."""
 
     @property
     def valid(self) -> bool:
@@ -31,14 +32,14 @@ class Home:
 
 
 class HomeUpdater:
-    """Sets home: by command, with the vehicle while it is disarmed, and at arming and take-off."""
+    """Updates the home position of one vehicle."""
 
     def __init__(self, view: VehicleView, home: Home) -> None:
         self._view = view
         self.home = home
 
     def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_deg: float = math.nan) -> None:
-        """Sets home to a given position; it is kept until the next command."""
+        """Sets home to a commanded position, which is not updated automatically."""
         origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         home = self.home
@@ -47,16 +48,16 @@ class HomeUpdater:
         home.yaw_ned_rad = math.radians(yaw_deg)
         home.set_at_us, home.manual = self._view.time_boot_us(), True
 
-    def origin_moved(self) -> None:
-        """Called when the local origin has moved; home keeps its global position."""
+    def on_origin_change(self) -> None:
+        """Called when the local origin has changed; home keeps its global position."""
         home = self.home
         if home.valid:
             lat, lon, alt = self._view.origin
             n, e = to_local(home.lat_deg, home.lon_deg, lat, lon)  # type: ignore[arg-type]
             home.position_ned_m = (float(n), float(e), alt - home.alt_amsl_m)
 
-    def set_here(self) -> bool:
-        """Sets home to the current position, if it is known."""
+    def set_to_current_position(self) -> bool:
+        """Sets home to the current position; False: no valid position."""
         estimate, home = self._view.estimate, self.home
         if not estimate.valid_position:
             return False
@@ -72,7 +73,7 @@ class HomeUpdater:
         return True
 
     def _follow_gps(self) -> None:
-        """Without a local position, home is the GPS position, updated every two seconds."""
+        """Sets home to the GPS position every two seconds; used without a valid local position."""
         sensors, i, now_us = self._view.simulation.sensors, self._view.row, self._view.time_boot_us()
         home = self.home
         if int(sensors.gps_fix_type[i]) < FIX_3D or now_us - home.set_at_us < GPS_HOME_EVERY_US:
@@ -83,16 +84,16 @@ class HomeUpdater:
 
     @property
     def _is_automatic(self) -> bool:
-        """Whether home is set automatically: COM_HOME_EN is set, and no position was commanded."""
+        """Whether home is updated automatically: COM_HOME_EN is set, and no command has set home."""
         return not self.home.manual and self._view.choice("COM_HOME_EN") != 0
 
     def on_arming_or_takeoff(self) -> None:
         """Sets home to the position where the vehicle was armed or took off."""
         if self._is_automatic:
-            self.set_here()
+            self.set_to_current_position()
 
-    def follow(self) -> None:
-        """Updates home while disarmed, if the vehicle has been moved by more than a metre."""
+    def update_disarmed(self) -> None:
+        """Updates home of a disarmed vehicle that has moved by more than 1 m."""
         estimate = self._view.estimate
         if not self._is_automatic:
             return
@@ -100,4 +101,4 @@ class HomeUpdater:
             self._follow_gps()
             return
         if not self.home.valid or math.dist(estimate.position_ned_m, self.home.position_ned_m) > 1.0:
-            self.set_here()
+            self.set_to_current_position()

@@ -1,10 +1,10 @@
-"""Compiled loops over all vehicles, written as formulas of one vehicle.
+"""Compiled loops over all vehicles; the formulas are written for one vehicle.
 
-A NumPy call takes a microsecond even for few vehicles, and a step would need hundreds of calls. The rules:
+A NumPy call takes a microsecond even for few vehicles, and a step would need hundreds of calls. Rules:
 
-- A `@kernel` takes arrays of all vehicles and writes into arrays that its caller allocated. It loops over the
-  rows and allocates nothing per row. The rows are independent, so the result of one vehicle does not depend
-  on the others.
+- A `@kernel` takes arrays of all vehicles and writes into arrays that the caller has allocated. It loops over
+  the rows and allocates nothing per row. The rows are independent, so the result of one vehicle does not
+  depend on other vehicles.
 - A `@formula` takes and returns plain numbers, or rows, of one vehicle. Kernels and formulas call it.
 - The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`,
   `IntegerRows`, `float`,
@@ -13,12 +13,12 @@ A NumPy call takes a microsecond even for few vehicles, and a step would need hu
 - The compiler must not reorder sums (`fastmath` is off), and uses only instructions that all processors of an
   architecture have: the same seed gives the same flight everywhere. Division by zero gives infinity or NaN,
   as in NumPy. Comparisons are written so that NaN takes the same branch as in NumPy.
-- Kernels draw no random numbers: NumPy draws them before (`noise.py`), in the same order for every fleet.
+- Kernels draw no random numbers: NumPy draws them first (`noise.py`), in the same order for every fleet.
 - Module constants are compiled in; values that change are arguments.
 
 Compiled code is cached in a folder named after a hash of the sources of all kernels. A change in one file
-recompiles all of them, because the compiler does not detect changed formulas of other files. Of processes
-that start together, one compiles each kernel. Without a writable folder each process compiles for itself.
+recompiles all kernels, because the compiler does not detect changed formulas of other files. Of processes
+that start together, one compiles each kernel. Without a writable folder every process compiles all kernels.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 PACKAGE = Path(__file__).resolve().parent
 UNUSED_AFTER_S = 7 * 86400.0
-"""Compiled code of other sources is deleted if it was not loaded for this long."""
+"""Compiled code of older or newer sources is deleted if it was not loaded for this long."""
 _TYPES: dict[str, Any] = {
     "Column": numba.float64[::1],
     "Rows": numba.float64[:, ::1],
@@ -85,8 +85,8 @@ def _cache_folder() -> Path | None:
     """Folder of compiled code: next to the sources, otherwise the user's cache; None: no folder is
     writable."""
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    own = os.environ.get("NUMBA_CACHE_DIR")
-    folders = [Path(own)] if own else [PACKAGE / "__pycache__", home / "offboard-gcs"]
+    configured = os.environ.get("NUMBA_CACHE_DIR")
+    folders = [Path(configured)] if configured else [PACKAGE / "__pycache__", home / "offboard-gcs"]
     name = f"kernels-{_sources_digest()}"
     for folder in folders:
         try:
@@ -116,9 +116,9 @@ if not _config.CPU_NAME:
 
 
 @contextlib.contextmanager
-def _one_at_a_time() -> Generator[None]:
-    """Lock: of processes that start at the same time, one compiles a kernel and the others wait and
-    load it."""
+def _compile_lock() -> Generator[None]:
+    """Lock: of processes that start at the same time, one compiles a kernel, and the others wait and then
+    load the result."""
     if _folder is None:
         yield
         return
@@ -135,7 +135,7 @@ def _compiler(types: tuple[Any, ...] | None) -> Callable[[F], F]:
 def kernel(function: F) -> F:
     """Compiles a loop over vehicles with the types of its annotations."""
     parameters = inspect.signature(function).parameters.values()
-    with _one_at_a_time():
+    with _compile_lock():
         return _compiler(tuple(_TYPES[each.annotation] for each in parameters))(function)
 
 

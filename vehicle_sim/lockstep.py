@@ -1,7 +1,7 @@
-"""Lockstep: a client controls how far time advances, so that flights are reproducible bit for bit.
+"""Lockstep: a client controls how far simulated time advances, so that flights are reproducible bit for bit.
 
-The client sends SYSTEM_TIME with the `time_boot_ms` to advance to. Messages that it sent earlier on that link
-are handled before time advances. The vehicle replies with SYSTEM_TIME when it has reached that time.
+The client sends SYSTEM_TIME with the `time_boot_ms` to advance to. The vehicle handles earlier messages on
+that link first, advances, and replies with SYSTEM_TIME when it has reached that time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""White noise for N vehicles, each with its own generator, so that no flight depends on the others.
+"""White noise for N vehicles, one generator for each vehicle, so that no flight depends on other vehicles.
 
 A vehicle's noise depends on the seed, its number and the purpose of the noise, not on the number of vehicles
 or processes. Numbers are drawn in blocks, because one call for each vehicle and step would be too slow.
@@ -18,7 +18,7 @@ BLOCK = 64
 """Samples drawn together."""
 
 
-class NoiseOf(IntEnum):
+class NoisePurpose(IntEnum):
     """Purpose of a noise stream; part of its seed."""
 
     IMU = 0
@@ -38,7 +38,7 @@ class WhiteNoise:
         width: length of a sample.
     """
 
-    def __init__(self, seed: int, vehicles: Sequence[int], purpose: NoiseOf, width: int) -> None:
+    def __init__(self, seed: int, vehicles: Sequence[int], purpose: NoisePurpose, width: int) -> None:
         self._generators = [np.random.default_rng([seed, vehicle, int(purpose)]) for vehicle in vehicles]
         self._block = np.zeros((len(self._generators), BLOCK, width))
         self._samples = np.zeros((BLOCK, len(self._generators), width))

@@ -129,7 +129,7 @@ class Autopilot:
     def _steady_task(self) -> SteadyTask | None:
         commander, detector = self.commander, self.land_detector
         overridden = self._goto.goal or self.offboard.has_topics or self.sticks.moved
-        if overridden or commander.external.any_mode or not commander.settled:
+        if overridden or commander.external.has_modes or not commander.settled:
             return None
         if is_grounded(self.takeoff, detector):
             return ground_task(self.view, commander, self.navigator, self.takeoff, detector)
@@ -146,7 +146,7 @@ class Autopilot:
         return (
             commander.armed, commander.intended, active, commander.terminated, self.view.parameter_changes,
             self.plans.changes, home.set_at_us, home.position_ned_m, self.sticks.moved, self._goto.goal,
-            self.offboard.has_topics, self.offboard.level, commander.external.any_mode,
+            self.offboard.has_topics, self.offboard.level, commander.external.has_modes,
             self.navigator.commanded_state(active),
         )  # fmt: skip
 

@@ -127,7 +127,7 @@ class Commander:
             self.set_mode(NavState.POSITION)
 
     def _change_mode(self, mode: NavState) -> None:
-        self.intended = mode = NavState(self.external.replaces(mode))
+        self.intended = mode = NavState(self.external.replaced_mode(mode))
         self.external.on_mode_change(mode)
         if mode not in CANNOT_TAKE_OFF:
             self._mode_after_disarming = mode
@@ -172,14 +172,14 @@ class Commander:
 
     def _handle_set_home(self, parameters: tuple[float, ...]) -> None:
         if parameters[0] == 1.0:
-            self.home.set_here()
+            self.home.set_to_current_position()
         elif abs(parameters[4]) <= 90.0 and abs(parameters[5]) <= 180.0:
             self.home.set(parameters[4], parameters[5], parameters[6], parameters[3])
 
     def _can_switch(self, mode: NavState) -> bool:
         if self.terminated:
             return False
-        mode = NavState(self.external.replaces(mode))
+        mode = NavState(self.external.replaced_mode(mode))
         report = self.checks.current_report(self.intended, armed=self.armed, terminated=self.terminated)
         return mode is self.active or report.runnable(mode)
 
@@ -207,7 +207,7 @@ class Commander:
         self._check_skipper.reset()
         self._update_landed(landed)
         if not self.armed:
-            self.home.follow()
+            self.home.update_disarmed()
         navigator = self._navigator
         navigator.watch()
         self._load_plans()

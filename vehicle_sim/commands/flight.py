@@ -244,7 +244,7 @@ class FlightCommands:
         if not self._host.view.choice("COM_HOME_EN"):
             return DENIED
         if c.p1 > 0.5:
-            return ACCEPTED if self._commander.home.set_here() else TEMPORARILY_REJECTED
+            return ACCEPTED if self._commander.home.set_to_current_position() else TEMPORARILY_REJECTED
         if not (abs(c.p5) <= 90.0 and abs(c.p6) <= 180.0 and abs(c.p7) <= ALTITUDE_LIMIT_M):
             return DENIED
         if not self._host.view.estimate.valid_position:

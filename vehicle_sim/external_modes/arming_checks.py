@@ -1,7 +1,7 @@
 """Arming checks of external components: PX4 sends them a request about three times a second.
 
 Times are recorded from PX4 v1.16. One request is sent every 0.312 s of vehicle time. A component that leaves
-four requests in a row unanswered is unresponsive; a new one may leave eleven.
+four requests in a row unanswered is unresponsive; a new component, one that leaves eleven.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requirements, required_by
+from vehicle_sim.external_modes.requirements import BUILT_IN_REQUIREMENTS, Requirements, add_requirements
 
 SLOTS = 8
 NONE = -1
 """No mode, no arming check, no executor."""
-REQUEST_EVERY_US, ANSWER_WITHIN_US = 312_000, 50_000
-TOLERATED_MISSES, TOLERATED_MISSES_AT_FIRST = 3, 10
-"""Number of unanswered requests in a row that have no effect: after the first answer, and before it."""
+REQUEST_EVERY_US, REPLY_WITHIN_US = 312_000, 50_000
+TOLERATED_MISSES, TOLERATED_MISSES_BEFORE_REPLY = 3, 10
+"""Number of unanswered requests in a row that have no effect: after the first reply, and before it."""
 RECOVERIES = 3
-"""Number of answers after which an unresponsive component counts as responsive again."""
-REPLIES_KEPT = 4
-"""PX4's queue length: of more simultaneous replies only the last ones count."""
+"""Number of times that an unresponsive component becomes responsive again by a reply."""
+REPLY_QUEUE_LENGTH = 4
+"""PX4's queue length: more replies at the same time replace the oldest."""
 MAX_EVENTS = 5
 REQUEST_IDS = 256
 
@@ -44,7 +44,7 @@ class ArmingCheck:
     """One registered arming check."""
 
     mode: int = NONE
-    """Navigation state of its mode; NONE: the check applies to every mode."""
+    """Navigation state of the component's mode; NONE: the check applies to every mode."""
     replaces: int = NONE
     reply: ArmingCheckReply | None = None
     missed: int = 0
@@ -53,22 +53,22 @@ class ArmingCheck:
 
     @property
     def modes(self) -> int:
-        """Bit mask of its modes."""
+        """Bit mask of the component's mode and the mode that it replaces."""
         return sum(1 << mode for mode in (self.mode, self.replaces) if 0 <= mode < 32)
 
-    def miss(self) -> bool:
+    def count_miss(self) -> bool:
         """Counts an unanswered request; True: the component has just become unresponsive."""
         self.missed += 1
         if self.unresponsive or self.missed <= (
-            TOLERATED_MISSES_AT_FIRST if self.reply is None else TOLERATED_MISSES
+            TOLERATED_MISSES_BEFORE_REPLY if self.reply is None else TOLERATED_MISSES
         ):
             return False
         self.unresponsive = True
         self.times_unresponsive += 1
         return True
 
-    def answer(self, reply: ArmingCheckReply) -> None:
-        """Stores a reply."""
+    def store_reply(self, reply: ArmingCheckReply) -> None:
+        """Stores a reply; a component that may recover is responsive again."""
         self.reply, self.missed = reply, 0
         if self.times_unresponsive <= RECOVERIES:
             self.unresponsive = False
@@ -76,7 +76,7 @@ class ArmingCheck:
 
 @dataclass(frozen=True, slots=True)
 class ExternalHealth:
-    """Results of the external components for arming."""
+    """What the external components report for arming checks and requirements."""
 
     requirements: Requirements = BUILT_IN_REQUIREMENTS
     unresponsive: int = 0
@@ -98,15 +98,15 @@ class ArmingChecks:
 
     def __init__(self) -> None:
         self._checks: dict[int, ArmingCheck] = {}
-        self._replies: deque[ArmingCheckReply] = deque(maxlen=REPLIES_KEPT)
+        self._replies: deque[ArmingCheckReply] = deque(maxlen=REPLY_QUEUE_LENGTH)
         self._answered: set[int] = set()
         self._request_id = 0
         self._requested_at_us: int | None = None
-        self._counted = False
+        self._misses_counted = False
         """Whether unanswered requests of this period have been counted."""
 
     @property
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         """Whether no registration is free."""
         return len(self._checks) >= SLOTS
 
@@ -121,27 +121,28 @@ class ArmingChecks:
         if number in self._checks and self._checks[number].mode == mode:
             del self._checks[number]
 
-    def unresponsive(self, number: int) -> bool:
+    def is_unresponsive(self, number: int) -> bool:
         """Whether the component of this check is unresponsive."""
         return number in self._checks and self._checks[number].unresponsive
 
     def receive(self, reply: ArmingCheckReply) -> None:
-        """Queues a reply; without a registered check it stays in the queue for the next one, as on PX4."""
+        """Queues a reply; as on PX4, it stays in the queue while no check is registered."""
         self._replies.append(reply)
 
     def update(self, now_us: int) -> int | None:
-        """Evaluates replies and timeouts; returns the id of a request that is now sent to all components."""
+        """Evaluates replies and timeouts; returns the id of a request to send to all components now."""
         if not self._checks:
             return None
         self._take_replies()
         if self._requested_at_us is not None:
             waited_us = now_us - self._requested_at_us
-            if waited_us > ANSWER_WITHIN_US and not self._counted and self._answered != self._checks.keys():
-                self._counted = True
+            all_answered = self._answered == self._checks.keys()
+            if waited_us > REPLY_WITHIN_US and not self._misses_counted and not all_answered:
+                self._misses_counted = True
                 self._count_missing()
             if waited_us < REQUEST_EVERY_US:
                 return None
-        self._requested_at_us, self._counted = now_us, False
+        self._requested_at_us, self._misses_counted = now_us, False
         self._answered.clear()
         self._request_id = (self._request_id + 1) % REQUEST_IDS
         return self._request_id
@@ -152,11 +153,11 @@ class ArmingChecks:
             check = self._checks.get(reply.registration_id)
             if check is not None and reply.request_id == self._request_id:
                 self._answered.add(reply.registration_id)
-                check.answer(reply)
+                check.store_reply(reply)
 
     def _count_missing(self) -> None:
         for number in [number for number in self._checks if number not in self._answered]:
-            if self._checks[number].miss() and self._checks[number].mode == NONE:
+            if self._checks[number].count_miss() and self._checks[number].mode == NONE:
                 del self._checks[number]
 
     def health(self) -> ExternalHealth:
@@ -174,8 +175,10 @@ class ArmingChecks:
                 not_armable |= modes
             else:
                 if check.mode != NONE:
-                    stated = check.reply.requires
-                    requirements = required_by(requirements, modes, stated, runs=check.reply.can_run)
+                    requires = check.reply.requires
+                    requirements = add_requirements(
+                        requirements, modes, requires, can_run=check.reply.can_run
+                    )
                 not_armable |= 0 if check.reply.can_run else modes
                 events += [(modes, event) for event in check.reply.events]
         return ExternalHealth(requirements, unresponsive, not_armable, registered, tuple(events))

@@ -1,4 +1,4 @@
-"""External modes of one vehicle: registration, arming checks, replacement of modes, executor in charge.
+"""External modes of one vehicle: registration, arming checks, replaced modes, executor in charge.
 
 The registry has no clock and no transport: time is an argument, and the caller sends the messages. The rules
 are those of PX4 v1.16, recorded over ROS 2.
@@ -25,9 +25,9 @@ from vehicle_sim.external_modes.slots import (
 NAME_LENGTH = 24
 """Maximum length of a name; a longer name is cut."""
 AUTOPILOT = 0
-"""The executor in charge while no external one is."""
+"""Id of the executor in charge while no external executor is."""
 EXECUTOR_COMPONENT = 1000
-"""Component id of executor N is this plus N."""
+"""The component id of executor N is EXECUTOR_COMPONENT + N."""
 NO_OVERRIDES, NO_CONTROLLERS = Overrides(), Controllers()
 
 
@@ -45,7 +45,7 @@ class Registration:
     """Whether to select the mode immediately."""
 
     @property
-    def consistent(self) -> bool:
+    def is_consistent(self) -> bool:
         """Whether a mode comes with an arming check, and an executor comes with a mode."""
         return (self.mode or not self.executor) and (self.arming_check or not self.mode)
 
@@ -61,7 +61,7 @@ class RegistrationReply:
 
 
 DENIED_WHILE_ARMED = RegistrationReply(False, 0, 0, 0)
-"""PX4 leaves the ids of this answer at zero."""
+"""PX4 leaves the ids of this reply at zero."""
 
 
 class ExternalModes:
@@ -78,7 +78,7 @@ class ExternalModes:
         self.checks = ArmingChecks()
         self._in_charge = AUTOPILOT
         self.failsafe_acts = False
-        """Whether a failsafe has replaced the intended mode, as of the last update."""
+        """Whether a failsafe had replaced the intended mode at the last update."""
         self.commanded_by_executor = False
         """Whether the current command came from an executor."""
         self.config_count = 0
@@ -89,14 +89,14 @@ class ExternalModes:
         As recorded, it increases when a mode is registered, and when `vehicle_status` is published with a
         changed mask of the modes that can be set.
         """
-        self.on_announced: Callable[[], None] = _no_listener
-        self._published = -1
+        self.on_mode_list_change: Callable[[], None] = _no_listener
+        self._settable = -1
 
     # --- registration ----------------------------------------------------------------------------------
 
     def register(self, request: Registration) -> RegistrationReply:
-        """Registers all parts of a component, or none."""
-        if not request.consistent or not self._has_room(request):
+        """Registers arming check, mode and executor of a component, or nothing."""
+        if not request.is_consistent or not self._has_free_slots(request):
             return RegistrationReply()
         name = request.name[:NAME_LENGTH]
         state = executor = check = NONE
@@ -112,28 +112,28 @@ class ExternalModes:
                 self._slots.modes[state].arming_check = check
         return RegistrationReply(True, check, state, executor)
 
-    def _has_room(self, request: Registration) -> bool:
+    def _has_free_slots(self, request: Registration) -> bool:
         if request.mode and request.replaces != NONE and self.is_replaced(request.replaces):
             return False
         return not (
-            (request.arming_check and self.checks.full)
-            or (request.mode and self._slots.full)
-            or (request.executor and self._executors.full)
+            (request.arming_check and self.checks.is_full)
+            or (request.mode and self._slots.is_full)
+            or (request.executor and self._executors.is_full)
         )
 
     def _announce(self) -> None:
         self.mode_list_seq += 1
-        self.on_announced()
+        self.on_mode_list_change()
 
-    def published(self, settable: int) -> None:
-        """Called with the bit mask of the modes that can be set, when it is published."""
-        if settable != self._published:
-            before, self._published = self._published, settable
+    def on_status_published(self, settable: int) -> None:
+        """Called when `vehicle_status` is published, with its bit mask of the modes that can be set."""
+        if settable != self._settable:
+            before, self._settable = self._settable, settable
             if before >= 0:
                 self._announce()
 
     def unregister(self, name: str, arming_check: int, mode: int) -> bool:
-        """Removes a component; returns True if its mode was removed. A mode with another name stays."""
+        """Removes a component; returns whether its mode was removed. A mode with another name stays."""
         if arming_check != NONE:
             self.checks.remove(arming_check, mode)
         return mode != NONE and self._remove_mode(mode, name[:NAME_LENGTH])
@@ -148,9 +148,9 @@ class ExternalModes:
         return True
 
     def remove_unresponsive(self, intended: int) -> None:
-        """Removes modes whose component is unresponsive, except the selected one."""
+        """Removes modes whose component is unresponsive, except the intended mode."""
         for state, mode in list(self._slots.modes.items()):
-            if state != intended and self.checks.unresponsive(mode.arming_check):
+            if state != intended and self.checks.is_unresponsive(mode.arming_check):
                 self.checks.remove(mode.arming_check, state)
                 self._remove_mode(state, mode.name)
 
@@ -161,32 +161,37 @@ class ExternalModes:
         return self._slots.modes.get(state)
 
     def health(self) -> ExternalHealth:
-        """Results of the external components for arming."""
+        """What the external components report for arming checks and requirements."""
         return self.checks.health()
 
-    def replaces(self, state: int) -> int:
+    def replaced_mode(self, state: int) -> int:
         """The mode that an external mode replaces, or else the mode itself."""
         mode = self.mode(state)
         return state if mode is None or mode.replaces == NONE else mode.replaces
 
     def effective_mode(self, state: int) -> int:
         """The replacement of a mode, if one is registered and responsive, or else the mode itself."""
-        found = self._slots.replacement(state) if self._slots.modes else None
-        if found is None or self.checks.unresponsive(self._slots.modes[found].arming_check):
+        replacement = self._slots.replacement(state) if self._slots.modes else None
+        if replacement is None:
             return state
-        return found
+        unresponsive = self.checks.is_unresponsive(self._slots.modes[replacement].arming_check)
+        return state if unresponsive else replacement
 
     def is_replaced(self, state: int) -> bool:
         """Whether an external mode replaces a mode."""
         return self._slots.replacement(state) is not None
 
-    def settable(self, own: int) -> int:
-        """Bit mask of the modes that can be set, from the mask of PX4's own modes."""
+    def settable(self, built_in: int) -> int:
+        """Bit mask of the modes that can be set.
+
+        Args:
+            built_in: bit mask of PX4's own modes.
+        """
         for state, mode in self._slots.modes.items():
-            own |= 1 << state
+            built_in |= 1 << state
             if 0 <= mode.replaces <= LAST_MODE:
-                own &= ~(1 << mode.replaces)
-        return own
+                built_in &= ~(1 << mode.replaces)
+        return built_in
 
     def configure(self, state: int, controllers: Controllers) -> None:
         """Sets the controllers of a mode; ignored for a mode that is not registered."""
@@ -203,7 +208,7 @@ class ExternalModes:
     # --- executors and overrides -----------------------------------------------------------------------
 
     @property
-    def any_mode(self) -> bool:
+    def has_modes(self) -> bool:
         """Whether an external mode is registered."""
         return bool(self._slots.modes)
 
@@ -213,7 +218,7 @@ class ExternalModes:
         return AUTOPILOT if self.failsafe_acts else self._in_charge
 
     def on_mode_change(self, state: int) -> None:
-        """Called after a change of the intended mode: the executor of the new mode is then in charge.
+        """Called after a change of the intended mode; puts the executor of the new mode in charge.
 
         If the mode has no executor, the autopilot is in charge, unless the executor in charge selected the
         mode.
@@ -232,7 +237,7 @@ class ExternalModes:
             self._executors.executors[executor].overrides = overrides
 
     def overrides(self, active: int) -> Overrides:
-        """The overrides in force: of the active mode and of the executor in charge."""
+        """The overrides that apply: those of the active mode and of the executor in charge."""
         if not self._slots.modes:
             return NO_OVERRIDES
         mode = self.mode(active)
@@ -247,7 +252,7 @@ class ExternalModes:
             disable_auto_disarm=mode_overrides.disable_auto_disarm or executor_overrides.disable_auto_disarm,
         )
 
-    # --- time ------------------------------------------------------------------------------------------
+    # --- arming checks ---------------------------------------------------------------------------------
 
     def receive(self, reply: ArmingCheckReply) -> None:
         """Queues an arming check reply for the next update."""
@@ -257,7 +262,7 @@ class ExternalModes:
         """Evaluates arming checks; call every 10 ms.
 
         Returns:
-            Id of an arming check request to send now.
+            Id of an arming check request to send now; None: no request is due.
         """
         self.failsafe_acts = failsafe_acts
         return self.checks.update(now_us)

@@ -1,4 +1,4 @@
-"""Requirements of the flight modes: for each, a bit mask of the navigation states that have it."""
+"""Requirements of the flight modes: each requirement is a bit mask of the navigation states that have it."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ REPORTED = (
 """Requirements that an ArmingCheckReply states, in fields `mode_req_*`."""
 
 
-def required_by(
-    requirements: Requirements, modes: int, stated: frozenset[str], *, runs: bool
+def add_requirements(
+    requirements: Requirements, modes: int, requires: frozenset[str], *, can_run: bool
 ) -> Requirements:
-    """The requirements after an external mode has stated its own.
+    """The requirements of all modes, including those that an external mode reports.
 
     Args:
         requirements: the requirements so far.
         modes: bit mask of the external mode and the mode that it replaces.
-        stated: its requirements, of `REPORTED`.
-        runs: whether it can run.
+        requires: names in `REPORTED` that the external mode requires.
+        can_run: whether the external mode can run.
     """
     masks = requirements._asdict()
     for name in REPORTED:
-        masks[name] = masks[name] | modes if name in stated else masks[name] & ~modes
-    masks["other"] = masks["other"] & ~modes if runs else masks["other"] | modes
+        masks[name] = masks[name] | modes if name in requires else masks[name] & ~modes
+    masks["other"] = masks["other"] & ~modes if can_run else masks["other"] | modes
     return Requirements(**masks)

@@ -14,7 +14,7 @@ _FNV_OFFSET, _FNV_PRIME = 0x811C9DC5, 0x01000193
 
 @dataclass(frozen=True, slots=True)
 class Overrides:
-    """What a ConfigOverrides message changes while its mode or executor is active."""
+    """Settings of a ConfigOverrides message; they apply while the mode or executor is active."""
 
     disable_auto_disarm: bool = False
     defer_failsafes: bool = False
@@ -74,8 +74,8 @@ class ModeSlots:
     """Registered modes by navigation state.
 
     Args:
-        hashes: hash of the name that last used each slot, 0: unused; kept over restarts.
-        store_hash: `store_hash(slot, value)` changes one of them.
+        hashes: for each slot the hash of the last mode's name; 0: never used. Stored over restarts.
+        store_hash: `store_hash(slot, value)` changes the hash of a slot.
     """
 
     def __init__(self, hashes: Sequence[int], store_hash: Callable[[int, int], None]) -> None:
@@ -83,15 +83,15 @@ class ModeSlots:
         self.modes: dict[int, ExternalMode] = {}
 
     @property
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         """Whether no slot is free."""
         return len(self.modes) > LAST_MODE - FIRST_MODE
 
     def add(self, mode: ExternalMode) -> int:
         """Stores a mode; returns its navigation state.
 
-        A known name gets its old slot; a new name gets the first unused slot, otherwise the first free slot.
-        A second mode of the same name leaves the hash of its slot unchanged.
+        A known name gets its old slot; a new name gets the first free slot that was never used, otherwise the
+        first free slot. A second mode of the same name leaves the hash of its slot unchanged.
         """
         hashed = name_hash(mode.name)
         free = [n for n in range(LAST_MODE - FIRST_MODE + 1) if FIRST_MODE + n not in self.modes]
@@ -111,14 +111,14 @@ class ModeSlots:
         return FIRST_MODE + slot
 
     def remove(self, state: int, name: str) -> bool:
-        """Removes a mode if its name is this one."""
+        """Removes a mode if it has this name."""
         if state not in self.modes or self.modes[state].name != name:
             return False
         del self.modes[state]
         return True
 
     def replacement(self, state: int) -> int | None:
-        """Navigation state of the mode that replaces a mode of PX4; None: none."""
+        """Navigation state of the external mode that replaces a mode; None: no replacement."""
         return next((number for number, mode in self.modes.items() if mode.replaces == state), None)
 
 
@@ -129,7 +129,7 @@ class Executors:
         self.executors: dict[int, Executor] = {}
 
     @property
-    def full(self) -> bool:
+    def is_full(self) -> bool:
         """Whether no id is free."""
         return len(self.executors) >= EXECUTORS
 

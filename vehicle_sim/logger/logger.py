@@ -1,4 +1,4 @@
-"""One vehicle's onboard log: when (SDLOG_MODE) and where it is written, and handling of write errors."""
+"""One vehicle's onboard log: start and stop by SDLOG_MODE, file names, and write errors."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from vehicle_sim.topics.layout import Layout
 from vehicle_sim.topics.states import States
 
 FOLDER: Final = "log"
-LOGS_AFTER_BOOT_US: Final = 488_000
-"""Time after boot from which PX4 in simulation can log."""
-STOPS_AFTER_US: Final = 1_000_000
+LOGGING_POSSIBLE_AFTER_US: Final = 488_000
+"""PX4's logger in simulation starts this long after boot."""
+STOP_DELAY_US: Final = 1_000_000
 """A log continues for this long after disarming."""
 FILE_NAME_DELAY_US: Final = 45_000
 """Delay between the event that starts a log and the time in its file name."""
 TICK_US: Final = 20_000
-"""Period of the log's state topics: that of the autopilot, so that values read in a step are shared."""
+"""Period of the log's state topics: one autopilot tick, so that all readers in a step share the values."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
-"""SDLOG_MODE; AUX1 requires a remote control, which a simulated vehicle does not have."""
+"""SDLOG_MODE; WHILE_AUX1 requires an RC receiver, which a simulated vehicle does not have."""
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
 BY_ARMING: Final = frozenset({WHILE_ARMED, BOOT_TO_DISARM, ARMED_TO_SHUTDOWN})
 UNTIL_SHUTDOWN: Final = frozenset({BOOT_TO_SHUTDOWN, ARMED_TO_SHUTDOWN})
 MIN_FREE_BYTES: Final = 50 << 20
-"""With less free space no log is started, and a running log ends."""
+"""With less free space, no log starts and a running log ends."""
 MAX_BYTES: Final = 1 << 30
 """Maximum size of a log, so that a vehicle left running does not fill the disk."""
 CHECK_EVERY_US: Final = 5_000_000
@@ -52,9 +52,9 @@ class Logger:
 
     Args:
         autopilot: the autopilot to log.
-        states: its state topics.
+        states: state topics of the autopilot.
         files: the vehicle's files, which receive the log.
-        recorders: sample the array topics; None: this vehicle never logs.
+        recorders: sample the array topics; None: the vehicle never logs.
         free_space: returns the free bytes on a folder's disk.
     """
 
@@ -68,9 +68,9 @@ class Logger:
     ) -> None:
         self.row = autopilot.view.row
         self.path: str | None = None
-        """Path of the log being written, or of the last one."""
+        """Path of the log being written, or of the last log."""
         self.written_bytes = 0
-        self.began_us = 0
+        self.started_at_us = 0
         self._autopilot, self._states, self._files, self._free_space = autopilot, states, files, free_space
         self._view = autopilot.view
         self._announcer: Announcer = autopilot.announcer
@@ -78,9 +78,9 @@ class Logger:
         self._recorder: Recorder | None = None
         self._file: FileIO | None = None
         self._pending: list[bytes] = []
-        self._begun = False
+        self._started = False
         self._armed = False
-        self._by_hand = False
+        self._started_manually = False
         self._stop_at_us: int | None = None
         self._announce_at_us: int | None = None
         self._check_at_us = 0
@@ -90,8 +90,8 @@ class Logger:
             self._view.parameters.add_listener(self._log_parameter)
 
     @property
-    def available(self) -> bool:
-        """Whether this vehicle can log at all."""
+    def can_log(self) -> bool:
+        """Whether the vehicle can write logs."""
         return self._recorders is not None
 
     @property
@@ -106,10 +106,10 @@ class Logger:
 
     def step(self, now_us: int) -> None:
         """Called after each simulation step."""
-        if not self._begun:
-            if now_us < LOGS_AFTER_BOOT_US:
+        if not self._started:
+            if now_us < LOGGING_POSSIBLE_AFTER_US:
                 return
-            self._begun = True
+            self._started = True
             self._autopilot.commander.checks.logging = False
             self._delete_old_logs()
             if self.mode in FROM_BOOT:
@@ -117,7 +117,7 @@ class Logger:
         armed = self._autopilot.commander.armed
         if armed is not self._armed:
             self._armed = armed
-            self._arming(armed, now_us)
+            self._on_arming_change(armed, now_us)
         if self._stop_at_us is not None and now_us >= self._stop_at_us:
             self.stop()
         if self._announce_at_us is not None and now_us >= self._announce_at_us:
@@ -127,17 +127,17 @@ class Logger:
             self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
             self._tick(now_us)
 
-    def start_by_hand(self) -> bool:
-        """Starts logging until `stop_by_hand`; True if a file is being written."""
-        self._by_hand = True
+    def start_manually(self) -> bool:
+        """Starts logging until `stop_manual_log`; returns whether a file is being written."""
+        self._started_manually = True
         if not self.running:
             self._start(self._view.time_boot_us())
         self._stop_at_us = None
         return self.running
 
-    def stop_by_hand(self) -> None:
-        """Ends logging that was started by hand; a log that arming requires continues while armed."""
-        self._by_hand = False
+    def stop_manual_log(self) -> None:
+        """Ends logging started by `start_manually`; a log that SDLOG_MODE requires continues."""
+        self._started_manually = False
         if not (self._armed and self.mode in BY_ARMING) and self.mode != BOOT_TO_SHUTDOWN:
             self.stop()
 
@@ -161,17 +161,17 @@ class Logger:
         self._pending.append(data)
         self._write_pending()
 
-    # --- inside ----------------------------------------------------------------------------------------
+    # --- start and stop ---------------------------------------------------------------------------------
 
-    def _arming(self, armed: bool, now_us: int) -> None:
+    def _on_arming_change(self, armed: bool, now_us: int) -> None:
         mode = self.mode
         if armed and mode in BY_ARMING:
             if self._stop_at_us is not None:
                 self.stop()
             if not self.running:
                 self._start(now_us)
-        elif not armed and mode in BY_ARMING - UNTIL_SHUTDOWN and self.running and not self._by_hand:
-            self._stop_at_us = now_us + STOPS_AFTER_US
+        elif not armed and mode in BY_ARMING - UNTIL_SHUTDOWN and self.running and not self._started_manually:
+            self._stop_at_us = now_us + STOP_DELAY_US
 
     def _tick(self, now_us: int) -> None:
         data = self._states.due(now_us)
@@ -190,11 +190,11 @@ class Logger:
             free = self._free_space(self._files.root)
         except OSError as error:
             self.stop()
-            self._failed("the log ends", error)
+            self._report_error("the log ends", error)
             return
         if free < MIN_FREE_BYTES:
             self.stop()
-            self._full(free)
+            self._report_full_disk(free)
 
     def _start(self, now_us: int) -> None:
         if self._recorders is None or self.mode == DISABLED:
@@ -202,21 +202,21 @@ class Logger:
         try:
             free = self._free_space(self._files.root)
             if free < MIN_FREE_BYTES:
-                self._full(free)
+                self._report_full_disk(free)
                 return
-            path, when = self._name()
+            path, started_at = self._path()
             self._file = FileIO(self._files.host_path(path), "wb")
         except OSError as error:
-            self._failed("no log", error)
+            self._report_error("no log", error)
             return
-        self.path, self.written_bytes, self.began_us = path, 0, now_us
+        self.path, self.written_bytes, self.started_at_us = path, 0, now_us
         profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
-        recorder = self._recorders.of(profile)
+        recorder = self._recorders.for_profile(profile)
         self._check_at_us = now_us + CHECK_EVERY_US
         self._pending = [ulog.header(now_us), ulog.flag_bits(), *self._info_messages()]
         layouts = [topic.layout for topic in recorder.topics] + list(self._states.layouts)
         self._pending += [_formats(tuple(layouts)), _parameters(self._view.parameters)]
-        self._pending += [ulog.subscription_of(layout) for layout in layouts]
+        self._pending += [ulog.subscription(layout) for layout in layouts]
         self._states.restart()
         self._write_pending()
         if not self.running:
@@ -225,20 +225,20 @@ class Logger:
         self._autopilot.commander.checks.logging = True
         recorder.add(self)
         self._announcer.event(
-            "logger_open_file_time", "HBBBBB", when.year, when.month, when.day, when.hour, when.minute,
-            when.second,
+            "logger_open_file_time", "HBBBBB", started_at.year, started_at.month, started_at.day,
+            started_at.hour, started_at.minute, started_at.second,
         )  # fmt: skip
         self._announce_at_us = now_us + FILE_NAME_DELAY_US
 
-    def _name(self) -> tuple[str, datetime]:
+    def _path(self) -> tuple[str, datetime]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
-        when = datetime.fromtimestamp(self._view.time_unix_us() // 1_000_000 + offset_s, UTC)
-        stem = f"{FOLDER}/{when:%Y-%m-%d}/{when:%H_%M_%S}"
+        started_at = datetime.fromtimestamp(self._view.time_unix_us() // 1_000_000 + offset_s, UTC)
+        stem = f"{FOLDER}/{started_at:%Y-%m-%d}/{started_at:%H_%M_%S}"
         path, number = f"{stem}.ulg", 0
         while self._files.host_path(path).exists():
             number += 1
             path = f"{stem}_{number:02d}.ulg"
-        return path, when
+        return path, started_at
 
     def _info_messages(self) -> list[bytes]:
         offset_s = 60 * self._view.optional_choice("SDLOG_UTC_OFFSET", 0)
@@ -274,7 +274,7 @@ class Logger:
         if isinstance(item, Event):
             self._pending.append(self._states.event(item))
         else:
-            self._pending.append(ulog.logged(item.severity, self._view.time_boot_us(), item.text))
+            self._pending.append(ulog.logged_text(item.severity, self._view.time_boot_us(), item.text))
 
     def _log_parameter(self, name: str, value: ParameterValue) -> None:
         if self._file is not None:
@@ -292,7 +292,7 @@ class Logger:
             self.written_bytes += len(data)
         except OSError as error:
             self._close()
-            self._failed("the log ends", error)
+            self._report_error("the log ends", error)
 
     def _close(self) -> None:
         file, self._file, recorder, self._recorder = self._file, None, self._recorder, None
@@ -304,25 +304,25 @@ class Logger:
             try:
                 file.close()
             except OSError as error:
-                self._failed("the log was not closed", error)
+                self._report_error("the log was not closed", error)
 
-    def _full(self, free: int) -> None:
+    def _report_full_disk(self, free: int) -> None:
         free_mib = free >> 20
         self._announcer.announce(
             3, f"[logger] no log: {free_mib} MiB left, 50 are needed", "logger_storage_full", "I", free_mib
         )
 
-    def _failed(self, what: str, error: OSError) -> None:
-        self._announcer.text(3, f"[logger] {what}: {error.strerror or error}\t")
+    def _report_error(self, consequence: str, error: OSError) -> None:
+        self._announcer.text(3, f"[logger] {consequence}: {error.strerror or error}\t")
 
 
 @cache
 def _formats(layouts: tuple[Layout, ...]) -> bytes:
-    return b"".join({layout.name: ulog.format_of(layout) for layout in layouts}.values())
+    return b"".join({layout.name: ulog.topic_format(layout) for layout in layouts}.values())
 
 
 def _parameters(parameters: Parameters) -> bytes:
-    """All parameter values, then the defaults of those that differ."""
+    """All parameter values, then the defaults of the parameters that differ."""
     out: list[bytes] = []
     for name, value in parameters.items():
         out.append(ulog.parameter(name, value, integer=parameters.type_of(name) == "INT32"))
@@ -333,7 +333,7 @@ def _parameters(parameters: Parameters) -> bytes:
     return b"".join(out)
 
 
-class Logbook:
+class FleetLogs:
     """The logs of all vehicles of a fleet."""
 
     def __init__(self, recorders: Recorders, loggers: list[Logger]) -> None:

@@ -1,4 +1,4 @@
-"""Samples the array topics of all logging vehicles: one copy per column and step, encoded in whole blocks.
+"""Samples the array topics of all logging vehicles: one copy per array and step, encoded in blocks.
 
 A step costs one small copy per array. NumPy encodes forty samples of all vehicles together, so that logging
 takes about one per cent of the simulation's computing time.
@@ -31,10 +31,10 @@ class Sink(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Column:
-    """Position of a source's values in a group's buffer, and the fields that they belong to."""
+    """Columns of a source's values in a group's buffer, and the topic fields that receive them."""
 
     names: tuple[str, ...]
-    """One field, or one for each column of the array."""
+    """One field, or one field for each column of the array."""
     source: Source
     at: int
     width: int
@@ -47,7 +47,7 @@ class _Group:
         self._simulation = simulation
         self._period = period
         self.due_us = 0
-        """Time of the first sample."""
+        """Time of the next sample."""
         self._sample_count = -1
         self._used = 0
         self._plans: list[tuple[ArrayTopic, NDArray[Any], list[_Column]]] = []
@@ -72,8 +72,8 @@ class _Group:
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
 
     def sample(self, now_us: int) -> bool:
-        """Takes a sample, unless the group has the rate of a sensor without a new measurement. Returns
-        True if the buffer is full."""
+        """Takes a sample; not if the group has the rate of a sensor without a new measurement. Returns
+        whether the buffer is full."""
         period = self._period
         if isinstance(period, str):
             count = getattr(self._simulation.sensors, period)
@@ -145,7 +145,7 @@ class Recorder:
         self.discard(sink)
 
     def discard(self, sink: Sink) -> None:
-        """Stops logging for a vehicle without writing, because its file failed."""
+        """Stops logging for a vehicle without writing; called after a write error."""
         self._sinks = [each for each in self._sinks if each is not sink]
 
     def flush(self) -> None:
@@ -170,8 +170,8 @@ class Recorders:
         self._by_profile: dict[int, Recorder] = {}
         self.steps: list[Callable[[int], None]] = []
 
-    def of(self, profile: int) -> Recorder:
-        """The recorder of a profile (SDLOG_PROFILE)."""
+    def for_profile(self, profile: int) -> Recorder:
+        """The recorder of a profile (SDLOG_PROFILE); created at the first call."""
         if profile not in self._by_profile:
             recorder = self._by_profile[profile] = Recorder(self._simulation, profile)
             self.steps.append(recorder.step)

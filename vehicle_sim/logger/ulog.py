@@ -1,4 +1,4 @@
-"""Encodes the messages of PX4's log format ULog, version 1, independent of their content.
+"""Encodes the messages of PX4's log format ULog, version 1, independent of the logged content.
 
 Format: docs.px4.io, "ULog File Format". Little-endian, fields packed in the order they are declared.
 """
@@ -19,12 +19,12 @@ SYSTEM_DEFAULT, AIRFRAME_DEFAULT = 1, 2
 
 
 def message(kind: str, body: bytes) -> bytes:
-    """A message of one kind (a letter)."""
+    """A message; `kind` is the letter of the message type."""
     return _HEAD.pack(len(body), ord(kind)) + body
 
 
 def header(start_us: int) -> bytes:
-    """The file header; the time is since the vehicle's boot."""
+    """The file header; the start time is the time since boot."""
     return MAGIC + bytes((VERSION,)) + struct.pack("<Q", start_us)
 
 
@@ -62,17 +62,17 @@ def default_parameter(name: str, value: float, *, integer: bool, kinds: int) -> 
     return message("Q", bytes((kinds,)) + _parameter_body(name, value, integer=integer))
 
 
-def logged(severity: int, time_us: int, text: str) -> bytes:
+def logged_text(severity: int, time_us: int, text: str) -> bytes:
     """A logged text; severity is MAV_SEVERITY."""
     return message("L", struct.pack("<BQ", ord("0") + severity, time_us) + text.encode("utf-8"))
 
 
-def format_of(layout: Layout) -> bytes:
+def topic_format(layout: Layout) -> bytes:
     """The format message: names and types of a topic's fields."""
     text = "".join(f"{f.type}{f'[{f.length}]' if f.length else ''} {f.name};" for f in layout.fields)
     return message("F", f"{layout.name}:{text}".encode("ascii"))
 
 
-def subscription_of(layout: Layout) -> bytes:
-    """The subscription message: gives a topic the id that its data messages carry."""
+def subscription(layout: Layout) -> bytes:
+    """The subscription message: the id that the topic's data messages carry."""
     return message("A", struct.pack("<BH", layout.multi_id, layout.msg_id) + layout.name.encode("ascii"))

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vehicle_sim.noise import NoiseOf, WhiteNoise
+from vehicle_sim.noise import NoisePurpose, WhiteNoise
 
 FloatArray = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class Wind:
         self.steady_ned_m_s = np.zeros((count, 3))
         self._gust_ned_m_s = np.zeros((count, 3))
         self._keep = math.exp(-dt_s / CORRELATION_S)
-        self._noise = WhiteNoise(seed, vehicles, NoiseOf.GUSTS, 3)
+        self._noise = WhiteNoise(seed, vehicles, NoisePurpose.GUSTS, 3)
         self._sigma_m_s = np.zeros((count, 3))
         self._gusty = False
 

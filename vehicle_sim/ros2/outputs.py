@@ -150,7 +150,7 @@ class Outputs:
     def _send(self, output: Output, values: dict[str, Any], now_us: int) -> None:
         values["timestamp"] = now_us + self._offset_us
         if output.name == STATUS:
-            self._autopilot.commander.external.published(values["can_set_nav_states_mask"])
+            self._autopilot.commander.external.on_status_published(values["can_set_nav_states_mask"])
         self._publish(output.name, output.message.encode(values))
 
     def _timesync(self, now_us: int) -> None:

@@ -19,7 +19,7 @@ from vehicle_sim.geodesy import to_global
 from vehicle_sim.kernels import Blocks, Column, Flags, Rows, kernel
 from vehicle_sim.magnetic_field import field_ned_gauss
 from vehicle_sim.masks import any_nonzero, any_of
-from vehicle_sim.noise import NoiseOf, WhiteNoise
+from vehicle_sim.noise import NoisePurpose, WhiteNoise
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.rotations import rotated, rotated_back
 from vehicle_sim.sensors.faults import Driver, SensorFaults
@@ -85,10 +85,10 @@ class SensorSuite:
         self._count = count = len(vehicles)
         self._dt_s = dt_s
         self._home = home
-        self._imu_white = WhiteNoise(seed, vehicles, NoiseOf.IMU, 6)
-        self._mag_white = WhiteNoise(seed, vehicles, NoiseOf.MAG, 3)
-        self._baro_white = WhiteNoise(seed, vehicles, NoiseOf.BARO, 1)
-        self._gps_white = WhiteNoise(seed, vehicles, NoiseOf.GPS, 6)
+        self._imu_white = WhiteNoise(seed, vehicles, NoisePurpose.IMU, 6)
+        self._mag_white = WhiteNoise(seed, vehicles, NoisePurpose.MAG, 3)
+        self._baro_white = WhiteNoise(seed, vehicles, NoisePurpose.BARO, 1)
+        self._gps_white = WhiteNoise(seed, vehicles, NoisePurpose.GPS, 6)
         self._strength = np.zeros(count)
         """(N,) factor on the noise measured on PX4's SIH."""
         self._mag_sigma = np.zeros((count, 3))

@@ -173,14 +173,14 @@ class LoggerCommand:
         if words not in (["on"], ["off"], ["status"]):
             raise Usage
         logger = self._logger
-        if not logger.available:
+        if not logger.can_log:
             raise CommandFailed(error("logger", "not running: this vehicle was started without logs"))
         if words == ["on"]:
-            if not logger.start_by_hand():
+            if not logger.start_manually():
                 raise CommandFailed(error("logger", "no log could be started"))
             return ""
         if words == ["off"]:
-            logger.stop_by_hand()
+            logger.stop_manual_log()
             return warning("logger", "the log continues while armed") if logger.running else ""
         state = info("logger", f"Running in mode: {logger.mode}")
         if not logger.running:
@@ -188,5 +188,8 @@ class LoggerCommand:
         return (
             state
             + info("logger", f"Full File Logging Running: ./{logger.path}")
-            + info("logger", f"Wrote {logger.written_bytes / 1e6:.2f} MB since {logger.began_us / 1e6:.1f} s")
+            + info(
+                "logger",
+                f"Wrote {logger.written_bytes / 1e6:.2f} MB since {logger.started_at_us / 1e6:.1f} s",
+            )
         )

@@ -205,7 +205,7 @@ def test_a_replacement_is_flown_while_it_answers():
     registry.register_mode("My RTL", replaces=RTL)
     assert registry.register_mode("Other RTL", replaces=RTL) == FAILED
     assert registry.effective_mode(RTL) == 23
-    assert registry.replaces(23) == RTL
+    assert registry.replaced_mode(23) == RTL
     assert registry.settable(0xFF) == 0xFF & ~(1 << RTL) | 1 << 23
     registry.run(3.5)
     assert registry.effective_mode(RTL) == RTL
@@ -264,9 +264,9 @@ def test_a_mode_without_configuration_has_no_controllers():
 def test_registrations_and_published_changes_are_counted():
     registry = Registry()
     received: list[int] = []
-    registry.on_announced = lambda: received.append(registry.mode_list_seq)
-    registry.published(registry.settable(0))
+    registry.on_mode_list_change = lambda: received.append(registry.mode_list_seq)
+    registry.on_status_published(registry.settable(0))
     registry.register_mode("A")
-    registry.published(registry.settable(0))
-    registry.published(registry.settable(0))
+    registry.on_status_published(registry.settable(0))
+    registry.on_status_published(registry.settable(0))
     assert received == [1, 2]

@@ -21,7 +21,7 @@ def station():
     logger = station.sim.loggers[0]
     logger.stop()
     station.sim.simulation.parameters[0].set("SDLOG_MODE", 2)
-    assert logger.start_by_hand()
+    assert logger.start_manually()
     station.run(1)
     return station
 
@@ -113,7 +113,7 @@ def test_erasing_removes_all_logs_and_a_new_log_can_be_started(station):
     station.run(0.2)
     assert request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF) == []
     station.sim.loggers[0].stop()
-    assert station.sim.loggers[0].start_by_hand()
+    assert station.sim.loggers[0].start_manually()
     station.run(0.1)
     assert len(request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)) == 1
 

@@ -196,9 +196,9 @@ def test_logs_of_the_same_second_get_different_names():
     sim.step(1.0)
     logger, paths = sim.loggers[0], []
     for _ in range(3):
-        assert logger.start_by_hand()
+        assert logger.start_manually()
         paths.append(logger.path)
-        logger.stop_by_hand()
+        logger.stop_manual_log()
     assert len(set(paths)) == 3
     assert paths[1] == paths[0].replace(".ulg", "_01.ulg")
 
@@ -267,12 +267,12 @@ def test_too_little_disk_space_is_reported_and_ends_the_log():
     logger, room = station.sim.loggers[0], [10 << 20]
     logger._free_space = lambda path: room[0]
     station.run(2)
-    assert not logger.start_by_hand()
+    assert not logger.start_manually()
     station.run(0.1)
     assert "[logger] no log: 10 MiB left, 50 are needed\t" in station.texts()
     assert "logger_storage_full" in station.events()
     room[0] = 10 << 30
-    assert logger.start_by_hand()
+    assert logger.start_manually()
     room[0] = 49 << 20
     station.run(5.1)
     assert not logger.running
@@ -297,7 +297,7 @@ def test_with_logging_disabled_nothing_is_written_or_reported():
     station.run_until(lambda: station.ready, 15)
     assert station.sim.autopilots[0].commander.arm()
     station.run(0.5)
-    assert not station.sim.loggers[0].start_by_hand()
+    assert not station.sim.loggers[0].start_manually()
     assert "logger_open_file_time" not in station.events()
     assert "root" not in vars(station.sim.files[0])  # no folder was created
 

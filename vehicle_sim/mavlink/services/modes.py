@@ -16,7 +16,7 @@ class ModesMonitor:
         self._context = context
         self._external = context.autopilot.commander.external
         self._runs = False
-        self._external.on_announced = self._start
+        self._external.on_mode_list_change = self._start
 
     def _start(self) -> None:
         if not self._runs:

@@ -41,7 +41,7 @@ class OriginService:
     def _move(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         view, home = self._context.view, self._context.autopilot.commander.home
         view.simulation.set_origin(view.row, lat_deg, lon_deg, alt_amsl_m)
-        home.origin_moved()
+        home.on_origin_change()
 
     def _check_changed(self) -> None:
         if self._requested:
