@@ -1,4 +1,4 @@
-"""The simulator's command line: its options and their checks."""
+"""The options of the simulator's command line, and their checks."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from vehicle_sim.parameters import Parameters, ParameterValue, UnknownParameterE
 from vehicle_sim.script import Script, load_script
 from vehicle_sim.server import Ports
 from vehicle_sim.simulation import SimulationOrigin
-from vehicle_sim.world.files import load_world, shipped
+from vehicle_sim.world.files import built_in_worlds, load_world
 from vehicle_sim.world.world import World
 from vehicle_sim.yaml_fields import FileProblem
 
 LAST_DOMAIN = 101
-"""Higher domains would use the ephemeral ports of the operating system."""
+"""The ports of higher domains overlap the operating system's ephemeral ports."""
 EPILOG = """\
 Each vehicle N (from 0) has MAVLink system id N+1 and uses MAVLink 2 on
   UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
@@ -67,11 +67,11 @@ def _parameter(text: str) -> tuple[str, ParameterValue]:
     return name, int(number) if number.is_integer() else number
 
 
-def _count(what: str) -> Callable[[str], int]:
+def _count(noun: str) -> Callable[[str], int]:
     def count(text: str) -> int:
         number = int(text)
         if not 1 <= number <= 250:
-            raise argparse.ArgumentTypeError(f"{number} {what}: give 1 to 250")
+            raise argparse.ArgumentTypeError(f"{number} {noun}: give 1 to 250")
         return number
 
     return count
@@ -90,16 +90,16 @@ def _speed(text: str) -> float:
     return number
 
 
-def _number(text: str, what: str) -> float:
+def _number(text: str, quantity: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{what} {text!r} is not a number") from None
+        raise argparse.ArgumentTypeError(f"{quantity} {text!r} is not a number") from None
 
 
 @dataclass(frozen=True, slots=True)
 class WindOption:
-    """Steady wind and gusts, m/s."""
+    """Steady wind (towards north and east) and gusts (one sigma), m/s."""
 
     north_m_s: float
     east_m_s: float
@@ -192,7 +192,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--no-log", action="store_true",
         help="no onboard logs (default: by SDLOG_MODE; 0.4 GB per hour and vehicle)")  # fmt: skip
     add("--world", type=_world, default=None, metavar="FILE",
-        help=f"terrain, obstacles, lidars: a YAML file or one of {', '.join(shipped())}")  # fmt: skip
+        help=f"terrain, obstacles, lidars: a YAML file or one of {', '.join(built_in_worlds())}")  # fmt: skip
     add("--wind", type=_wind, default=None, metavar="N,E[,GUSTS]",
         help="m/s to the north and east, and one sigma of the gusts")  # fmt: skip
     add("--camera", action="store_true",

@@ -51,15 +51,15 @@ _SET_AT_BOOT = frozenset(
 )  # fmt: skip
 """Parameters that PX4 sets at its first boot: detected sensors, and values of the start script."""
 _DEFAULTS = {"SENS_BOARD_X_OFF": 0.0, "SENS_DPRES_OFF": 0.0, "UXRCE_DDS_KEY": 1, "UXRCE_DDS_PTCFG": 0}
-"""Defaults of these parameters; ids are 0, priorities -1, the others equal the boot values."""
+"""Defaults of parameters that PX4 sets at boot; sensor ids default to 0, priorities to -1."""
 
 
 class Change(Enum):
-    """How a parameter changed: PX4 reports only values that are set, not resets and its own statistics."""
+    """How a parameter changed: PX4 reports values that are set, but not resets and statistics."""
 
     SET = "set"
     RESET = "reset"
-    COUNT = "count"
+    STATISTIC = "statistic"
 
 
 class UnknownParameterError(KeyError):
@@ -122,7 +122,7 @@ class Parameters:
 
     Args:
         overrides: values set at construction, as if stored before boot.
-        storage: a JSON file that keeps changed values over a restart; read now, written at each change.
+        storage: a JSON file that keeps changed values over restarts; read here, written at each change.
     """
 
     def __init__(
@@ -179,9 +179,9 @@ class Parameters:
             raise UnknownParameterError(name) from None
 
     def finite_value(self, name: str) -> float:
-        """The effective value: the stored one, or the boot value instead of NaN or infinity.
+        """The value that the simulation uses: the stored value, or the boot value instead of NaN or infinity.
 
-        PX4 stores NaN too; a NaN gain would remain in every integrator even after it was corrected.
+        PX4 also stores NaN, but a NaN gain would stay in every integrator even after the gain was corrected.
         """
         value = float(self.get(name))
         return value if math.isfinite(value) else float(self._boot_parameter(name).value)
@@ -195,11 +195,11 @@ class Parameters:
         return self._boot_parameter(name).index
 
     def name_at(self, index: int) -> str | None:
-        """The name at a list position, None outside of it."""
+        """The name at a position in PX4's list; None: no such position."""
         return self._names[index] if 0 <= index < len(self._names) else None
 
     def default_of(self, name: str) -> ParameterValue:
-        """The value at boot with reset parameters."""
+        """The value at boot after all parameters were reset."""
         return self._boot_parameter(name).value
 
     def set(self, name: str, value: ParameterValue) -> ParameterValue:
@@ -225,10 +225,10 @@ class Parameters:
     def reset_all(self, *, only: Sequence[str] = ("*",), keep: Sequence[str] = ()) -> None:
         """Resets all parameters that match a pattern of `only` and none of `keep`."""
         for name in self._names:
-            if _fits(name, only) and not _fits(name, keep):
+            if _matches(name, only) and not _matches(name, keep):
                 self.reset(name)
         for slot in range(EXTERNAL_MODES):
-            if _fits(_hash_name(slot), only) and not _fits(_hash_name(slot), keep):
+            if _matches(_hash_name(slot), only) and not _matches(_hash_name(slot), keep):
                 self.store_mode_hash(slot, 0)
 
     def store_mode_hash(self, slot: int, value: int) -> None:
@@ -236,9 +236,9 @@ class Parameters:
         self.mode_hashes[slot] = value
         self._save()
 
-    def count(self, name: str, value: ParameterValue) -> None:
-        """Stores a statistic of PX4; it is not reported, only sent on request."""
-        self._change(name, value, Change.COUNT)
+    def store_statistic(self, name: str, value: ParameterValue) -> None:
+        """Stores a statistic of PX4, which PX4 sends only on request."""
+        self._change(name, value, Change.STATISTIC)
 
     def _change(self, name: str, value: ParameterValue, change: Change) -> None:
         self.change = change
@@ -248,16 +248,16 @@ class Parameters:
             self.change = Change.SET
 
     def changed(self) -> tuple[str, ...]:
-        """Names whose value differs from the boot value, in list order."""
+        """Names of parameters that differ from the boot value, in PX4's list order."""
         return tuple(name for name in self._names if not _same(self._values[name], self._by_name[name].value))
 
     def add_listener(self, listener: Listener) -> Callable[[], None]:
-        """Calls `listener(name, value)` after each change; the returned function removes it."""
+        """Calls `listener(name, value)` after each change; the returned function removes the listener."""
         self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
 
     def hash(self) -> int:
-        """PX4's `_HASH_CHECK`: a raw CRC32 over names and values, without volatile ones."""
+        """PX4's `_HASH_CHECK`: a raw CRC32 over names and values of all parameters that are not volatile."""
         content = bytearray()
         for name, value in self._values.items():
             if not is_volatile(name):
@@ -308,7 +308,7 @@ def _hash_name(slot: int) -> str:
     return f"COM_MODE{slot}_HASH"
 
 
-def _fits(name: str, patterns: Sequence[str]) -> bool:
+def _matches(name: str, patterns: Sequence[str]) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in patterns)
 
 

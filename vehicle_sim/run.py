@@ -82,7 +82,7 @@ def _reporter(instance: int) -> Callable[[str], None]:
 
 
 def _print_ports(server: SimServer, first_instance: int) -> bool:
-    any_port = False
+    has_port = False
     for row, vehicle in enumerate(server.vehicles):
         instance = first_instance + row
         for problem in vehicle.problems:
@@ -91,10 +91,10 @@ def _print_ports(server: SimServer, first_instance: int) -> bool:
             f"{name} {'TCP' if isinstance(transport, TcpServer) else 'UDP'} {transport.port}"
             for name, transport in vehicle.transports.items()
         ]
-        any_port = any_port or bool(parts)
+        has_port = has_port or bool(parts)
         if parts:
             print(f"vehicle {instance + 1} ready (instance {instance}): {', '.join(parts)}", flush=True)
-    return any_port
+    return has_port
 
 
 def run_shard(argv: Sequence[str], shard: Shard) -> int:

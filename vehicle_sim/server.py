@@ -124,7 +124,7 @@ class SimServer:
         speed."""
         self._end_s = self.fleet.time_s + duration_s
         for node in self.fleet.nodes:  # timeouts of the ground station are in real time
-            node.context.gcs_silent_s = GCS_TIMEOUT_S * max(1.0, speed)
+            node.context.gcs_timeout_s = GCS_TIMEOUT_S * max(1.0, speed)
         if math.isinf(speed):
             self._run_full_speed()
         else:

@@ -292,7 +292,7 @@ class Simulation:
     def turn_by_hand(self, i: int, q_ned_frd: FloatArray) -> None:
         """Sets the attitude of vehicle `i` at its position; ignored while armed."""
         if not self.setpoints.armed[i]:
-            self._bodies.turn(i, q_ned_frd)
+            self._bodies.set_attitude(i, q_ned_frd)
 
     def add_vision(self, i: int, sample: VisionSample) -> None:
         """Passes an external measurement of vehicle `i` to its estimator (EKF2_EV_CTRL)."""

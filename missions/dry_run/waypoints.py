@@ -16,7 +16,7 @@ from missions.items import LoiterUnlimited
 from missions.plan import Plan
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.plans import FENCE, MISSION, RALLY
-from vehicle_sim.mavlink.services.mission_items import ACCEPTED, CAPACITY, result_of
+from vehicle_sim.mavlink.services.mission_items import ACCEPTED, CAPACITY, check_item
 
 CHECKED_AFTER_S = 3.0
 """Time since boot after which a vehicle with a home has checked its mission [s]."""
@@ -71,7 +71,7 @@ def _stored(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ..
     stored: list[Fields] = []
     for item in items:
         fields = dataclasses.asdict(item)
-        if result_of(kind, fields, as_int=True) != ACCEPTED:
+        if check_item(kind, fields, as_int=True) != ACCEPTED:
             reason = f"PX4 does not accept command {item.command} in frame {item.frame} there"
             raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or give it another altitude.")
         stored.append(fields)

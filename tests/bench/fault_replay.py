@@ -240,7 +240,7 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[Course]:
     )
     for node in sim.nodes:
         for link in node.context.links:
-            for msg_id in link.streamed():
+            for msg_id in link.streamed_ids():
                 link.set_interval(msg_id, 0, 0)
     players = [_ScenarioPlayer(sim, row, scenario) for row, scenario in enumerate(scenarios)]
     recorders = [_FlightRecorder(sim, row, scenario) for row, scenario in enumerate(scenarios)]

@@ -319,7 +319,7 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
 def _silence(sim: VehicleSim, row: int) -> None:
     """Stops all streams: nothing reads them, and they take most of the computing time."""
     for context_link in sim.nodes[row].context.links:
-        for msg_id in context_link.streamed():
+        for msg_id in context_link.streamed_ids():
             context_link.set_interval(msg_id, 0, 0)
 
 

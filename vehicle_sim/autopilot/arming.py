@@ -85,12 +85,12 @@ class FlightCount:
     def on_disarming(self) -> None:
         """Called at disarming, also without a flight."""
         parameters = self._view.parameters
-        parameters.count("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
+        parameters.store_statistic("COM_FLIGHT_UUID", int(parameters.get("COM_FLIGHT_UUID")) + 1)
         if math.isnan(self._took_off_at_s):
             return
         high, low = int(parameters.get("LND_FLIGHT_T_HI")), int(parameters.get("LND_FLIGHT_T_LO"))
         flight_time_us = round(1e6 * (self._view.time_s - self._took_off_at_s))
         total_us = (high << 32 | low & _LOW_WORD) + flight_time_us
-        parameters.count("LND_FLIGHT_T_HI", total_us >> 32)
-        parameters.count("LND_FLIGHT_T_LO", total_us & _LOW_WORD)
+        parameters.store_statistic("LND_FLIGHT_T_HI", total_us >> 32)
+        parameters.store_statistic("LND_FLIGHT_T_LO", total_us & _LOW_WORD)
         self._took_off_at_s = math.nan

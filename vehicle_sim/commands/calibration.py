@@ -151,7 +151,7 @@ class CalibrationCommands:
 
     def _succeed(self, name: str) -> None:
         self._text(f"[cal] calibration done: {name}")
-        self._after(RUNNING_AFTER_S, lambda: setattr(self, "_running", ""))
+        self._call_later(RUNNING_AFTER_S, lambda: setattr(self, "_running", ""))
 
     def _fail(self, name: str, reason: str = "") -> None:
         if reason:
@@ -161,9 +161,9 @@ class CalibrationCommands:
 
     def _gyro(self) -> None:
         self._start("gyro")
-        self._after(TEXT_INTERVAL_S, lambda: self._progress(0))
+        self._call_later(TEXT_INTERVAL_S, lambda: self._progress(0))
         for step in range(1, 11):
-            self._after(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
+            self._call_later(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
         self._run(self._learn_gyro())
 
     def _learn_gyro(self) -> Steps:
@@ -321,7 +321,7 @@ class CalibrationCommands:
     def _level(self) -> None:
         self._start("level")
         for step in range(6):
-            self._after(TEXT_INTERVAL_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
+            self._call_later(TEXT_INTERVAL_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
         self._run(self._learn_level())
 
     def _learn_level(self) -> Steps:
@@ -345,7 +345,7 @@ class CalibrationCommands:
 
     def _airspeed(self) -> None:
         self._start("airspeed")
-        self._after(
+        self._call_later(
             TEXT_INTERVAL_S / 2, lambda: self._text("[cal] Ensure sensor is not measuring wind", CRITICAL)
         )
 
@@ -375,14 +375,14 @@ class CalibrationCommands:
     def _progress(self, percent: int) -> None:
         self._text(f"[cal] progress <{percent}>")
 
-    def _after(self, seconds: float, action: Action) -> None:
+    def _call_later(self, seconds: float, action: Action) -> None:
         token = self._token
 
         def run() -> None:
             if token == self._token:
                 action()
 
-        self._host.after(seconds, run)
+        self._host.call_later(seconds, run)
 
     def _run(self, steps: Steps) -> None:
         token = self._token
@@ -392,6 +392,6 @@ class CalibrationCommands:
                 return
             wait_s = next(steps, None)
             if wait_s is not None:
-                self._host.after(wait_s, run_next)
+                self._host.call_later(wait_s, run_next)
 
         run_next()

@@ -49,11 +49,11 @@ class CommandHost(Protocol):
         """(system id, component id) of the vehicle's autopilot."""
         ...
 
-    def later(self, action: Callable[[], None]) -> None:
+    def call_soon(self, action: Callable[[], None]) -> None:
         """Runs an action before the next tick."""
         ...
 
-    def after(self, seconds: float, action: Callable[[], None]) -> None:
+    def call_later(self, seconds: float, action: Callable[[], None]) -> None:
         """Runs an action once after a simulated time."""
         ...
 

@@ -301,7 +301,7 @@ class FlightCommands:
         if action in STORAGE_RESETS:
             only, keep = STORAGE_RESETS[action]
             parameters = self._host.view.parameters
-            self._host.later(lambda: parameters.reset_all(only=only, keep=keep))
+            self._host.call_soon(lambda: parameters.reset_all(only=only, keep=keep))
         return ACCEPTED if action in (LOAD, SAVE, *STORAGE_RESETS) else None
 
     def _gripper(self, c: Command) -> int | None:
@@ -310,7 +310,7 @@ class FlightCommands:
             return ACCEPTED
         self._gripper_closed = closes
         self._host.acknowledge(c, IN_PROGRESS, progress=255)
-        self._host.after(GRIPPER_S, lambda: self._host.acknowledge(c, ACCEPTED))
+        self._host.call_later(GRIPPER_S, lambda: self._host.acknowledge(c, ACCEPTED))
         return None
 
     def _autotune(self, c: Command) -> int:

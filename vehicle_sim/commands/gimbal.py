@@ -34,8 +34,8 @@ class GimbalCommands:
         """Takes, transfers or releases control; the secondary controller is ignored."""
         if not self._gimbal.enabled:
             return None
-        system = _whole(command.p1)
-        self._gimbal.configure(system, _whole(command.p2), command.sender, self._host.own_id)
+        system = _to_int(command.p1)
+        self._gimbal.configure(system, _to_int(command.p2), command.sender, self._host.own_id)
         return ACCEPTED
 
     def pitch_yaw(self, command: Command) -> int | None:
@@ -47,7 +47,7 @@ class GimbalCommands:
         pitch, yaw, pitch_rate, yaw_rate = (
             math.radians(value) for value in (command.p1, command.p2, command.p3, command.p4)
         )
-        self._gimbal.set_pitch_yaw(_whole(command.p5), pitch, yaw, pitch_rate, yaw_rate)
+        self._gimbal.set_pitch_yaw(_to_int(command.p5), pitch, yaw, pitch_rate, yaw_rate)
         return ACCEPTED
 
     def roi_location(self, command: Command) -> int:
@@ -66,9 +66,9 @@ class GimbalCommands:
     def roi(self, command: Command) -> int:
         """The deprecated DO_SET_ROI: PX4 reads only its mode (param1); for a location it points at 0 N, 0 E,
         sea level."""
-        if _whole(command.p1) == 3:
+        if _to_int(command.p1) == 3:
             self._gimbal.point_at(0.0, 0.0, 0.0)
-        if _whole(command.p1) == 0:
+        if _to_int(command.p1) == 0:
             self._gimbal.clear_roi()
         return ACCEPTED
 
@@ -76,7 +76,7 @@ class GimbalCommands:
         """The deprecated DO_MOUNT_CONTROL, also for a sender without control of the gimbal."""
         if not self._gimbal.enabled:
             return None
-        mode = _whole(command.p7)
+        mode = _to_int(command.p7)
         if mode in (MOUNT_RETRACT, MOUNT_NEUTRAL):
             self._gimbal.mount_default(centred=True)
         elif mode == MOUNT_RC:
@@ -88,5 +88,5 @@ class GimbalCommands:
         return ACCEPTED
 
 
-def _whole(value: float) -> int:
+def _to_int(value: float) -> int:
     return int(value) if math.isfinite(value) else 0

@@ -1,4 +1,4 @@
-"""Context of all MAVLink services of a vehicle: the autopilot, its links, and replies."""
+"""Context of all MAVLink services of a vehicle: the autopilot, the links, and replies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vehicle_sim.mavlink.telemetry import Telemetry
 AUTOPILOT_COMPONENT = 1
 AckListener = Callable[[Command, int, int], None]
 GCS_TIMEOUT_S = 2.5
-"""A ground station counts as connected for this long after its last heartbeat, so that one may be lost."""
+"""A ground station counts as connected for this long after its last heartbeat; one heartbeat may be lost."""
 
 
 class Context:
@@ -26,10 +26,10 @@ class Context:
         self.system_id = system_id
         self.links: list[Link] = []
         self.telemetry = Telemetry(autopilot)
-        self._later: list[Callable[[], None]] = []
+        self._soon: list[Callable[[], None]] = []
         self._woken = False
-        self.gcs_silent_s = GCS_TIMEOUT_S
-        """In simulated time; longer if the simulation runs faster than real time."""
+        self.gcs_timeout_s = GCS_TIMEOUT_S
+        """Simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []
         self.known_senders: set[tuple[int, int]] = set()
         """(system id, component id) of all senders so far."""
@@ -41,10 +41,10 @@ class Context:
         return self.system_id, AUTOPILOT_COMPONENT
 
     def gcs_connected(self, link: Link) -> bool:
-        """Whether a ground station is connected on a link; status texts are sent only then."""
-        return self.view.time_s - link.gcs_heartbeat_at_s < self.gcs_silent_s
+        """Whether a ground station is connected on a link; otherwise no status texts are sent there."""
+        return self.view.time_s - link.gcs_heartbeat_at_s < self.gcs_timeout_s
 
-    def is_for_me(self, message: Message) -> bool:
+    def addresses_autopilot(self, message: Message) -> bool:
         """Whether target system and component address this autopilot."""
         values = message.values
         return values.get("target_system") == self.system_id and values.get("target_component") in (
@@ -53,7 +53,7 @@ class Context:
         )
 
     def broadcast(self, name: str, /, **fields: Any) -> None:
-        """Sends on every link."""
+        """Sends a message on every link."""
         layout, payload = pack(name, **fields)
         for link in self.links:
             link.send_payload(layout, payload)
@@ -63,8 +63,8 @@ class Context:
         self._ack_listeners.append(listener)
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Acknowledges a command on all transports; a ROS 2 command over MAVLink only if the sender is known
-        there."""
+        """Acknowledges a command on all transports; a ROS 2 command over MAVLink only if the sender has also
+        sent MAVLink messages."""
         for listener in self._ack_listeners:
             listener(command, result, progress)
         if command.link != ROS2 or command.sender in self.known_senders:
@@ -77,29 +77,29 @@ class Context:
             target_system=command.sender[0], target_component=command.sender[1],
         )  # fmt: skip
 
-    def later(self, action: Callable[[], None]) -> None:
-        """Runs an action before the next tick; PX4's commander also replies from its own loop, milliseconds
+    def call_soon(self, action: Callable[[], None]) -> None:
+        """Runs an action before the next tick. PX4's commander also replies from its own loop, milliseconds
         later."""
-        self._later.append(action)
+        self._soon.append(action)
 
-    def after(self, seconds: float, action: Callable[[], None]) -> None:
+    def call_later(self, seconds: float, action: Callable[[], None]) -> None:
         """Runs an action once after a simulated time."""
         self._timers.append((self.view.time_s + seconds, action))
 
     @property
     def has_pending(self) -> bool:
         """Whether an action is pending."""
-        return bool(self._later or self._timers or self._woken)
+        return bool(self._soon or self._timers or self._woken)
 
     def wake(self) -> None:
-        """Called when a service has work that was not caused by a received message."""
+        """Called when a service has work that no received message caused."""
         self._woken = True
 
     def run_due(self) -> None:
         """Runs the actions that are due."""
         self._woken = False
-        if self._later:
-            actions, self._later = self._later, []
+        if self._soon:
+            actions, self._soon = self._soon, []
             for action in actions:
                 action()
         if self._timers:

@@ -12,7 +12,7 @@ from vehicle_sim.mavlink.rates import PROFILES, RESTORED
 
 NEVER_US = 1 << 62
 OUTBOX_LIMIT_BYTES = 4_000_000
-"""Maximum of queued bytes; above it the whole queue is dropped, similar to a full UDP buffer."""
+"""Maximum of queued bytes; a longer queue is dropped completely, similar to a full UDP buffer."""
 
 
 class Link:
@@ -25,7 +25,7 @@ class Link:
         self.parser = FrameParser()
         self.gcs_heartbeat_at_s = -math.inf
         self.ports: tuple[int, int | None] | None = None
-        """Own and remote port; remote None: TCP. None: the link has no socket."""
+        """Local and remote port (remote None: TCP); None: the link has no socket."""
         self.sent_frames = 0
         self.sent_bytes = 0
         self.received_bytes = 0
@@ -101,8 +101,8 @@ class Link:
         self._intervals_us[msg_id] = interval_us
         heapq.heappush(self._schedule, (now_us + interval_us, msg_id, self._generation))
 
-    def streamed(self) -> frozenset[int]:
-        """Ids of all messages streamed here."""
+    def streamed_ids(self) -> frozenset[int]:
+        """Ids of all messages that the link streams."""
         return frozenset(self._intervals_us)
 
     def restore_interval(self, name: str, now_us: int) -> None:
@@ -116,7 +116,7 @@ class Link:
         return self._schedule[0][0] if self._schedule else NEVER_US
 
     def due(self, now_us: int) -> list[int]:
-        """Message ids that are due; each is scheduled again."""
+        """Ids of the messages that are due; the call schedules each of them again."""
         schedule = self._schedule
         if not schedule or schedule[0][0] > now_us:
             return []

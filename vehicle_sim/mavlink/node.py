@@ -62,7 +62,7 @@ class Node:
         self._shell = ShellService(self.context)
         OwnCommandService(self.context, gimbal.commands)
         groups = (FlightCommands(self.context), requests, gimbal, calibration, self.failures)
-        self.commands = {number: do for each in groups for number, do in each.commands.items()}
+        self.commands = {number: handler for group in groups for number, handler in group.commands.items()}
         """Handlers of commands from any source."""
         self.mavlink_commands = frozenset(requests.commands)
         """Numbers of the commands that exist only in MAVLink."""
@@ -81,12 +81,12 @@ class Node:
             BY_NAME["TIMESYNC"].id: self._time.send_timesync,
             BY_NAME["LINK_NODE_STATUS"].id: requests.send_link_node_status,
             BY_NAME["MISSION_CURRENT"].id: self._mission.send_current,
-            BY_NAME["CURRENT_EVENT_SEQUENCE"].id: self._texts.current_sequence,
+            BY_NAME["CURRENT_EVENT_SEQUENCE"].id: self._texts.send_current_sequence,
             BY_NAME["DISTANCE_SENSOR"].id: self._ranging.send,
         }
         self._rate_at_us = RATE_EVERY_US
         self._idle_until_us = 0
-        """Until this time no stream is due and no service has work, unless a message arrives."""
+        """Until this time no stream is due and no service has work, unless a message is received."""
         self._counted_bytes: dict[str, tuple[int, int]] = {}
 
     @property
@@ -115,7 +115,7 @@ class Node:
         now_us = self.context.view.time_boot_us()
         self._idle_until_us = 0
         self._counted_bytes.pop(link.name, None)
-        for msg_id in list(link.streamed()):
+        for msg_id in list(link.streamed_ids()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
         self._ranging.begin(link, now_us)
         self.context.links.append(link)
@@ -135,7 +135,7 @@ class Node:
                 handler(link, message)
             if self._camera is not None:
                 self._camera.receive(link, message)
-                if self._camera.owns(message):
+                if self._camera.is_only_recipient(message):
                     continue
             self._forward(link, message)
 
@@ -179,7 +179,8 @@ class Node:
             link.send_payload(*built)
 
     def _step_services(self) -> bool:
-        """Runs pending actions, and continues the transfers of the services; True if there are any."""
+        """Runs pending actions, and continues the transfers of the services; returns whether any is
+        running."""
         if self.context.has_pending:
             self.context.run_due()
         busy = False

@@ -68,7 +68,7 @@ API: Final[dict[str, float]] = GCS | {
 PROFILES: Final[dict[str, dict[str, float]]] = {"gcs": GCS, "api": API}
 
 RESTORED: Final[dict[str, float]] = {"ATTITUDE": 15.0}
-"""Rates after setting interval 0 ("default"), where they differ from the rates at boot."""
+"""Rates after a client has set interval 0 ("default"), where they differ from the rates at boot."""
 
 EVENT_DRIVEN: Final = frozenset({"HEARTBEAT", "CURRENT_EVENT_SEQUENCE", "EVENT"})
-"""No interval can be set for these."""
+"""PX4 accepts no interval for these messages."""

@@ -10,7 +10,7 @@ from vehicle_sim.mavlink.dialect import LAYOUTS, Layout
 from vehicle_sim.mavlink.messages.gimbal import GimbalMessages
 from vehicle_sim.mavlink.messages.message_group import Builder, MessageGroup
 from vehicle_sim.mavlink.messages.motion import MotionMessages
-from vehicle_sim.mavlink.messages.places import PlaceMessages
+from vehicle_sim.mavlink.messages.navigation import NavigationMessages
 from vehicle_sim.mavlink.messages.sensors import SensorMessages
 from vehicle_sim.mavlink.messages.state import StateMessages
 
@@ -18,7 +18,7 @@ MESSAGE_GROUPS: tuple[type[MessageGroup], ...] = (
     StateMessages,
     MotionMessages,
     SensorMessages,
-    PlaceMessages,
+    NavigationMessages,
     GimbalMessages,
 )
 
@@ -40,7 +40,7 @@ class Telemetry:
         return frozenset(self._builders)
 
     def payload(self, msg_id: int) -> tuple[Layout, bytes] | None:
-        """Current layout and payload of a message; None: no data yet."""
+        """Current layout and payload of a message; None: no data."""
         step = self._simulation.steps
         if step != self._step:
             self._cache.clear()

@@ -12,7 +12,7 @@ log = logging.getLogger(__name__)
 
 RECEIVE_BYTES = 65536
 DATAGRAMS_PER_STEP = 200
-"""Maximum of datagrams per step, so that a flood does not stop the simulation."""
+"""Maximum number of datagrams per step, so that a flood does not stop the simulation."""
 DATAGRAM_LIMIT = 1400
 TCP_BACKLOG_LIMIT = 1_000_000
 """A client with more unread bytes than this is disconnected."""
@@ -28,7 +28,7 @@ class PortTaken(OSError):
 
 
 class UdpTransport:
-    """One UDP port: sends to a fixed address until a datagram arrives, then to the first sender."""
+    """One UDP port: sends to a fixed address until a datagram is received, then to the first sender."""
 
     def __init__(self, bind: str, port: int, remote: tuple[str, int] | None) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -63,20 +63,20 @@ class UdpTransport:
         return b"".join(chunks)
 
     def send(self, frames: list[bytes]) -> None:
-        """Sends frames in as few datagrams as possible; they are lost if nobody receives them."""
-        to = self._first_sender or self._remote
-        if to is None:
+        """Sends frames in as few datagrams as possible; frames are lost if nobody receives them."""
+        remote = self._first_sender or self._remote
+        if remote is None:
             return
-        for datagram in _packed(frames):
+        for datagram in _datagrams(frames):
             with contextlib.suppress(OSError):
-                self.socket.sendto(datagram, to)
+                self.socket.sendto(datagram, remote)
 
     def close(self) -> None:
         """Closes the socket."""
         self.socket.close()
 
 
-def _packed(frames: list[bytes]) -> list[bytes]:
+def _datagrams(frames: list[bytes]) -> list[bytes]:
     out: list[bytes] = []
     pending: list[bytes] = []
     size = 0
@@ -92,10 +92,10 @@ def _packed(frames: list[bytes]) -> list[bytes]:
 
 
 def is_web_client(first: bytes) -> bool | None:
-    """Whether the first bytes of a connection come from a web browser: an HTTP method and a space, or TLS.
+    """Whether a connection comes from a web browser: it starts with an HTTP method and a space, or with TLS.
 
-    Any web page can make the browser send bytes to this port, but it cannot choose the first bytes. None:
-    more bytes are needed.
+    Any web page can make the browser send bytes to this port, but the page cannot choose the first bytes.
+    None: more bytes are needed.
     """
     letters = len(first) - len(first.lstrip(_CAPITALS))
     if letters == len(first) or first == TLS_HANDSHAKE[:1]:
@@ -155,27 +155,27 @@ class TcpServer:
             except (BlockingIOError, InterruptedError):
                 break
             except OSError:
-                self._drop()
+                self._disconnect()
                 break
             if not data:
-                self._drop()
+                self._disconnect()
                 break
             chunks.append(data)
-        return self._screened(b"".join(chunks))
+        return self._without_web_client(b"".join(chunks))
 
-    def _screened(self, data: bytes) -> bytes:
+    def _without_web_client(self, data: bytes) -> bytes:
         """Returns the client's data; nothing if the client is a web browser, or while it may be one."""
         if self._first_bytes is None:
             return data
         first = self._first_bytes + data
-        verdict = is_web_client(first)
-        if verdict is None:
+        is_web = is_web_client(first)
+        if is_web is None:
             self._first_bytes = first
             return b""
-        if not verdict:
+        if not is_web:
             self._first_bytes = None
             return first
-        self._drop()
+        self._disconnect()
         if not self._reported_web_client:
             self._reported_web_client = True
             log.warning(
@@ -186,7 +186,7 @@ class TcpServer:
         return b""
 
     def send(self, frames: list[bytes]) -> None:
-        """Sends frames to the client, as far as its buffer accepts them."""
+        """Sends frames to the client; frames that the socket does not accept yet wait in the backlog."""
         if self._client is None:
             return
         self._backlog += b"".join(frames)
@@ -197,15 +197,15 @@ class TcpServer:
         except (BlockingIOError, InterruptedError):
             sent = 0
         except OSError:
-            self._drop()
+            self._disconnect()
             return
         del self._backlog[:sent]
         if len(self._backlog) > TCP_BACKLOG_LIMIT:
-            self._drop()
+            self._disconnect()
 
     def close(self) -> None:
         """Closes the socket."""
-        self._drop()
+        self._disconnect()
         self.socket.close()
 
     def _accept(self) -> None:
@@ -219,7 +219,7 @@ class TcpServer:
         self._first_bytes = b""
         self._on_connect()
 
-    def _drop(self) -> None:
+    def _disconnect(self) -> None:
         if self._client is None:
             return
         with contextlib.suppress(OSError):

@@ -1,7 +1,7 @@
-"""A camera on the gimbal: draws pictures, stores them in the vehicle's files, and keeps a list of them.
+"""A camera on the gimbal: draws pictures, stores them in the vehicle's files, and lists the captures.
 
-It is a separate component (id 100), like the camera of PX4's other simulations. The recorded PX4 vehicle had
-none, so the camera is optional.
+The camera is a separate component (id 100), as in PX4's other simulations. The recorded PX4 vehicle had
+no camera, so this camera is optional.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ ZOOM_MAX = 4.0
 CAPACITY_BYTES = 32 * 1024**3
 MIN_INTERVAL_S = 0.5
 MAX_PICTURES = 9999
-EYE_ABOVE_GROUND_M = 0.15
-"""Height of the camera above the vehicle's position, which is at its landing gear."""
+CAMERA_ABOVE_VEHICLE_M = 0.15
+"""Distance of the camera above the vehicle's position, which is at the landing gear."""
 
 
 class CameraMode(IntEnum):
-    """CAMERA_MODE; there is no video."""
+    """CAMERA_MODE; the camera records no video."""
 
     IMAGE = 0
     SURVEY = 2
@@ -47,9 +47,10 @@ class Capture:
     """Index from 0."""
     time_boot_ms: int
     time_utc_us: int
-    place: ExifPosition | None
+    position: ExifPosition | None
     """None: the vehicle had no position estimate."""
     alt_home_m: float
+    """Altitude above home; NaN: unknown."""
     q_ned_camera: Quaternion
     path: str
     """Path in the vehicle's files; empty if the picture could not be written."""
@@ -61,7 +62,7 @@ class Camera:
     Args:
         view: the vehicle's state, for position and clock.
         gimbal: the gimbal that carries the camera.
-        home: reference of heights.
+        home: the home position, for altitudes above home.
         files: the vehicle's files, which receive the pictures.
     """
 
@@ -91,7 +92,7 @@ class Camera:
 
     @property
     def zoom(self) -> float:
-        """1 to ZOOM_MAX."""
+        """Zoom factor, 1 to ZOOM_MAX."""
         return 1.0 + (ZOOM_MAX - 1.0) * self.zoom_percent / 100.0
 
     @property
@@ -104,7 +105,7 @@ class Camera:
         self.mode, self.zoom_percent = CameraMode.IMAGE, 0.0
 
     def format_storage(self) -> None:
-        """Deletes all pictures and their list."""
+        """Deletes all pictures and the list of captures."""
         with contextlib.suppress(OSError):
             self._files.delete_tree(FOLDER)
         self.captures.clear()
@@ -118,7 +119,7 @@ class Camera:
         return self._next_at_s < math.inf
 
     def start(self, interval_s: float, count: int) -> None:
-        """Starts a series with a picture now; count 0: until it is stopped."""
+        """Starts a series with a picture now; count 0: the series runs until `stop`."""
         self.interval_s = 0.0 if count == 1 else max(MIN_INTERVAL_S, interval_s)
         self._remaining = count if count > 0 else MAX_PICTURES
         self._next_at_s = self._view.time_s
@@ -128,12 +129,12 @@ class Camera:
         self._next_at_s, self.interval_s, self._remaining = math.inf, 0.0, 0
 
     def step(self) -> Capture | None:
-        """Takes the picture that is due; None: none is due."""
+        """Takes the picture that is due; None: no picture is due."""
         if self._view.time_s < self._next_at_s - 1e-9:
             return None
         self._remaining -= 1
         self._next_at_s += self.interval_s
-        capture = self._take()
+        capture = self._take_picture()
         if self._remaining <= 0 or len(self.captures) >= MAX_PICTURES:
             self.stop()
         return capture
@@ -145,18 +146,18 @@ class Camera:
         actual = self._gimbal.actual
         return quaternion_of(actual.roll_rad, actual.pitch_rad, self._gimbal.yaw_ned_rad)
 
-    def place(self) -> ExifPosition | None:
+    def position(self) -> ExifPosition | None:
         """The vehicle's estimated position; None: unknown."""
         estimate = self._view.estimate
         if not math.isfinite(estimate.lat_deg):
             return None
         return ExifPosition(estimate.lat_deg, estimate.lon_deg, estimate.alt_amsl_m)
 
-    def _take(self) -> Capture:
-        view, place, index = self._view, self.place(), len(self.captures)
+    def _take_picture(self) -> Capture:
+        view, position, index = self._view, self.position(), len(self.captures)
         path = f"{FOLDER}/IMG_{index + 1:04d}.JPG"
         pixels = self._painter.draw(*self._true_pose(), self.hfov_rad)
-        data = jpeg(pixels, place, view.time_unix_us() * 1e-6)
+        data = jpeg(pixels, position, view.time_unix_us() * 1e-6)
         try:
             self._files.host_path(path).write_bytes(data)
             self.used_bytes += len(data)
@@ -164,8 +165,8 @@ class Camera:
             path = ""
         home_m = self._home.alt_amsl_m if self._home.valid else math.nan
         capture = Capture(
-            index, view.time_boot_ms(), view.time_unix_us(), place,
-            place.alt_amsl_m - home_m if place is not None else math.nan, self.orientation(), path,
+            index, view.time_boot_ms(), view.time_unix_us(), position,
+            position.alt_amsl_m - home_m if position is not None else math.nan, self.orientation(), path,
         )  # fmt: skip
         self.captures.append(capture)
         return capture
@@ -178,5 +179,5 @@ class Camera:
         if self._gimbal.enabled:
             actual, yaw = self._gimbal.actual, float(euler_of(q[None, :])[0, 2])
             q = np.array(quaternion_of(actual.roll_rad, actual.pitch_rad, yaw + actual.yaw_rad))
-        eye = truth.position_ned_m[row] - np.array([0.0, 0.0, EYE_ABOVE_GROUND_M])
+        eye = truth.position_ned_m[row] - np.array([0.0, 0.0, CAMERA_ABOVE_VEHICLE_M])
         return eye, q

@@ -1,9 +1,9 @@
-"""A three-axis gimbal and its manager: control, setpoints, and motion.
+"""A three-axis gimbal and its manager: control, setpoints and motion.
 
-The manager behaves like PX4's with MNT_MODE_IN 4. With MNT_MODE_OUT 0 it drives servos, which reach their
-angles immediately. Their angles are at most half of MNT_RANGE_* to either side; they are relative to the
-body, unless MNT_DO_STAB compensates the vehicle's attitude. With MNT_MODE_OUT 2 the manager commands a
-separate gimbal device, which has a lag and a maximum rate, and keeps a locked yaw relative to north.
+The manager behaves like PX4's with MNT_MODE_IN 4. With MNT_MODE_OUT 0 it drives servos, which reach the
+setpoint immediately. Servo angles are at most half of MNT_RANGE_* to either side, and relative to the body
+unless MNT_DO_STAB compensates the vehicle's attitude. With MNT_MODE_OUT 2 the manager commands a separate
+gimbal device. The device has a lag and a maximum rate, and keeps a locked yaw relative to north.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Gimbal:
         """Inputs of the current servo angles, which are computed again only after a change; None: the angles
         depend on the vehicle's attitude, and are computed in each update."""
         self.at_rest = False
-        """Whether `update` changes nothing until a command, a parameter or the landed state changes."""
+        """Whether `update` has no effect until a command, a parameter or the landed state changes."""
         self._roi: GlobalPosition | None = None
         self._waypoint_offsets: Angles | None = None
         """Offsets relative to the direction of the next waypoint; None: the gimbal does not point at it."""
@@ -106,15 +106,17 @@ class Gimbal:
 
     # --- control ---------------------------------------------------------------------------------------
 
-    def configure(self, system: int, component: int, sender: tuple[int, int], own: tuple[int, int]) -> None:
-        """DO_GIMBAL_MANAGER_CONFIGURE of the primary control: -1 keep, -2 self, -3 release, 0 nobody.
+    def configure(
+        self, system: int, component: int, sender: tuple[int, int], autopilot: tuple[int, int]
+    ) -> None:
+        """Handles the primary control of DO_GIMBAL_MANAGER_CONFIGURE: -1 keep, -2 self, -3 release, 0 clear.
 
         As in PX4, -2 gives control to the autopilot, and -3 works only for the component in control.
         """
         if system == -1:
             return
         if system == -2:
-            self.primary = own
+            self.primary = autopilot
         elif system == -3:
             if self.primary == sender:
                 self.primary = (0, 0)
@@ -146,7 +148,7 @@ class Gimbal:
             self._set_rates(pitch_rate_rad_s, yaw_rate_rad_s)
 
     def set_attitude(self, flags: int, q: Quaternion, rates_rad_s: tuple[float, float, float]) -> None:
-        """GIMBAL_MANAGER_SET_ATTITUDE."""
+        """Handles GIMBAL_MANAGER_SET_ATTITUDE."""
         self._apply_flags(flags)
         if all(math.isfinite(each) for each in q) and any(q):
             self._set_angles(q)
@@ -154,7 +156,7 @@ class Gimbal:
             self._set_rates(rates_rad_s[1], rates_rad_s[2])
 
     def set_manual(self, flags: int, pitch: float, yaw: float, pitch_rate: float, yaw_rate: float) -> None:
-        """GIMBAL_MANAGER_SET_MANUAL_CONTROL: angles of up to one radian, rates as fractions of MNT_RATE_*."""
+        """Handles GIMBAL_MANAGER_SET_MANUAL_CONTROL: angles up to 1 rad, rates as fractions of MNT_RATE_*."""
         parameter = self._view.parameter
         self.set_pitch_yaw(
             flags,
@@ -165,7 +167,7 @@ class Gimbal:
         )
 
     def set_mount(self, pitch_deg: float, roll_deg: float, yaw_deg: float) -> None:
-        """DO_MOUNT_CONTROL by angles."""
+        """Handles DO_MOUNT_CONTROL with angles."""
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         self._clear_targets()
         if all(math.isfinite(each) for each in (roll_deg, pitch_deg, yaw_deg)):
@@ -191,7 +193,8 @@ class Gimbal:
         self.centre()
 
     def point_at_next_waypoint(self, roll_deg: float, pitch_deg: float, yaw_deg: float) -> None:
-        """Points at the next waypoint with offsets. Without one, the gimbal is neutral with a locked yaw."""
+        """Points at the next waypoint with offsets; without a waypoint the gimbal is neutral, with a yaw
+        lock."""
         self.centre()
         offsets = (
             math.radians(each) if math.isfinite(each) else 0.0 for each in (roll_deg, pitch_deg, yaw_deg)
@@ -200,7 +203,7 @@ class Gimbal:
         self.flags |= Flag.YAW_LOCK
 
     def mount_default(self, *, centred: bool) -> None:
-        """DO_MOUNT_CONTROL without angles: locks roll and pitch to the horizon, and points ahead if
+        """Handles DO_MOUNT_CONTROL without angles: locks roll and pitch to the horizon, and points ahead if
         `centred`."""
         self.flags = Flag.ROLL_LOCK | Flag.PITCH_LOCK
         if centred:
@@ -214,9 +217,9 @@ class Gimbal:
     # --- motion ----------------------------------------------------------------------------------------
 
     def update(self, dt_s: float) -> None:
-        """Advances the simulation by `dt_s`."""
-        fixed = self._rate_setpoints is None and self._roi is None and self._waypoint_offsets is None
-        self.at_rest = fixed and self._inputs() == self._servo_inputs
+        """Advances the gimbal by `dt_s`."""
+        is_fixed = self._rate_setpoints is None and self._roi is None and self._waypoint_offsets is None
+        self.at_rest = is_fixed and self._inputs() == self._servo_inputs
         if self.at_rest:
             return
         if self._rate_setpoints is not None:
@@ -291,7 +294,7 @@ class Gimbal:
         return (roll, pitch, yaw)
 
     def servo_controls(self) -> tuple[float, float, float] | None:
-        """Roll, pitch and yaw of the servo functions 420 to 422, -1..1; None: not driven."""
+        """Roll, pitch and yaw of the servo functions 420 to 422, -1..1; None: the gimbal drives no servos."""
         if not self.enabled or self.has_device:
             return None
         angles = (self.actual.roll_rad, self.actual.pitch_rad, self.actual.yaw_rad)
@@ -315,7 +318,7 @@ class Gimbal:
     def _apply_flags(self, flags: int) -> None:
         self._clear_targets()
         if flags & (Flag.RETRACT | Flag.NEUTRAL):
-            # As in PX4 the locks are kept; only a separate device loses its yaw lock.
+            # As in PX4 the locks are kept, except the yaw lock of a separate device.
             self.setpoint = Angles()
             if self.has_device:
                 self.flags &= ~Flag.YAW_LOCK
@@ -327,7 +330,7 @@ class Gimbal:
         self.flags = Flag(flags & 0x1F)
 
     def _clear_targets(self) -> None:
-        """Called by each command that moves the gimbal."""
+        """Clears rates, region of interest and waypoint; called by each command that moves the gimbal."""
         self.at_rest = False
         self._rate_setpoints = None
         self._roi = self._waypoint_offsets = None
@@ -342,21 +345,21 @@ class Gimbal:
         self._rate_setpoints = (_limited(pitch_rate_rad_s), _limited(yaw_rate_rad_s))
 
     def _aim_at_waypoint(self, offsets: Angles) -> None:
-        place = self._waypoint()
-        if place is None:
+        position = self._waypoint()
+        if position is None:
             return
-        self._aim_at(place)
+        self._aim_at(position)
         self.setpoint.roll_rad += offsets.roll_rad
         self.setpoint.pitch_rad += offsets.pitch_rad
         self.setpoint.yaw_rad = wrap_angle(self.setpoint.yaw_rad + offsets.yaw_rad)
 
-    def _aim_at(self, place: GlobalPosition) -> None:
+    def _aim_at(self, position: GlobalPosition) -> None:
         estimate = self._view.estimate
         if not math.isfinite(estimate.lat_deg):
             return
-        n, e = to_local(place[0], place[1], estimate.lat_deg, estimate.lon_deg)  # type: ignore[arg-type]
+        n, e = to_local(position[0], position[1], estimate.lat_deg, estimate.lon_deg)  # type: ignore[arg-type]
         north, east = float(n), float(e)
-        up = place[2] - estimate.alt_amsl_m
+        up = position[2] - estimate.alt_amsl_m
         self.setpoint = Angles(0.0, math.atan2(up, math.hypot(north, east)), math.atan2(east, north))
 
 

@@ -1,4 +1,4 @@
-"""Draws the pictures of the simulated camera: sky, ground with lines every metre, boxes; one ray per
+"""Draws the pictures of the simulated camera (sky, ground with lines every metre, obstacles) with one ray per
 pixel."""
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ class Painter:
         hits = self._caster.cast(origin, rays, self._range_m)
         colour = _sky(rays)
         haze = colour.copy()
-        is_hit = hits.what != NOTHING
+        is_hit = hits.target != NOTHING
         points = origin[is_hit] + rays[is_hit] * hits.distance_m[is_hit, None]
-        what = hits.what[is_hit]
-        surface = np.where((what == GROUND)[:, None], _ground(points, hits.distance_m[is_hit]), PRISM_GREY)
+        target = hits.target[is_hit]
+        surface = np.where((target == GROUND)[:, None], _ground(points, hits.distance_m[is_hit]), PRISM_GREY)
         for number in range(len(self._world.boxes)):
-            on_box = what == number
+            on_box = target == number
             if on_box.any():
                 surface[on_box] = self._box(number, points[on_box])
         clear = np.exp(-hits.distance_m[is_hit] / HAZE_M)[:, None]
@@ -84,7 +84,7 @@ class Painter:
         return rays @ rotation_matrix(q_ned_camera[None, :])[0].T
 
     def _box(self, number: int, points: FloatArray) -> FloatArray:
-        """Colours of points on a box: one hue per box, one shade per face, a line at every metre of
+        """Colours of points on a box: a hue for each box, a shade for each face, a line at every metre of
         height."""
         box = self._world.boxes[number]
         c, s = math.cos(box.yaw_ned_rad), math.sin(box.yaw_ned_rad)
@@ -102,21 +102,21 @@ class Painter:
         return light[:, None] * tint
 
 
-def jpeg(pixels: NDArray[np.uint8], place: ExifPosition | None, time_unix_s: float) -> bytes:
+def jpeg(pixels: NDArray[np.uint8], position: ExifPosition | None, time_unix_s: float) -> bytes:
     """The JPEG file, with position and time in its EXIF data."""
     picture = Image.fromarray(pixels)
     exif = Image.Exif()
     exif[_EXIF_MODEL] = "Simulated camera"
     exif[_EXIF_TIME] = datetime.fromtimestamp(time_unix_s, UTC).strftime("%Y:%m:%d %H:%M:%S")
-    if place is not None:
+    if position is not None:
         exif.get_ifd(_EXIF_GPS).update(
             {
-                1: "N" if place.lat_deg >= 0 else "S",
-                2: _degrees(place.lat_deg),
-                3: "E" if place.lon_deg >= 0 else "W",
-                4: _degrees(place.lon_deg),
-                5: 0 if place.alt_amsl_m >= 0 else 1,
-                6: round(abs(place.alt_amsl_m), 3),
+                1: "N" if position.lat_deg >= 0 else "S",
+                2: _degrees(position.lat_deg),
+                3: "E" if position.lon_deg >= 0 else "W",
+                4: _degrees(position.lon_deg),
+                5: 0 if position.alt_amsl_m >= 0 else 1,
+                6: round(abs(position.alt_amsl_m), 3),
             }
         )
     out = io.BytesIO()
@@ -137,16 +137,16 @@ def _sky(rays: FloatArray) -> FloatArray:
 
 
 def _ground(points: FloatArray, distance_m: FloatArray) -> FloatArray:
-    """Squares of ten metres in two greens with lines between them; nearby also lines at every metre."""
+    """Squares of 10 m in two greens with lines between them; near the camera also a line every metre."""
     north, east = points[:, 0], points[:, 1]
     field = np.mod(np.floor(north / 10.0) + np.floor(east / 10.0), 2.0)[:, None]
     colour = field * _GRASS + (1.0 - field) * _SOIL
     for spacing, half_width, farthest in ((1.0, 0.03, 25.0), (10.0, 0.12, 250.0)):
-        near = np.minimum(_to_line(north, spacing), _to_line(east, spacing)) < half_width
-        near &= distance_m < farthest
-        colour = np.where(near[:, None], 0.5 * colour + 0.5 * _LINE, colour)
+        on_line = np.minimum(_distance_to_line(north, spacing), _distance_to_line(east, spacing)) < half_width
+        on_line &= distance_m < farthest
+        colour = np.where(on_line[:, None], 0.5 * colour + 0.5 * _LINE, colour)
     return colour
 
 
-def _to_line(at: FloatArray, spacing: float) -> FloatArray:
+def _distance_to_line(at: FloatArray, spacing: float) -> FloatArray:
     return np.abs(at - spacing * np.rint(at / spacing))

@@ -1,8 +1,8 @@
-"""Batteries that drain linearly while armed, within SIM_BAT_DRAIN seconds, as in PX4's battery simulator.
+"""Batteries that drain linearly while armed, empty in SIM_BAT_DRAIN seconds, as in PX4's battery simulator.
 
-While armed the charge falls from full to SIM_BAT_MIN_PCT; disarming restores full charge. A raised
+While armed the charge decreases from full to SIM_BAT_MIN_PCT; disarming restores full charge. A raised
 minimum raises the charge. The voltage is linear in the charge, from BAT1_V_EMPTY to BAT1_V_CHARGED per cell.
-The autopilot's estimate of the remaining charge follows it within a second. The current is not measured (-1),
+The autopilot's estimate follows the charge within about a second. The current is not measured (-1),
 so consumption is not counted.
 """
 
@@ -19,7 +19,8 @@ BoolArray = NDArray[np.bool_]
 
 _CURRENT_NOT_MEASURED_A = -1.0
 ESTIMATE_LAG_S = 1.0
-"""Time constant of the estimate (recorded: 0.314, 0.173, 0.095 of an empty battery every 0.6 s)."""
+"""Time constant of the estimate (recorded after a battery was set to empty: 0.314, 0.173, 0.095 every 0.6
+s)."""
 
 
 class Batteries:
@@ -40,11 +41,11 @@ class Batteries:
             cell_count=np.ones(count, dtype=np.int64),
         )
         self._charge = np.ones(count)
-        """(N,) 0..1, true charge; `state.remaining` is the autopilot's estimate of it."""
+        """(N,) true charge, 0..1; `state.remaining` is the autopilot's estimate."""
         self._empty = np.zeros(count, dtype=np.bool_)
-        """(N,) the battery has the voltage of an empty one, independent of its charge."""
+        """(N,) batteries set to empty: their voltage is that of an empty battery, whatever the charge."""
         self._set_manually = np.zeros(count, dtype=np.bool_)
-        """(N,) the charge was set by a command, and may be below the minimum."""
+        """(N,) batteries whose charge was set, so that it may be below the minimum."""
         self._estimate_gain = dt_s / (dt_s + ESTIMATE_LAG_S)
         self._drain_per_s = np.zeros(count)
         self._minimum = np.zeros(count)
@@ -78,7 +79,7 @@ class Batteries:
         self._update_voltage()
 
     def set_remaining(self, i: int, remaining: float) -> None:
-        """Sets the charge of vehicle `i` and the estimate of it; a charge below SIM_BAT_MIN_PCT stays
+        """Sets the charge and the estimated charge of vehicle `i`; a charge below SIM_BAT_MIN_PCT stays
         constant.
 
         Raises:
@@ -91,8 +92,8 @@ class Batteries:
         self._update_voltage()
 
     def step(self, armed: BoolArray) -> None:
-        """Drains the batteries of armed vehicles by one step; refills those of vehicles that were just
-        disarmed."""
+        """Drains the batteries of armed vehicles by one step; refills the batteries of vehicles that were
+        just disarmed."""
         charge, remaining = self._charge, self.state.remaining
         if any_of(armed):
             floor = np.where(self._set_manually, np.minimum(self._minimum, charge), self._minimum)

@@ -1,8 +1,8 @@
 """Six degrees of freedom of N quadrotors: rotors with lag, linear drag, gravity, and ground contact.
 
 The model is that of PX4's SIH. Thrust and moments are proportional to a rotor's lagged signal, and drag is
-linear in speed and body rate. Ground contact stops the vehicle while its weight exceeds its lift. A vehicle's
-accelerations are one matrix times its rotor thrusts, its body rates and the products of its body rates.
+linear in speed and body rate. The ground supports the vehicle while the weight exceeds the lift. The
+accelerations are one matrix times a vector of rotor thrusts, body rates and products of body rates.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PRODUCTS = slice(ROTOR_COUNT + 3, ROTOR_COUNT + 12)
 
 
 class RigidBodies:
-    """The bodies of N vehicles; `state` is the true state.
+    """The rigid bodies of N vehicles; `state` is the true state.
 
     Args:
         count: N.
@@ -46,7 +46,7 @@ class RigidBodies:
         """(N, 3, 3) rotation matrices of `state.q_ned_frd`."""
         self.wind_ned_m_s = np.zeros((count, 3))
         self.ground_down_m = np.zeros(count)
-        """(N,) down coordinate of the surface below each body; 0: flat ground at home's level."""
+        """(N,) position down of the surface below each body; 0: the level of home."""
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
         """(N, 16, 4) thrust [m/s²] and angular accelerations [rad/s²] for each input."""
         self._lag = np.ones((count, ROTOR_COUNT))
@@ -82,8 +82,8 @@ class RigidBodies:
         state.on_ground[i] = state.position_ned_m[i, 2] >= self.ground_down_m[i]
         self.matrix[:] = rotation_matrix(state.q_ned_frd)
 
-    def turn(self, i: int, q_ned_frd: FloatArray) -> None:
-        """Sets vehicle `i` to another attitude (4,), at rest."""
+    def set_attitude(self, i: int, q_ned_frd: FloatArray) -> None:
+        """Sets the attitude (4,) of vehicle `i`, at rest."""
         state = self.state
         state.q_ned_frd[i] = q_ned_frd
         state.rates_frd_rad_s[i] = state.velocity_ned_m_s[i] = state.acceleration_ned_m_s2[i] = 0.0
@@ -94,7 +94,7 @@ class RigidBodies:
 
         Args:
             motor_signal: (N, 4) 0..1.
-            motor_health: (N, 4) part of its signal that each motor turns into thrust.
+            motor_health: (N, 4) fraction of the signal that each motor converts to thrust.
         """
         state = self.state
         _advance(
@@ -144,11 +144,11 @@ def _advance(
         # A descending vehicle is stopped even while it decelerates; a vehicle at rest stays while its weight
         # exceeds its lift.
         descent_m_s = velocity[i, 2]
-        held = position[i, 2] >= ground_down_m[i] and (
+        supported = position[i, 2] >= ground_down_m[i] and (
             descent_m_s > 0.0 or (acceleration[i, 2] >= 0.0 and descent_m_s >= 0.0)
         )
-        on_ground[i] = held
-        if held:
+        on_ground[i] = supported
+        if supported:
             position[i, 2] = ground_down_m[i]
             for k in range(3):
                 acceleration[i, k] = -velocity[i, k] / dt_s

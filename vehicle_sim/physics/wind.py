@@ -1,4 +1,4 @@
-"""Wind at N vehicles: a steady part and gusts, which are first-order Gauss-Markov noise.
+"""Wind at N vehicles: a steady wind, and gusts as first-order Gauss-Markov noise.
 
 The power of the gusts falls at frequencies above 1 / (2π · correlation time), as in the Dryden model;
 vertical gusts are weaker.
@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 
 CORRELATION_S = 3.0
 """Correlation time of a gust: about 20 m of turbulence scale (MIL-F-8785C near the ground) at 7 m/s."""
-VERTICAL_PART = 0.5
+VERTICAL_FRACTION = 0.5
 
 
 class Wind:
@@ -26,7 +26,7 @@ class Wind:
 
     Args:
         dt_s: step.
-        seed: of the gusts.
+        seed: seed of the gusts.
         vehicles: number of each vehicle (`WhiteNoise`).
     """
 
@@ -49,15 +49,16 @@ class Wind:
         if not (math.isfinite(sigma_m_s) and sigma_m_s >= 0.0):
             raise ValueError(f"gusts are {sigma_m_s} m/s; give a strength of 0 or more")
         rows = slice(None) if i is None else i
-        self._sigma_m_s[rows] = sigma_m_s * np.array([1.0, 1.0, VERTICAL_PART])
+        self._sigma_m_s[rows] = sigma_m_s * np.array([1.0, 1.0, VERTICAL_FRACTION])
         self._gusty = bool(self._sigma_m_s.any())
         if sigma_m_s == 0.0:
             self._gust_ned_m_s[rows] = 0.0
 
     def step(self) -> FloatArray:
-        """The wind (N, 3) one step later.
+        """Advances the gusts by one step; returns the wind (N, 3) [m/s, NED].
 
-        Call it also without gusts, so that gusts of one vehicle do not change the noise of others.
+        Call it also without gusts, so that the gusts of one vehicle do not change the noise of other
+        vehicles.
         """
         noise = self._noise.sample()
         if self._gusty:

@@ -32,16 +32,16 @@ from vehicle_sim.ros2.topics import (
 from vehicle_sim.topics.states import States
 
 CONNECTED_AFTER_S: Final = {True: 6.4, False: 1.3}
-"""Time after boot of the first message, with and without time synchronization (`UXRCE_DDS_SYNCT`)."""
+"""Time from boot to the first message, with and without time synchronization (`UXRCE_DDS_SYNCT`)."""
 CYCLE_US: Final = 10_000
 """Period of the commander, which processes one command per cycle."""
-COMMANDS_KEPT: Final = 4
-"""Length of PX4's command queue; in a burst PX4 drops the oldest commands silently."""
+COMMAND_QUEUE_LENGTH: Final = 4
+"""Length of PX4's command queue; in a burst PX4 drops the oldest commands without a report."""
 Values = Mapping[str, Any]
 
 
 def _ignore(_command: Command) -> None:
-    """Ignores the command: PX4 has no module that answers it over ROS 2."""
+    """Ignores a command that no PX4 module handles over ROS 2."""
 
 
 class Port(Protocol):
@@ -69,11 +69,11 @@ class Bridge:
 
     Args:
         host: the vehicle.
-        states: its state topics.
+        states: the vehicle's state topics.
         handlers: handler of each command.
-        silent: commands that PX4 answers over MAVLink only.
+        mavlink_only: numbers of the commands that PX4 handles only over MAVLink.
         port: carries the messages.
-        report: called once for each topic on which a malformed message arrives.
+        report: called once for each topic on which a malformed message is received.
     """
 
     def __init__(
@@ -81,12 +81,12 @@ class Bridge:
         host: AcknowledgingHost,
         states: States,
         handlers: Mapping[int, Handler],
-        silent: frozenset[int],
+        mavlink_only: frozenset[int],
         port: Port,
         report: Callable[[str], None],
     ) -> None:
         self._host, self._view, self._port, self._report = host, host.view, port, report
-        self._handlers = {**handlers, **dict.fromkeys(silent, _ignore)}
+        self._handlers = {**handlers, **dict.fromkeys(mavlink_only, _ignore)}
         synchronized = self._view.optional_choice("UXRCE_DDS_SYNCT", 1) != 0
         offset_us = int(self._view.boot_time_unix_s * 1e6) if synchronized else 0
         self._offset_us = offset_us
@@ -94,12 +94,12 @@ class Bridge:
         self._outputs = Outputs(
             host.autopilot, states, port.publish, offset_us, synchronized=synchronized
         )  # fmt: skip
-        self._commands: deque[tuple[Values, bool]] = deque(maxlen=COMMANDS_KEPT)
-        """Commands, each with whether the service sent it."""
-        self._executor_commands: deque[Values] = deque(maxlen=COMMANDS_KEPT)
+        self._commands: deque[tuple[Values, bool]] = deque(maxlen=COMMAND_QUEUE_LENGTH)
+        """(command, whether the service sent the command)."""
+        self._executor_commands: deque[Values] = deque(maxlen=COMMAND_QUEUE_LENGTH)
         self._cycle_at_us = 0
         self._service_command: Command | None = None
-        """The service's command that is not acknowledged yet."""
+        """Command of the service that is not acknowledged yet."""
         self._malformed: set[str] = set()
         setpoints = SetpointInputs(host.autopilot)
         self._external = host.autopilot.commander.external
@@ -130,7 +130,7 @@ class Bridge:
             return
         for topic, data in received:
             self._receive(topic, data)
-        self._formats.answer_newest()
+        self._formats.reply_to_newest()
         if now_us >= self._cycle_at_us:
             self._cycle_at_us = now_us + CYCLE_US
             self._cycle()
@@ -139,9 +139,9 @@ class Bridge:
     def _cycle(self) -> None:
         self._external_modes.cycle()
         if self._commands:
-            self._command(*self._commands.popleft())
+            self._run_command(*self._commands.popleft())
         if self._executor_commands:
-            self._executor_command(self._executor_commands.popleft())
+            self._forward_executor_command(self._executor_commands.popleft())
 
     def _publish(self, topic: str, type_name: str, values: Values) -> None:
         """Publishes a message with the current time."""
@@ -163,7 +163,7 @@ class Bridge:
             return
         receiver(values)
 
-    def _command(self, values: Values, from_service: bool) -> None:
+    def _run_command(self, values: Values, from_service: bool) -> None:
         system, component = self._host.own_id
         if values["target_system"] not in (0, system) or values["target_component"] not in (0, component):
             return
@@ -174,8 +174,8 @@ class Bridge:
         execute(self._host, self._handlers, command)
         self._external.commanded_by_executor = False
 
-    def _executor_command(self, values: Values) -> None:
-        """Forwards a command of the executor in charge as the vehicle's own; rejects commands of other
+    def _forward_executor_command(self, values: Values) -> None:
+        """Forwards a command of the executor in charge as a command of the vehicle; rejects commands of other
         executors."""
         system = self._host.own_id[0]
         if values["source_component"] == EXECUTOR_COMPONENT + self._external.executor_in_charge:

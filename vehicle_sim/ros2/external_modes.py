@@ -1,4 +1,4 @@
-"""External modes of one vehicle over ROS 2: its topics, their queues, and what PX4 publishes about them."""
+"""External modes of one vehicle over ROS 2: the topics, their queues, and PX4's publications."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ REGISTRATION_REPLY: Final = "/fmu/out/register_ext_component_reply"
 ARMING_CHECK_REQUEST: Final = "/fmu/out/arming_check_request"
 MODE_COMPLETED: Final = "/fmu/out/mode_completed"
 API_VERSION: Final = 1
-"""`px4_ros2_api_version` of PX4 v1.16; it answers requests of every version."""
+"""`px4_ros2_api_version` of PX4 v1.16, which accepts requests of every version."""
 MODE_SOURCE, EXECUTOR_SOURCE = 0, 1
 """ConfigOverrides.source_type."""
 LAND_COMPLETED_EVERY_US: Final = 50_000
@@ -42,7 +42,7 @@ class ExternalModeTopics:
         self._external = autopilot.commander.external
         self._view = autopilot.view
         self._publish = publish
-        # Messages kept until the commander takes them: PX4's queue lengths.
+        # Messages until the commander handles them, in queues as long as PX4's.
         self._registrations: deque[Values] = deque(maxlen=2)
         self._removals: deque[Values] = deque(maxlen=1)
         self._overrides: deque[Values] = deque(maxlen=4)
@@ -53,19 +53,19 @@ class ExternalModeTopics:
             "/fmu/in/unregister_ext_component": self._removals.append,
             "/fmu/in/config_overrides_request": self._overrides.append,
             "/fmu/in/config_control_setpoints": self._configurations.append,
-            "/fmu/in/arming_check_reply": lambda values: self._external.receive(_reply(values)),
+            "/fmu/in/arming_check_reply": lambda values: self._external.receive(_decode_reply(values)),
             "/fmu/in/mode_completed": self._echo_completion,
         }
 
     def cycle(self) -> None:
-        """One cycle of the commander."""
+        """Runs one cycle of the commander."""
         commander, external = self._commander, self._external
         request_id = external.update(self._view.time_boot_us(), failsafe_acts=commander.in_failsafe)
         if request_id is not None:
             self._publish(ARMING_CHECK_REQUEST, "ArmingCheckRequest", {"request_id": request_id})
         if commander.armed and not self._view.choice("COM_MODE_ARM_CHK"):
             while self._registrations:
-                self._answer(self._registrations.popleft(), DENIED_WHILE_ARMED)
+                self._reply(self._registrations.popleft(), DENIED_WHILE_ARMED)
         else:
             while self._registrations:
                 self._register(self._registrations.popleft())
@@ -84,20 +84,20 @@ class ExternalModeTopics:
             values["register_mode_executor"],
             values["replace_internal_mode"] if values["enable_replace_internal_mode"] else NONE,
         )  # fmt: skip
-        answer = self._external.register(request)
-        self._answer(values, answer)
+        reply = self._external.register(request)
+        self._reply(values, reply)
         activates = values["activate_mode_immediately"] and values["register_mode_executor"]
-        if answer.success and answer.mode != NONE and activates and not self._commander.armed:
-            self._commander.set_mode(NavState(answer.mode))
+        if reply.success and reply.mode != NONE and activates and not self._commander.armed:
+            self._commander.set_mode(NavState(reply.mode))
 
-    def _answer(self, request: Values, answer: RegistrationReply) -> None:
+    def _reply(self, request: Values, reply: RegistrationReply) -> None:
         self._publish(
             REGISTRATION_REPLY, "RegisterExtComponentReply",
             {
                 "request_id": request["request_id"], "name": request["name"][:NAME_LENGTH],
-                "px4_ros2_api_version": API_VERSION, "success": answer.success,
-                "arming_check_id": answer.arming_check, "mode_id": answer.mode,
-                "mode_executor_id": answer.executor,
+                "px4_ros2_api_version": API_VERSION, "success": reply.success,
+                "arming_check_id": reply.arming_check, "mode_id": reply.mode,
+                "mode_executor_id": reply.executor,
             },
         )  # fmt: skip
 
@@ -127,21 +127,22 @@ class ExternalModeTopics:
             )
 
     def _echo_completion(self, values: Values) -> None:
-        """PX4 and external modes publish on the same topic, so all readers get the message."""
+        """Publishes a completion again: external modes and PX4 use one topic, so all readers get the
+        message."""
         self._publish(
             MODE_COMPLETED, "ModeCompleted", {"result": values["result"], "nav_state": values["nav_state"]}
         )
 
 
 class _CompletedModes:
-    """Completions of PX4's own modes: take-off, return and mission once, landing until disarmed."""
+    """Completions of PX4's modes: reported once for take-off, return and mission, repeatedly for landing."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._commander, self._navigator = autopilot.commander, autopilot.navigator
         self._view = autopilot.view
         self._previous = self._commander.active
         self._reported: NavState | None = None
-        """Mode whose completion was reported, until another mode is active."""
+        """Mode whose completion was reported; None after another mode was active."""
         self._landing_at_us = 0
 
     def take(self) -> list[NavState]:
@@ -158,7 +159,7 @@ class _CompletedModes:
             self._reported = None
         if active is NavState.LAND and self._commander.landed:
             return [active] if self._landing_due() else []
-        if self._reported is active or not self._ended(active):
+        if self._reported is active or not self._has_completed(active):
             return []
         self._reported = active
         return [active]
@@ -167,7 +168,7 @@ class _CompletedModes:
         stays = active in (NavState.TAKEOFF, NavState.HOLD)
         return stays and not self._commander.landed and self._navigator.takeoff_finished(NavState.TAKEOFF)
 
-    def _ended(self, active: NavState) -> bool:
+    def _has_completed(self, active: NavState) -> bool:
         if active is NavState.RTL:
             return self._commander.landed and self._navigator.landing
         return active is NavState.MISSION and self._navigator.mission.finished
@@ -180,8 +181,8 @@ class _CompletedModes:
         return True
 
 
-def _reply(values: Values) -> ArmingCheckReply:
-    """An ArmingCheckReply; of its events at most `MAX_EVENTS` count."""
+def _decode_reply(values: Values) -> ArmingCheckReply:
+    """An ArmingCheckReply with its first `MAX_EVENTS` events."""
     events = tuple(
         (
             values[f"events[{n}].id"],

@@ -1,4 +1,4 @@
-"""`message_format_request`: the hash of a topic's type, by which a program checks its px4_msgs version."""
+"""`message_format_request`: a program asks for the hash of a topic's type, to check its px4_msgs version."""
 
 from __future__ import annotations
 
@@ -12,49 +12,49 @@ REQUEST: Final = "/fmu/in/message_format_request"
 RESPONSE: Final = "/fmu/out/message_format_response"
 PROTOCOL_VERSION: Final = 1
 UNSET_HASH, UNSET_NAME = 3, "6"
-"""Content of PX4's answers in fields that it does not set, as recorded."""
+"""Recorded content of the fields that PX4 does not set in a response."""
 VERSIONED_TOPIC: Final = "vehicle_status_v1"
-"""The only bridged topic with a version in its name, which the topic inside PX4 does not have."""
+"""The only bridged topic with a version in its name; inside PX4 the name has no version."""
 
 
 def _hashes() -> dict[str, int]:
-    """Hash of the type by the name of the topic inside PX4."""
-    found = {topic.name.rsplit("/", 1)[1]: topic.message.hash for topic in (*OUTPUTS, *INPUTS)}
-    found["vehicle_status"] = found.pop(VERSIONED_TOPIC)
-    found["vehicle_angular_velocity"] = MESSAGES["VehicleAngularVelocity"].hash
-    return found
+    """Hash of the message type, by the topic's name inside PX4."""
+    hashes = {topic.name.rsplit("/", 1)[1]: topic.message.hash for topic in (*OUTPUTS, *INPUTS)}
+    hashes["vehicle_status"] = hashes.pop(VERSIONED_TOPIC)
+    hashes["vehicle_angular_velocity"] = MESSAGES["VehicleAngularVelocity"].hash
+    return hashes
 
 
 HASHES: Final = _hashes()
 
 
-def answer(request: Mapping[str, Any]) -> dict[str, Any]:
+def response(request: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of the MessageFormatResponse, except the time.
 
-    PX4 looks at the text after the last slash only. A name without a slash has no such text.
+    PX4 looks up the part of the name after the last slash; it knows no name without a slash.
     """
     fields: dict[str, Any] = {"protocol_version": PROTOCOL_VERSION, "message_hash": UNSET_HASH}
     if request["protocol_version"] != PROTOCOL_VERSION:
         return fields | {"topic_name": UNSET_NAME}
     name = request["topic_name"]
-    found = HASHES.get(name.rpartition("/")[2]) if "/" in name else None
+    message_hash = HASHES.get(name.rpartition("/")[2]) if "/" in name else None
     fields["topic_name"] = name
-    return fields if found is None else fields | {"success": True, "message_hash": found}
+    return fields if message_hash is None else fields | {"success": True, "message_hash": message_hash}
 
 
 class MessageFormats:
-    """Answers requests of one vehicle; of several simultaneous requests only the last."""
+    """Replies to the requests of one vehicle; to the last one of several requests at the same time."""
 
     def __init__(self, publish: Callable[[str, str, Mapping[str, Any]], None]) -> None:
         self._publish = publish
         self._request: Mapping[str, Any] | None = None
-        self.receivers = {REQUEST: self._take}
+        self.receivers = {REQUEST: self._store}
 
-    def _take(self, request: Mapping[str, Any]) -> None:
+    def _store(self, request: Mapping[str, Any]) -> None:
         self._request = request
 
-    def answer_newest(self) -> None:
-        """Answers a request that has arrived."""
+    def reply_to_newest(self) -> None:
+        """Replies to the newest request since the last call."""
         request, self._request = self._request, None
         if request is not None:
-            self._publish(RESPONSE, "MessageFormatResponse", answer(request))
+            self._publish(RESPONSE, "MessageFormatResponse", response(request))

@@ -50,7 +50,7 @@ class MessageType:
 
     @cached_property
     def flat(self) -> tuple[Field, ...]:
-        """Primitive fields in wire order; nested ones are called `outer.inner` or `outer[n].inner`."""
+        """Primitive fields in wire order; nested fields have names like `outer.inner` or `outer[n].inner`."""
         return tuple(self._flat(""))
 
     def _flat(self, prefix: str) -> Iterator[Field]:
@@ -90,7 +90,7 @@ class MessageType:
 
     @cached_property
     def hash(self) -> int:
-        """Hash that PX4 sends for this type in message_format_response: FNV-1a over its fields'
+        """Hash that PX4 sends for this type in message_format_response: FNV-1a over the fields'
         declarations."""
         value = _FNV_OFFSET
         for byte in self._declarations().encode():
@@ -126,14 +126,14 @@ class MessageType:
             return HEADER + self._struct.pack(*self._within_float32(values))
 
     def _within_float32(self, values: Sequence[Any]) -> list[Any]:
-        found = list(values)
+        limited = list(values)
         for field in self.flat:
             if field.type == "float32":
                 first = self.index[field.name]
                 for at in range(first, first + (field.length or 1)):
-                    if abs(found[at]) > MAX_FLOAT32:
-                        found[at] = math.copysign(math.inf, found[at])
-        return found
+                    if abs(limited[at]) > MAX_FLOAT32:
+                        limited[at] = math.copysign(math.inf, limited[at])
+        return limited
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
         """Encodes named values into bytes with header; missing values are zero.
@@ -157,7 +157,7 @@ class MessageType:
         """Decodes bytes with header into named values; a text ends at its first NUL.
 
         Raises:
-            MalformedMessage: too short, or another encoding.
+            MalformedMessage: the data is too short or has another encoding.
         """
         if data[:2] != HEADER[:2]:
             raise MalformedMessage(f"{self.name}: encapsulation {data[:2].hex()} is not little-endian CDR")

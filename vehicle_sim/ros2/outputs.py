@@ -1,4 +1,4 @@
-"""Publications of one vehicle over ROS 2, from the same topic table as its log and its console."""
+"""Publications of one vehicle over ROS 2, from the topic table that log and console also use."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LOITER = {
     "type": 5, "loiter_radius": 80.0, "acceptance_radius": 2.0, "cruising_speed": -1.0,
     "cruising_throttle": math.nan,
 }  # fmt: skip
-"""Default field values of a position setpoint, not changed by a mission item."""
+"""Default field values of a position setpoint; they do not depend on the mission item."""
 Publish = Callable[[str, bytes], None]
 
 
@@ -52,17 +52,17 @@ class _ArrayReader:
         if self._sampled is not None:
             values[self._sampled] = timestamp_us
         for source, indices in self._sources:
-            found = source(simulation)[row]
+            current = source(simulation)[row]
             if len(indices) == 1:
-                values[indices[0]] = found
+                values[indices[0]] = current
             else:
-                for index, value in zip(indices, found.tolist(), strict=True):
+                for index, value in zip(indices, current.tolist(), strict=True):
                     values[index] = value
         return self._message.pack(values)
 
 
 class _Schedule:
-    """Time of the next publication of an output, and the vehicle's state at the last one."""
+    """Time of the next publication of an output, and the vehicle's state at the last publication."""
 
     def __init__(self, output: Output) -> None:
         self.output = output
@@ -70,7 +70,7 @@ class _Schedule:
         self.key: object = None
 
     def period_ended(self, now_us: int) -> bool:
-        """Whether the period has ended; if so, the next one begins."""
+        """Whether the period has ended; if so, the next period begins."""
         if now_us < self.at_us:
             return False
         every_us = self.output.every_us
@@ -82,8 +82,8 @@ class Outputs:
     """The publications of one vehicle.
 
     Args:
-        autopilot: of the vehicle.
-        states: its state topics.
+        autopilot: the vehicle's autopilot.
+        states: the vehicle's state topics.
         publish: called with a topic's name and the message's bytes.
         offset_us: added to times since boot in `timestamp` and `timestamp_sample`.
         synchronized: whether the vehicle reports its time offset (`UXRCE_DDS_SYNCT`).
@@ -113,35 +113,35 @@ class Outputs:
         """Publishes the due topics; called after each simulation step."""
         simulation, row = self._view.simulation, self._view.row
         timestamp_us = now_us + self._offset_us
-        for due, reader in self._arrays:
-            if self._array_due(due, now_us):
-                self._publish(due.output.name, reader.read(simulation, row, timestamp_us))
-        for due, topic in self._fast_states:
-            if due.period_ended(now_us):
-                self._send(due.output, dict(topic.read()), now_us)
+        for schedule, reader in self._arrays:
+            if self._array_due(schedule, now_us):
+                self._publish(schedule.output.name, reader.read(simulation, row, timestamp_us))
+        for schedule, topic in self._fast_states:
+            if schedule.period_ended(now_us):
+                self._send(schedule.output, dict(topic.read()), now_us)
         if now_us >= self._tick_at_us:
             self._tick_at_us = (now_us // TICK_US + 1) * TICK_US
             self._publish_states(now_us)
 
-    def _array_due(self, due: _Schedule, now_us: int) -> bool:
-        if due.output.every_us > 0:
-            return due.period_ended(now_us)
+    def _array_due(self, schedule: _Schedule, now_us: int) -> bool:
+        if schedule.output.every_us > 0:
+            return schedule.period_ended(now_us)
         count = self._view.simulation.sensors.gps_count
-        if count == due.key:
+        if count == schedule.key:
             return False
-        due.key = count
+        schedule.key = count
         return True
 
     def _publish_states(self, now_us: int) -> None:
-        for due, topic in self._states:
+        for schedule, topic in self._states:
             key = topic.key() if topic.key is not None else None
-            periodic = due.output.every_us > 0 and due.period_ended(now_us)
-            if periodic or key != due.key:
-                due.key = key
+            periodic = schedule.output.every_us > 0 and schedule.period_ended(now_us)
+            if periodic or key != schedule.key:
+                schedule.key = key
                 values = dict(topic.read())
                 if "timestamp_sample" in values:
                     values["timestamp_sample"] += self._offset_us
-                self._send(due.output, values, now_us)
+                self._send(schedule.output, values, now_us)
         if self._synchronized and now_us >= self._timesync_at_us:
             self._timesync_at_us = now_us + TIMESYNC_US
             self._timesync(now_us)
@@ -166,7 +166,7 @@ class Outputs:
         )  # fmt: skip
 
     def _triplet(self, now_us: int) -> None:
-        """Publishes at 20 Hz while disarmed; in flight with each new waypoint."""
+        """Publishes the waypoint: at 20 Hz while disarmed, otherwise when it changes."""
         armed, waypoint = self._autopilot.commander.armed, self._autopilot.waypoint
         if waypoint == self._waypoint and (armed or now_us < self._triplet_at_us):
             return

@@ -32,7 +32,7 @@ KINDS = {
     "thrust_and_torque": SetpointKind.THRUST_TORQUE,
     "direct_actuator": SetpointKind.ACTUATORS,
 }
-"""Flags of OffboardControlMode; the first flag that is set counts."""
+"""Kind of setpoint by flag of OffboardControlMode; the first flag that is set counts."""
 
 
 class SetpointInputs:
@@ -60,7 +60,7 @@ class SetpointInputs:
     def _trajectory(self, v: Values) -> None:
         position, velocity, acceleration = (_limited(v[n]) for n in ("position", "velocity", "acceleration"))
         kind = trajectory_kind(position, velocity, acceleration)
-        # All NaN is a valid setpoint too: the position controller then holds the velocity at zero.
+        # A setpoint with only NaN is valid too: the position controller then keeps the velocity at zero.
         kind = SetpointKind.ACCELERATION if kind is SetpointKind.NONE else kind
         (yaw_rad, yaw_rate_rad_s, _) = _limited((v["yaw"], v["yawspeed"], 0.0))
         self._autopilot.take_setpoint(
@@ -72,12 +72,12 @@ class SetpointInputs:
         norm = math.sqrt(w * w + x * x + y * y + z * z)
         if not (math.isfinite(norm) and norm > 1e-6):
             return
-        turn_rad_s = v["yaw_sp_move_rate"]
+        yaw_rate_rad_s = v["yaw_sp_move_rate"]
         self._autopilot.take_setpoint(
             Setpoint(
                 SetpointKind.ATTITUDE, q_ned_frd=(w / norm, x / norm, y / norm, z / norm),
                 thrust=collective_thrust(v["thrust_body"]),
-                yaw_rate_ned_rad_s=turn_rad_s if abs(turn_rad_s) <= MAX_RATE_RAD_S else math.nan,
+                yaw_rate_ned_rad_s=yaw_rate_rad_s if abs(yaw_rate_rad_s) <= MAX_RATE_RAD_S else math.nan,
             )
         )  # fmt: skip
 
@@ -95,7 +95,7 @@ class SetpointInputs:
         )
 
     def _thrust(self, v: Values) -> None:
-        """Stores the thrust; it is applied with the next torque."""
+        """Stores the thrust, which is applied with the next torque setpoint."""
         self._thrust_frd = v["xyz"]
 
     def _torque(self, v: Values) -> None:
@@ -129,7 +129,7 @@ class SetpointInputs:
 
 
 def _limited(values: tuple[float, ...]) -> Vector:
-    """Replaces infinite values by NaN and limits the others to a flyable range."""
+    """Replaces infinite values by NaN, and limits finite values to a plausible range."""
     x, y, z = (max(-LIMIT, min(LIMIT, each)) if math.isfinite(each) else math.nan for each in values)
     return x, y, z
 

@@ -15,7 +15,7 @@ MIN_PERIOD_US: Final = 10_000
 class Output:
     """A topic that the vehicle publishes.
 
-    `source` is its name in the simulator's table of topics. It is empty for topics that are published on an
+    `source` is the name in the simulator's topic table, empty for topics that are published on an
     event, or never by a multicopter.
     """
 
@@ -23,7 +23,7 @@ class Output:
     type: str
     source: str = ""
     every_us: int = 0
-    """Period [µs]; 0: only when it changes, -1: with each GPS sample."""
+    """Period [µs]; 0: published at each change, -1: with each GPS sample."""
 
     @property
     def message(self) -> MessageType:
@@ -45,7 +45,7 @@ class Input:
 
     @property
     def depth(self) -> int:
-        """Number of samples kept: twice the topic's queue length inside the vehicle."""
+        """Length of the reader's queue: twice the topic's queue length inside the vehicle."""
         return 2 * self.message.constants.get("ORB_QUEUE_LENGTH", 1)
 
 

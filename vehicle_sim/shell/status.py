@@ -79,7 +79,9 @@ class MavlinkCommand:
 
     def _streams(self, n: int, link: Link) -> str:
         out = [f"\ninstance #{n}:\n\t{'Name':<32} Rate\n"]
-        rates = sorted((self._name_of(number), 1e6 / link.interval_us(number)) for number in link.streamed())
+        rates = sorted(
+            (self._name_of(number), 1e6 / link.interval_us(number)) for number in link.streamed_ids()
+        )
         return "".join((*out, *(f"\t{name:<32} {hz:.2f}\n" for name, hz in rates)))
 
 

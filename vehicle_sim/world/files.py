@@ -28,7 +28,7 @@ MAX_COORDINATE_M = 20_000.0
 MAX_OBSTACLES = 500
 
 
-def shipped() -> tuple[str, ...]:
+def built_in_worlds() -> tuple[str, ...]:
     """Names of the built-in worlds."""
     return tuple(sorted(path.stem for path in SHIPPED.glob("*.yaml")))
 
@@ -39,11 +39,11 @@ def load_world(name_or_path: str) -> World:
     Raises:
         FileProblem: the file does not exist or is invalid; the text names line, field and fix.
     """
-    if name_or_path in shipped():
+    if name_or_path in built_in_worlds():
         return world_of(read_yaml(SHIPPED / f"{name_or_path}.yaml"))
     path = Path(name_or_path)
     if not path.exists():
-        names = ", ".join(shipped())
+        names = ", ".join(built_in_worlds())
         raise FileProblem(f"{name_or_path}: no such file or built-in world; built-in worlds: {names}")
     return world_of(read_yaml(path))
 

@@ -65,10 +65,10 @@ class TurnedVehicle:
     def time_s(self) -> float:
         return self.now_s
 
-    def later(self, action: Any) -> None:
-        self.after(0.0, action)
+    def call_soon(self, action: Any) -> None:
+        self.call_later(0.0, action)
 
-    def after(self, seconds: float, action: Any) -> None:
+    def call_later(self, seconds: float, action: Any) -> None:
         self._timers.append((self.now_s + seconds, action))
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:

@@ -22,7 +22,7 @@ class JoystickStation(Station):
     def __init__(self, **fleet):
         super().__init__(sensor_noise=False, **fleet)
         for link in self.sim.nodes[0].context.links:
-            for msg_id in set(link.streamed()) - NEEDED:
+            for msg_id in set(link.streamed_ids()) - NEEDED:
                 link.set_interval(msg_id, 0, 0)
         self.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
         self.next_s = 0.0

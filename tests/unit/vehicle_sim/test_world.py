@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.world.contact import Contact
-from vehicle_sim.world.files import load_world, shipped, world_of
+from vehicle_sim.world.files import built_in_worlds, load_world, world_of
 from vehicle_sim.world.prism import Prism
 from vehicle_sim.world.raycast import GROUND, NOTHING, RayCaster
 from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
@@ -26,7 +26,7 @@ def cast(world, origin, direction, range_m=100.0):
     ray = np.array([direction], dtype=float)
     ray /= np.linalg.norm(ray)
     hits = RayCaster(world).cast(np.array([origin], dtype=float), ray, range_m)
-    return float(hits.distance_m[0]), int(hits.what[0])
+    return float(hits.distance_m[0]), int(hits.target[0])
 
 
 def test_rays_hit_boxes_and_ground_at_the_calculated_distances():
@@ -177,8 +177,8 @@ def test_a_flight_into_a_hill_is_a_collision():
 
 
 def test_every_shipped_world_loads():
-    assert {"obstacle-box", "hills", "yard"} <= set(shipped())
-    for name in shipped():
+    assert {"obstacle-box", "hills", "yard"} <= set(built_in_worlds())
+    for name in built_in_worlds():
         assert not load_world(name).empty
 
 

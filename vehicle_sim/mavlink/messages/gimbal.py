@@ -1,4 +1,4 @@
-"""Messages of the gimbal manager and its device; none while the gimbal module is off."""
+"""Messages of the gimbal manager and its device; they are not built while the gimbal module is off."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class GimbalMessages(MessageGroup):
         gimbal = self._autopilot.gimbal
         if not gimbal.enabled:
             return None
-        a = gimbal.actual
+        angles = gimbal.actual
         return pack(
             "MOUNT_ORIENTATION",
             time_boot_ms=self._view.time_boot_ms(),
-            roll=math.degrees(a.roll_rad),
-            pitch=math.degrees(a.pitch_rad),
-            yaw=math.degrees(a.yaw_rad),
+            roll=math.degrees(angles.roll_rad),
+            pitch=math.degrees(angles.pitch_rad),
+            yaw=math.degrees(angles.yaw_rad),
             yaw_absolute=math.degrees(gimbal.yaw_ned_rad) % 360.0,
         )[1]
 

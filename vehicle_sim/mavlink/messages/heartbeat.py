@@ -21,7 +21,7 @@ def base_mode(commander: Commander) -> int:
 def _controls_attitude(commander: Commander) -> bool:
     mode = commander.active
     if mode is NavState.OFFBOARD:
-        # Depends on the last received setpoint, even if the stream has stopped.
+        # The last received setpoint decides, even if the stream has stopped.
         return commander.offboard.kind not in (SetpointKind.NONE, SetpointKind.RATES)
     if commander.external.mode(mode) is not None:
         return commander.external.controllers(mode).attitude

@@ -14,7 +14,7 @@ Builder = Callable[[], bytes | None]
 
 
 class MessageGroup:
-    """A group of telemetry messages; for example, the method `heartbeat` builds the payload of HEARTBEAT.
+    """A group of telemetry messages; for example, method `heartbeat` builds the payload of HEARTBEAT.
 
     A builder returns None if it has no data yet.
     """

@@ -190,7 +190,7 @@ class MotionMessages(MessageGroup):
         return _TARGET_ATTITUDE(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)
 
     def hil_state_quaternion(self) -> bytes:
-        """The simulated true state, which PX4's simulator sends too."""
+        """Contains the simulated true state; PX4's simulator also sends it."""
         simulation, i = self._view.simulation, self._view.row
         truth, home = simulation.truth, simulation.home
         north, east, down = truth.position_ned_m[i].tolist()
@@ -236,7 +236,8 @@ class MotionMessages(MessageGroup):
         return self._functions
 
     def _servos_us(self) -> dict[int, int]:
-        """Pulses of the gimbal's servo functions; none before arming unless COM_PREARM_MODE is 2 (always)."""
+        """Pulses by servo function of the gimbal; empty before arming, unless COM_PREARM_MODE is 2
+        (always)."""
         controls = self._autopilot.gimbal.servo_controls()
         armed = self._autopilot.commander.armed or self._view.choice("COM_PREARM_MODE") == PREARM_ALWAYS
         if controls is None or not armed:

@@ -90,7 +90,7 @@ class SensorMessages(MessageGroup):
         )[1]
 
     def distance_sensor(self) -> bytes:
-        """The sensor that points down, which PX4's simulation also has."""
+        """Contains the sensor that points down; PX4's simulation also has this sensor."""
         view = self._view
         measured = view.simulation.distance_down_m(view.row)
         lowest, highest = (view.parameter(f"SIH_DISTSNSR_{end}") for end in ("MIN", "MAX"))
@@ -101,7 +101,7 @@ class SensorMessages(MessageGroup):
         )[1]  # fmt: skip
 
     def distance_forward(self) -> bytes | None:
-        """The forward sensor, if the world has it."""
+        """Contains the forward sensor, if the world has one."""
         view, lidars = self._view, self._view.simulation.world.lidars
         if not lidars.forward:
             return None
@@ -113,7 +113,8 @@ class SensorMessages(MessageGroup):
         )[1]  # fmt: skip
 
     def obstacle_distance(self) -> bytes | None:
-        """72 sectors of 5 degrees clockwise from the nose; maximum range plus 1 cm means no obstacle."""
+        """Contains 72 sectors of 5 degrees clockwise from the nose; maximum range plus 1 cm means no
+        obstacle."""
         view, lidars = self._view, self._view.simulation.world.lidars
         if not lidars.around:
             return None

@@ -25,7 +25,7 @@ ALWAYS_PRESENT = 0x200400B
 """MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
 GPS_BIT, POSITION_BIT, REMOTE_BIT, BATTERY_BIT, LOGGING_BIT = 0x20, 0x4000, 0x10000, 0x2000000, 0x1000000
 ALL_HEALTHY = 0x321C83F
-"""Parts without a finding count as healthy, even if they are not present."""
+"""Sensors without a finding count as healthy, even if they are not present."""
 MAG_BIT, BARO_BIT, PREARM_BIT = 0x04, 0x08, 0x10000000
 """MAV_SYS_STATUS: magnetometer, barometer, pre-arm checks."""
 BIT_OF_COMPONENT = {
@@ -81,8 +81,8 @@ class StateMessages(MessageGroup):
         for check in report.checks:
             found |= BIT_OF_COMPONENT.get(check.component, 0)
         present = ALWAYS_PRESENT
-        for part, bit in BIT_IF_PRESENT.items():
-            present |= bit if report.present & part else 0
+        for component, bit in BIT_IF_PRESENT.items():
+            present |= bit if report.present & component else 0
         return present, present | found, ALL_HEALTHY & ~found
 
     def extended_sys_state(self) -> bytes:

@@ -1,4 +1,4 @@
-"""The camera protocol (version 2) of the vehicle's camera, a component with its own heartbeat."""
+"""The camera protocol (version 2) of the vehicle's camera, a component with a separate heartbeat."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ REQUEST_MESSAGE = 512
 
 
 class CameraService:
-    """Handles commands to component 100 (or to all), and sends its replies and captures."""
+    """Handles commands to component 100 (or to all), and sends the camera's messages."""
 
     def __init__(self, context: Context, camera: Camera) -> None:
         self._context, self._camera = context, camera
         self._last_sequence = 0
-        self._commands: dict[int, Callable[[Message | _OwnParameters, Link | None], int]] = {
+        self._commands: dict[int, Callable[[Message | _AutopilotParameters, Link | None], int]] = {
             REQUEST_MESSAGE: lambda m, link: self._request(m, link),
             521: lambda m, link: self._send("CAMERA_INFORMATION", link),
             522: lambda m, link: self._send("CAMERA_SETTINGS", link),
@@ -76,7 +76,7 @@ class CameraService:
     # --- received messages -----------------------------------------------------------------------------
 
     def receive(self, link: Link, m: Message) -> None:
-        """Handles a message that may be for the camera."""
+        """Handles a message if it is a command to the camera."""
         if m.name not in ("COMMAND_LONG", "COMMAND_INT"):
             return
         values = m.values
@@ -94,7 +94,7 @@ class CameraService:
             target_system=m.system_id, target_component=m.component_id,
         )  # fmt: skip
 
-    def owns(self, m: Message) -> bool:
+    def is_only_recipient(self, m: Message) -> bool:
         """Whether a message is for the camera only, so that it is not forwarded."""
         values = m.values
         return (
@@ -121,12 +121,12 @@ class CameraService:
         """Handles a camera command of the autopilot, for example from a mission."""
         handler = self._commands.get(command.number)
         if handler is not None and command.number != REQUEST_MESSAGE:
-            handler(_OwnParameters(*command.parameters), None)
+            handler(_AutopilotParameters(*command.parameters), None)
 
     # --- commands --------------------------------------------------------------------------------------
 
-    def _request(self, m: Message | _OwnParameters, link: Link | None) -> int:
-        number = _whole(m.param1)
+    def _request(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+        number = _to_int(m.param1)
         if number == BY_NAME["CAMERA_IMAGE_CAPTURED"].id:
             return self._resend_capture(m.param2, link)
         name = self._by_id.get(number)
@@ -138,7 +138,7 @@ class CameraService:
         return ACCEPTED
 
     def _resend_capture(self, index: float, link: Link | None) -> int:
-        number = _whole(index)
+        number = _to_int(index)
         if not 0 <= number < len(self._camera.captures) or link is None:
             return DENIED
         link.send_from(
@@ -146,8 +146,8 @@ class CameraService:
         )
         return ACCEPTED
 
-    def _start(self, m: Message | _OwnParameters, link: Link | None) -> int:
-        interval, count, sequence = m.param2, _whole(m.param3), _whole(m.param4)
+    def _start(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+        interval, count, sequence = m.param2, _to_int(m.param3), _to_int(m.param4)
         if count < 0 or (count != 1 and not (math.isfinite(interval) and interval > 0.0)):
             return DENIED
         if count == 1 and sequence > 0 and sequence == self._last_sequence:
@@ -158,32 +158,32 @@ class CameraService:
         self._camera.start(interval if count != 1 else 0.0, count)
         return ACCEPTED
 
-    def _stop(self, m: Message | _OwnParameters, link: Link | None) -> int:
+    def _stop(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         self._camera.stop()
         self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
         return ACCEPTED
 
-    def _set_mode(self, m: Message | _OwnParameters, link: Link | None) -> int:
+    def _set_mode(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         try:
-            self._camera.mode = CameraMode(_whole(m.param2))
+            self._camera.mode = CameraMode(_to_int(m.param2))
         except ValueError:
             return UNSUPPORTED
         self._broadcast("CAMERA_SETTINGS", **self._settings())
         return ACCEPTED
 
-    def _set_zoom(self, m: Message | _OwnParameters, link: Link | None) -> int:
-        kind, value = _whole(m.param1), m.param2
+    def _set_zoom(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+        kind, value = _to_int(m.param1), m.param2
         if kind not in (ZOOM_STEP, ZOOM_RANGE):
             return UNSUPPORTED
         if not math.isfinite(value) or (kind == ZOOM_RANGE and not 0.0 <= value <= 100.0):
             return DENIED
-        wanted = value if kind == ZOOM_RANGE else self._camera.zoom_percent + STEP_PERCENT * value
-        self._camera.zoom_percent = max(0.0, min(100.0, wanted))
+        percent = value if kind == ZOOM_RANGE else self._camera.zoom_percent + STEP_PERCENT * value
+        self._camera.zoom_percent = max(0.0, min(100.0, percent))
         self._broadcast("CAMERA_SETTINGS", **self._settings())
         return ACCEPTED
 
-    def _format(self, m: Message | _OwnParameters, link: Link | None) -> int:
-        if _whole(m.param2) != 1 or _whole(m.param1) not in (0, 1):
+    def _format(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+        if _to_int(m.param2) != 1 or _to_int(m.param1) not in (0, 1):
             return DENIED
         if self._camera.series_runs:
             return TEMPORARILY_REJECTED
@@ -191,8 +191,8 @@ class CameraService:
         self._broadcast("STORAGE_INFORMATION", **self._storage())
         return ACCEPTED
 
-    def _reset(self, m: Message | _OwnParameters, link: Link | None) -> int:
-        if _whole(m.param1) != 1:
+    def _reset(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
+        if _to_int(m.param1) != 1:
             return DENIED
         self._camera.reset_settings()
         self._broadcast("CAMERA_SETTINGS", **self._settings())
@@ -241,7 +241,7 @@ class CameraService:
 
     def _field_of_view(self) -> dict[str, Any]:
         camera = self._camera
-        lat, lon, alt = _place(camera)
+        lat, lon, alt = _scaled_position(camera)
         return {
             "time_boot_ms": self._context.view.time_boot_ms(),
             "lat_camera": lat, "lon_camera": lon, "alt_camera": alt, "q": camera.orientation(),
@@ -250,12 +250,12 @@ class CameraService:
         }  # fmt: skip
 
     def _captured(self, capture: Capture) -> dict[str, Any]:
-        place = capture.place
+        position = capture.position
         return {
             "time_boot_ms": capture.time_boot_ms, "time_utc": capture.time_utc_us, "camera_id": 0,
-            "lat": UNKNOWN_INT32 if place is None else round(place.lat_deg * 1e7),
-            "lon": UNKNOWN_INT32 if place is None else round(place.lon_deg * 1e7),
-            "alt": UNKNOWN_INT32 if place is None else round(place.alt_amsl_m * 1000),
+            "lat": UNKNOWN_INT32 if position is None else round(position.lat_deg * 1e7),
+            "lon": UNKNOWN_INT32 if position is None else round(position.lon_deg * 1e7),
+            "alt": UNKNOWN_INT32 if position is None else round(position.alt_amsl_m * 1000),
             "relative_alt": round(capture.alt_home_m * 1000) if math.isfinite(capture.alt_home_m) else 0,
             "q": capture.q_ned_camera, "image_index": capture.index,
             "capture_result": 1 if capture.path else 0,
@@ -264,19 +264,19 @@ class CameraService:
         }  # fmt: skip
 
 
-class _OwnParameters:
+class _AutopilotParameters:
     """Parameters of a command from the autopilot itself."""
 
     def __init__(self, *parameters: float) -> None:
         self.param1, self.param2, self.param3, self.param4 = parameters[:4]
 
 
-def _place(camera: Camera) -> tuple[int, int, int]:
-    place = camera.place()
-    if place is None:
+def _scaled_position(camera: Camera) -> tuple[int, int, int]:
+    position = camera.position()
+    if position is None:
         return UNKNOWN_INT32, UNKNOWN_INT32, UNKNOWN_INT32
-    return round(place.lat_deg * 1e7), round(place.lon_deg * 1e7), round(place.alt_amsl_m * 1000)
+    return round(position.lat_deg * 1e7), round(position.lon_deg * 1e7), round(position.alt_amsl_m * 1000)
 
 
-def _whole(value: float) -> int:
+def _to_int(value: float) -> int:
     return int(value) if math.isfinite(value) else -1

@@ -1,4 +1,4 @@
-"""Receives COMMAND_LONG, COMMAND_INT and SET_MODE, and acknowledges them."""
+"""Receives and acknowledges COMMAND_LONG, COMMAND_INT and SET_MODE."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CommandService:
 
     def command_long(self, link: Link, m: Message) -> None:
         """Handles COMMAND_LONG; a command for another target gets no reply."""
-        if self._context.is_for_me(m):
+        if self._context.addresses_autopilot(m):
             self._run(
                 Command(m.command, m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7,
                         m.sender, link.name)
@@ -45,7 +45,7 @@ class CommandService:
     def command_int(self, link: Link, m: Message) -> None:
         """Handles COMMAND_INT; converts 1e-7 degrees to degrees. As in PX4, altitudes are AMSL in every
         frame."""
-        if not self._context.is_for_me(m):
+        if not self._context.addresses_autopilot(m):
             return
         scale = 1.0 if m.frame in LOCAL_FRAMES else 1e-7
         x = math.nan if m.x == INT32_MAX else m.x * scale
@@ -53,7 +53,7 @@ class CommandService:
         self._run(Command(m.command, m.param1, m.param2, m.param3, m.param4, x, y, m.z, m.sender, link.name))
 
     def set_mode_message(self, link: Link, m: Message) -> None:
-        """Handles the deprecated SET_MODE; it is acknowledged independently of the result."""
+        """Handles the deprecated SET_MODE; PX4 acknowledges it independently of the result."""
         if m.target_system != self._context.system_id:
             return
         main, sub = m.custom_mode >> 16 & 0xFF, m.custom_mode >> 24 & 0xFF
@@ -65,20 +65,20 @@ class CommandService:
     def _run_unacknowledged(self, command: Command) -> None:
         self._commands[SET_MODE](command)
 
-    def _defer(self, work: Callable[[], None]) -> None:
+    def _defer(self, action: Callable[[], None]) -> None:
         if not self._queue:
-            self._context.later(self._run_deferred)
-        self._queue.append(work)
+            self._context.call_soon(self._run_deferred)
+        self._queue.append(action)
 
     def _run_deferred(self) -> None:
         queue, self._queue = self._queue, []
-        for work in queue:
-            work()
+        for action in queue:
+            action()
 
     def _run(self, command: Command) -> None:
         if command.number == SET_MODE:
-            # PX4's receiver acknowledges immediately, and its commander later; the second acknowledgement is
-            # the valid one.
+            # PX4's MAVLink receiver acknowledges at once, and the commander later; the second acknowledgement
+            # is the valid one.
             self._context.acknowledge(command, ACCEPTED)
             self._defer(lambda: self._execute(command))
         elif self._queue:

@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class FollowService:
-    """Receives the position of a target, from any ground station or beacon."""
+    """Receives the position of a target from any ground station or beacon."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

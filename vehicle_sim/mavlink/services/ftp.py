@@ -1,9 +1,9 @@
-"""MAVLink FTP as in PX4's server: one session per link, repeated replies, bursts spread over time.
+"""MAVLink FTP like PX4's server: one session per link, repeated replies, bursts spread over time.
 
 Opcodes, errors and header are MAVLink's ("File Transfer Protocol"). Some behaviour was recorded on PX4: a
 directory can be opened and occupies the session, a burst ends after 40 kB, and an error contains the errno of
 the last failed system call. The only session has number 0, whatever number the client sends. The reply to
-opening a file contains it, and reading and closing require it; bursts and writes use the open file with any
+and reading and closing require it; bursts and writes accept any number.
 number.
 """
 
@@ -34,11 +34,11 @@ FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 8, 9, 10
 BURST_BYTES = 40_000
 """A burst ends after this many bytes; the client requests the next one."""
 BURST_MESSAGES_PER_STEP = 5
-"""1,100 messages per second were measured."""
+"""The recorded PX4 sent 1,100 burst messages per second."""
 
 
 class Refusal(Exception):
-    """An error with the code of the NAK."""
+    """A request that fails; `code` is the error code of the NAK."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -96,11 +96,11 @@ class FtpService:
             READ: self._read,
             CREATE: self._create,
             WRITE: self._write,
-            REMOVE: lambda s, r: self._done(self._files.remove(r.text)),
-            MAKE_DIRECTORY: lambda s, r: self._done(self._files.make_directory(r.text)),
-            REMOVE_DIRECTORY: lambda s, r: self._done(self._files.remove_directory(r.text)),
+            REMOVE: lambda s, r: self._empty_reply(self._files.remove(r.text)),
+            MAKE_DIRECTORY: lambda s, r: self._empty_reply(self._files.make_directory(r.text)),
+            REMOVE_DIRECTORY: lambda s, r: self._empty_reply(self._files.remove_directory(r.text)),
             OPEN_WO: self._open_to_write,
-            TRUNCATE: lambda s, r: self._done(self._files.truncate(r.text, r.offset)),
+            TRUNCATE: lambda s, r: self._empty_reply(self._files.truncate(r.text, r.offset)),
             RENAME: self._rename,
             CRC32: self._checksum,
         }
@@ -111,10 +111,10 @@ class FtpService:
         return bool(self._sessions) and any(each.burst is not None for each in self._sessions.values())
 
     def request(self, link: Link, message: Message) -> None:
-        """Handles one request; a repeated one (same sequence number and opcode) gets the same reply.
+        """Handles one request; a repeated request (same sequence number and opcode) gets the same reply.
 
-        The opcode is compared too: a client that stops a burst before it received its last message uses the
-        sequence number of that message.
+        The opcode is compared too, because a client that stops a burst early uses the sequence number of the
+        burst's last message.
         """
         if message.target_system not in (0, self._context.system_id) or (
             message.target_component not in (0, AUTOPILOT_COMPONENT)
@@ -123,20 +123,20 @@ class FtpService:
         raw = bytes(message.payload)
         sequence, number, opcode, size, _, _, _, offset = HEADER.unpack_from(raw)
         session = self._sessions.setdefault(link.name, _Session())
-        to = (message.system_id, message.component_id)
-        answer_sequence = (sequence + 1) & 0xFFFF
+        client = (message.system_id, message.component_id)
+        reply_sequence = (sequence + 1) & 0xFFFF
         if session.last_reply is not None:
-            *who, payload = session.last_reply
+            *last_client, payload = session.last_reply
             last_sequence, _, _, _, last_opcode, *_ = HEADER.unpack_from(payload)
-            if tuple(who) == to and (last_sequence, last_opcode) == (answer_sequence, opcode):
-                self._send(link, to, payload)
+            if tuple(last_client) == client and (last_sequence, last_opcode) == (reply_sequence, opcode):
+                self._send(link, client, payload)
                 return
         try:
             if size > DATA_BYTES:
                 raise Refusal(INVALID_DATA_SIZE)
             request = _Request(offset, raw[HEADER.size : HEADER.size + size])
             if opcode == BURST:
-                self._begin_burst(session, message, answer_sequence, offset)
+                self._begin_burst(session, message, reply_sequence, offset)
                 return
             operation = self._operations.get(opcode)
             if operation is None:
@@ -149,8 +149,8 @@ class FtpService:
         except Refusal as refusal:
             data, kind = self._error(session, refusal.code), NAK
         except OSError as error:
-            data, kind = self._failed(session, error), NAK
-        self._answer(link, session, to, (answer_sequence, number, kind, opcode, 0, offset), data)
+            data, kind = self._os_error(session, error), NAK
+        self._reply(link, session, client, (reply_sequence, number, kind, opcode, 0, offset), data)
 
     def step(self) -> None:
         """Continues running bursts."""
@@ -161,30 +161,32 @@ class FtpService:
                     break
                 self._burst(link, session, session.burst)
 
-    # --- answering -------------------------------------------------------------------------------------
+    # --- replies ---------------------------------------------------------------------------------------
 
-    def _answer(
+    def _reply(
         self,
         link: Link,
         session: _Session,
-        to: tuple[int, int],
+        client: tuple[int, int],
         head: tuple[int, int, int, int, int, int],
         data: bytes,
     ) -> None:
         sequence, number, kind, opcode, complete, offset = head
         payload = HEADER.pack(sequence, number, kind, len(data), opcode, complete, 0, offset) + data
-        session.last_reply = (*to, payload)
-        self._send(link, to, payload)
+        session.last_reply = (*client, payload)
+        self._send(link, client, payload)
 
     @staticmethod
-    def _send(link: Link, to: tuple[int, int], payload: bytes) -> None:
-        link.send("FILE_TRANSFER_PROTOCOL", target_system=to[0], target_component=to[1], payload=payload)
+    def _send(link: Link, client: tuple[int, int], payload: bytes) -> None:
+        link.send(
+            "FILE_TRANSFER_PROTOCOL", target_system=client[0], target_component=client[1], payload=payload
+        )
 
     @staticmethod
     def _error(session: _Session, code: int) -> bytes:
         return bytes((code, session.last_errno & 0xFF)) if code == FAIL_ERRNO else bytes((code,))
 
-    def _failed(self, session: _Session, error: OSError) -> bytes:
+    def _os_error(self, session: _Session, error: OSError) -> bytes:
         number = error.errno or errno.EIO
         if number == errno.ENOENT:
             return bytes((FILE_NOT_FOUND,))
@@ -196,7 +198,7 @@ class FtpService:
         return self._error(session, FAIL_ERRNO)
 
     @staticmethod
-    def _done(_: None) -> bytes:
+    def _empty_reply(_: None) -> bytes:
         return b""
 
     # --- sessions --------------------------------------------------------------------------------------
@@ -240,7 +242,7 @@ class FtpService:
     # --- files and directories -------------------------------------------------------------------------
 
     def _list(self, session: _Session, request: _Request) -> bytes:
-        """`F name TAB size`, `D name`; S for other entries: dot entries, links to folders of the build."""
+        """Entries `F name TAB size` and `D name`; S for dot entries and for links to folders of the build."""
         path = request.text or "/"
         entries = [b"S\0", b"S\0"]
         for name, size in self._files.listing(path):
@@ -299,7 +301,7 @@ class FtpService:
 
     def _burst(self, link: Link, session: _Session, burst: _Burst) -> None:
         assert session.path is not None
-        to = (burst.message.system_id, burst.message.component_id)
+        client = (burst.message.system_id, burst.message.component_id)
         kind, complete = ACK, 0
         try:
             if burst.offset >= session.size:
@@ -310,8 +312,10 @@ class FtpService:
         except Refusal as refusal:
             data, kind = self._error(session, refusal.code), NAK
         except OSError as error:
-            data, kind = self._failed(session, error), NAK
-        self._answer(link, session, to, (burst.sequence, SESSION, kind, BURST, complete, burst.offset), data)
+            data, kind = self._os_error(session, error), NAK
+        self._reply(
+            link, session, client, (burst.sequence, SESSION, kind, BURST, complete, burst.offset), data
+        )
         burst.sequence = (burst.sequence + 1) & 0xFFFF
         burst.offset += len(data)
         if complete or kind == NAK:

@@ -1,4 +1,4 @@
-"""The gimbal manager's messages (protocol version 2); its commands are in `commands/gimbal.py`."""
+"""Messages of the gimbal manager (protocol version 2); the commands are in `commands/gimbal.py`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class GimbalService:
             "GIMBAL_MANAGER_SET_MANUAL_CONTROL": self.set_manual,
         }
 
-    def _is_for_me(self, message: Message) -> bool:
+    def _may_control(self, message: Message) -> bool:
         gimbal = self._gimbal
         return (
             gimbal.enabled
@@ -30,13 +30,13 @@ class GimbalService:
         )
 
     def set_attitude(self, link: Link, m: Message) -> None:
-        """GIMBAL_MANAGER_SET_ATTITUDE; ignored unless the sender has control."""
-        if self._is_for_me(m):
+        """Handles GIMBAL_MANAGER_SET_ATTITUDE; ignored unless the sender has control."""
+        if self._may_control(m):
             q = tuple(m.q)
             rates = (m.angular_velocity_x, m.angular_velocity_y, m.angular_velocity_z)
             self._gimbal.set_attitude(m.flags, (q[0], q[1], q[2], q[3]), rates)
 
     def set_manual(self, link: Link, m: Message) -> None:
-        """GIMBAL_MANAGER_SET_MANUAL_CONTROL; ignored unless the sender has control."""
-        if self._is_for_me(m):
+        """Handles GIMBAL_MANAGER_SET_MANUAL_CONTROL; ignored unless the sender has control."""
+        if self._may_control(m):
             self._gimbal.set_manual(m.flags, m.pitch, m.yaw, m.pitch_rate, m.yaw_rate)

@@ -1,7 +1,7 @@
 """Download of onboard logs by LOG_* messages: listing, data in parts of 90 bytes, and deletion.
 
 As in PX4, log numbers start at the oldest log, an invalid request gets no reply, and a new request replaces
-the previous one. The numbers are those of the last listing until a new listing is requested.
+the previous request. Log numbers are those of the last listing, until a client requests a new listing.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class _Transfer:
 
 
 class LogService:
-    """LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_ERASE, LOG_REQUEST_END."""
+    """Handles LOG_REQUEST_LIST, LOG_REQUEST_DATA, LOG_ERASE and LOG_REQUEST_END."""
 
     def __init__(self, context: Context, files: VehicleFiles, logger: Logger) -> None:
         self._context, self._files, self._logger = context, files, logger
@@ -66,12 +66,12 @@ class LogService:
 
     @property
     def busy(self) -> bool:
-        """Whether anything is left to send."""
+        """Whether log entries or log data must still be sent."""
         return bool(self._listings or self._transfers)
 
     def request_list(self, link: Link, message: Message) -> None:
         """Sends the entries of the logs from `start` to `end`."""
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
         self._logs = self._find()
         count = len(self._logs)
@@ -82,7 +82,7 @@ class LogService:
 
     def request_data(self, link: Link, message: Message) -> None:
         """Sends part of a log."""
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
         if self._logs is None:
             self._logs = self._find()
@@ -98,27 +98,27 @@ class LogService:
 
     def erase(self, link: Link, message: Message) -> None:
         """Deletes every log; a log that is being written continues, and is deleted when it ends."""
-        if self._context.is_for_me(message):
+        if self._context.addresses_autopilot(message):
             self._listings.clear()
             self._transfers.clear()
             self._files.delete_tree(FOLDER)
             self._logs = None
 
     def end(self, link: Link, message: Message) -> None:
-        """Stops the transfer."""
-        if self._context.is_for_me(message):
+        """Ends listing and data transfer."""
+        if self._context.addresses_autopilot(message):
             self._listings.pop(link.name, None)
             self._transfers.pop(link.name, None)
 
     def step(self) -> None:
-        """Continues the current transfer."""
+        """Continues the current listings and transfers."""
         for link in self._context.links:
             self._list(link)
             self._send(link)
         names = {link.name for link in self._context.links}
-        for waiting in (self._listings, self._transfers):
-            for gone in waiting.keys() - names:
-                del waiting[gone]
+        for by_link in (self._listings, self._transfers):
+            for closed in by_link.keys() - names:
+                del by_link[closed]
 
     def _find(self) -> list[Log]:
         """All logs, the oldest first."""
@@ -133,7 +133,7 @@ class LogService:
                 continue
             for name, bytes_ in self._files.listing(f"{FOLDER}/{day}"):
                 if bytes_ is not None and name.endswith(".ulg"):
-                    logs.append(Log(f"{FOLDER}/{day}/{name}", _time_of(day, name)))
+                    logs.append(Log(f"{FOLDER}/{day}/{name}", _start_time_s(day, name)))
         return logs
 
     def _size(self, path: str) -> int:
@@ -161,23 +161,23 @@ class LogService:
         transfer = self._transfers.get(link.name)
         if transfer is None:
             return
-        wanted = min(PARTS_PER_STEP * PART_BYTES, transfer.end - transfer.offset)
+        count = min(PARTS_PER_STEP * PART_BYTES, transfer.end - transfer.offset)
         try:
-            data = self._files.read(transfer.path, transfer.offset, wanted)
+            data = self._files.read(transfer.path, transfer.offset, count)
         except OSError:
             data = b""  # deleted during the transfer
         for at in range(0, len(data), PART_BYTES):
             part = data[at : at + PART_BYTES]
             link.send("LOG_DATA", id=transfer.log, ofs=transfer.offset + at, count=len(part), data=part)
         transfer.offset += len(data)
-        if len(data) < wanted or transfer.offset >= transfer.end:
+        if len(data) < count or transfer.offset >= transfer.end:
             del self._transfers[link.name]
 
 
-def _time_of(day: str, name: str) -> int:
-    """Start time of a log, from its path; 0 if the path has none."""
+def _start_time_s(day: str, name: str) -> int:
+    """Start time of a log (UTC), from its path; 0 if the path contains no time."""
     try:
-        when = datetime.strptime(f"{day}/{name[:8]}", "%Y-%m-%d/%H_%M_%S")
+        start = datetime.strptime(f"{day}/{name[:8]}", "%Y-%m-%d/%H_%M_%S")
     except ValueError:
         return 0
-    return int(when.replace(tzinfo=UTC).timestamp())
+    return int(start.replace(tzinfo=UTC).timestamp())

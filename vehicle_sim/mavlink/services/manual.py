@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class ManualService:
-    """Accepts a joystick from any ground station; the message has a target system but no component."""
+    """Accepts stick input from any ground station; MANUAL_CONTROL has a target system but no component."""
 
     def __init__(self, context: Context) -> None:
         self._context = context

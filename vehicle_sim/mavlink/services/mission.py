@@ -17,7 +17,7 @@ from vehicle_sim.mavlink.services import mission_items as items
 from vehicle_sim.mavlink.services.mission_items import ACCEPTED, ALL, CAPACITY, ERROR, MISSION, NO_SPACE
 
 RETRY_S = 0.26
-"""Measured interval of repeated requests; 0.25 s is configured."""
+"""Recorded interval of repeated requests; PX4 configures 0.25 s."""
 TIMEOUT_S = 5.0
 REACHED_EVERY_S, REACHED_FOR_S = 1.0, 10.0
 CRITICAL_SEVERITY = 2
@@ -46,10 +46,10 @@ class _Transfer:
     kind: int = MISSION
     count: int = 0
     seq: int = 0
-    """The next item, which is expected or requested."""
+    """Index of the next item to receive or to send."""
     items: list[dict[str, Any]] = field(default_factory=list[dict[str, Any]])
     as_int: bool = False
-    """Whether items are requested as MISSION_ITEM_INT: as the partner sent last; at first not, as in PX4."""
+    """Whether items are requested as MISSION_ITEM_INT; follows the partner's last message, at first False."""
     received_s: float = 0.0
     requested_s: float = 0.0
 
@@ -59,26 +59,26 @@ class _Transfer:
 
 
 class MissionService:
-    """MISSION_* for missions, fences and rally points."""
+    """Handles MISSION_* for missions, fences and rally points."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._plans: dict[int, list[dict[str, Any]]] = {kind: [] for kind in CAPACITY}
         self._ids: dict[int, int] = dict.fromkeys(CAPACITY, 0)
-        self._flight = context.autopilot.navigator.mission
+        self._mission = context.autopilot.navigator.mission
         self._reported_reached_count = 0
-        self._reached_again_s = self._reached_until_s = 0.0
+        self._next_reached_at_s = self._reached_until_s = 0.0
         self._transfers: dict[str, _Transfer] = {}
         self.handlers = {
             "MISSION_REQUEST_LIST": self.request_list,
             "MISSION_REQUEST_INT": self.request_item,
             "MISSION_REQUEST": self.request_item,
-            "MISSION_COUNT": self.count,
-            "MISSION_ITEM_INT": self.item,
-            "MISSION_ITEM": self.item,
+            "MISSION_COUNT": self.start_upload,
+            "MISSION_ITEM_INT": self.receive_item,
+            "MISSION_ITEM": self.receive_item,
             "MISSION_CLEAR_ALL": self.clear,
             "MISSION_SET_CURRENT": self.set_current,
-            "MISSION_ACK": self.acknowledged,
+            "MISSION_ACK": self.receive_ack,
         }
 
     def _transfer(self, link: Link) -> _Transfer:
@@ -94,27 +94,28 @@ class MissionService:
         """Sends MISSION_CURRENT, at 1 Hz."""
         count = len(self._plans[MISSION])
         link.send(
-            "MISSION_CURRENT", seq=self._flight.current if count else 0, total=count or 65535,
+            "MISSION_CURRENT", seq=self._mission.current if count else 0, total=count or 65535,
             mission_id=self._ids[MISSION], fence_id=self._ids[items.FENCE],
             rally_points_id=self._ids[items.RALLY],
         )  # fmt: skip
 
     def _send_reached(self) -> None:
-        """Sends MISSION_ITEM_REACHED immediately, then once per second for a while."""
-        flight, now_s = self._flight, self._context.view.time_s
-        if self._reported_reached_count != flight.reached_count:
-            self._reported_reached_count = flight.reached_count
-            if flight.reached is None:
+        """Sends MISSION_ITEM_REACHED; called when an item is reached, then once per second for
+        REACHED_FOR_S."""
+        mission, now_s = self._mission, self._context.view.time_s
+        if self._reported_reached_count != mission.reached_count:
+            self._reported_reached_count = mission.reached_count
+            if mission.reached is None:
                 return
             self._reached_until_s = now_s + REACHED_FOR_S
-        self._reached_again_s = now_s + REACHED_EVERY_S
-        self._context.broadcast("MISSION_ITEM_REACHED", seq=flight.reached)
+        self._next_reached_at_s = now_s + REACHED_EVERY_S
+        self._context.broadcast("MISSION_ITEM_REACHED", seq=mission.reached)
 
     # --- download --------------------------------------------------------------------------------------
 
     def request_list(self, link: Link, message: Message) -> None:
         """Sends the number of items and the plan's id."""
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
         transfer, kind = self._transfer(link), message.mission_type
         if transfer.state is _State.RECEIVING or (transfer.state is _State.SENDING and transfer.seq):
@@ -131,8 +132,8 @@ class MissionService:
         )  # fmt: skip
 
     def request_item(self, link: Link, message: Message) -> None:
-        """Sends one stored item, as MISSION_ITEM or MISSION_ITEM_INT as requested."""
-        if not self._context.is_for_me(message):
+        """Sends one stored item in the requested message, MISSION_ITEM or MISSION_ITEM_INT."""
+        if not self._context.addresses_autopilot(message):
             return
         transfer = self._transfer(link)
         transfer.as_int = message.name == "MISSION_REQUEST_INT"
@@ -164,9 +165,9 @@ class MissionService:
 
     # --- upload ----------------------------------------------------------------------------------------
 
-    def count(self, link: Link, message: Message) -> None:
+    def start_upload(self, link: Link, message: Message) -> None:
         """Starts an upload."""
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
         transfer, kind = self._transfer(link), message.mission_type
         transfer.received_s = self._context.view.time_s
@@ -175,8 +176,8 @@ class MissionService:
             if message.sender == transfer.partner:
                 self._report(BUSY, "mavlink_mission_ignore_mis_count")
             return
-        others = [each for each in self._transfers.values() if each is not transfer]
-        if any(other.state is _State.RECEIVING for other in others):
+        other_transfers = [each for each in self._transfers.values() if each is not transfer]
+        if any(other.state is _State.RECEIVING for other in other_transfers):
             self._ack(link, message.sender, ERROR, kind)
             return
         if message.count > CAPACITY.get(kind, 0):
@@ -191,10 +192,10 @@ class MissionService:
         transfer.count, transfer.seq, transfer.items = message.count, 0, []
         self._request_next(transfer)
 
-    def item(self, link: Link, message: Message) -> None:
-        """Stores the next item of an upload; any other item is ignored, and the expected one is requested
+    def receive_item(self, link: Link, message: Message) -> None:
+        """Stores the next item of an upload; ignores any other item, and requests the expected item
         again."""
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
         transfer = self._transfer(link)
         transfer.as_int = message.name == "MISSION_ITEM_INT"
@@ -211,7 +212,7 @@ class MissionService:
         if message.seq != transfer.seq:
             return
         fields = {name: getattr(message, name) for name in ITEM_FIELDS}
-        result = items.result_of(transfer.kind, fields, as_int=transfer.as_int)
+        result = items.check_item(transfer.kind, fields, as_int=transfer.as_int)
         if result != ACCEPTED:
             transfer.end()
             self._ack(link, message.sender, result, transfer.kind)
@@ -228,8 +229,8 @@ class MissionService:
         self._ack(link, message.sender, ACCEPTED, transfer.kind)
 
     def clear(self, link: Link, message: Message) -> None:
-        """Clears plans; clearing an unknown type succeeds immediately."""
-        if not self._context.is_for_me(message):
+        """Clears plans; clearing an unknown type also succeeds."""
+        if not self._context.addresses_autopilot(message):
             return
         transfer, kind = self._transfer(link), message.mission_type
         if transfer.state is not _State.IDLE:
@@ -243,21 +244,21 @@ class MissionService:
 
     def set_current(self, link: Link, message: Message) -> None:
         """Sets the current item."""
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
         transfer = self._transfer(link)
         if transfer.state is not _State.IDLE:
             self._report("WPM: IGN WP CURR CMD: Busy", "mavlink_mission_state_busy")
         elif message.seq < len(self._plans[MISSION]):
-            self._flight.set_current(message.seq)
+            self._mission.set_current(message.seq)
         else:
             self._report("WPM: WP CURR CMD: Not in list", "mavlink_mission_seq_out_of_bounds")
 
-    def acknowledged(self, link: Link, message: Message) -> None:
-        """Handles MISSION_ACK: a download ends, an upload is cancelled, or the partner does not support the
-        requested message (MISSION_ITEM or MISSION_ITEM_INT)."""
+    def receive_ack(self, link: Link, message: Message) -> None:
+        """Handles MISSION_ACK: ends a download, cancels an upload, or, if the partner does not support the
+        requested message, requests the other one of MISSION_ITEM and MISSION_ITEM_INT."""
         transfer = self._transfer(link)
-        if not self._context.is_for_me(message) or message.sender != transfer.partner:
+        if not self._context.addresses_autopilot(message) or message.sender != transfer.partner:
             return
         if transfer.state is _State.RECEIVING and message.type == items.UNSUPPORTED:
             transfer.as_int = not transfer.as_int
@@ -266,16 +267,16 @@ class MissionService:
         if transfer.state is _State.SENDING or message.type == items.CANCELLED:
             transfer.end()
 
-    # --- time ------------------------------------------------------------------------------------------
+    # --- each step -------------------------------------------------------------------------------------
 
     @property
     def has_pending(self) -> bool:
         """Whether a reached item must be reported."""
-        flight = self._flight
-        if self._reported_reached_count != flight.reached_count:
+        mission = self._mission
+        if self._reported_reached_count != mission.reached_count:
             return True
-        again_s, until_s = self._reached_again_s, self._reached_until_s
-        return flight.reached is not None and again_s <= self._context.view.time_s <= until_s
+        next_s, until_s = self._next_reached_at_s, self._reached_until_s
+        return mission.reached is not None and next_s <= self._context.view.time_s <= until_s
 
     @property
     def busy(self) -> bool:

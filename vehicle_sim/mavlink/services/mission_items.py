@@ -1,4 +1,4 @@
-"""Items that PX4's mission protocol accepts, its result codes for others, and the id of a stored plan."""
+"""Items that PX4's mission protocol accepts, result codes for other items, and the id of a stored plan."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def _crc_table() -> tuple[int, ...]:
 _TABLE = _crc_table()
 
 
-def result_of(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
-    """MAV_MISSION_RESULT of PX4 for an item (fields of MISSION_ITEM or _INT)."""
+def check_item(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
+    """PX4's MAV_MISSION_RESULT for an item (fields of MISSION_ITEM or MISSION_ITEM_INT)."""
     frame, command = item["frame"], item["command"]
     if frame in _GLOBAL_FRAMES or (as_int and frame in _GLOBAL_INT_FRAMES):
         known = command in _WITH_POSITION
@@ -57,12 +57,12 @@ def result_of(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
         return UNSUPPORTED_FRAME
     if not known:
         return UNSUPPORTED
-    return ERROR if misplaced(kind, item) else ACCEPTED
+    return ERROR if is_misplaced(kind, item) else ACCEPTED
 
 
-def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
-    """Whether an item is a fence or rally item in a mission, or has too few polygon vertices; PX4 refuses it
-    without a text."""
+def is_misplaced(kind: int, item: Mapping[str, Any]) -> bool:
+    """Whether an item is a fence or rally item in a mission, or has too few polygon vertices; PX4 refuses
+    both without a text."""
     command = item["command"]
     if kind == MISSION:
         return command in _FENCE_ITEMS or command == _RALLY_POINT
@@ -73,9 +73,9 @@ def misplaced(kind: int, item: Mapping[str, Any]) -> bool:
 
 
 def opaque_id(items: Sequence[Mapping[str, Any]]) -> int:
-    """PX4's id of a plan: a CRC32 over the items, start value and final XOR zero; 0 for no items.
+    """PX4's id of a plan: a CRC32 over the items, with start value and final XOR zero; 0 for an empty plan.
 
-    It covers the items as received: positions in 1e-7 degrees, or in degrees if they were sent as floats.
+    The CRC covers the received fields: positions in 1e-7 degrees, or in degrees if they were sent as floats.
     """
     crc = 0
     for i in items:

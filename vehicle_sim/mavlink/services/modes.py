@@ -10,7 +10,7 @@ SEQUENCES = 256
 
 
 class ModesMonitor:
-    """Sends the message at the first change, and from then on periodically."""
+    """Sends AVAILABLE_MODES_MONITOR at the first change, and then periodically."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -25,4 +25,4 @@ class ModesMonitor:
 
     def _send(self) -> None:
         self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.mode_list_seq % SEQUENCES)
-        self._context.after(EVERY_S, self._send)
+        self._context.call_later(EVERY_S, self._send)

@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class OffboardService:
-    """Receives setpoints from any link; system 0 and component 0 address all."""
+    """Receives setpoints from any link; system 0 and component 0 address all vehicles and components."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -18,12 +18,12 @@ class OffboardService:
             "SET_ATTITUDE_TARGET": self.attitude,
         }
 
-    def _is_for_me(self, message: Message) -> bool:
+    def _addresses_vehicle(self, message: Message) -> bool:
         return message.target_system in (0, self._context.system_id) and message.target_component in (0, 1)
 
     def local(self, link: Link, m: Message) -> None:
         """Handles SET_POSITION_TARGET_LOCAL_NED."""
-        if self._is_for_me(m):
+        if self._addresses_vehicle(m):
             self._context.autopilot.offboard.local(
                 m.coordinate_frame, m.type_mask, (m.x, m.y, m.z), (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz),
                 m.yaw, m.yaw_rate,
@@ -31,7 +31,7 @@ class OffboardService:
 
     def global_int(self, link: Link, m: Message) -> None:
         """Handles SET_POSITION_TARGET_GLOBAL_INT."""
-        if self._is_for_me(m):
+        if self._addresses_vehicle(m):
             self._context.autopilot.offboard.global_int(
                 m.coordinate_frame, m.type_mask, (m.lat_int / 1e7, m.lon_int / 1e7, m.alt),
                 self._context.autopilot.home.alt_amsl_m, (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
@@ -40,7 +40,7 @@ class OffboardService:
 
     def attitude(self, link: Link, m: Message) -> None:
         """Handles SET_ATTITUDE_TARGET: attitude or body rates, with thrust."""
-        if self._is_for_me(m):
+        if self._addresses_vehicle(m):
             q = tuple(m.q)
             self._context.autopilot.offboard.attitude(
                 m.type_mask, (q[0], q[1], q[2], q[3]), (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate),

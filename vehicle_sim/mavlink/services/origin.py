@@ -13,32 +13,32 @@ MIN_ALT_AMSL_M, MAX_ALT_AMSL_M = -12_000.0, 100_000.0
 
 
 class OriginService:
-    """Sets the origin, and replies with the current one whether it changed or not, as MAVLink requires.
+    """Sets the origin, and replies with the current origin even if it has not changed, as MAVLink requires.
 
-    The global position of the vehicle stays the same, so its local position changes. While armed the origin
-    cannot be changed, because setpoints are relative to it.
+    The vehicle's global position stays the same, and its local position changes. While armed the origin
+    cannot be changed, because setpoints are relative to the origin.
     """
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self._requested = False
         self.handlers = {"SET_GPS_GLOBAL_ORIGIN": self.set}
-        context.after(CHECK_EVERY_S, self._check_changed)
+        context.call_later(CHECK_EVERY_S, self._check_changed)
 
     def set(self, link: Link, m: Message) -> None:
         """Handles SET_GPS_GLOBAL_ORIGIN (1e-7 degrees and millimetres)."""
         if m.target_system != self._context.system_id:
             return
         lat_deg, lon_deg, alt_amsl_m = m.latitude * 1e-7, m.longitude * 1e-7, m.altitude * 1e-3
-        possible = (
+        valid = (
             abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and MIN_ALT_AMSL_M < alt_amsl_m < MAX_ALT_AMSL_M
         )
-        if possible and not self._context.autopilot.commander.armed:
-            self._move(lat_deg, lon_deg, alt_amsl_m)
+        if valid and not self._context.autopilot.commander.armed:
+            self._set_origin(lat_deg, lon_deg, alt_amsl_m)
         self._requested = True
-        self._context.later(lambda: self._send(link))
+        self._context.call_soon(lambda: self._send(link))
 
-    def _move(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
+    def _set_origin(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
         view, home = self._context.view, self._context.autopilot.commander.home
         view.simulation.set_origin(view.row, lat_deg, lon_deg, alt_amsl_m)
         home.on_origin_change()
@@ -47,7 +47,7 @@ class OriginService:
         if self._requested:
             return
         if not math.isfinite(self._context.view.origin[0]):
-            self._context.after(CHECK_EVERY_S, self._check_changed)
+            self._context.call_later(CHECK_EVERY_S, self._check_changed)
             return
         for link in self._context.links:
             self._send(link)

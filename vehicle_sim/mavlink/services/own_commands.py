@@ -1,4 +1,4 @@
-"""Sends the autopilot's commands to the vehicle's own components, and executes those for the gimbal."""
+"""Sends the autopilot's commands to the vehicle's components, and executes the gimbal commands."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PARACHUTE_COMPONENT = 161
 
 
 class OwnCommandService:
-    """Sends COMMAND_LONG from the autopilot to component 0 of its own system."""
+    """Sends COMMAND_LONG from the autopilot to all components of the vehicle."""
 
     def __init__(self, context: Context, commands: Mapping[int, Handler]) -> None:
         self._context = context
@@ -39,7 +39,7 @@ class OwnCommandService:
             generation = self._generations.get(command.number, 0) + 1
             self._generations[command.number] = generation
             for repeat in range(REPEATS):
-                self._context.after(
+                self._context.call_later(
                     FIRST_REPEAT_S + repeat * REPEAT_S,
                     lambda n=repeat + 1: self._repeat(command.number, parameters, n, generation),
                 )

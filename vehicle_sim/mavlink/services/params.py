@@ -1,4 +1,4 @@
-"""The parameter protocol as in PX4: integers as bytes of a float, a hash first, no reply to invalid
+"""The parameter protocol as in PX4: integers as bytes of a float, the hash first, no reply to invalid
 requests."""
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ BURST_PER_STEP = 5
 SEND_DELAY_S = 0.01
 SEND_AT_BOOT_S = 1.0
 SAVE_AFTER_S, SAVE_EVERY_S = 0.3, 2.0
-"""Delay of PX4's saving after a change, and minimum interval of saving; until then a value is unsaved."""
-SAME = 1.19e-7
+"""Delay between a change and PX4's saving, and minimum interval between two savings."""
+MIN_CHANGE = 1.19e-7
 """A smaller difference counts as unchanged; a NaN, stored or new, also counts as unchanged."""
 
 
 class ParamService:
-    """PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET."""
+    """Handles PARAM_REQUEST_LIST, PARAM_REQUEST_READ and PARAM_SET."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -58,7 +58,7 @@ class ParamService:
 
     def request_read(self, link: Link, message: Message) -> None:
         """Sends one value, by name or index."""
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
         name = (
             message.param_id if message.param_index == -1 else self._parameters.name_at(message.param_index)
@@ -69,33 +69,33 @@ class ParamService:
     def set(self, link: Link, message: Message) -> None:
         """Stores a value of the correct type; the reply contains the stored value."""
         name = message.param_id
-        if not self._context.is_for_me(message):
+        if not self._context.addresses_autopilot(message):
             return
-        if name == HASH_NAME:  # the ground station already has these values, so the list is not sent
+        if name == HASH_NAME:  # the ground station already has these values and stops the list
             self._lists.pop(link.name, None)
             return
         if name not in self._parameters:
             return
-        integer = self._parameters.type_of(name) == "INT32"
-        if message.param_type != (INT32 if integer else REAL32):
+        is_integer = self._parameters.type_of(name) == "INT32"
+        if message.param_type != (INT32 if is_integer else REAL32):
             return
         raw = struct.pack("<f", message.param_value)
-        value: ParameterValue = struct.unpack("<i", raw)[0] if integer else message.param_value
+        value: ParameterValue = struct.unpack("<i", raw)[0] if is_integer else message.param_value
         self._mark_unsaved(name)
-        planned_at_s = self._send_at_s
-        changed = abs(value - self._parameters.get(name)) > SAME
+        earlier_send_at_s = self._send_at_s
+        changed = abs(value - self._parameters.get(name)) > MIN_CHANGE
         self._parameters.set(name, value)
         if not changed:
-            self._send_at_s = planned_at_s
+            self._send_at_s = earlier_send_at_s
         self._send(link, name)
         self._limits.apply()
 
     def _on_change(self, name: str, _value: ParameterValue) -> None:
-        if self._parameters.change is Change.COUNT:  # no part of the simulation uses a statistic
+        if self._parameters.change is Change.STATISTIC:  # the simulation does not use statistics
             return
-        why = self._context.view.simulation.reload_parameters(self._context.view.row)
-        if why is not None:
-            self._context.autopilot.announcer.text(4, f"{name} stored, not used: {why}"[:200])
+        problem = self._context.view.simulation.reload_parameters(self._context.view.row)
+        if problem is not None:
+            self._context.autopilot.announcer.text(4, f"{name} stored, not used: {problem}"[:200])
         if self._parameters.change is Change.RESET:
             self._unsaved.discard(name)
         else:
@@ -150,9 +150,9 @@ class ParamService:
             index, kind = HASH_INDEX, UINT32
         elif name in parameters:
             stored = parameters.get(name)
-            integer = parameters.type_of(name) == "INT32"
-            value = struct.unpack("<f", struct.pack("<i", int(stored)))[0] if integer else stored
-            index, kind = parameters.index_of(name), INT32 if integer else REAL32
+            is_integer = parameters.type_of(name) == "INT32"
+            value = struct.unpack("<f", struct.pack("<i", int(stored)))[0] if is_integer else stored
+            index, kind = parameters.index_of(name), INT32 if is_integer else REAL32
         else:
             return
         link.send(

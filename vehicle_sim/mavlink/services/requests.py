@@ -19,7 +19,7 @@ REQUEST_CAPABILITIES, REQUEST_PROTOCOL_VERSION, REQUEST_FLIGHT_INFORMATION = 520
 REQUEST_CAMERA_INFORMATION, REQUEST_STORAGE_INFORMATION = 521, 525
 LIBRARY_HASH = (2, 246, 129, 2, 216, 118, 253, 91)
 STORAGE_READY, STORAGE_MIB = 2, 32_768.0
-"""Status and size of the simulated SD card; nothing is stored on it."""
+"""Status and size of the simulated SD card, which stays empty."""
 MAG_CAL_SUCCESS = 4
 NOT_USER_SELECTABLE = 2
 """MAV_MODE_PROPERTY."""
@@ -28,10 +28,10 @@ CAPABILITIES = 321791
 VERSION_1_16_0 = 17826047
 GIT_HASH = (0, 0, 0, 87, 145, 83, 163, 110)
 UID = 0x4954_414C_4449_4E4F
-"""Uid that every PX4 build for Linux reports; it is the same for all vehicles."""
-SILENT_US = {BY_NAME["DEBUG_VECT"].id: 100_000}
-"""Configured streams that never have a value to send."""
-SILENT_STREAMS = frozenset(
+"""Uid that every PX4 build for Linux reports, the same for all vehicles."""
+EMPTY_STREAM_INTERVALS_US = {BY_NAME["DEBUG_VECT"].id: 100_000}
+"""Interval of configured streams that never have a value to send, by message id."""
+EMPTY_STREAMS = frozenset(
     BY_NAME[name].id
     for name in (
         "SCALED_IMU2", "SCALED_IMU3", "SCALED_PRESSURE2", "SCALED_PRESSURE3", "GPS2_RAW",
@@ -89,7 +89,8 @@ class RequestService:
         return ACCEPTED
 
     def request(self, command: Command) -> int:
-        """Sends the message, then accepts; denies unknown messages and messages without new data."""
+        """Handles REQUEST_MESSAGE: sends the message, then accepts; denies messages that are unknown or have
+        no data."""
         msg_id = int(command.p1) if math.isfinite(command.p1) else -1
         link = self._link(command)
         sender = self._senders.get(msg_id)
@@ -105,7 +106,7 @@ class RequestService:
         return ACCEPTED
 
     def set_interval(self, command: Command) -> int:
-        """Sets an interval: negative means off, 0 (or NaN) default, otherwise microseconds."""
+        """Handles SET_MESSAGE_INTERVAL: negative means off, 0 (or NaN) default, otherwise microseconds."""
         if command.p7 != 0.0 and math.isfinite(command.p7):
             return FAILED
         msg_id = int(command.p1) & 0xFFFF if math.isfinite(command.p1) else 0
@@ -117,7 +118,7 @@ class RequestService:
         }
         if layout is None or layout.name in EVENT_DRIVEN:
             return FAILED
-        known = msg_id in self._context.telemetry.ids or msg_id in streamable or msg_id in SILENT_STREAMS
+        known = msg_id in self._context.telemetry.ids or msg_id in streamable or msg_id in EMPTY_STREAMS
         if not known:
             return FAILED
         link, now_us = self._link(command), self._context.view.time_boot_us()
@@ -131,10 +132,11 @@ class RequestService:
         return ACCEPTED
 
     def get_interval(self, command: Command) -> int:
-        """Sends MESSAGE_INTERVAL (0: not streamed), before the acknowledgement."""
+        """Handles GET_MESSAGE_INTERVAL: sends MESSAGE_INTERVAL (0: not streamed) before the
+        acknowledgement."""
         msg_id = int(command.p1) if math.isfinite(command.p1) else 0
         link = self._link(command)
-        interval_us = link.interval_us(msg_id) or SILENT_US.get(msg_id, 0)
+        interval_us = link.interval_us(msg_id) or EMPTY_STREAM_INTERVALS_US.get(msg_id, 0)
         link.send("MESSAGE_INTERVAL", message_id=msg_id & 0xFFFF, interval_us=interval_us)
         return ACCEPTED
 
@@ -160,10 +162,10 @@ class RequestService:
         return True
 
     def _available_modes(self, link: Link, command: Command) -> bool:
-        wanted = int(command.p2) if math.isfinite(command.p2) else 0
-        modes = [mode for mode in LISTED if wanted in (0, mode.index)]
+        index = int(command.p2) if math.isfinite(command.p2) else 0
+        modes = [mode for mode in LISTED if index in (0, mode.index)]
         for mode in modes:
-            properties, name = self._listed(mode)
+            properties, name = self._properties_and_name(mode)
             link.send(
                 "AVAILABLE_MODES", number_modes=len(LISTED), mode_index=mode.index,
                 standard_mode=mode.standard_mode, custom_mode=mode.custom_mode, properties=properties,
@@ -171,9 +173,9 @@ class RequestService:
             )  # fmt: skip
         return bool(modes)
 
-    def _listed(self, mode: Mode) -> tuple[int, str]:
-        """Properties and name of a mode; a registered external mode has its own, a replaced mode is
-        hidden."""
+    def _properties_and_name(self, mode: Mode) -> tuple[int, str]:
+        """Properties and name of a mode: for a registered external mode those of its registration; a replaced
+        mode cannot be selected."""
         external = self._context.autopilot.commander.external
         registered = external.mode(mode.state)
         if registered is not None:

@@ -20,7 +20,7 @@ REPLY, RESPOND = 1, 2
 """SERIAL_CONTROL_FLAG."""
 PART_BYTES = 70
 MAX_WAITING_BYTES = 200_000
-"""Maximum of output bytes that wait to be sent; more is discarded."""
+"""Maximum of output bytes that wait to be sent; further output is discarded."""
 
 
 class Terminal(Protocol):
@@ -45,17 +45,17 @@ class _Session:
     """The console session of one link."""
 
     console: Terminal
-    to: tuple[int, int]
+    client: tuple[int, int]
     waiting: bytearray = field(default_factory=bytearray)
 
 
 class ShellService:
-    """One console for each link, opened by its first bytes."""
+    """One console for each link, opened by the first bytes that a client sends."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         self.console: Callable[[], Terminal] | None = None
-        """Creates a console; None: the vehicle has none."""
+        """Creates a console; None: the vehicle has no console."""
         self._sessions: dict[str, _Session] = {}
         self.handlers = {"SERIAL_CONTROL": self.receive}
 
@@ -76,32 +76,32 @@ class ShellService:
         if count:
             if session is None:
                 session = self._sessions[link.name] = _Session(self.console(), message.sender)
-            session.to = message.sender
+            session.client = message.sender
             text = bytes(message.data[:count]).decode("utf-8", "replace")
-            self._show(session, session.console.type(text))
+            self._queue_output(session, session.console.type(text))
         if not message.flags & RESPOND:
             self._sessions.pop(link.name, None)
 
     def step(self) -> None:
         """Sends pending console output."""
         open_links = {link.name for link in self._context.links}
-        for gone in self._sessions.keys() - open_links:
-            del self._sessions[gone]
+        for closed in self._sessions.keys() - open_links:
+            del self._sessions[closed]
         for link in self._context.links:
             session = self._sessions.get(link.name)
             if session is None:
                 continue
             if session.console.busy:
-                self._show(session, session.console.step())
+                self._queue_output(session, session.console.step())
             if session.waiting:
                 part = bytes(session.waiting[:PART_BYTES])
                 del session.waiting[:PART_BYTES]
                 link.send(
                     "SERIAL_CONTROL", device=SHELL, flags=REPLY, count=len(part), data=part,
-                    target_system=session.to[0], target_component=session.to[1],
+                    target_system=session.client[0], target_component=session.client[1],
                 )  # fmt: skip
 
     @staticmethod
-    def _show(session: _Session, text: str) -> None:
-        room = MAX_WAITING_BYTES - len(session.waiting)
-        session.waiting += text.encode("utf-8")[: max(0, room)]
+    def _queue_output(session: _Session, text: str) -> None:
+        free_bytes = MAX_WAITING_BYTES - len(session.waiting)
+        session.waiting += text.encode("utf-8")[: max(0, free_bytes)]

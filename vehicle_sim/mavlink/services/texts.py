@@ -15,30 +15,32 @@ RESET = 1
 
 
 class TextService:
-    """STATUSTEXT, EVENT, CURRENT_EVENT_SEQUENCE, REQUEST_EVENT."""
+    """Sends STATUSTEXT, EVENT and CURRENT_EVENT_SEQUENCE, and handles REQUEST_EVENT."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
         context.autopilot.announcer.add_listener(self._send)
         self.handlers = {"REQUEST_EVENT": self.request}
 
-    def _send(self, item: StatusText | Event) -> None:
-        if isinstance(item, Event):
-            self._context.broadcast("EVENT", **_event_fields(item))
+    def _send(self, announcement: StatusText | Event) -> None:
+        if isinstance(announcement, Event):
+            self._context.broadcast("EVENT", **_event_fields(announcement))
             return
-        chunks = [item.text[at : at + CHUNK] for at in range(0, len(item.text), CHUNK)] or [""]
+        chunks = [announcement.text[at : at + CHUNK] for at in range(0, len(announcement.text), CHUNK)] or [
+            ""
+        ]
         for link in self._context.links:
             if not self._context.gcs_connected(link):
                 continue
             for number, chunk in enumerate(chunks):
                 link.send(
-                    "STATUSTEXT", severity=item.severity, text=chunk, chunk_seq=number,
-                    id=item.id,
+                    "STATUSTEXT", severity=announcement.severity, text=chunk, chunk_seq=number,
+                    id=announcement.id,
                 )  # fmt: skip
 
     def request(self, link: Link, message: Message) -> None:
-        """Repeats stored events, or reports which are no longer stored."""
-        if not self._context.is_for_me(message):
+        """Repeats requested events, or reports that an event is no longer stored."""
+        if not self._context.addresses_autopilot(message):
             return
         recent = self._context.autopilot.announcer.recent
         stored = {event.sequence: event for event in recent}
@@ -55,14 +57,14 @@ class TextService:
                     sequence_oldest_available=oldest,
                 )  # fmt: skip
 
-    def current_sequence(self, link: Link, flags: int = 0) -> None:
+    def send_current_sequence(self, link: Link, flags: int = 0) -> None:
         """Sends CURRENT_EVENT_SEQUENCE, so that a receiver can detect a gap."""
         sequence = self._context.autopilot.announcer.sequence
         link.send("CURRENT_EVENT_SEQUENCE", sequence=sequence, flags=flags)
 
     def start_event_sequence(self, link: Link) -> None:
         """Called when a ground station connects on a link for the first time: its event sequence is reset."""
-        self.current_sequence(link, RESET)
+        self.send_current_sequence(link, RESET)
 
 
 def _event_fields(event: Event) -> dict[str, Any]:

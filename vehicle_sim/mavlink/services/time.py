@@ -8,7 +8,7 @@ from vehicle_sim.mavlink.link import Link
 
 
 class TimeService:
-    """Answers requests of TIMESYNC and PING, and sends requests."""
+    """Replies to TIMESYNC and PING requests, and sends requests."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -31,7 +31,7 @@ class TimeService:
             )  # fmt: skip
 
     def send_timesync(self, link: Link) -> None:
-        """Requests the other side's time."""
+        """Sends a TIMESYNC request."""
         link.send("TIMESYNC", ts1=self._context.view.time_boot_us() * 1000)
 
     def send_ping(self, link: Link) -> None:

@@ -1,4 +1,4 @@
-"""Messages about home, the local origin, remote identification and the return path."""
+"""Messages about home, the local origin, the orbit, remote identification and the return."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ ON_GROUND, AIRBORNE, EMERGENCY = 1, 2, 3
 """MAV_ODID_STATUS."""
 
 
-class PlaceMessages(MessageGroup):
-    """Builders of messages about fixed positions."""
+class NavigationMessages(MessageGroup):
+    """Builders of messages about home, origin, orbit, remote identification and return."""
 
     def home_position(self) -> bytes | None:
         home = self._autopilot.home
@@ -108,12 +108,12 @@ class PlaceMessages(MessageGroup):
         )[1]
 
     def time_estimate_to_target(self) -> bytes:
-        """Only the time to home, increased by RTL_TIME_*."""
+        """Contains only the time to home, increased by RTL_TIME_*."""
         seconds = 0
         if self._autopilot.commander.armed and self._autopilot.home.valid:
             view = self._view
-            return_s = self._autopilot.navigator.return_duration_s
-            seconds = int(return_s * view.parameter("RTL_TIME_FACTOR") + view.choice("RTL_TIME_MARGIN"))
+            duration_s = self._autopilot.navigator.return_duration_s
+            seconds = int(duration_s * view.parameter("RTL_TIME_FACTOR") + view.choice("RTL_TIME_MARGIN"))
         return pack(
             "TIME_ESTIMATE_TO_TARGET", safe_return=seconds, land=-1, mission_next_item=-1, mission_end=-1,
             commanded_action=-1,
