@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 from vehicle_sim.options import parse
 from vehicle_sim.run import run_shard
-from vehicle_sim.worker_pool import processes_for, run_workers, split_fleet
+from vehicle_sim.worker_pool import process_count, run_workers, split_fleet
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs until the process receives a stop signal; returns 1 if no port could be opened."""
     argv = sys.argv[1:] if argv is None else argv
     arguments = parse(argv)
-    parts = split_fleet(arguments.instances, arguments.processes or processes_for(arguments.instances))
+    parts = split_fleet(arguments.instances, arguments.processes or process_count(arguments.instances))
     return run_shard(argv, parts[0]) if len(parts) == 1 else run_workers(run_shard, argv, parts)
 
 

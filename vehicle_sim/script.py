@@ -8,9 +8,9 @@
       - {above_m: 15, battery_percent: 12}
       - {when: landed, gps: ok, link: {name: gcs, up: true}}
       - {at_s: 60, driver: {name: sensor_baro_sim, runs: false}}
-      - {when: disarmed, side_down: left}                placed on its left side, for a calibration
+      - {when: disarmed, side_down: left}                placed on the left side, for a calibration
 
-Each event happens once for each vehicle, in the step in which its time or state is reached.
+Each event happens once for each vehicle, in the step that reaches the event's time or state.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MAX_TIME_S = 1e6
 
 
 class HasSystemId(Protocol):
-    """A vehicle with its MAVLink system id."""
+    """A vehicle with a MAVLink system id."""
 
     @property
     def system_id(self) -> int:
@@ -49,14 +49,14 @@ class HasSystemId(Protocol):
 
 
 class Fleet(Protocol):
-    """The part of a simulated fleet that a script works on."""
+    """The part of a simulated fleet that a script uses."""
 
     simulation: Simulation
     autopilots: list[Autopilot]
 
     @property
     def nodes(self) -> Sequence[HasSystemId]:
-        """One for each vehicle."""
+        """One node for each vehicle."""
         ...
 
     @property
@@ -69,7 +69,7 @@ class Fleet(Protocol):
         ...
 
     def set_parameter(self, row: int, name: str, value: ParameterValue) -> None:
-        """A parameter changed from outside."""
+        """Changes a parameter of a vehicle."""
         ...
 
 
@@ -83,10 +83,13 @@ class Event:
     at_s: float | None
     """Time since boot; None: `state` is the condition."""
     state: str
+    """State or mode that is the condition; empty: `at_s` or `above_m` is the condition."""
     above_m: float | None
+    """True altitude above home; None: not the condition."""
     after_s: float
+    """Delay between the condition and the actions."""
     vehicles: tuple[int, ...]
-    """System ids; empty: all."""
+    """System ids; empty: all vehicles."""
     actions: tuple[Action, ...]
 
     def is_reached(self, sim: Fleet, row: int) -> bool:
@@ -122,7 +125,7 @@ class ScriptRunner:
     def __init__(self, script: Script, sim: Fleet) -> None:
         self._sim = sim
         self._waiting: list[tuple[Event, int, list[float]]] = []
-        """Event, row, and time when the event's state was reached (empty list: not yet)."""
+        """Event, row, and the time when the condition became true (empty list: not yet)."""
         for event in script.events:
             rows = [
                 n
@@ -130,7 +133,7 @@ class ScriptRunner:
                 if not event.vehicles or node.system_id in event.vehicles
             ]
             self._waiting += [(event, row, []) for row in rows]
-        self._flown = [False] * len(sim.nodes)
+        self._has_flown = [False] * len(sim.nodes)
 
     def step(self) -> None:
         """Executes the events that are due."""
@@ -138,7 +141,7 @@ class ScriptRunner:
             return
         now_s = self._sim.time_s
         for row, autopilot in enumerate(self._sim.autopilots):
-            self._flown[row] = self._flown[row] or (
+            self._has_flown[row] = self._has_flown[row] or (
                 autopilot.commander.armed and not autopilot.commander.landed
             )
         waiting: list[tuple[Event, int, list[float]]] = []
@@ -147,7 +150,7 @@ class ScriptRunner:
             if (
                 not since
                 and event.is_reached(self._sim, row)
-                and (event.state != "landed" or self._flown[row])
+                and (event.state != "landed" or self._has_flown[row])
             ):
                 since.append(now_s)
             if since and now_s >= since[0] + event.after_s - 1e-9:
@@ -162,16 +165,16 @@ def load_script(path: str) -> Script:
     """The script of a file.
 
     Raises:
-        FileProblem: the file cannot be used; the text names line, field and fix.
+        FileProblem: the file is invalid; the text names line, field and fix.
     """
-    return script_of(read_yaml(Path(path)))
+    return script_from_fields(read_yaml(Path(path)))
 
 
-def script_of(fields: Fields) -> Script:
+def script_from_fields(fields: Fields) -> Script:
     """The script that a parsed file describes.
 
     Raises:
-        FileProblem: a field is missing, unknown or impossible.
+        FileProblem: a field is missing, unknown or invalid.
     """
     name = fields.text("name", "script")
     if not fields.has("events"):
@@ -182,11 +185,11 @@ def script_of(fields: Fields) -> Script:
 
 
 def _event(fields: Fields) -> Event:
-    given = [key for key in ("at_s", "when", "above_m") if fields.has(key)]
-    if len(given) != 1:
+    conditions = [key for key in ("at_s", "when", "above_m") if fields.has(key)]
+    if len(conditions) != 1:
         raise fields.problem(None, "needs one of at_s, when, above_m, to say when it happens")
     at_s = fields.number("at_s", 0.0, low=0.0, high=MAX_TIME_S)
-    state = fields.text("when", "", choices=() if "when" not in given else (*STATES, *MODES))
+    state = fields.text("when", "", choices=() if "when" not in conditions else (*STATES, *MODES))
     above_m = fields.number("above_m", 0.0, low=-500, high=20_000)
     after_s = fields.number("after_s", 0.0, low=0.0, high=MAX_TIME_S)
     vehicles = _vehicles(fields)
@@ -195,9 +198,9 @@ def _event(fields: Fields) -> Event:
     if not actions:
         raise fields.problem(None, f"does nothing; give one of {', '.join(ACTIONS)}")
     return Event(
-        at_s if "at_s" in given else None,
+        at_s if "at_s" in conditions else None,
         state,
-        above_m if "above_m" in given else None,
+        above_m if "above_m" in conditions else None,
         after_s,
         vehicles,
         actions,
@@ -234,27 +237,27 @@ def _gps_offset(fields: Fields) -> Action:
 
 
 def _driver(fields: Fields) -> Action:
-    inside = fields.mapping("driver")
-    if inside is None:
+    nested = fields.mapping("driver")
+    if nested is None:
         raise fields.problem("driver", "must be {name: sensor_gps_sim, runs: false}")
-    driver = Driver(inside.text("name", choices=tuple(each.value for each in Driver)))
-    runs = inside.flag("runs", False)
-    inside.finish()
+    driver = Driver(nested.text("name", choices=tuple(each.value for each in Driver)))
+    runs = nested.flag("runs", False)
+    nested.finish()
     return lambda sim, row: sim.simulation.set_driver(row, driver, runs)
 
 
 def _side(fields: Fields) -> Action:
     side = Side(fields.text("side_down", choices=tuple(each.value for each in Side)))
     q_ned_frd = quaternion_from_euler(*side.roll_pitch_rad, 0.0)
-    return lambda sim, row: sim.simulation.turn_by_hand(row, q_ned_frd)
+    return lambda sim, row: sim.simulation.turn_disarmed(row, q_ned_frd)
 
 
 def _motor(fields: Fields) -> Action:
-    inside = fields.mapping("motor")
-    if inside is None:
+    nested = fields.mapping("motor")
+    if nested is None:
         raise fields.problem("motor", "must be {number: 1, works: false}")
-    number, works = inside.integer("number", low=1, high=4), inside.flag("works", False)
-    inside.finish()
+    number, works = nested.integer("number", low=1, high=4), nested.flag("works", False)
+    nested.finish()
 
     def act(sim: Fleet, row: int) -> None:
         sim.simulation.motor_health[row, number - 1] = 1.0 if works else 0.0
@@ -263,8 +266,8 @@ def _motor(fields: Fields) -> Action:
 
 
 def _battery(fields: Fields) -> Action:
-    part = fields.number("battery_percent", low=0.0, high=100.0) / 100.0
-    return lambda sim, row: sim.simulation.set_battery_remaining(row, part)
+    charge = fields.number("battery_percent", low=0.0, high=100.0) / 100.0
+    return lambda sim, row: sim.simulation.set_battery_remaining(row, charge)
 
 
 def _wind(fields: Fields) -> Action:
@@ -283,24 +286,24 @@ def _noise(fields: Fields) -> Action:
 
 
 def _link(fields: Fields) -> Action:
-    inside = fields.mapping("link")
-    if inside is None:
+    nested = fields.mapping("link")
+    if nested is None:
         raise fields.problem("link", "must be {name: gcs, up: false}")
-    name, up = inside.text("name", "all", choices=LINK_NAMES), inside.flag("up", False)
-    inside.finish()
+    name, up = nested.text("name", "all", choices=LINK_NAMES), nested.flag("up", False)
+    nested.finish()
     return lambda sim, row: sim.set_link_up(row, name, up)
 
 
 def _parameter(fields: Fields) -> Action:
-    inside = fields.mapping("parameter")
-    if inside is None:
+    nested = fields.mapping("parameter")
+    if nested is None:
         raise fields.problem("parameter", "must be {name: …, value: …}")
-    name, value = inside.text("name"), inside.number("value", low=-math.inf, high=math.inf)
+    name, value = nested.text("name"), nested.number("value", low=-math.inf, high=math.inf)
     try:
         Parameters({name: value})
     except (UnknownParameterError, ValueError) as error:
-        raise inside.problem("name", f"cannot be set: {error}") from None
-    inside.finish()
+        raise nested.problem("name", f"cannot be set: {error}") from None
+    nested.finish()
 
     def act(sim: Fleet, row: int) -> None:
         sim.set_parameter(row, name, value)

@@ -1,4 +1,4 @@
-"""Main loop of a fleet: reads the sockets, advances simulated time at the requested speed, writes the
+"""Main loop of a fleet: reads the sockets, advances simulated time at the requested speed, and writes the
 sockets."""
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ MAX_CYCLE_S = 0.02
 """Maximum simulated time in one cycle at any speed: the period of the fastest streams."""
 LOCKSTEP_WAIT_S = 0.05
 MAX_CATCH_UP_S = 0.1
-"""Maximum simulated time in one cycle after a delay; on a machine that is too slow, simulated time falls
+"""Maximum simulated time in one cycle after a delay; on a slow machine, simulated time falls
 behind real time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """Ports of instance 0; instance N adds N to each, except to the GCS's own port. 0: none."""
+    """Ports of instance 0; instance N adds N to each port except `gcs_remote`. 0: no such link."""
 
     gcs_local: int = 18570
     gcs_remote: int = 14550
@@ -45,14 +45,14 @@ class VehiclePorts:
 
 
 class SimServer:
-    """Vehicles with their sockets. `fleet` must have been created without links."""
+    """Vehicles with their sockets; create `fleet` without links."""
 
     def __init__(
         self, fleet: VehicleSim, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
     ) -> None:
         self.fleet = fleet
         self._selector = selectors.DefaultSelector()
-        """Only readable sockets are read, because few vehicles of a large fleet receive messages."""
+        """Selects readable sockets, because few vehicles of a large fleet receive messages."""
         self._registered: dict[UdpTransport | TcpServer, socket.socket] = {}
         self.vehicles = [
             self._open(row, first_instance + row, ports, bind, gcs_host) for row in range(len(fleet.nodes))
@@ -88,30 +88,30 @@ class SimServer:
                 lambda: TcpServer(
                     bind,
                     ports.tcp + n,
-                    lambda: self._connected(row, vehicle),
-                    lambda: self._disconnected(row, vehicle),
+                    lambda: self._on_tcp_connect(row, vehicle),
+                    lambda: self._on_tcp_disconnect(row, vehicle),
                 ),
             )
         return vehicle
 
     def _register(self, row: int, name: str, transport: UdpTransport | TcpServer) -> None:
-        before = self._registered.get(transport)
-        if before is not None:
-            self._selector.unregister(before)
+        registered = self._registered.get(transport)
+        if registered is not None:
+            self._selector.unregister(registered)
         self._registered[transport] = transport.readable
         self._selector.register(transport.readable, selectors.EVENT_READ, (row, name, transport))
 
-    def _connected(self, row: int, vehicle: VehiclePorts) -> None:
+    def _on_tcp_connect(self, row: int, vehicle: VehiclePorts) -> None:
         tcp = vehicle.transports["tcp"]
         self.fleet.add_link(row, "tcp", "gcs").ports = (tcp.port, None)
         self._register(row, "tcp", tcp)
 
-    def _disconnected(self, row: int, vehicle: VehiclePorts) -> None:
+    def _on_tcp_disconnect(self, row: int, vehicle: VehiclePorts) -> None:
         self.fleet.remove_link(row, "tcp")
         self._register(row, "tcp", vehicle.transports["tcp"])
 
     def stop_when_readable(self, descriptor: int) -> None:
-        """Makes `run` return when this descriptor becomes readable, which means that the parent process has
+        """Makes `run` return when this descriptor becomes readable, because the parent process has
         ended."""
         self._selector.register(descriptor, selectors.EVENT_READ, None)
 
@@ -120,10 +120,10 @@ class SimServer:
         self._stopping = True
 
     def run(self, speed: float, duration_s: float = math.inf) -> None:
-        """Simulates until stopped, or for `duration_s` of simulated time; `speed` 1 is real time, inf is full
+        """Simulates until `stop`, or for `duration_s` of simulated time; `speed` 1 is real time, inf is full
         speed."""
         self._end_s = self.fleet.time_s + duration_s
-        for node in self.fleet.nodes:  # timeouts of the ground station are in real time
+        for node in self.fleet.nodes:  # the timeout of a ground station is real time
             node.context.gcs_timeout_s = GCS_TIMEOUT_S * max(1.0, speed)
         if math.isinf(speed):
             self._run_full_speed()
@@ -131,11 +131,11 @@ class SimServer:
             self._run_at(speed)
 
     def run_in_lockstep(self, duration_s: float = math.inf) -> None:
-        """Advances time only on a client's request, and notifies the client when that time is reached."""
+        """Advances time only to the time that a client requests, and then notifies the client."""
         self._end_s = self.fleet.time_s + duration_s
         lockstep: Lockstep = Lockstep()
         wait_s = 0.0
-        while not self._finished:
+        while not self._is_over:
             self._receive(wait_s, lockstep)
             request = lockstep.take()
             if request is not None:
@@ -143,7 +143,7 @@ class SimServer:
                     max(0.0, request.time_s - self.fleet.time_s) / self.fleet.simulation.dt_s - 1e-6
                 )
                 for _ in range(steps):
-                    if self._finished:
+                    if self._is_over:
                         break
                     self.fleet.step(self.fleet.simulation.dt_s)
                 self.fleet.send_time(request.row, request.link)
@@ -151,34 +151,34 @@ class SimServer:
             wait_s = LOCKSTEP_WAIT_S if request is None else 0.0
 
     @property
-    def _finished(self) -> bool:
+    def _is_over(self) -> bool:
         return self._stopping or self.fleet.time_s >= self._end_s - 1e-9
 
     def _run_full_speed(self) -> None:
-        while not self._finished:
+        while not self._is_over:
             self._receive(0.0)
             self.fleet.step(MAX_CYCLE_S)
             self._send()
 
     def _run_at(self, speed: float) -> None:
         started = time.monotonic()
-        begun_s = self.fleet.time_s
+        start_s = self.fleet.time_s
         wait_s = 0.0
-        while not self._finished:
+        while not self._is_over:
             self._receive(wait_s)
-            target_s = begun_s + (time.monotonic() - started) * speed
+            target_s = start_s + (time.monotonic() - started) * speed
             backlog_s = target_s - self.fleet.time_s
             if backlog_s > MAX_CATCH_UP_S * max(1.0, speed):
                 lost_s = backlog_s - MAX_CATCH_UP_S * max(1.0, speed)
                 self.behind_s += lost_s / speed
-                begun_s -= lost_s
+                start_s -= lost_s
                 backlog_s -= lost_s
             steps = int(backlog_s / self.fleet.simulation.dt_s)
             if steps > 0:
                 self.fleet.step(steps * self.fleet.simulation.dt_s)
             self._send()
             used_s = time.monotonic() - started
-            due_s = (self.fleet.time_s + min(CYCLE_S * speed, MAX_CYCLE_S) - begun_s) / speed - used_s
+            due_s = (self.fleet.time_s + min(CYCLE_S * speed, MAX_CYCLE_S) - start_s) / speed - used_s
             wait_s = max(0.0, min(CYCLE_S, due_s))
 
     def close(self) -> None:
@@ -189,7 +189,7 @@ class SimServer:
         self._selector.close()
 
     def _receive(self, wait_s: float, lockstep: Lockstep | None = None) -> None:
-        """Passes received data to the fleet; without data it waits up to `wait_s`."""
+        """Passes received data to the fleet; waits up to `wait_s` for data."""
         for key, _ in self._selector.select(wait_s):
             if key.data is None:
                 self._stopping = True

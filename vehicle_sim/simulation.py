@@ -1,8 +1,8 @@
-"""The simulated vehicles without their autopilots: bodies, sensors, estimators and controllers.
+"""The simulated vehicles without autopilots: bodies, sensors, estimators and controllers.
 
-One `step()` advances all N vehicles by 4 ms, part by part in a fixed order. There is no clock: time is the
-step count. Between two steps the autopilot reads `estimate`, `sensors` and `battery`, and writes `setpoints`;
-it never reads `truth`.
+One `step()` advances all N vehicles by 4 ms, module by module in a fixed order. The simulation has no clock:
+time is the step count. Between two steps the autopilot reads `estimate`, `sensors` and `battery`, and writes
+`setpoints`; the autopilot never reads `truth`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from vehicle_sim.state import (
     TargetState,
     TruthState,
     VehicleEstimate,
-    estimates_of,
+    vehicle_estimates,
 )
 from vehicle_sim.world.contact import Collision, Contact
 from vehicle_sim.world.lidar import Lidar
@@ -68,12 +68,12 @@ class Simulation:
     Args:
         count: number of vehicles.
         parameters: one store for each vehicle; default: PX4's boot values.
-        seed: of sensor noise and gusts.
-        first_vehicle: number of the first vehicle; noise and gusts of a vehicle depend only on the seed and
-            its number.
+        seed: seed of sensor noise and gusts.
+        first_vehicle: number of the first vehicle; noise and gusts of a vehicle depend only on seed and
+            number.
         home: global position of local NED (0, 0, 0).
         start_ned_m: (N, 3) start position of each vehicle; default: a row to the east, 3 m apart.
-        yaw_ned_rad: (N,) headings at start; default: north.
+        yaw_ned_rad: (N,) start headings; default: north.
         wind_ned_m_s: (3,) or (N, 3) steady wind; it acts through the drag.
         sensor_noise: False: no noise (for tests of exact equality).
         world: ground and obstacles; default: flat and empty, as PX4's own simulation.
@@ -107,9 +107,9 @@ class Simulation:
         self.parameters: tuple[Parameters, ...] = tuple(stores)
         self.setpoints = Setpoints.idle(count)
         self.steps = 0
-        """Since boot."""
+        """Number of steps since boot."""
         self.time_s = 0.0
-        """Seconds since boot: the step count times the step."""
+        """Seconds since boot: the step count times the step length."""
         self._estimates: list[VehicleEstimate] | None = None
         self._start_ned_m = row_east(count) if start_ned_m is None else np.array(start_ned_m, dtype=float)
         self._start_yaw_rad = np.zeros(count) if yaw_ned_rad is None else np.array(yaw_ned_rad, dtype=float)
@@ -166,7 +166,7 @@ class Simulation:
     def estimates(self) -> list[VehicleEstimate]:
         """`estimate` as plain numbers, one row for each vehicle."""
         if self._estimates is None:
-            self._estimates = estimates_of(self._estimator.state)
+            self._estimates = vehicle_estimates(self._estimator.state)
         return self._estimates
 
     @property
@@ -176,7 +176,7 @@ class Simulation:
 
     @property
     def target(self) -> TargetState:
-        """Setpoints that the controllers follow."""
+        """Setpoints that the controllers apply."""
         return self._cascade.target
 
     @property
@@ -228,22 +228,22 @@ class Simulation:
 
     def take_collisions(self) -> list[Collision]:
         """The collisions since the last call."""
-        taken, self._collisions = self._collisions, []
-        return taken
+        collisions, self._collisions = self._collisions, []
+        return collisions
 
     def distance_down_m(self, i: int) -> float:
-        """Range of vehicle `i`'s range finder along the body's down axis; NaN out of range."""
+        """Distance along the body's down axis from vehicle `i`'s range finder; NaN: out of range."""
         return float(self._distances_down_m()[i])
 
     def _distances_down_m(self) -> FloatArray:
-        return self._range_finder.measured_m(self._lidar.down_m(self.steps, self._bodies.matrix))
+        return self._range_finder.measure_m(self._lidar.down_m(self.steps, self._bodies.matrix))
 
     def distance_forward_m(self, i: int) -> float:
-        """Range of vehicle `i`'s forward lidar (`World.lidars`)."""
+        """Distance from vehicle `i`'s forward lidar (`World.lidars`)."""
         return float(self._lidar.forward_m(self.steps, self._bodies.matrix)[i])
 
     def distances_around_m(self, i: int) -> FloatArray:
-        """(72,) ranges of vehicle `i`'s 360° lidar, clockwise from the nose (`World.lidars`)."""
+        """(72,) distances from vehicle `i`'s 360° lidar, clockwise from the nose (`World.lidars`)."""
         return self._lidar.around_m(self.steps, self._bodies.matrix)[i]
 
     def reset_vehicle(self, i: int) -> None:
@@ -274,11 +274,11 @@ class Simulation:
         self._sensors.set_gps_enabled(i, enabled)
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Sets whether the GPS receiver of vehicle `i` only repeats its last fix (`stuck`)."""
+        """Sets whether the GPS receiver of vehicle `i` repeats its last fix (`stuck`)."""
         self._sensors.set_gps_stuck(i, stuck)
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
-        """Adds an offset (3,) to the GPS position of vehicle `i`: a glitch."""
+        """Adds an offset (3,) to the GPS position of vehicle `i`, to simulate a glitch."""
         self._sensors.set_gps_offset(i, offset_ned_m)
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
@@ -289,13 +289,13 @@ class Simulation:
         """Whether the driver of a simulated sensor of vehicle `i` runs."""
         return self._sensors.driver_runs(i, driver)
 
-    def turn_by_hand(self, i: int, q_ned_frd: FloatArray) -> None:
+    def turn_disarmed(self, i: int, q_ned_frd: FloatArray) -> None:
         """Sets the attitude of vehicle `i` at its position; ignored while armed."""
         if not self.setpoints.armed[i]:
             self._bodies.set_attitude(i, q_ned_frd)
 
     def add_vision(self, i: int, sample: VisionSample) -> None:
-        """Passes an external measurement of vehicle `i` to its estimator (EKF2_EV_CTRL)."""
+        """Passes an external measurement to the estimator of vehicle `i` (EKF2_EV_CTRL)."""
         self._estimator.add_vision(i, sample)
 
     def set_origin(self, i: int, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> None:
@@ -304,17 +304,17 @@ class Simulation:
         self._estimates = None
 
     def set_wind(self, wind_ned_m_s: FloatArray, i: int | None = None) -> None:
-        """Sets the steady wind: (3,) for vehicle `i`, or (3,) or (N, 3) for all."""
+        """Sets the steady wind: (3,) for vehicle `i`; (3,) or (N, 3) for all vehicles."""
         rows = slice(None) if i is None else i
         self._wind.steady_ned_m_s[rows] = np.asarray(wind_ned_m_s, dtype=float)
         self._bodies.wind_ned_m_s[rows] = self._wind.steady_ned_m_s[rows]
 
     def set_gusts(self, sigma_m_s: float, i: int | None = None) -> None:
-        """Sets gusts on top of the steady wind; 0 ends them.
+        """Sets gusts in addition to the steady wind; 0 ends the gusts.
 
         Args:
             sigma_m_s: standard deviation of each horizontal axis.
-            i: for this vehicle only.
+            i: the vehicle; None: all vehicles.
 
         Raises:
             ValueError: negative or not a number.
@@ -335,8 +335,8 @@ class Simulation:
         """Applies changed parameters of vehicle `i` (gains, limits, airframe, battery).
 
         Returns:
-            None, or why the parameters are not a valid airframe (SIH_MASS 0, rotors in a line); the old ones
-                then stay in use.
+            None, or why the parameters are not a valid airframe (SIH_MASS 0, rotors in a line); the old
+                values then stay in use.
         """
         try:
             self._apply_parameters(i)

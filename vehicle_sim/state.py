@@ -2,7 +2,7 @@
 
 `TruthState` belongs to the physics. The estimator reads only `SensorState`, and the autopilot reads only
 `EstimateState`. Frames are NED and FRD, units SI; quaternions are (w, x, y, z) and rotate FRD to NED. Arrays
-are overwritten in place every step: read them, do not keep references.
+are overwritten in place every step; do not keep references to single rows.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ class TruthState:
     velocity_ned_m_s: FloatArray
     """(N, 3)."""
     acceleration_ned_m_s2: FloatArray
-    """(N, 3) of the body relative to the ground, including gravity (zero at rest)."""
+    """(N, 3) acceleration relative to the ground, including gravity (zero at rest)."""
     q_ned_frd: FloatArray
     """(N, 4)."""
     rates_frd_rad_s: FloatArray
     """(N, 3)."""
     rotor_thrust: FloatArray
-    """(N, 4) each rotor's thrust as a part of SIH_T_MAX, 0..1, including motor lag."""
+    """(N, 4) each rotor's thrust as a fraction of SIH_T_MAX, 0..1, including motor lag."""
     on_ground: BoolArray
     """(N,)."""
 
 
 @dataclass(slots=True)
 class SensorState:
-    """The newest sample of each sensor; `*_count` increases by one with each new sample (of all vehicles)."""
+    """The newest sample of each sensor; `*_count` increases by one when all vehicles take a sample."""
 
     gyro_frd_rad_s: FloatArray
     """(N, 3) each step, with noise."""
@@ -67,7 +67,7 @@ class SensorState:
     mag_frd_gauss: FloatArray
     """(N, 3)."""
     mag_fresh: BoolArray
-    """(N,) vehicles whose magnetometer is part of the newest sample; a silent one is not."""
+    """(N,) vehicles whose magnetometer sent the newest sample."""
     mag_count: int
     baro_pressure_hpa: FloatArray
     """(N,)."""
@@ -78,9 +78,9 @@ class SensorState:
     baro_fresh: BoolArray
     """(N,)."""
     baro_stale: BoolArray
-    """(N,) vehicles whose barometer has repeated one value for so long that its samples are rejected."""
+    """(N,) vehicles whose barometer has repeated one value for so long that the samples are rejected."""
     mag_stale: BoolArray
-    """(N,) the same for the magnetometer."""
+    """(N,) vehicles whose magnetometer has repeated one value for so long that the samples are rejected."""
     baro_count: int
     gps_lat_deg: FloatArray
     """(N,)."""
@@ -111,14 +111,15 @@ class SensorState:
 
 @dataclass(slots=True)
 class EstimateState:
-    """The estimated state. The origin of local NED is where each estimator started (`origin_*`)."""
+    """The estimated state; the origin of local NED is the position where each estimator started
+    (`origin_*`)."""
 
     position_ned_m: FloatArray
     """(N, 3)."""
     velocity_ned_m_s: FloatArray
     """(N, 3)."""
     acceleration_ned_m_s2: FloatArray
-    """(N, 3) gravity removed."""
+    """(N, 3) without gravity."""
     q_ned_frd: FloatArray
     """(N, 4)."""
     rates_frd_rad_s: FloatArray
@@ -146,7 +147,7 @@ class EstimateState:
     speed_accuracy_m_s: FloatArray
     """(N,)."""
     innovation_ratio_velocity: FloatArray
-    """(N,) innovation over gate, as ESTIMATOR_STATUS reports it."""
+    """(N,) innovation divided by gate, as ESTIMATOR_STATUS reports it."""
     innovation_ratio_position: FloatArray
     """(N,)."""
     innovation_ratio_height: FloatArray
@@ -156,7 +157,7 @@ class EstimateState:
     gps_rejected: BoolArray
     """(N,) the newest GPS sample was outside its gate and was not fused."""
     height_above_ground_m: FloatArray
-    """(N,) by the range finder (dist_bottom); NaN: unknown."""
+    """(N,) from the range finder (dist_bottom); NaN: unknown."""
     valid_attitude: BoolArray
     """(N,)."""
     valid_velocity: BoolArray
@@ -164,7 +165,7 @@ class EstimateState:
     valid_position: BoolArray
     """(N,) horizontal position may be used."""
     valid_altitude: BoolArray
-    """(N,) height and vertical speed may be used."""
+    """(N,) altitude and vertical speed may be used."""
 
 
 class VehicleEstimate(NamedTuple):
@@ -182,7 +183,7 @@ class VehicleEstimate(NamedTuple):
     lon_deg: float
     alt_amsl_m: float
     height_above_ground_m: float
-    """By the range finder; NaN: unknown."""
+    """From the range finder; NaN: unknown."""
     valid_position: bool
     valid_velocity: bool
     valid_attitude: bool
@@ -190,10 +191,10 @@ class VehicleEstimate(NamedTuple):
 
 
 _estimate_of = cast(Callable[[tuple[Any, ...]], VehicleEstimate], partial(tuple.__new__, VehicleEstimate))
-"""Same as `VehicleEstimate._make`, but without a Python function for each vehicle."""
+"""Same as `VehicleEstimate._make`, but without a Python function call for each vehicle."""
 
 
-def estimates_of(state: EstimateState) -> list[VehicleEstimate]:
+def vehicle_estimates(state: EstimateState) -> list[VehicleEstimate]:
     """The estimates of all vehicles as plain numbers, converted together.
 
     Access to single array elements by the autopilots would take longer than this conversion.
@@ -240,7 +241,7 @@ class TargetState:
     thrust: FloatArray
     """(N,) collective 0..1."""
     position_ned_m: FloatArray
-    """(N, 3) the position setpoint that is followed; NaN: not controlled."""
+    """(N, 3) applied position setpoint; NaN: not controlled."""
     velocity_ned_m_s: FloatArray
     """(N, 3) after position control and limits."""
     acceleration_ned_m_s2: FloatArray
@@ -250,7 +251,7 @@ class TargetState:
     yaw_rate_ned_rad_s: FloatArray
     """(N,)."""
     hover_thrust: FloatArray
-    """(N,) the hover thrust in use (estimated when MPC_USE_HTE)."""
+    """(N,) hover thrust in use (estimated if MPC_USE_HTE is set)."""
 
 
 @formula
@@ -264,6 +265,6 @@ def angles_of(q_ned_frd: Column) -> Vector:
 
 @kernel
 def _write_angles(q_ned_frd: Rows, angles_rad: Rows) -> None:
-    """Writes roll, pitch and yaw, a row each."""
+    """Writes roll, pitch and yaw, each into one row."""
     for i in range(q_ned_frd.shape[0]):
         angles_rad[0, i], angles_rad[1, i], angles_rad[2, i] = angles_of(q_ned_frd[i])

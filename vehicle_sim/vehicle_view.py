@@ -18,7 +18,7 @@ Number = TypeVar("Number", float, int)
 
 
 class _ParameterCache(dict[str, Number], Generic[Number]):
-    """Parameters converted to one type, each once. An autopilot reads 70 parameters per tick, and a
+    """Parameters converted to one type, each only once. An autopilot reads 70 parameters per tick, and a
     dictionary returns them four times as fast as a method."""
 
     def __init__(self, read: Callable[[str], Number]) -> None:
@@ -31,7 +31,7 @@ class _ParameterCache(dict[str, Number], Generic[Number]):
 
 
 class VehicleView:
-    """Vehicle `row` of a simulation, for its autopilot and its telemetry."""
+    """One vehicle of a simulation (`row`), as its autopilot and telemetry read it."""
 
     def __init__(self, simulation: Simulation, row: int, boot_time_unix_s: float) -> None:
         self.simulation = simulation
@@ -50,19 +50,19 @@ class VehicleView:
 
     @property
     def time_s(self) -> float:
-        """Since boot."""
+        """Simulated time since boot."""
         return self.simulation.time_s
 
     def time_boot_ms(self) -> int:
-        """Since boot, in whole milliseconds as in PX4's messages."""
+        """Time since boot in whole milliseconds, as in PX4's messages."""
         return int(self.simulation.time_s * 1000.0 + 1e-6)
 
     def time_boot_us(self) -> int:
-        """Since boot, microseconds."""
+        """Time since boot in microseconds."""
         return int(self.simulation.time_s * 1e6 + 0.5)
 
     def time_unix_us(self) -> int:
-        """UTC of the vehicle's clock."""
+        """The vehicle's clock: UTC in microseconds since 1970."""
         return int((self.boot_time_unix_s + self.simulation.time_s) * 1e6)
 
     def _clear_caches(self, _name: str, _value: ParameterValue) -> None:
@@ -71,7 +71,7 @@ class VehicleView:
         self._choices.clear()
 
     def optional_choice(self, name: str, default: int) -> int:
-        """An integer parameter, or `default` if this build has no such parameter."""
+        """An integer parameter, or `default` if the vehicle has no such parameter."""
         try:
             return self.choice(name)
         except UnknownParameterError:
@@ -84,7 +84,8 @@ class VehicleView:
 
     @property
     def origin(self) -> tuple[float, float, float]:
-        """Latitude, longitude, altitude of the local origin; NaN before the first good GPS fix."""
+        """Latitude, longitude [deg] and altitude AMSL [m] of the local origin; NaN before the first good GPS
+        fix."""
         estimate, i = self.simulation.estimate, self.row
         return (
             float(estimate.origin_lat_deg[i]),

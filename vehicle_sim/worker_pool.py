@@ -1,7 +1,7 @@
 """Runs many vehicles in several worker processes, because one Python process uses one core.
 
-The first process simulates no vehicle: it starts the workers, forwards termination signals, and terminates
-all workers when one fails. The workers also end when the first process ends for any reason
+The parent process simulates no vehicle: it starts the workers, forwards termination signals, and terminates
+all workers when one fails. The workers also end when the parent process ends for any reason
 (`SimServer.stop_when_readable`).
 """
 
@@ -18,26 +18,26 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 
 VEHICLES_PER_PROCESS = 40
-"""This many vehicles in flight, with the ground station's streams, use half a core
+"""Number of vehicles in flight, with the streams of a ground station, that use half a core
 (tests/bench/simulator.py)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """The vehicles of one process: rows of the whole fleet, from 0."""
+    """The vehicles of one process, as rows of the whole fleet, from 0."""
 
     first: int
     count: int
 
 
 def split_fleet(vehicles: int, processes: int) -> list[Shard]:
-    """Splits the fleet into shards of equal size, larger ones first; none is empty."""
+    """Splits the fleet into shards that differ by at most one vehicle; no shard is empty."""
     processes = max(1, min(vehicles, processes))
     cuts = [math.ceil(vehicles * k / processes) for k in range(processes + 1)]
     return [Shard(first, end - first) for first, end in itertools.pairwise(cuts)]
 
 
-def processes_for(vehicles: int) -> int:
+def process_count(vehicles: int) -> int:
     """Number of processes for this many vehicles on this machine."""
     return max(1, min(math.ceil(vehicles / VEHICLES_PER_PROCESS), len(os.sched_getaffinity(0))))
 
@@ -53,7 +53,7 @@ def run_workers(
         parts: at least two shards.
 
     Returns:
-        The exit code: 0, or that of the first worker that failed.
+        0, or the exit code of a worker that failed.
     """
     context = multiprocessing.get_context("spawn")
     workers = [context.Process(target=_exit_with, args=(target, argv, part)) for part in parts]

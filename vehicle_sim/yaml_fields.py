@@ -14,7 +14,7 @@ MAX_BYTES = 2_000_000
 
 
 class FileProblem(ValueError):
-    """A file that cannot be used; the text contains where, why and what to write instead."""
+    """An invalid file; the text contains the location, the reason and the fix."""
 
 
 def read_yaml(path: Path) -> Fields:
@@ -52,7 +52,7 @@ def parse_yaml(text: str, source: str) -> Fields:
 
 
 class Fields:
-    """One mapping of a file. Its methods check the fields that they read; `finish` reports fields that were
+    """One mapping of a file. The methods check the fields that they read; `finish` reports fields that were
     not read."""
 
     def __init__(self, source: str, path: str, node: yaml.Node) -> None:
@@ -86,7 +86,7 @@ class Fields:
     def number(
         self, key: str, default: float | None = None, *, low: float = -1e6, high: float = 1e6
     ) -> float:
-        """A number within bounds; required if there is no default."""
+        """A number within bounds; without a default the field is required."""
         value = self._scalar(key)
         if value is None:
             return self._default(key, default, "a number")
@@ -101,23 +101,24 @@ class Fields:
             raise self.problem(key, f"is {_short(value)}; give a whole number")
         return int(value)
 
-    def numbers(self, key: str, count: int | None, what: str) -> tuple[float, ...]:
-        """A list such as [1, 2, 3] (count None: any length except zero); `what` describes its elements."""
-        values = self._value(self._required(key, what))
-        good = isinstance(values, list) and values and (count is None or len(values) == count)
-        good = good and all(_is_number(v) for v in values)
-        if not good:
-            raise self.problem(key, f"is {_shown(values)}; give {what}")
+    def numbers(self, key: str, count: int | None, expected: str) -> tuple[float, ...]:
+        """A list such as [1, 2, 3] (count None: any length except zero); `expected` describes it in
+        errors."""
+        values = self._value(self._required(key, expected))
+        valid = isinstance(values, list) and values and (count is None or len(values) == count)
+        valid = valid and all(_is_number(v) for v in values)
+        if not valid:
+            raise self.problem(key, f"is {_shown(values)}; give {expected}")
         return tuple(float(v) for v in values)
 
     def rows(self, key: str) -> list[list[float]]:
         """A table of numbers with rows of equal length, at least two by two."""
-        what = "at least two lists of at least two numbers, all equally long"
-        rows = self._value(self._required(key, what))
-        good = isinstance(rows, list) and len(rows) > 1 and all(isinstance(row, list) for row in rows)
-        good = good and len({len(row) for row in rows}) == 1 and len(rows[0]) > 1
-        if not (good and all(_is_number(v) for row in rows for v in row)):
-            raise self.problem(key, f"must be {what}")
+        expected = "at least two lists of at least two numbers, all equally long"
+        rows = self._value(self._required(key, expected))
+        valid = isinstance(rows, list) and len(rows) > 1 and all(isinstance(row, list) for row in rows)
+        valid = valid and len({len(row) for row in rows}) == 1 and len(rows[0]) > 1
+        if not (valid and all(_is_number(v) for row in rows for v in row)):
+            raise self.problem(key, f"must be {expected}")
         return [[float(v) for v in row] for row in rows]
 
     def flag(self, key: str, default: bool) -> bool:
@@ -130,21 +131,21 @@ class Fields:
         return value
 
     def text(self, key: str, default: str | None = None, *, choices: Sequence[str] = ()) -> str:
-        """A text, one of `choices` if any are given."""
-        wanted = f"one of {', '.join(choices)}" if choices else "a text"
+        """A text; one of `choices` if given."""
+        expected = f"one of {', '.join(choices)}" if choices else "a text"
         value = self._scalar(key)
         if value is None:
             if default is None:
-                raise self.problem(None, f"lacks {key}; give {wanted}")
+                raise self.problem(None, f"lacks {key}; give {expected}")
             return default
         if isinstance(value, bool) and choices:
             value = {True: "on", False: "off"}[value]
         if not isinstance(value, str) or (choices and value not in choices):
-            raise self.problem(key, f"is {_shown(value)}; give {wanted}")
+            raise self.problem(key, f"is {_shown(value)}; give {expected}")
         return value
 
     def mapping(self, key: str) -> Fields | None:
-        """A nested mapping, or None."""
+        """A nested mapping; None: the field is missing."""
         self._read.add(key)
         return Fields(self._source, self._at(key), self._nodes[key]) if key in self._nodes else None
 
@@ -162,7 +163,7 @@ class Fields:
         """Reports the first unknown field.
 
         Raises:
-            FileProblem: there is one.
+            FileProblem: the mapping has an unknown field.
         """
         for name in self._nodes:
             if name not in self._read:
@@ -170,7 +171,7 @@ class Fields:
                 known = f"did you mean {near[0]}?" if near else f"known here: {', '.join(sorted(self._read))}"
                 raise self.problem(name, f"is not known; {known}")
 
-    # --- inside ----------------------------------------------------------------------------------------
+    # --- helpers ---------------------------------------------------------------------------------------
 
     def _at(self, key: str) -> str:
         return f"{self._path}.{key}" if self._path else key
@@ -178,15 +179,15 @@ class Fields:
     def _problem(self, node: yaml.Node, field: str, text: str) -> FileProblem:
         return FileProblem(f"{self._source} line {node.start_mark.line + 1}: {field or 'the file'} {text}")
 
-    def _required(self, key: str, what: str) -> yaml.Node:
+    def _required(self, key: str, expected: str) -> yaml.Node:
         self._read.add(key)
         if key not in self._nodes:
-            raise self.problem(None, f"lacks {key}; give {what}")
+            raise self.problem(None, f"lacks {key}; give {expected}")
         return self._nodes[key]
 
-    def _default(self, key: str, default: float | None, what: str) -> float:
+    def _default(self, key: str, default: float | None, expected: str) -> float:
         if default is None:
-            raise self.problem(None, f"lacks {key}; give {what}")
+            raise self.problem(None, f"lacks {key}; give {expected}")
         return default
 
     def _scalar(self, key: str) -> Any:

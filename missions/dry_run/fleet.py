@@ -52,7 +52,7 @@ class Fleet:
         home, world = aircraft[0].home, _world(site)
         start_ned_m = np.array([_from_home(home, each.home) for each in aircraft])
         if world is not None:
-            start_ned_m[:, 2] = -world.terrain.height_m(start_ned_m[:, 0], start_ned_m[:, 1])
+            start_ned_m[:, 2] = -world.terrain.alt_home_m(start_ned_m[:, 0], start_ned_m[:, 1])
         self.sim = VehicleSim(
             len(conditions), links=(), seed=seed, first_noise=first,
             stores=[_store(*each) for each in zip(aircraft, conditions, strict=True)],

@@ -71,12 +71,12 @@ class World:
 
 
 def run_test(
-    jump: Any, scenario: Callable[[Any], Awaitable[None]], world_of: Callable[[], World] = World
+    jump: Any, scenario: Callable[[Any], Awaitable[None]], world_from_fields: Callable[[], World] = World
 ) -> Any:
     """Runs a scenario in a new world on simulated time."""
 
     async def run() -> None:
-        world = world_of()
+        world = world_from_fields()
         try:
             await scenario(world)
         finally:
@@ -86,7 +86,7 @@ def run_test(
 
 
 def run_with_vehicle(
-    jump: Any, scenario: Callable[..., Awaitable[None]], world_of: Callable[[], World] = World
+    jump: Any, scenario: Callable[..., Awaitable[None]], world_from_fields: Callable[[], World] = World
 ) -> Any:
     """Runs a scenario with the world, its connected autopilot, and the server's vehicle."""
 
@@ -94,4 +94,4 @@ def run_with_vehicle(
         autopilot = world.autopilot(world.link())
         await scenario(world, autopilot, await world.ready())
 
-    return run_test(jump, connected, world_of)
+    return run_test(jump, connected, world_from_fields)

@@ -24,7 +24,7 @@ class RangeFinder:
         self._lowest_m[i] = parameters.finite_value("SIH_DISTSNSR_MIN")
         self._highest_m[i] = parameters.finite_value("SIH_DISTSNSR_MAX")
 
-    def measured_m(self, distance_m: FloatArray) -> FloatArray:
-        """Measured distances (N,) from true distances (N,); NaN out of range."""
+    def measure_m(self, distance_m: FloatArray) -> FloatArray:
+        """Measured distances (N,) for true distances (N,); NaN: out of range."""
         measured = np.where(self._override_m >= 0.0, self._override_m, distance_m)
         return np.where((measured >= self._lowest_m) & (measured <= self._highest_m), measured, np.nan)

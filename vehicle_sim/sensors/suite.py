@@ -1,6 +1,6 @@
-"""IMU, magnetometer, barometer and GPS of N vehicles; all sensor noise of the simulator.
+"""IMU, magnetometer, barometer and GPS of N vehicles, with their noise.
 
-Rates and noise (one sigma) are those measured on PX4's SIH, disarmed and armed: the IMU has ten times the
+Rates and noise (one sigma) were measured on PX4's SIH, disarmed and armed: the IMU has ten times the
 noise while motors run; GPS at 8 Hz: 0.2 m horizontally, 0.5 m vertically, 0.06 to 0.16 m/s; barometer at
 20 Hz: 0.09 m; magnetometer at 50 Hz: 0.012 to 0.018 gauss. The noise is white, and independent for each
 vehicle (`noise.py`).
@@ -76,7 +76,7 @@ class SensorSuite:
         home: global position of the local NED origin.
         seed: seed of the noise.
         vehicles: number of each vehicle (`WhiteNoise`).
-        noise: False: perfect sensors at the same rates.
+        noise: False: sensors without noise.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class SensorSuite:
         self._baro_white = WhiteNoise(seed, vehicles, NoisePurpose.BARO, 1)
         self._gps_white = WhiteNoise(seed, vehicles, NoisePurpose.GPS, 6)
         self._strength = np.zeros(count)
-        """(N,) factor on the noise measured on PX4's SIH."""
+        """(N,) factor on the noise of PX4's SIH."""
         self._mag_sigma = np.zeros((count, 3))
         self._baro_sigma_m = np.zeros((count, 1))
         self._gps_sigma = np.zeros((count, 6))
@@ -109,9 +109,9 @@ class SensorSuite:
         self._mag_calibration, self._mag_scale = np.zeros((count, 3)), np.ones((count, 3))
         self._baro_calibration_hpa = np.zeros(count)
         self._board = np.tile(np.eye(3), (count, 1, 1))
-        """(N, 3, 3) from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
+        """(N, 3, 3) rotation from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
         self._board_rotated = np.zeros(count, dtype=np.bool_)
-        """(N,) vehicles whose board is not level."""
+        """(N,) vehicles whose sensor board is rotated."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
         self._set_strength(1.0 if noise else 0.0)
@@ -161,10 +161,10 @@ class SensorSuite:
         self._board_rotated[i] = bool((self._board[i] != np.eye(3)).any())
 
     def set_noise(self, i: int, strength: float) -> None:
-        """Sets the noise of vehicle `i` as a factor on PX4's SIH; 0: no noise.
+        """Sets the noise of vehicle `i` as a factor on the noise of PX4's SIH; 0: no noise.
 
         Raises:
-            ValueError: negative or no number.
+            ValueError: the factor is negative or not a number.
         """
         if not (math.isfinite(strength) and strength >= 0.0):
             raise ValueError(f"sensor noise is {strength}; give a strength of 0 or more (1: as usual)")
@@ -182,11 +182,11 @@ class SensorSuite:
         self._gps_enabled[i] = enabled
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Sets whether the GPS receiver of vehicle `i` only repeats its last fix (`stuck`)."""
+        """Sets whether the GPS receiver of vehicle `i` repeats its last fix (`stuck`)."""
         self.faults.stuck[Driver.GPS][i] = stuck
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
-        """Adds an offset (3,) to the GPS position of vehicle `i`: a glitch."""
+        """Adds an offset (3,) to the GPS position of vehicle `i`, to simulate a glitch."""
         self.faults.gps_offset_ned_m[i] = offset_ned_m
 
     def set_driver(self, i: int, driver: Driver, running: bool) -> None:
@@ -202,8 +202,8 @@ class SensorSuite:
 
         Args:
             truth: the true state.
-            matrix: (N, 3, 3) rotation matrix of its attitude.
-            armed: (N,) whether motors run, which adds vibration to the IMU.
+            matrix: (N, 3, 3) rotation matrices of the true attitudes.
+            armed: (N,) vehicles whose motors run and add vibration to the IMU.
         """
         state = self.state
         _measure_motion(
@@ -244,7 +244,8 @@ class SensorSuite:
         state.baro_count += 1
 
     def _drop_stale(self, driver: Driver, fresh: BoolArray, stale: BoolArray) -> None:
-        """Stops using a stuck sensor after too many equal samples; without noise these are normal."""
+        """Marks a stuck sensor as stale after too many equal samples; without noise, equal samples are
+        normal."""
         stuck, repeats = self.faults.stuck[driver], self._repeats[driver]
         if not (any_of(stuck) or any_nonzero(repeats)):
             return
@@ -263,7 +264,7 @@ class SensorSuite:
         fresh = state.gps_fresh
         fresh[:] = self._driver_runs[Driver.GPS]
         fixed = self._gps_enabled & (self._satellites >= SATELLITES_FOR_A_FIX)
-        # With too few satellites PX4's simulated receiver still reports its position, without a fix.
+        # With too few satellites PX4's simulated receiver still reports a position, without a fix.
         measured = fresh & self._gps_enabled & ~self.faults.stuck[Driver.GPS]
         np.copyto(state.gps_lat_deg, lat, where=measured)
         np.copyto(state.gps_lon_deg, lon, where=measured)
@@ -291,7 +292,7 @@ def _measure_motion(
     sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows, accel_scale: Rows,
     board_rotated: Flags, board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
 ) -> None:  # fmt: skip
-    """The IMU's sample: adds noise, then applies calibration, rotation of the board and faults."""
+    """Samples the IMU: adds noise, then applies calibration, rotation of the board and faults."""
     for i in range(gyro.shape[0]):
         force = rotated_back(
             matrix[i], acceleration[i, 0], acceleration[i, 1], acceleration[i, 2] - GRAVITY_M_S2

@@ -32,8 +32,8 @@ _NAMES = (
     "uuv_pos_control uxrce_dds_client ver vtol_att_control work_item_example work_queue wqueue_test"
 )
 BUILT_IN: tuple[str, ...] = tuple(_NAMES.split())
-"""The modules that `help` lists on PX4 v1.16 in simulation; a module without an entry in `Shell.commands`
-answers that it is not simulated."""
+"""The modules that `help` lists on PX4 v1.16 in simulation. A module without an entry in `Shell.commands`
+reports that it is not simulated."""
 
 
 class Shell:
@@ -47,26 +47,26 @@ class Shell:
         logger: Logger,
         states: States,
     ) -> None:
-        autopilot, view, own = context.autopilot, context.view, context.own_id
-        listener, parts = ListenerCommand(view, states), ModuleCommands(view)
+        autopilot, view, autopilot_id = context.autopilot, context.view, context.own_id
+        listener, modules = ListenerCommand(view, states), ModuleCommands(view)
         mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.gcs_connected)
         self._view = view
         self.commands: dict[str, Command] = {
             "commander": CommanderCommand(autopilot).command,
-            "ekf2": parts.ekf2,
-            "failure": FailureCommand(autopilot, inject_failure, own).command,
-            "gimbal": GimbalCommand(autopilot, own).command,
+            "ekf2": modules.ekf2,
+            "failure": FailureCommand(autopilot, inject_failure, autopilot_id).command,
+            "gimbal": GimbalCommand(autopilot, autopilot_id).command,
             "listener": listener.command,
             "logger": LoggerCommand(logger).command,
             "mavlink": mavlink.command,
             "param": ParamCommand(view.parameters, unsaved).command,
-            "sensors": parts.sensors,
-            "system_time": parts.system_time,
+            "sensors": modules.sensors,
+            "system_time": modules.system_time,
             "uorb": listener.uorb,
             "ver": VER,
             **{driver.value: DriverCommand(view, driver).command for driver in Driver},
         }
 
     def console(self) -> Console:
-        """A new session."""
+        """Creates a console session."""
         return Console(self.commands, BUILT_IN, lambda: self._view.time_s)

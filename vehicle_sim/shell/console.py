@@ -1,4 +1,4 @@
-"""PX4's console, independent of its transport: reads lines, returns output and prompt.
+"""PX4's console, independent of the transport: reads lines, returns output and prompt.
 
 The commands are in `commands.py`; this module handles echo, prompt, unknown and failed commands, and commands
 that take simulated time.
@@ -15,7 +15,7 @@ MAX_LINE_LENGTH = 1000
 
 
 class CommandFailed(Exception):
-    """Raised by a command that ends with an error, after its output."""
+    """A command that ends with an error; `output` is the command's text."""
 
     def __init__(self, output: str = "", code: int = 1) -> None:
         super().__init__(output)
@@ -29,7 +29,7 @@ class Usage(Exception):
 
 Words = list[str]
 Output = str | Iterator[tuple[str, float]]
-"""Output of a command as a text, or as parts, each with the time to wait after it [s]."""
+"""Output of a command: a text, or pairs of a text and the time to wait after the text [s]."""
 Run = Callable[[Words], Output]
 
 
@@ -39,7 +39,7 @@ class Command:
 
     run: Run
     usage: str
-    """Its arguments."""
+    """The command's arguments."""
 
 
 def info(module: str, text: str) -> str:
@@ -62,7 +62,7 @@ class Console:
 
     Args:
         commands: the simulated commands, by name.
-        builtin: names of all modules of the build; those not in `commands` report that they are not
+        builtin: names of all modules of the build; modules not in `commands` report that they are not
             simulated.
         now_s: returns the simulated time.
     """
@@ -84,28 +84,28 @@ class Console:
 
     def type(self, text: str) -> str:
         """Processes typed characters; returns the output."""
-        shown = ""
+        output = ""
         for character in text:
             if character == "\n":
                 line, self._line = self._line, ""
-                shown += character
+                output += character
                 if self.busy:
                     self._lines.append(line)
                 else:
-                    shown += self._process(line)
+                    output += self._process(line)
             elif len(self._line) < MAX_LINE_LENGTH:
                 self._line += character
-                shown += character
-        return shown
+                output += character
+        return output
 
     def step(self) -> str:
         """New output of the running command."""
-        shown = ""
+        output = ""
         while self._running is not None and self._now_s() >= self._resume_at_s:
-            shown += self._advance()
+            output += self._advance()
             while self._lines and not self.busy:
-                shown += self._process(self._lines.pop(0))
-        return shown
+                output += self._process(self._lines.pop(0))
+        return output
 
     def _process(self, line: str) -> str:
         words = line.split()
@@ -121,8 +121,8 @@ class Console:
             return f"Invalid command: {name}\ntype 'help' for a list of commands\n" + PROMPT
         try:
             output = command.run(arguments)
-        except Usage as wrong:
-            text = f"{wrong}\n" if str(wrong) else ""
+        except Usage as problem:
+            text = f"{problem}\n" if str(problem) else ""
             return f"{text}Usage: {name} {command.usage}\n" + self._failed(name, 1)
         except CommandFailed as failed:
             return failed.output + self._failed(name, failed.code)

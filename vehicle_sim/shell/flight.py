@@ -9,7 +9,7 @@ from vehicle_sim.autopilot.arming import Reason
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.commands.command import ACCEPTED, Command
-from vehicle_sim.shell.console import Command as Entry
+from vehicle_sim.shell.console import Command as ShellCommand
 from vehicle_sim.shell.console import CommandFailed, Usage, Words, error, info, warning
 
 MODE_NAMES: Mapping[str, NavState] = {
@@ -34,16 +34,16 @@ YES_NO = ("no", "yes")
 
 
 class CommanderCommand:
-    """`commander`."""
+    """The command `commander`."""
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot, self._commander = autopilot, autopilot.commander
         self._verbs: dict[str, Callable[[Words], str]] = {
             "status": self._status, "check": self._check, "arm": self._arm, "disarm": self._disarm,
-            "takeoff": self._takeoff, "land": lambda words: self._mode_by(NavState.LAND),
+            "takeoff": self._takeoff, "land": lambda words: self._set_mode(NavState.LAND),
             "mode": self._mode, "termination": self._termination,
         }  # fmt: skip
-        self.command = Entry(
+        self.command = ShellCommand(
             self.run,
             f"status | check | arm | disarm [-f] | takeoff | land | mode {'|'.join(MODE_NAMES)} | "
             "termination on",
@@ -72,13 +72,13 @@ class CommanderCommand:
     def _check(self, words: Words) -> str:
         commander = self._commander
         commander.run_checks()
-        found = [
+        findings = [
             (error if check.severity <= 3 else warning)("health_and_arming_checks", check.text or check.event)
             for check in commander.report.checks
             if check.blocks_arming >> commander.intended & 1 or check.blocks_running >> commander.intended & 1
         ]
         ready = commander.report.armable(commander.intended)
-        return "".join(found) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
+        return "".join(findings) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
 
     def _arm(self, words: Words) -> str:
         if not self._commander.arm(Reason.INTERNAL_COMMAND):
@@ -92,16 +92,16 @@ class CommanderCommand:
 
     def _takeoff(self, words: Words) -> str:
         self._autopilot.navigator.request_takeoff(math.nan)
-        self._mode_by(NavState.TAKEOFF)
+        self._set_mode(NavState.TAKEOFF)
         return self._arm([])
 
     def _mode(self, words: Words) -> str:
         mode = MODE_NAMES.get(words[0]) if words else None
         if mode is None:
             raise Usage("no such mode")
-        return self._mode_by(mode)
+        return self._set_mode(mode)
 
-    def _mode_by(self, mode: NavState) -> str:
+    def _set_mode(self, mode: NavState) -> str:
         if not self._commander.set_mode(mode):
             raise CommandFailed(error("commander", f"{MODES[mode].name} is not available now"))
         return ""
@@ -115,14 +115,14 @@ class CommanderCommand:
 
 
 class GimbalCommand:
-    """`gimbal`."""
+    """The command `gimbal`."""
 
     usage = "start | status | primary-control SYSTEM COMPONENT | test pitch|yaw DEGREES ..."
 
-    def __init__(self, autopilot: Autopilot, own: tuple[int, int]) -> None:
-        self._view, self._gimbal, self._own = autopilot.view, autopilot.gimbal, own
+    def __init__(self, autopilot: Autopilot, autopilot_id: tuple[int, int]) -> None:
+        self._view, self._gimbal, self._autopilot_id = autopilot.view, autopilot.gimbal, autopilot_id
         self._test: dict[str, float] = {}
-        self.command = Entry(self.run, self.usage)
+        self.command = ShellCommand(self.run, self.usage)
 
     def run(self, words: Words) -> str:
         """Runs `gimbal …`."""
@@ -165,7 +165,7 @@ class GimbalCommand:
             raise Usage("primary-control takes two numbers") from None
         if not (0 <= system <= 255 and 0 <= component <= 255):
             raise Usage("system and component lie within 0 to 255")
-        self._gimbal.configure(system, component, self._own, self._own)
+        self._gimbal.configure(system, component, self._autopilot_id, self._autopilot_id)
         return info("gimbal", f"Control set to: {system}/{component}")
 
     def _test_angles(self, words: Words) -> str:
@@ -182,12 +182,12 @@ class GimbalCommand:
 
 
 class FailureCommand:
-    """`failure`."""
+    """The command `failure`."""
 
     def __init__(self, autopilot: Autopilot, inject: Callable[[Command], int | None],
-                 own: tuple[int, int]) -> None:  # fmt: skip
-        self._view, self._inject, self._own = autopilot.view, inject, own
-        self.command = Entry(self.run, f"{'|'.join(UNITS)} {'|'.join(KINDS)} [-i INSTANCE]")
+                 autopilot_id: tuple[int, int]) -> None:  # fmt: skip
+        self._view, self._inject, self._autopilot_id = autopilot.view, inject, autopilot_id
+        self.command = ShellCommand(self.run, f"{'|'.join(UNITS)} {'|'.join(KINDS)} [-i INSTANCE]")
 
     def run(self, words: Words) -> str:
         """Runs `failure …`."""
@@ -201,7 +201,9 @@ class FailureCommand:
         if self._view.choice("SYS_FAILURE_EN") != 1:
             raise CommandFailed(error("failure", "failures are switched off: SYS_FAILURE_EN is not 1"))
         numbers = (float(UNITS[words[0]]), float(KINDS[words[1]]), float(instance))
-        result = self._inject(Command(INJECT_FAILURE, *numbers, 0.0, 0.0, 0.0, 0.0, self._own, "shell"))
+        result = self._inject(
+            Command(INJECT_FAILURE, *numbers, 0.0, 0.0, 0.0, 0.0, self._autopilot_id, "shell")
+        )
         if result != ACCEPTED:
             raise CommandFailed(error("failure", f"failure {words[1]} of {words[0]} is not supported"))
         return ""

@@ -1,4 +1,4 @@
-"""The console commands `listener` and `uorb`, for the topics that the logger supports."""
+"""The console commands `listener` and `uorb`, for the topics that the simulator can log."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from vehicle_sim.topics.states import States, StateTopic
 from vehicle_sim.vehicle_view import VehicleView
 
 PROFILES = 0b11
-"""Logging profiles (default and replay) whose periods are used as the periods of publication."""
+"""Logging profiles (default and replay) whose periods count as the periods of publication."""
 GPS_PERIOD_US = 125_000
 STEP_US = 4_000
-"""Period of topics that are in no log."""
+"""Period of topics that no profile logs."""
 MAX_SAMPLES = 10_000
 
 
@@ -32,7 +32,7 @@ class _Sample:
 
 
 class ListenerCommand:
-    """`listener TOPIC [NUMBER] [-n NUMBER] [-r RATE] [-i INSTANCE]`."""
+    """The command `listener TOPIC [NUMBER] [-n NUMBER] [-r RATE] [-i INSTANCE]`."""
 
     usage = "TOPIC [-n NUMBER] [-r HZ] [-i INSTANCE]"
 
@@ -109,7 +109,7 @@ class ListenerCommand:
         return "".join(out)
 
     def run_uorb(self, words: Words) -> str:
-        """`uorb status` or `uorb top`: the topics with their rates and sizes."""
+        """Runs `uorb status` or `uorb top`: lists the topics with their rates and sizes."""
         if words[:1] not in (["status"], ["top"]):
             raise Usage
         out = [f"{'TOPIC NAME':<38}INST  RATE SIZE\n"]

@@ -20,16 +20,16 @@ ALL_PARAMETERS = 1800
 
 @cache
 def _build_indexes() -> tuple[int, ...]:
-    """Index of each parameter among all parameters of the build."""
+    """Index of each used parameter among all parameters of the build."""
     return tuple(json.loads((DATA_FILE.parent / "parameter_places.json").read_text(encoding="utf-8")))
 
 
 class ParamCommand:
-    """One vehicle's `param`.
+    """The command `param` of one vehicle.
 
     Args:
-        parameters: the store.
-        unsaved: names whose value is not stored yet.
+        parameters: the vehicle's parameter store.
+        unsaved: returns the names of parameters that are not saved yet.
     """
 
     def __init__(self, parameters: Parameters, unsaved: Callable[[], frozenset[str]]) -> None:
@@ -49,7 +49,7 @@ class ParamCommand:
             raise Usage(f"unknown: {words[0]}" if words else "")
         return verb(words[1:])
 
-    def _known(self, name: str) -> str:
+    def _existing(self, name: str) -> str:
         if name not in self._parameters:
             raise CommandFailed(error("param", f"there is no parameter {name}"))
         return name
@@ -72,7 +72,7 @@ class ParamCommand:
         if "-q" in options:
             if not patterns:
                 raise Usage("param show -q needs a name")
-            return self._text(self._known(patterns[0])) + "\n"
+            return self._text(self._existing(patterns[0])) + "\n"
         changed, unsaved = set(self._parameters.changed()), self._unsaved()
         out = ["Symbols: x = used, + = saved, * = unsaved\n"]
         for index, (name, in_build) in enumerate(zip(self._parameters.names, _build_indexes(), strict=True)):
@@ -88,17 +88,17 @@ class ParamCommand:
     def _get(self, words: Words) -> str:
         if len(words) != 1:
             raise Usage("param get takes one name")
-        return f"{words[0]}: {self._text(self._known(words[0]))}\n"
+        return f"{words[0]}: {self._text(self._existing(words[0]))}\n"
 
     def _set(self, words: Words) -> str:
         if len(words) not in (2, 3):
             raise Usage("param set takes a name and a value")
-        name = self._known(words[0])
+        name = self._existing(words[0])
         before = self._text(name)
         try:
             self._parameters.set(name, self._number(name, words[1]))
-        except ValueError as wrong:
-            raise CommandFailed(error("param", str(wrong))) from None
+        except ValueError as problem:
+            raise CommandFailed(error("param", str(problem))) from None
         after = self._text(name)
         if after == before:
             return ""
@@ -110,7 +110,7 @@ class ParamCommand:
         for pattern in words:
             names = [name for name in self._parameters.names if fnmatchcase(name, pattern)]
             if not names:
-                self._known(pattern)
+                self._existing(pattern)
             for name in names:
                 self._parameters.reset(name)
         return ""
@@ -119,27 +119,27 @@ class ParamCommand:
         self._parameters.reset_all(keep=excluded)
         return ""
 
-    def _pair(self, words: Words) -> tuple[float, list[float]]:
+    def _name_and_numbers(self, words: Words) -> tuple[float, list[float]]:
         if len(words) < 2:
             raise Usage("a name and one or more values")
-        name = self._known(words[0])
+        name = self._existing(words[0])
         return float(self._parameters.get(name)), [float(self._number(name, word)) for word in words[1:]]
 
     def _compare(self, words: Words) -> str:
-        value, others = self._pair(words)
-        if not any(abs(value - other) < 1e-7 * max(1.0, abs(other)) for other in others):
+        value, numbers = self._name_and_numbers(words)
+        if not any(abs(value - number) < 1e-7 * max(1.0, abs(number)) for number in numbers):
             raise CommandFailed()
         return ""
 
     def _greater(self, words: Words) -> str:
-        value, others = self._pair(words)
-        if not value > others[0]:
+        value, numbers = self._name_and_numbers(words)
+        if not value > numbers[0]:
             raise CommandFailed()
         return ""
 
     def _touch(self, words: Words) -> str:
         for name in words:
-            self._known(name)
+            self._existing(name)
         return ""
 
     def _index(self, words: Words) -> str:
@@ -151,7 +151,7 @@ class ParamCommand:
     def _find(self, words: Words) -> str:
         if len(words) != 1:
             raise Usage("param find takes one name")
-        name = self._known(words[0])
+        name = self._existing(words[0])
         return f"Found param {name} at index {self._parameters.index_of(name)}\n"
 
     def _status(self, words: Words) -> str:

@@ -23,12 +23,12 @@ _PARTS = {
     "uri": "Build uri: localhost\n",
 }
 LINK_MODES = {"gcs": "Normal", "api": "Onboard", "tcp": "Normal"}
-"""Mode of the MAVLink instance, by the name of its link."""
+"""Mode of the MAVLink instance, by the name of the link."""
 RATE_MAX_B_S = 4_000_000
 
 
 def ver(words: Words) -> str:
-    """`ver hw|git|gcc|uri|all`, and `hwcmp`."""
+    """Runs `ver hw|git|gcc|uri|all` or `ver hwcmp BOARD`."""
     if words == ["all"]:
         return "".join(_PARTS[part] for part in ("hw", "git", "uri", "gcc"))
     if len(words) == 1 and words[0] in _PARTS:
@@ -44,7 +44,7 @@ VER = Command(ver, "hw | git | gcc | uri | all | hwcmp BOARD...")
 
 
 class MavlinkCommand:
-    """`mavlink status [streams]`."""
+    """The command `mavlink status [streams]`."""
 
     def __init__(
         self, links: Sequence[Link], name_of: Callable[[int], str], gcs_connected: Callable[[Link], bool]
@@ -86,7 +86,7 @@ class MavlinkCommand:
 
 
 class ModuleCommands:
-    """`sensors`, `ekf2` and `system_time` of one vehicle."""
+    """The commands `sensors`, `ekf2` and `system_time` of one vehicle."""
 
     def __init__(self, view: VehicleView) -> None:
         self._view = view
@@ -112,7 +112,7 @@ class ModuleCommands:
         if words[:1] != ["status"]:
             raise Usage
         e, i = self._view.simulation.estimate, self._view.row
-        valid = {
+        validity = {
             name: "valid" if flag else "invalid"
             for name, flag in (
                 ("attitude", e.valid_attitude[i]), ("altitude", e.valid_altitude[i]),
@@ -125,7 +125,7 @@ class ModuleCommands:
             "height": e.innovation_ratio_height, "heading": e.innovation_ratio_mag,
         }  # fmt: skip
         return (
-            info("ekf2", ", ".join(f"{name}: {word}" for name, word in valid.items()))
+            info("ekf2", ", ".join(f"{name}: {word}" for name, word in validity.items()))
             + info("ekf2", f"eph {float(e.horizontal_accuracy_m[i]):.2f} m, "
                    f"epv {float(e.vertical_accuracy_m[i]):.2f} m")
             + info("ekf2", "test ratios: " + ", ".join(
@@ -136,12 +136,12 @@ class ModuleCommands:
         if words != ["get"]:
             raise Usage("the simulated time cannot be set")
         seconds = self._view.time_unix_us() / 1e6
-        when = datetime.fromtimestamp(seconds, UTC)
-        return f"Unix epoch time: {int(seconds)}\nSystem time: {when:%a %b %d %H:%M:%S %Y}\n"
+        utc = datetime.fromtimestamp(seconds, UTC)
+        return f"Unix epoch time: {int(seconds)}\nSystem time: {utc:%a %b %d %H:%M:%S %Y}\n"
 
 
 class DriverCommand:
-    """`start`, `stop` and `status` of one simulated sensor's driver."""
+    """The command of a simulated sensor's driver: `start`, `stop` and `status`."""
 
     def __init__(self, view: VehicleView, driver: Driver) -> None:
         self._view, self._driver = view, driver
@@ -164,7 +164,7 @@ class DriverCommand:
 
 
 class LoggerCommand:
-    """`logger on|off|status`."""
+    """The command `logger on|off|status`."""
 
     def __init__(self, logger: Logger) -> None:
         self._logger = logger

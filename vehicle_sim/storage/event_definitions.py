@@ -1,7 +1,7 @@
 """The events document, which a ground station uses to decode EVENT messages.
 
-Ids, names, arguments and enumerations are those of PX4 v1.16 (`data/event_facts.json`). The texts are not
-PX4's: some are written below, the others are made from the event's name and arguments.
+Ids, names, arguments and enumerations are PX4 v1.16's (`data/event_facts.json`). The texts are not
+PX4's: `MESSAGES` contains some of them, all others are built from the event's name and arguments.
 Format: MAVLink's events metadata schema, version 2.
 """
 
@@ -14,7 +14,7 @@ from vehicle_sim.parameters import DATA_FILE
 
 FACTS_FILE = DATA_FILE.parent / "event_facts.json"
 HIDDEN_ARGUMENTS = 2
-"""The first two arguments of a check (modes, component) do not appear in its text."""
+"""The first two arguments of a check (modes, component) do not appear in the text."""
 
 MESSAGES: dict[str, str] = {
     "commander_armed_by": "Armed ({1})",
@@ -52,7 +52,7 @@ MESSAGES: dict[str, str] = {
 
 
 def definitions() -> dict[str, Any]:
-    """The whole document."""
+    """The content of the events document."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     return {"version": 2, "components": {number: _component(each) for number, each in facts.items()}}
 
@@ -69,23 +69,24 @@ def _component(facts: dict[str, Any]) -> dict[str, Any]:
             "type": enum["type"],
             "is_bitfield": enum["is_bitfield"],
             "entries": {
-                str(value): {"name": entry, "description": _words(entry)} for value, entry in enum["entries"]
+                str(value): {"name": entry, "description": _sentence(entry)}
+                for value, entry in enum["entries"]
             },
         }
         for name, enum in facts["enums"].items()
     }
-    kept = ("namespace", "navigation_mode_groups", "supported_protocols")
-    return {"enums": enums, "event_groups": groups, **{key: facts[key] for key in kept if key in facts}}
+    copied = ("namespace", "navigation_mode_groups", "supported_protocols")
+    return {"enums": enums, "event_groups": groups, **{key: facts[key] for key in copied if key in facts}}
 
 
 def _message(name: str, group: str, arguments: list[tuple[str, str]]) -> str:
-    written = MESSAGES.get(name)
-    if written is not None:
-        return written
-    spoken = range(0 if group == "default" else HIDDEN_ARGUMENTS, len(arguments))
-    values = ", ".join(f"{{{index + 1}}}" for index in spoken)
-    return f"{_words(name)}: {values}" if values else _words(name)
+    message = MESSAGES.get(name)
+    if message is not None:
+        return message
+    visible = range(0 if group == "default" else HIDDEN_ARGUMENTS, len(arguments))
+    values = ", ".join(f"{{{index + 1}}}" for index in visible)
+    return f"{_sentence(name)}: {values}" if values else _sentence(name)
 
 
-def _words(name: str) -> str:
+def _sentence(name: str) -> str:
     return name.removeprefix("check_").replace("_", " ").capitalize()

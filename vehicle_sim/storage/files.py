@@ -1,4 +1,4 @@
-"""The vehicle's files: its own folder, and read-only files of the build (`etc/extras`).
+"""The vehicle's files: a folder on the host, and read-only files of the build (`etc/extras`).
 
 Paths are those of an FTP client ("/", "./etc", "log/2026-11-21"); paths outside the folder are refused.
 """
@@ -27,7 +27,7 @@ class VehicleFiles:
     Args:
         folder: folder on the host, kept over restarts; None: a temporary folder, created at first use and
             deleted with the object.
-        built_in: read-only files by path; their content is created at the first read.
+        built_in: functions that create the content of read-only files, by path; called at the first read.
     """
 
     def __init__(
@@ -50,9 +50,9 @@ class VehicleFiles:
         """(name, size) of a directory's entries, sorted by name; size None for a directory.
 
         Raises:
-            OSError: there is no such directory.
+            OSError: the directory does not exist.
         """
-        name = _normal(path)
+        name = _normalized(path)
         entries: dict[str, int | None] = {}
         prefix = f"{name}/" if name else ""
         for built_in in self._built_in:
@@ -60,7 +60,7 @@ class VehicleFiles:
                 first, _, rest = built_in[len(prefix) :].partition("/")
                 entries[first] = None if rest else len(self._content(built_in))
         try:
-            for entry in os.scandir(self._real(name)):
+            for entry in os.scandir(self._checked_path(name)):
                 size = entry.stat(follow_symlinks=False).st_size
                 entries[entry.name] = None if entry.is_symlink() or entry.is_dir() else size
         except OSError:
@@ -70,44 +70,48 @@ class VehicleFiles:
 
     def is_link(self, path: str, name: str) -> bool:
         """Whether a directory's entry is a link to a folder of the build, as PX4's `etc` in simulation."""
-        folder = _normal(path)
+        folder = _normalized(path)
         if not folder and any(p.startswith(f"{name}/") for p in self._built_in):
             return True
         return (self.root / folder / name).is_symlink()
 
     def is_directory(self, path: str) -> bool:
-        """Whether there is such a directory."""
-        name = _normal(path)
-        return not name or any(p.startswith(f"{name}/") for p in self._built_in) or self._real(name).is_dir()
+        """Whether the path is a directory."""
+        name = _normalized(path)
+        return (
+            not name
+            or any(p.startswith(f"{name}/") for p in self._built_in)
+            or self._checked_path(name).is_dir()
+        )
 
     def size(self, path: str) -> int:
         """Size of a file, or the size that PX4 reports for a directory.
 
         Raises:
-            FileNotFoundError: there is no such file or directory.
+            FileNotFoundError: the file or directory does not exist.
         """
-        name = _normal(path)
+        name = _normalized(path)
         if name in self._built_in:
             return len(self._content(name))
-        return DIRECTORY_SIZE if self.is_directory(name) else self._real(name).stat().st_size
+        return DIRECTORY_SIZE if self.is_directory(name) else self._checked_path(name).stat().st_size
 
     def read(self, path: str, offset: int, size: int) -> bytes:
         """Up to `size` bytes from `offset`; empty at the end.
 
         Raises:
-            OSError: there is no such file.
+            OSError: the file does not exist.
         """
-        name = _normal(path)
+        name = _normalized(path)
         if name in self._built_in:
             return self._content(name)[offset : offset + size]
         if self.is_directory(name):
             raise IsADirectoryError(21, "a directory")
-        with self._real(name).open("rb") as file:
+        with self._checked_path(name).open("rb") as file:
             file.seek(offset)
             return file.read(size)
 
     def create(self, path: str) -> None:
-        """Creates an empty file; replaces an existing one.
+        """Creates an empty file; replaces an existing file.
 
         Raises:
             OSError: the directory is missing, or the path is read-only.
@@ -162,9 +166,9 @@ class VehicleFiles:
         Raises:
             OSError: the path is read-only, or the disk reports an error.
         """
-        real = self._writable(path)
-        real.parent.mkdir(parents=True, exist_ok=True)
-        return real
+        host_path = self._writable(path)
+        host_path.parent.mkdir(parents=True, exist_ok=True)
+        return host_path
 
     def delete_tree(self, path: str) -> None:
         """Deletes a directory with its content, if it exists."""
@@ -176,20 +180,20 @@ class VehicleFiles:
             self._contents[name] = self._built_in[name]()
         return self._contents[name]
 
-    def _real(self, name: str) -> Path:
-        real = (self.root / name).resolve()
-        if real != self.root and self.root not in real.parents:
+    def _checked_path(self, name: str) -> Path:
+        host_path = (self.root / name).resolve()
+        if host_path != self.root and self.root not in host_path.parents:
             raise OutsideError(13, "outside the vehicle's folder")
-        return real
+        return host_path
 
     def _writable(self, path: str) -> Path:
-        name = _normal(path)
+        name = _normalized(path)
         if not name or name in self._built_in or any(p.startswith(f"{name}/") for p in self._built_in):
             raise PermissionError(13, "read-only")
-        return self._real(name)
+        return self._checked_path(name)
 
 
-def _normal(path: str) -> str:
+def _normalized(path: str) -> str:
     """The path without leading slash and dots.
 
     Raises:

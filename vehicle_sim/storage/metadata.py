@@ -1,7 +1,7 @@
-"""Component metadata that PX4 serves by FTP: descriptions of its parameters, events and outputs.
+"""Component metadata that PX4 serves by FTP: descriptions of parameters, events and outputs.
 
-Names, groups, types, defaults, ranges, units and labels are those of PX4 v1.16 (`data/parameter_facts.json`).
-Descriptions are omitted, and the message of an event is the text that this simulator sends with it.
+Names, groups, types, defaults, ranges, units and labels are PX4 v1.16's (`data/parameter_facts.json`).
+Descriptions are omitted; the message texts of events are the simulator's (`event_definitions.py`).
 Formats: MAVLink's component metadata schemas (general, parameter, events, actuators).
 """
 
@@ -41,7 +41,7 @@ def _compressed(content: object) -> bytes:
 
 @lru_cache(maxsize=1)
 def parameters() -> dict[str, Any]:
-    """The parameter document: one entry per parameter in use."""
+    """The content of the parameter document: one entry for each parameter in use."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     entries: list[dict[str, Any]] = []
     for default in load_boot_parameters():
@@ -72,17 +72,19 @@ def _actuators_file() -> bytes:
 
 @lru_cache(maxsize=1)
 def _general_text() -> bytes:
-    of: tuple[tuple[int, str, Callable[[], bytes]], ...] = (
+    documents: tuple[tuple[int, str, Callable[[], bytes]], ...] = (
         (TYPE_PARAMETERS, PARAMETERS, _parameters_file),
         (TYPE_EVENTS, EVENTS, _events_file),
         (TYPE_ACTUATORS, ACTUATORS, _actuators_file),
     )
-    types = [{"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32(make())} for kind, path, make in of]
+    types = [
+        {"type": kind, "uri": f"mftp://{path}", "fileCrc": crc32(make())} for kind, path, make in documents
+    ]
     return json.dumps({"version": 1, "metadataTypes": types}).encode()
 
 
 def general_crc(file: bytes) -> int:
-    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION, of the uncompressed general file."""
+    """The CRC in COMPONENT_METADATA and COMPONENT_INFORMATION: that of the uncompressed general file."""
     return crc32(lzma.decompress(file))
 
 
@@ -92,4 +94,4 @@ BUILT_IN: dict[str, Callable[[], bytes]] = {
     EVENTS: _events_file,
     ACTUATORS: _actuators_file,
 }
-"""The files by path; created at the first read."""
+"""Functions that create the content of the files, by path."""

@@ -1,7 +1,7 @@
 """Topics whose values come from arrays of the simulation: their fields, sources and periods.
 
 Names, units and order of the fields are PX4's; fields without a source are zero. Periods were measured on PX4
-v1.16 (profile 131); those that only the default profile uses are from PX4's own table.
+v1.16 (profile 131); periods that only the default profile uses are from PX4's table.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ class ArrayTopic:
 
     layout: Layout
     periods: Mapping[int, Period]
-    """Period for each bit of the profile; of several selected bits the shortest period applies."""
+    """Period for each bit of the profile; if several bits are selected, the shortest period applies."""
     sources: Mapping[str, Source | float] = field(default_factory=dict)
     """Source of each field; a key with several names assigns the columns of one array."""
     sampled: bool = False
-    """Whether the topic has a field `timestamp_sample`, which here equals `timestamp`."""
+    """Whether the topic has a field `timestamp_sample`, which the simulator sets to `timestamp`."""
 
     def period(self, profile: int) -> Period | None:
         """Period in a profile; None: not logged."""
         selected = [period for bit, period in self.periods.items() if profile & bit]
-        named = [period for period in selected if isinstance(period, str)]
-        return named[0] if named else min(selected, default=None)
+        per_sample = [period for period in selected if isinstance(period, str)]
+        return per_sample[0] if per_sample else min(selected, default=None)
 
 
 def _motors(s: Simulation) -> NDArray[Any]:
@@ -101,7 +101,7 @@ def _velocity_variance(s: Simulation) -> NDArray[Any]:
 
 
 def _resets(s: Simulation) -> NDArray[Any]:
-    """Sum of the reset counters; PX4 has one counter for all of them here."""
+    """Sum of the reset counters, because vehicle_odometry has one counter for all resets."""
     f = s.fusion
     counters = f.xy_reset_counter + f.z_reset_counter + f.vxy_reset_counter + f.vz_reset_counter
     return (counters + f.heading_reset_counter) & 0xFF
@@ -330,7 +330,7 @@ def _true_position() -> dict[str, Source | float]:
 
 
 ARRAY_TOPICS: tuple[ArrayTopic, ...] = tuple(_topics())
-"""Ordered by id."""
+"""All array topics, ordered by id."""
 
 
 def current(topic: ArrayTopic, simulation: Simulation, row: int) -> dict[str, Any]:

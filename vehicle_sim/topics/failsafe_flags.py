@@ -24,15 +24,15 @@ DECLARATION: Final = "".join(f"uint32_t mode_req_{name};" for name in Requiremen
 def fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str, Any]:
     """Flags of current faults; the topic is published immediately when a flag changes."""
     estimate, checks, monitors = view.estimate, commander.checks, commander.monitors
-    position = checks.position_usable
+    position_usable = checks.position_usable
     return {
         "attitude_invalid": not estimate.valid_attitude,
         "angular_velocity_invalid": not estimate.valid_attitude,
         "local_altitude_invalid": not estimate.valid_altitude,
-        "local_position_invalid": not position,
-        "local_position_invalid_relaxed": not position,
+        "local_position_invalid": not position_usable,
+        "local_position_invalid_relaxed": not position_usable,
         "local_velocity_invalid": not estimate.valid_velocity,
-        "global_position_invalid": not position,
+        "global_position_invalid": not position_usable,
         "auto_mission_missing": not checks.has_mission,
         "offboard_control_signal_lost": not commander.offboard.has_signal(),
         "home_position_invalid": not home.valid,

@@ -38,12 +38,12 @@ def _fields(declaration: str) -> tuple[Field, ...]:
 
 
 class Layout:
-    """Layout of one topic; `pack` and `blank` create the data messages of a log (ULog kind D).
+    """Layout of one topic; `pack` and `blank` create the data messages of a log (ULog type D).
 
     Args:
-        name: of the topic.
-        declaration: `type name` or `type[n] name`, separated by semicolons; the timestamp is added in front.
-        msg_id: number in the file.
+        name: name of the topic.
+        declaration: fields `type name` or `type[n] name` after the timestamp, separated by semicolons.
+        msg_id: id of the topic in the log file.
         multi_id: instance of the topic.
     """
 
@@ -75,5 +75,5 @@ class Layout:
         return record
 
     def pack(self, values: Sequence[Any]) -> bytes:
-        """One data message of the values in order, arrays flattened."""
+        """Packs one data message from the values in order, with arrays flattened."""
         return self._head + self._struct.pack(*values)

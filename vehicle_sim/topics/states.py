@@ -1,6 +1,7 @@
 """State topics of a vehicle: mode, arming, landing, health, battery, home, mission.
 
-They are written when they change and again periodically, as in PX4. The console's `listener` shows them too.
+As in PX4, the log contains each topic when it changes and periodically. The console's `listener` shows them
+too.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from vehicle_sim.topics.layout import Layout
 Values = Mapping[str, Any]
 NAN = math.nan
 VALID_STATES, SETTABLE_STATES = 0x7FFEE47F, 0x007EC47F
-"""Bit masks of the existing modes and of those that can be set, as `vehicle_status` reports them."""
+"""Bit masks of the existing modes and of the modes that can be set, as `vehicle_status` reports them."""
 ARMING_DISARMED, ARMING_ARMED = 1, 2
 ROTARY_WING, QUADROTOR = 1, 2
 NEVER_MS = 1 << 62
@@ -44,13 +45,13 @@ class StateTopic:
 
     layout: Layout
     every_ms: int
-    """0: only when it changes."""
+    """Period; 0: the topic is written only when it changes."""
     read: Callable[[], Values]
     key: Callable[[], object] | None = None
     """The topic is written immediately when this value changes."""
 
     def pack(self, time_us: int, values: Values | None = None) -> bytes:
-        """A data message; fields missing in `read` are zero."""
+        """Packs a data message; fields that are missing in the values are zero."""
         by_field = dict(self.read() if values is None else values, timestamp=time_us)
         flat: list[Any] = []
         for field in self.layout.fields:
@@ -68,11 +69,11 @@ FUSION_FLAGS = (
     "fake_hgt", "valid_fake_pos", "gravity_vector", "mag", "mag_3d", "mag_hdg", "mag_dec",
     "mag_aligned_in_flight", "mag_heading_consistent", "mag_field_disturbed", "vehicle_at_rest", "in_air",
 )  # fmt: skip
-"""Flags of `Fusion`; all except the first two are logged under their own names."""
+"""Flags of `Fusion`; in the topic the first two have other names."""
 
 
 class States:
-    """State topics of one vehicle, and times of past changes that they report."""
+    """State topics of one vehicle, with the times of arming, take-off and mode change that they contain."""
 
     def __init__(self, autopilot: Autopilot, system_id: int) -> None:
         self._autopilot = autopilot
@@ -108,7 +109,7 @@ class States:
         self._next_ms = 0
 
     def due(self, now_us: int) -> bytes:
-        """Messages of topics that have changed or are due again."""
+        """Messages of the topics that have changed or whose period has ended."""
         now_ms = now_us // 1000
         keys = [key() for key in self._watched]
         if keys == self._last_keys and now_ms < self._next_ms:
@@ -131,16 +132,16 @@ class States:
             [event.time_boot_ms * 1000, event.id, event.sequence, *arguments, event.log_levels]
         )
 
-    def _record_times(self, item: StatusText | Event) -> None:
-        if isinstance(item, StatusText):
+    def _record_times(self, announcement: StatusText | Event) -> None:
+        if isinstance(announcement, StatusText):
             return
         now_us = self._view.time_boot_us()
-        if item.name == "commander_armed_by":
-            self._armed_us, self._reasons[0] = now_us, item.arguments[0]
-        elif item.name == "commander_disarmed_by":
+        if announcement.name == "commander_armed_by":
+            self._armed_us, self._reasons[0] = now_us, announcement.arguments[0]
+        elif announcement.name == "commander_disarmed_by":
             self._armed_us = self._took_off_us = 0
-            self._reasons[1] = item.arguments[0]
-        elif item.name == "commander_takeoff_detected":
+            self._reasons[1] = announcement.arguments[0]
+        elif announcement.name == "commander_takeoff_detected":
             self._took_off_us = now_us
 
     # --- the topics ------------------------------------------------------------------------------------
@@ -155,7 +156,7 @@ class States:
 
         commander, detector = self._commander, self._autopilot.land_detector
 
-        def decisions() -> object:
+        def commander_state() -> object:
             kind = commander.offboard.kind if commander.active is NavState.OFFBOARD else None
             ready, config_count = commander.report.armable(commander.active), commander.external.config_count
             return (
@@ -176,7 +177,7 @@ class States:
             "bool power_input_valid;bool usb_connected;bool open_drone_id_system_present;"
             "bool open_drone_id_system_healthy;bool parachute_system_present;"
             "bool parachute_system_healthy;bool rc_calibration_in_progress;bool calibration_enabled;"
-            "bool pre_flight_checks_pass", decisions)  # fmt: skip
+            "bool pre_flight_checks_pass", commander_state)  # fmt: skip
         add("vehicle_control_mode", 500, self._control_mode,
             "bool flag_armed;bool flag_multicopter_position_control_enabled;"
             "bool flag_control_manual_enabled;bool flag_control_auto_enabled;"
@@ -185,12 +186,14 @@ class States:
             "bool flag_control_climb_rate_enabled;bool flag_control_acceleration_enabled;"
             "bool flag_control_attitude_enabled;bool flag_control_rates_enabled;"
             "bool flag_control_allocation_enabled;bool flag_control_termination_enabled;"
-            "uint8_t source_id", decisions)  # fmt: skip
+            "uint8_t source_id", commander_state)  # fmt: skip
         add("actuator_armed", 500, self._armed, "bool armed;bool prearmed;bool ready_to_arm;bool lockdown;"
-            "bool manual_lockdown;bool force_failsafe;bool in_esc_calibration_mode", decisions)  # fmt: skip
+            "bool manual_lockdown;bool force_failsafe;bool in_esc_calibration_mode",
+            commander_state)  # fmt: skip
         add("failure_detector_status", 500, self._failures, "float imbalanced_prop_metric;"
             "uint16_t motor_failure_mask;bool fd_roll;bool fd_pitch;bool fd_alt;bool fd_ext;"
-            "bool fd_arm_escs;bool fd_battery;bool fd_imbalanced_prop;bool fd_motor", decisions)  # fmt: skip
+            "bool fd_arm_escs;bool fd_battery;bool fd_imbalanced_prop;bool fd_motor",
+            commander_state)  # fmt: skip
         add("vehicle_land_detected", 1000, self._landing,
             "bool freefall;bool ground_contact;bool maybe_landed;bool landed;bool in_ground_effect;"
             "bool in_descend;bool has_low_throttle;bool vertical_movement;bool horizontal_movement;"
@@ -261,30 +264,33 @@ class States:
             return self._external_control_mode(c.external.controllers(c.active))
         mode = MODES[c.active]
         offboard, terminated = c.active is NavState.OFFBOARD, c.active is NavState.TERMINATION
-        angles = not terminated and c.active is not NavState.ACRO
+        attitude = not terminated and c.active is not NavState.ACRO
         if offboard:
-            angles = c.offboard.kind in (*TRAJECTORY_KINDS, SetpointKind.ATTITUDE)
-        height = angles and c.active not in (NavState.MANUAL, NavState.STABILIZED)
-        height = height and not (offboard and c.offboard.kind is SetpointKind.ATTITUDE)
-        position = height and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
-        rates = not terminated and (not offboard or angles or c.offboard.kind is SetpointKind.RATES)
+            attitude = c.offboard.kind in (*TRAJECTORY_KINDS, SetpointKind.ATTITUDE)
+        altitude = attitude and c.active not in (NavState.MANUAL, NavState.STABILIZED)
+        altitude = altitude and not (offboard and c.offboard.kind is SetpointKind.ATTITUDE)
+        position = altitude and c.active not in (NavState.ALTITUDE, NavState.DESCEND)
+        rates = not terminated and (not offboard or attitude or c.offboard.kind is SetpointKind.RATES)
         allocation = not terminated and (
             not offboard or rates or c.offboard.kind is SetpointKind.THRUST_TORQUE
         )
         return {
-            "flag_armed": c.armed, "flag_multicopter_position_control_enabled": height,
+            "flag_armed": c.armed, "flag_multicopter_position_control_enabled": altitude,
             "flag_control_manual_enabled": mode.needs_sticks, "flag_control_auto_enabled": mode.auto,
             "flag_control_offboard_enabled": offboard, "flag_control_position_enabled": position,
-            "flag_control_velocity_enabled": position, "flag_control_altitude_enabled": height,
-            "flag_control_climb_rate_enabled": height, "flag_control_attitude_enabled": angles,
+            "flag_control_velocity_enabled": position, "flag_control_altitude_enabled": altitude,
+            "flag_control_climb_rate_enabled": altitude, "flag_control_attitude_enabled": attitude,
             "flag_control_rates_enabled": rates, "flag_control_allocation_enabled": allocation,
             "flag_control_termination_enabled": terminated,
         }  # fmt: skip
 
-    def _external_control_mode(self, runs: Controllers) -> Values:
-        flags = {f"flag_control_{name}_enabled": value for name, value in dataclasses.asdict(runs).items()}
+    def _external_control_mode(self, controllers: Controllers) -> Values:
+        flags = {
+            f"flag_control_{name}_enabled": value for name, value in dataclasses.asdict(controllers).items()
+        }
         return flags | {
-            "flag_armed": self._commander.armed, "flag_multicopter_position_control_enabled": runs.trajectory,
+            "flag_armed": self._commander.armed,
+            "flag_multicopter_position_control_enabled": controllers.trajectory,
             "source_id": int(self._commander.active),
         }  # fmt: skip
 

@@ -17,9 +17,9 @@ BODY_RADIUS_M = 0.3
 ROOF_TOLERANCE_M = 0.15
 """A roof supports a vehicle that is at most this deep in it."""
 SLOPE_CRASH_M_S = 1.5
-"""Speed relative to rising ground above which a vehicle crashes; PX4's own flat ground causes no crash."""
+"""Speed towards rising ground above which a vehicle crashes; PX4's flat ground causes no crash."""
 SEARCH_EVERY_STEPS, SEARCHED_M = 25, 10.0
-"""How often prisms near a vehicle are searched, and within which distance: 0.1 s at up to 100 m/s."""
+"""Interval of the search for prisms near a vehicle, and search distance: 0.1 s of flight at 100 m/s."""
 REBOUND = 0.2
 """Fraction of the speed kept after a collision."""
 
@@ -29,14 +29,15 @@ class Collision:
     """Vehicle `row` has hit an obstacle or the ground."""
 
     row: int
-    what: str
+    obstacle: str
+    """Name of the obstacle, or "the ground"."""
 
 
 class Contact:
     """Contact of N vehicles with the world.
 
     Args:
-        world: with terrain or obstacles.
+        world: the world, with terrain or obstacles.
         count: N.
     """
 
@@ -44,18 +45,18 @@ class Contact:
         self._world = world
         self._prisms = [PrismShape(each) for each in world.prisms]
         self._near = self._prisms
-        """Prisms near a vehicle; the others are not computed at each step."""
+        """Prisms near a vehicle, the only ones that each step checks."""
         self._steps_until_search = 1
         self._velocity_before_step_ned_m_s = np.zeros((count, 3))
         self.crashed = np.zeros(count, dtype=np.bool_)
         """(N,) vehicles that have crashed since their last reset."""
 
     def support_down_m(self, position_ned_m: FloatArray) -> FloatArray:
-        """(N,) down coordinate of the surface below each vehicle: ground or roof."""
+        """(N,) position down of the surface below each vehicle, ground or roof."""
         north, east, down = position_ned_m[:, 0], position_ned_m[:, 1], position_ned_m[:, 2]
-        support = -self._world.terrain.height_m(north, east)
+        support = -self._world.terrain.alt_home_m(north, east)
         for number, box in enumerate(self._world.boxes):
-            x, y = self._inside(number, position_ned_m)
+            x, y = self._in_box_frame(number, position_ned_m)
             roof = -box.roof_alt_home_m
             over = (np.abs(x) <= box.length_m / 2) & (np.abs(y) <= box.width_m / 2)
             over &= down <= roof + ROOF_TOLERANCE_M
@@ -70,15 +71,15 @@ class Contact:
         self._velocity_before_step_ned_m_s[:] = velocity_ned_m_s
 
     def collide(self, position_ned_m: FloatArray, velocity_ned_m_s: FloatArray) -> list[Collision]:
-        """Stops vehicles that hit something (changes position and velocity in place); returns the new
+        """Stops vehicles that hit an obstacle (changes position and velocity in place); returns the new
         collisions.
 
         A crashed vehicle is moved out of the obstacle, without a new collision.
         """
         collisions: list[Collision] = []
-        self._slopes(position_ned_m, velocity_ned_m_s, collisions)
+        self._hit_slopes(position_ned_m, velocity_ned_m_s, collisions)
         for number, box in enumerate(self._world.boxes):
-            x, y = self._inside(number, position_ned_m)
+            x, y = self._in_box_frame(number, position_ned_m)
             down = position_ned_m[:, 2]
             reach_x, reach_y = box.length_m / 2 + BODY_RADIUS_M, box.width_m / 2 + BODY_RADIUS_M
             hit = (np.abs(x) < reach_x) & (np.abs(y) < reach_y)
@@ -107,26 +108,26 @@ class Contact:
     def _hit_prism(
         self, prism: PrismShape, position: FloatArray, velocity: FloatArray, collisions: list[Collision]
     ) -> None:
-        """Moves vehicles that touch a prism out of it, through its nearest side."""
+        """Moves vehicles that touch a prism out of the prism through the nearest side."""
         below = position[:, 2] > prism.roof_down_m + ROOF_TOLERANCE_M
         if not below.any():
             return
         side = prism.nearest_on_outline(position[:, :2])
         outwards = position[:, :2] - side
-        away_m = np.hypot(outwards[:, 0], outwards[:, 1])
+        distance_m = np.hypot(outwards[:, 0], outwards[:, 1])
         inside = prism.covers(position[:, :2])
-        for row in np.flatnonzero(below & (inside | (away_m < BODY_RADIUS_M))):
-            normal = outwards[row] / max(float(away_m[row]), 1e-9) * (-1.0 if inside[row] else 1.0)
+        for row in np.flatnonzero(below & (inside | (distance_m < BODY_RADIUS_M))):
+            normal = outwards[row] / max(float(distance_m[row]), 1e-9) * (-1.0 if inside[row] else 1.0)
             position[row, :2] = side[row] + normal * BODY_RADIUS_M
             _rebound(velocity, int(row), normal)
             self._crash(int(row), prism.name, collisions)
 
-    def _slopes(self, position: FloatArray, velocity: FloatArray, collisions: list[Collision]) -> None:
+    def _hit_slopes(self, position: FloatArray, velocity: FloatArray, collisions: list[Collision]) -> None:
         terrain = self._world.terrain
         if terrain.flat:
             return
         north, east = position[:, 0], position[:, 1]
-        below = position[:, 2] > -terrain.height_m(north, east)
+        below = position[:, 2] > -terrain.alt_home_m(north, east)
         if not below.any():
             return
         rise_north, rise_east = terrain.slope(north, east)
@@ -136,12 +137,12 @@ class Contact:
             velocity[row] = 0.0
             self._crash(int(row), "the ground", collisions)
 
-    def _crash(self, row: int, what: str, collisions: list[Collision]) -> None:
+    def _crash(self, row: int, obstacle: str, collisions: list[Collision]) -> None:
         if not self.crashed[row]:
             self.crashed[row] = True
-            collisions.append(Collision(row, what))
+            collisions.append(Collision(row, obstacle))
 
-    def _inside(self, number: int, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _in_box_frame(self, number: int, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Horizontal positions in the axes of a box."""
         box = self._world.boxes[number]
         north, east = position[:, 0] - box.north_m, position[:, 1] - box.east_m
@@ -150,7 +151,7 @@ class Contact:
 
     def _push_out(self, row: int, number: int, position: FloatArray, velocity: FloatArray) -> None:
         box = self._world.boxes[number]
-        xs, ys = self._inside(number, position[row : row + 1])
+        xs, ys = self._in_box_frame(number, position[row : row + 1])
         x, y = float(xs[0]), float(ys[0])
         underside = -box.base_alt_home_m + BODY_RADIUS_M
         overlaps = {
@@ -173,7 +174,7 @@ class Contact:
 
 
 def _rebound(velocity: FloatArray, row: int, normal: FloatArray) -> None:
-    """Reflects the velocity into an obstacle, whose side has this outward normal."""
+    """Reflects a velocity towards the side of an obstacle with this outward normal."""
     inward = float(velocity[row, :2] @ normal)
     if inward < 0.0:
         velocity[row, :2] -= (1.0 + REBOUND) * inward * normal

@@ -8,8 +8,8 @@
     walls: [{name: fence, from_ne_m: [5, -5], to_ne_m: [5, 5], height_m: 2}]
     lidars: {forward: true, around: true, range_m: 20}
 
-Metres; north and east from home, heights above home. Boxes may have `yaw_ned_deg`; boxes and walls may have
-`base_alt_home_m`.
+Lengths in metres; north and east from home; terrain `height_m` is the altitude above home, the `height_m` of
+boxes and walls is above their base. Boxes may have `yaw_ned_deg`; boxes and walls may have `base_alt_home_m`.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
 from vehicle_sim.world.world import Box, Lidars, World, wall
 from vehicle_sim.yaml_fields import Fields, FileProblem, read_yaml
 
-SHIPPED = Path(__file__).resolve().parent.parent / "worlds"
+FOLDER = Path(__file__).resolve().parent.parent / "worlds"
 MAX_COORDINATE_M = 20_000.0
 MAX_OBSTACLES = 500
 
 
 def built_in_worlds() -> tuple[str, ...]:
     """Names of the built-in worlds."""
-    return tuple(sorted(path.stem for path in SHIPPED.glob("*.yaml")))
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.yaml")))
 
 
 def load_world(name_or_path: str) -> World:
@@ -40,19 +40,19 @@ def load_world(name_or_path: str) -> World:
         FileProblem: the file does not exist or is invalid; the text names line, field and fix.
     """
     if name_or_path in built_in_worlds():
-        return world_of(read_yaml(SHIPPED / f"{name_or_path}.yaml"))
+        return world_from_fields(read_yaml(FOLDER / f"{name_or_path}.yaml"))
     path = Path(name_or_path)
     if not path.exists():
         names = ", ".join(built_in_worlds())
         raise FileProblem(f"{name_or_path}: no such file or built-in world; built-in worlds: {names}")
-    return world_of(read_yaml(path))
+    return world_from_fields(read_yaml(path))
 
 
-def world_of(fields: Fields) -> World:
+def world_from_fields(fields: Fields) -> World:
     """Builds the world of a parsed file.
 
     Raises:
-        FileProblem: a field is missing, unknown or impossible.
+        FileProblem: a field is missing, unknown or invalid.
     """
     name = fields.text("name")
     terrain = _terrain(fields.mapping("terrain"))
@@ -124,7 +124,7 @@ def _wall(fields: Fields) -> Box:
     end = fields.numbers("to_ne_m", 2, "[north, east] in metres")
     if start == end:
         raise fields.problem("to_ne_m", "is also the start of the wall; give another position")
-    built = wall(
+    box = wall(
         fields.text("name", "a wall"),
         (start[0], start[1]),
         (end[0], end[1]),
@@ -133,7 +133,7 @@ def _wall(fields: Fields) -> Box:
         base_alt_home_m=fields.number("base_alt_home_m", 0.0, low=-500, high=2000),
     )
     fields.finish()
-    return built
+    return box
 
 
 def _lidars(fields: Fields | None) -> Lidars:

@@ -1,4 +1,4 @@
-"""The vehicles' lidars: the downward one of PX4's simulation, and those of a world."""
+"""The vehicles' lidars: the downward lidar of PX4's simulation, and the lidars of a world."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SAMPLE_EVERY_STEPS = 5
 
 
 class Lidar:
-    """Distances of all N vehicles, measured on request and at most at 50 Hz.
+    """Lidars of N vehicles; distances are measured on request, at most at 50 Hz.
 
     Args:
         world: the obstacles and the ground.
@@ -38,23 +38,23 @@ class Lidar:
         self._cache: dict[str, tuple[int, FloatArray]] = {}
 
     def down_m(self, step: int, matrix: FloatArray) -> FloatArray:
-        """(N,) distance along the body's down axis; inf if there is nothing."""
+        """(N,) distance along the body's down axis; infinite: nothing in this direction."""
         if self.world.empty:  # frequent case: no rays are needed over flat ground
             cos_tilt = matrix[:, 2, 2]
             with np.errstate(divide="ignore", invalid="ignore"):
                 distance = np.maximum(-self._truth.position_ned_m[:, 2], 0.0) / cos_tilt
             return np.where(cos_tilt > 0.0, distance, math.inf)
-        return self._measured("down", self._down_frd, math.inf, step, matrix)[:, 0]
+        return self._measure("down", self._down_frd, math.inf, step, matrix)[:, 0]
 
     def forward_m(self, step: int, matrix: FloatArray) -> FloatArray:
-        """(N,) distance straight ahead."""
-        return self._measured("forward", self._forward_frd, self.world.lidars.range_m, step, matrix)[:, 0]
+        """(N,) distance along the body's forward axis."""
+        return self._measure("forward", self._forward_frd, self.world.lidars.range_m, step, matrix)[:, 0]
 
     def around_m(self, step: int, matrix: FloatArray) -> FloatArray:
         """(N, 72) distances clockwise from the nose."""
-        return self._measured("around", self._around_frd, self.world.lidars.range_m, step, matrix)
+        return self._measure("around", self._around_frd, self.world.lidars.range_m, step, matrix)
 
-    def _measured(
+    def _measure(
         self, name: str, rays_frd: FloatArray, range_m: float, step: int, matrix: FloatArray
     ) -> FloatArray:
         """Distances (N, R) along rays (R, 3) in FRD from every vehicle."""
@@ -66,7 +66,7 @@ class Lidar:
         direction = np.einsum("nij,rj->nri", matrix, rays_frd).reshape(-1, 3)
         origin = np.repeat(self._truth.position_ned_m, rays, axis=0)
         # Rays over terrain are computed in steps, up to the largest distance that the message can contain.
-        reach = min(range_m, 655.0)
-        distance = self._caster.cast(origin, direction, reach).distance_m.reshape(count, rays)
+        max_range_m = min(range_m, 655.0)
+        distance = self._caster.cast(origin, direction, max_range_m).distance_m.reshape(count, rays)
         self._cache[name] = slot, distance
         return distance

@@ -19,7 +19,7 @@ class Prism:
     corners_ne_m: tuple[tuple[float, float], ...]
     """North and east of the corners; at least three, in either direction."""
     roof_alt_home_m: float
-    """Altitude of its roof above home."""
+    """Altitude of the roof above home."""
 
 
 class PrismShape:
@@ -28,9 +28,9 @@ class PrismShape:
     def __init__(self, prism: Prism) -> None:
         self.name = prism.name
         self.roof_down_m = -prism.roof_alt_home_m
-        self._from = np.array(prism.corners_ne_m, dtype=float)
-        self._side = np.roll(self._from, -1, axis=0) - self._from
-        self._low, self._high = self._from.min(axis=0), self._from.max(axis=0)
+        self._corners = np.array(prism.corners_ne_m, dtype=float)
+        self._side = np.roll(self._corners, -1, axis=0) - self._corners
+        self._low, self._high = self._corners.min(axis=0), self._corners.max(axis=0)
 
     def any_near(self, position_ne_m: FloatArray, within_m: float) -> bool:
         """Whether any of the positions (M, 2) is within this distance of the bounding box of the outline."""
@@ -40,33 +40,33 @@ class PrismShape:
     def covers(self, position_ne_m: FloatArray) -> BoolArray:
         """(M,) whether positions (M, 2) are inside the outline (even-odd rule)."""
         north, east = position_ne_m[:, :1], position_ne_m[:, 1:]
-        start, end = self._from[:, 1], self._from[:, 1] + self._side[:, 1]
+        start, end = self._corners[:, 1], self._corners[:, 1] + self._side[:, 1]
         spans = (start > east) != (end > east)
         with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = self._from[:, 0] + (east - start) / self._side[:, 1] * self._side[:, 0]
+            crossing = self._corners[:, 0] + (east - start) / self._side[:, 1] * self._side[:, 0]
         return ((spans & (north < crossing)).sum(axis=1) % 2).astype(np.bool_)
 
     def nearest_on_outline(self, position_ne_m: FloatArray) -> FloatArray:
-        """(M, 2) the positions of the outline that are nearest to positions (M, 2)."""
-        offset = position_ne_m[:, None] - self._from
+        """(M, 2) nearest positions on the outline to positions (M, 2)."""
+        offset = position_ne_m[:, None] - self._corners
         length2 = np.maximum((self._side**2).sum(axis=1), 1e-12)
-        share = np.clip((offset * self._side).sum(axis=2) / length2, 0.0, 1.0)
-        on_side = self._from + share[..., None] * self._side
+        fraction = np.clip((offset * self._side).sum(axis=2) / length2, 0.0, 1.0)
+        on_side = self._corners + fraction[..., None] * self._side
         nearest = ((position_ne_m[:, None] - on_side) ** 2).sum(axis=2).argmin(axis=1)
         return on_side[np.arange(len(position_ne_m)), nearest]
 
     def cast(self, origin: FloatArray, direction: FloatArray) -> FloatArray:
-        """(M,) distances along rays (M, 3) in NED; infinite for rays that miss; 0 for one that starts
+        """(M,) distances along rays (M, 3) in NED; infinite for a ray that misses, 0 for a ray that starts
         inside."""
-        away = self._from - origin[:, None, :2]
+        to_corner = self._corners - origin[:, None, :2]
         along = direction[:, None, :2]
         with np.errstate(divide="ignore", invalid="ignore"):
             parallel = _cross(along, self._side)
-            distance = _cross(away, self._side) / parallel
-            share = _cross(away, along) / parallel
+            distance = _cross(to_corner, self._side) / parallel
+            fraction = _cross(to_corner, along) / parallel
             is_wall = origin[:, 2:] + distance * direction[:, 2:] >= self.roof_down_m
             to_roof = (self.roof_down_m - origin[:, 2]) / direction[:, 2]
-        hits = (distance >= 0.0) & (share >= 0.0) & (share <= 1.0) & is_wall
+        hits = (distance >= 0.0) & (fraction >= 0.0) & (fraction <= 1.0) & is_wall
         walls = np.where(hits, distance, np.inf).min(axis=1)
         from_above = (direction[:, 2] > 0.0) & (to_roof >= 0.0)
         reach = np.where(from_above, to_roof, 0.0)

@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 NOTHING, GROUND = -2, -1
-"""Values of `Hits.what` for a ray that hit no obstacle."""
+"""Values of `Hits.target` for a ray that hits no obstacle."""
 MARCH_STEPS = 64
 BISECTIONS = 12
 
@@ -24,9 +24,9 @@ class Hits:
     """Results of M rays."""
 
     distance_m: FloatArray
-    """(M,) inf if nothing was hit."""
-    what: IntArray
-    """(M,) NOTHING, GROUND, or the number of the box; prisms are counted after the boxes."""
+    """(M,) infinite: the ray hits nothing."""
+    target: IntArray
+    """(M,) NOTHING, GROUND, or the number of the obstacle: boxes first, then prisms."""
 
 
 class RayCaster:
@@ -44,26 +44,26 @@ class RayCaster:
     def cast(self, origin_ned_m: FloatArray, direction_ned: FloatArray, range_m: FloatArray | float) -> Hits:
         """Casts rays from (M, 3) along unit vectors (M, 3) up to `range_m`."""
         distance = self._ground(origin_ned_m, direction_ned, np.broadcast_to(range_m, origin_ned_m.shape[:1]))
-        what = np.where(np.isfinite(distance), GROUND, NOTHING).astype(np.int64)
+        target = np.where(np.isfinite(distance), GROUND, NOTHING).astype(np.int64)
         boxes = len(self.world.boxes)
         for number in range(boxes + len(self._prisms)):
             if number < boxes:
-                found = self._box(number, origin_ned_m, direction_ned)
+                to_obstacle = self._box(number, origin_ned_m, direction_ned)
             else:
-                found = self._prisms[number - boxes].cast(origin_ned_m, direction_ned)
-            nearer = found < distance
-            distance = np.where(nearer, found, distance)
-            what[nearer] = number
+                to_obstacle = self._prisms[number - boxes].cast(origin_ned_m, direction_ned)
+            nearer = to_obstacle < distance
+            distance = np.where(nearer, to_obstacle, distance)
+            target[nearer] = number
         beyond = distance > range_m
         distance[beyond] = np.inf
-        what[beyond] = NOTHING
-        return Hits(distance, what)
+        target[beyond] = NOTHING
+        return Hits(distance, target)
 
     def _box(self, number: int, origin: FloatArray, direction: FloatArray) -> FloatArray:
-        """Slab test in the box's own axes; a ray that starts inside hits it at distance 0."""
+        """Distances to a box by a slab test in the box's axes; 0 for a ray that starts inside."""
         offset = origin - self._centre[number]
-        turned = [self._turn(number, offset), self._turn(number, direction)]
-        at, along = turned
+        rotated = [self._to_box_axes(number, offset), self._to_box_axes(number, direction)]
+        at, along = rotated
         with np.errstate(divide="ignore", invalid="ignore"):
             first, second = (-self._half[number] - at) / along, (self._half[number] - at) / along
         near = np.fmax.reduce(np.fmin(first, second), axis=1)
@@ -72,7 +72,7 @@ class RayCaster:
         outside = ((along == 0.0) & (np.abs(at) > self._half[number])).any(axis=1)
         return np.where((far >= np.maximum(near, 0.0)) & ~outside, np.maximum(near, 0.0), np.inf)
 
-    def _turn(self, number: int, vectors: FloatArray) -> FloatArray:
+    def _to_box_axes(self, number: int, vectors: FloatArray) -> FloatArray:
         c, s = self._cos[number], self._sin[number]
         return np.stack(
             [c * vectors[:, 0] + s * vectors[:, 1], c * vectors[:, 1] - s * vectors[:, 0], vectors[:, 2]],
@@ -88,8 +88,8 @@ class RayCaster:
         return self._march(origin, direction, range_m)
 
     def _march(self, origin: FloatArray, direction: FloatArray, range_m: FloatArray) -> FloatArray:
-        """Steps that grow with the distance, then bisection between the last point above and the first
-        below."""
+        """Distances to terrain: steps that grow with the distance, then bisection between the last point
+        above and the first point below the ground."""
         distance = np.full(origin.shape[0], np.inf)
         open_rays = np.flatnonzero(range_m > 0.0)
         before = np.zeros(open_rays.shape)
@@ -100,11 +100,11 @@ class RayCaster:
             below = self._below(origin[open_rays], direction[open_rays], at)
             if below.any():
                 rows = open_rays[below]
-                distance[rows] = self._between(origin[rows], direction[rows], before[below], at[below])
+                distance[rows] = self._bisect(origin[rows], direction[rows], before[below], at[below])
             open_rays, before = open_rays[~below], at[~below]
         return distance
 
-    def _between(
+    def _bisect(
         self, origin: FloatArray, direction: FloatArray, low: FloatArray, high: FloatArray
     ) -> FloatArray:
         for _ in range(BISECTIONS):
@@ -116,4 +116,4 @@ class RayCaster:
 
     def _below(self, origin: FloatArray, direction: FloatArray, at: FloatArray) -> np.ndarray:
         point = origin + direction * at[:, None]
-        return -point[:, 2] <= self.world.terrain.height_m(point[:, 0], point[:, 1])
+        return -point[:, 2] <= self.world.terrain.alt_home_m(point[:, 0], point[:, 1])

@@ -1,4 +1,4 @@
-"""The shape of the ground: flat as in PX4's own simulation, plus hills or a grid of heights."""
+"""The shape of the ground: flat as in PX4's simulation, plus hills or a grid of altitudes."""
 
 from __future__ import annotations
 
@@ -22,49 +22,50 @@ class Hill:
 
 @dataclass(frozen=True, slots=True)
 class HeightGrid:
-    """Heights on a square grid, with bilinear interpolation; outside the grid the border values continue."""
+    """Altitudes on a square grid, with bilinear interpolation; outside the grid the border values
+    continue."""
 
     north_m: float
     """Position of the south-west corner."""
     east_m: float
     spacing_m: float
     heights_m: FloatArray
-    """(rows to the north, columns to the east) height above home."""
+    """(rows to the north, columns to the east) altitude above home."""
 
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """Heights above home: the grid (or 0) plus all hills."""
+    """Altitudes of the ground above home: the grid (or 0) plus all hills."""
 
     hills: tuple[Hill, ...] = ()
     grid: HeightGrid | None = None
 
     @property
     def flat(self) -> bool:
-        """Whether the height is 0 everywhere."""
+        """Whether the altitude is 0 everywhere."""
         return not self.hills and self.grid is None
 
     @property
     def highest_m(self) -> float:
-        """Upper bound of the height."""
+        """Upper bound of the altitude above home."""
         grid = 0.0 if self.grid is None else max(0.0, float(self.grid.heights_m.max()))
         return grid + sum(max(0.0, hill.height_m) for hill in self.hills)
 
-    def height_m(self, north_m: FloatArray, east_m: FloatArray) -> FloatArray:
-        """Height above home at positions of any array shape."""
+    def alt_home_m(self, north_m: FloatArray, east_m: FloatArray) -> FloatArray:
+        """Altitude above home at positions of any array shape."""
         height = np.zeros(np.shape(north_m))
         if self.grid is not None:
             height = height + _bilinear(self.grid, north_m, east_m)
         for hill in self.hills:
-            part = np.hypot(north_m - hill.north_m, east_m - hill.east_m) / hill.radius_m
-            height = height + 0.5 * hill.height_m * (1.0 + np.cos(np.pi * np.minimum(part, 1.0)))
+            fraction = np.hypot(north_m - hill.north_m, east_m - hill.east_m) / hill.radius_m
+            height = height + 0.5 * hill.height_m * (1.0 + np.cos(np.pi * np.minimum(fraction, 1.0)))
         return height
 
     def slope(self, north_m: FloatArray, east_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rise per metre to the north and to the east."""
         d = 0.1
-        north = self.height_m(north_m + d, east_m) - self.height_m(north_m - d, east_m)
-        east = self.height_m(north_m, east_m + d) - self.height_m(north_m, east_m - d)
+        north = self.alt_home_m(north_m + d, east_m) - self.alt_home_m(north_m - d, east_m)
+        east = self.alt_home_m(north_m, east_m + d) - self.alt_home_m(north_m, east_m - d)
         return north / (2 * d), east / (2 * d)
 
 

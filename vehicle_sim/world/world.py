@@ -21,14 +21,14 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """An upright box; walls are thin ones."""
+    """An upright box; a wall is a thin box."""
 
     name: str
     north_m: float
     east_m: float
-    """North and east of its centre."""
+    """North and east of the centre."""
     length_m: float
-    """Along its own x axis (north where yaw is 0)."""
+    """Length along the box's x axis (north where yaw is 0)."""
     width_m: float
     height_m: float
     base_alt_home_m: float = 0.0
@@ -36,7 +36,7 @@ class Box:
 
     @property
     def roof_alt_home_m(self) -> float:
-        """Altitude of its upper side above home."""
+        """Altitude of the upper side above home."""
         return self.base_alt_home_m + self.height_m
 
 
@@ -60,19 +60,19 @@ def wall(
 
 @dataclass(frozen=True, slots=True)
 class Lidars:
-    """Lidars of the vehicles, in addition to the one that points down, which PX4's simulation always has."""
+    """Lidars in addition to the downward lidar, which PX4's simulation always has."""
 
     forward: bool = False
     """A second DISTANCE_SENSOR, pointing forward."""
     around: bool = False
     """OBSTACLE_DISTANCE: 72 sectors of 5 degrees in the body's horizontal plane."""
     range_m: float = 20.0
-    """Range of these two lidars."""
+    """Range of the forward and the 360° lidar."""
 
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """Ground, obstacles and lidars; frozen, shared by all vehicles."""
+    """Ground, obstacles and lidars, shared by all vehicles."""
 
     name: str = "flat"
     terrain: Terrain = field(default_factory=Terrain)
@@ -82,5 +82,5 @@ class World:
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing but flat ground, as in PX4's own simulation."""
+        """Whether the world is only flat ground, as in PX4's simulation."""
         return self.terrain.flat and not self.boxes and not self.prisms

@@ -28,7 +28,7 @@ SHAPES = {
 }
 
 
-def script_of(*steps: str) -> Script:
+def script_from_fields(*steps: str) -> Script:
     segments = timeline(flight_of(*steps)).segments
     return Script("Test", segments[1:-1])
 
@@ -36,7 +36,7 @@ def script_of(*steps: str) -> Script:
 @functools.cache
 def shape(name: str) -> tuple[Script, np.ndarray]:
     """A script, and positions of its flight without a pause, (N, 3)."""
-    script = script_of(SHAPES[name])
+    script = script_from_fields(SHAPES[name])
     times = [np.arange(0.0, segment.duration_s, 0.01) for segment in script.segments]
     places = [
         segment.curve.sample(t).position_ned_m for segment, t in zip(script.segments, times, strict=True)
@@ -51,7 +51,7 @@ def run(player: Player, start_s: float, for_s: float, **motion):
 
 
 def test_a_script_without_a_pause_equals_the_timeline():
-    script = script_of(LEGS, "step: hold, duration_s: 3", ORBIT)
+    script = script_from_fields(LEGS, "step: hold, duration_s: 3", ORBIT)
     player, begin_s = Player(script, 0.0), 0.0
     for index, segment in enumerate(script.segments):
         for k in range(1, int(segment.duration_s / 0.1)):
@@ -98,7 +98,7 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
 
 
 def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
-    script = script_of(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
+    script = script_from_fields(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
     player = Player(script, 0.0)
     run(player, 0.0, 60.0)
     assert (player.played.waiting, player.played.index) == (True, 1)
@@ -110,7 +110,7 @@ def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
 
 
 def test_segments_are_appended_while_the_end_is_held():
-    segments = script_of(LEGS, ORBIT).segments
+    segments = script_from_fields(LEGS, ORBIT).segments
     player = Player(Script("Test", segments[:1]), 0.0)
     sent = run(player, 0.0, 60.0)
     assert player.played.index == 1
@@ -122,7 +122,7 @@ def test_segments_are_appended_while_the_end_is_held():
 
 
 def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
-    player = Player(script_of(VELOCITY), 0.0)
+    player = Player(script_from_fields(VELOCITY), 0.0)
     run(player, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
     assert player.played.position_ned_m is None
     player.change_script(ScriptChange(paused=True))
@@ -135,7 +135,7 @@ def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
 
 
 def test_an_interrupted_attitude_brakes_the_vehicle():
-    player = Player(script_of(ATTITUDE), 0.0)
+    player = Player(script_from_fields(ATTITUDE), 0.0)
     assert isinstance(run(player, 0.0, 2.0)[-1][1], Attitude)
     player.change_script(ScriptChange(paused=True))
     moving = {"position_ned_m": (3.0, 0.0, -9.0), "velocity_ned_m_s": (2.0, 0.0, 1.0)}
@@ -147,7 +147,7 @@ def test_an_interrupted_attitude_brakes_the_vehicle():
 
 
 def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
-    script = script_of(VELOCITY, LEGS)
+    script = script_from_fields(VELOCITY, LEGS)
     end = script.segments[0].end_ned_m
     player = Player(script, 0.0)
     drifted = (end[0] - 4.0, end[1], end[2])
@@ -159,14 +159,14 @@ def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
 
 
 def test_after_a_stall_of_the_process_the_setpoints_do_not_jump_ahead():
-    player = Player(script_of(LEGS), 0.0)
+    player = Player(script_from_fields(LEGS), 0.0)
     before = run(player, 0.0, 3.0)[-1][1]
     after = player.at(8.0)
     assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
 
 
 def test_previewing_setpoints_changes_nothing():
-    script = script_of(LEGS)
+    script = script_from_fields(LEGS)
     a, b = Player(script, 0.0), Player(script, 0.0)
     for k in range(1, 100):
         assert a.at(k * STEP_S) == b.at(k * STEP_S)
@@ -175,7 +175,7 @@ def test_previewing_setpoints_changes_nothing():
 
 
 def test_the_first_setpoint_is_held_until_the_flight_begins():
-    player = Player(script_of(LEGS), 0.0)
+    player = Player(script_from_fields(LEGS), 0.0)
     waited = [player.at(t / 10, waiting=True) for t in range(20)]
     assert len(set(map(str, waited))) == 1
     player.restart_time(2.0)
@@ -183,14 +183,14 @@ def test_the_first_setpoint_is_held_until_the_flight_begins():
 
 
 def test_a_script_can_be_sent_to_another_process():
-    script = script_of(LEGS, ORBIT)
+    script = script_from_fields(LEGS, ORBIT)
     copy = pickle.loads(pickle.dumps(script))
     a, b = Player(script, 0.0), Player(copy, 0.0)
     assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
 
 
 def test_the_player_reports_the_avoidance_of_the_current_segment():
-    script = script_of(LEGS + ", avoidance: around", "step: hold, duration_s: 3")
+    script = script_from_fields(LEGS + ", avoidance: around", "step: hold, duration_s: 3")
     player, seen = Player(script, 0.0), []
     for second in range(1, round(script.segments[0].duration_s) + 3):
         for part in range(5):
@@ -201,7 +201,7 @@ def test_the_player_reports_the_avoidance_of_the_current_segment():
 
 
 def test_the_path_ahead_is_reported_without_advancing():
-    script = script_of(LEGS, "step: wait, until: person, timeout_s: 60")
+    script = script_from_fields(LEGS, "step: wait, until: person, timeout_s: 60")
     player = Player(script, 0.0)
     for k in range(1, 26):
         player.at(0.2 * k)

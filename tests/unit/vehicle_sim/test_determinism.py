@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.unit.vehicle_sim.sim_station import NAN, Station
-from vehicle_sim.script import script_of
+from vehicle_sim.script import script_from_fields
 from vehicle_sim.world.files import load_world
 from vehicle_sim.yaml_fields import parse_yaml
 
@@ -26,7 +26,10 @@ EARLY_S, WHOLE_S = 5.2, 9.0
 def flight(seed: int, until_s: float = WHOLE_S, count: int = 2) -> tuple[str, np.ndarray, np.ndarray]:
     """Digest of all received bytes; positions of the vehicles at the early time and at the end."""
     station = Station(
-        count=count, seed=seed, world=load_world("yard"), script=script_of(parse_yaml(FAULTS, "faults"))
+        count=count,
+        seed=seed,
+        world=load_world("yard"),
+        script=script_from_fields(parse_yaml(FAULTS, "faults")),
     )
     digest = hashlib.sha256()
     keep = station.sim.frames

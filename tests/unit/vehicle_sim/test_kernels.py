@@ -10,7 +10,7 @@ from vehicle_sim.estimator.kalman import Kalman
 from vehicle_sim.estimator.kalman_loops import ACCEL_BIAS, GYRO_BIAS, POSITION, SIZE, UNUSED, VELOCITY
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import Simulation
-from vehicle_sim.state import estimates_of
+from vehicle_sim.state import vehicle_estimates
 
 GENERATOR = np.random.default_rng(4)
 VEHICLES = 3
@@ -109,7 +109,7 @@ def test_estimates_as_plain_numbers_equal_the_rows_of_the_arrays() -> None:
     simulation = Simulation(2, yaw_ned_rad=np.array([0.3, -2.0]))
     for _ in range(60):
         simulation.step()
-    rows = estimates_of(simulation.estimate)
+    rows = vehicle_estimates(simulation.estimate)
     angles = frames.euler_of(simulation.estimate.q_ned_frd)
     for i, row in enumerate(rows):
         assert row.position_ned_m == tuple(simulation.estimate.position_ned_m[i])

@@ -6,14 +6,14 @@ import pytest
 
 from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.fleet import VehicleSim
-from vehicle_sim.script import script_of
+from vehicle_sim.script import script_from_fields
 from vehicle_sim.yaml_fields import FileProblem, parse_yaml
 
 pytestmark = pytest.mark.flight
 
 
 def script(*events):
-    return script_of(
+    return script_from_fields(
         parse_yaml("name: test\nevents:\n" + "".join(f"  - {{{e}}}\n" for e in events), "test.yaml")
     )
 

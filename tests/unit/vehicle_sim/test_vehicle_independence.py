@@ -7,7 +7,7 @@ import pytest
 
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.script import script_of
+from vehicle_sim.script import script_from_fields
 from vehicle_sim.simulation import ControlLevel, Simulation, row_east
 from vehicle_sim.yaml_fields import parse_yaml
 
@@ -92,7 +92,9 @@ def test_an_invalid_noise_strength_is_refused(strength):
 
 def test_scripted_wind_gusts_and_noise_affect_only_the_named_vehicles():
     event = "{at_s: 0.1, vehicles: [2], wind_ned_m_s: [0, 8, 0], gusts_m_s: 2, sensor_noise: 3}"
-    sim = VehicleSim(2, links=(), script=script_of(parse_yaml(f"events:\n  - {event}\n", "wind.yaml")))
+    sim = VehicleSim(
+        2, links=(), script=script_from_fields(parse_yaml(f"events:\n  - {event}\n", "wind.yaml"))
+    )
     sim.step(0.5)
     wind = sim.simulation._bodies.wind_ned_m_s
     assert not wind[0].any()

@@ -4,7 +4,7 @@ import pytest
 
 from vehicle_sim import options
 from vehicle_sim.simulation import row_east
-from vehicle_sim.worker_pool import VEHICLES_PER_PROCESS, Shard, processes_for, split_fleet
+from vehicle_sim.worker_pool import VEHICLES_PER_PROCESS, Shard, process_count, split_fleet
 
 
 @pytest.mark.parametrize("vehicles", [1, 2, 7, 100, 250])
@@ -25,7 +25,7 @@ def test_start_positions_are_the_same_as_in_one_process() -> None:
 
 
 def test_few_vehicles_stay_in_one_process() -> None:
-    assert processes_for(1) == processes_for(VEHICLES_PER_PROCESS) == 1
+    assert process_count(1) == process_count(VEHICLES_PER_PROCESS) == 1
     assert split_fleet(3, 1) == [Shard(0, 3)]
 
 

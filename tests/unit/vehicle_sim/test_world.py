@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.unit.vehicle_sim.sim_station import BOTH, Station
 from vehicle_sim.simulation import Simulation
 from vehicle_sim.world.contact import Contact
-from vehicle_sim.world.files import built_in_worlds, load_world, world_of
+from vehicle_sim.world.files import built_in_worlds, load_world, world_from_fields
 from vehicle_sim.world.prism import Prism
 from vehicle_sim.world.raycast import GROUND, NOTHING, RayCaster
 from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
@@ -80,7 +80,7 @@ def test_vehicles_stand_on_prisms_and_are_moved_out_of_their_sides():
     positions = np.array([[18.0, 0.0, -3.0], [9.8, -2.0, -1.0], [12.0, 2.5, -1.0]])
     velocity = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     assert contact.support_down_m(positions).tolist() == [-3.0, 0.0, 0.0]
-    assert [(each.row, each.what) for each in contact.collide(positions, velocity)] == [(1, "l")]
+    assert [(each.row, each.obstacle) for each in contact.collide(positions, velocity)] == [(1, "l")]
     assert positions[1] == pytest.approx([9.7, -2.0, -1.0])
     assert velocity[1, 0] < 0.0
     assert contact.collide(positions, velocity) == [], "a crashed vehicle has no second collision"
@@ -97,12 +97,12 @@ def test_vehicles_stand_on_prisms_and_are_moved_out_of_their_sides():
 )
 def test_rays_end_on_the_terrain(north, east, above, dn, de, dd):
     terrain = Terrain((Hill(10, 0, 8, 30),), HeightGrid(-20, -20, 20, np.array([[0.0, 2], [1, 3], [0, 4]])))
-    start = np.array([north, east, -(float(terrain.height_m(np.array(north), np.array(east))) + above)])
+    start = np.array([north, east, -(float(terrain.alt_home_m(np.array(north), np.array(east))) + above)])
     distance, what = cast(World(terrain=terrain), start, (dn, de, dd), range_m=300.0)
     assert what == GROUND
     ray = np.array([dn, de, dd]) / np.linalg.norm((dn, de, dd))
     end = start + distance * ray
-    assert -end[2] == pytest.approx(float(terrain.height_m(end[0], end[1])), abs=0.05)
+    assert -end[2] == pytest.approx(float(terrain.alt_home_m(end[0], end[1])), abs=0.05)
 
 
 def test_vehicles_rest_on_the_terrain_and_on_roofs():
@@ -172,7 +172,7 @@ def test_a_flight_into_a_hill_is_a_collision():
         sim.step()
         if collisions := sim.take_collisions():
             break
-    assert [c.what for c in collisions] == ["the ground"]
+    assert [c.obstacle for c in collisions] == ["the ground"]
     assert not sim.motor_health.any()
 
 
@@ -206,7 +206,7 @@ def test_every_shipped_world_loads():
 )  # fmt: skip
 def test_the_error_about_an_invalid_file_names_field_and_line(text, says):
     with pytest.raises(FileProblem) as problem:
-        world_of(parse_yaml(text, "my.yaml"))
+        world_from_fields(parse_yaml(text, "my.yaml"))
     assert says in str(problem.value)
     assert str(problem.value).startswith("my.yaml")
 

@@ -2,9 +2,8 @@
 
 Opcodes, errors and header are MAVLink's ("File Transfer Protocol"). Some behaviour was recorded on PX4: a
 directory can be opened and occupies the session, a burst ends after 40 kB, and an error contains the errno of
-the last failed system call. The only session has number 0, whatever number the client sends. The reply to
+the last failed system call. The only session has number 0: the reply to opening a file contains this number,
 and reading and closing require it; bursts and writes accept any number.
-number.
 """
 
 from __future__ import annotations
