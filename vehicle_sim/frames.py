@@ -2,8 +2,8 @@
 
 For a single vehicle plain floats are ten times as fast (`quaternion_of`, `angles_of`, `wrap_angle`).
 
-Every product used here is bilinear, so it is an outer product times a constant table. That costs two
-array operations for any N, where component formulas cost twenty. Quaternions are (w, x, y, z); `q_ned_frd`
+Every product is bilinear, so it is an outer product times a constant table. An outer product costs two array
+operations for any N, and formulas for each component cost twenty. Quaternions are (w, x, y, z); `q_ned_frd`
 takes FRD vectors to NED.
 """
 

@@ -5,7 +5,8 @@ A NumPy call takes a microsecond even for few vehicles, and a step would need hu
 - A `@kernel` takes arrays of all vehicles and writes into arrays that the caller has allocated. It loops over
   the rows and allocates nothing per row. The rows are independent, so the result of one vehicle does not
   depend on other vehicles.
-- A `@formula` takes and returns plain numbers, or rows, of one vehicle. Kernels and formulas call it.
+- A `@formula` takes and returns plain numbers or rows of one vehicle. Kernels and other formulas call
+  formulas.
 - The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`,
   `IntegerRows`, `float`,
   `int`, `bool`. It is compiled when its module is imported, never in flight. Formulas must be defined above

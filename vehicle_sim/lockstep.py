@@ -13,7 +13,7 @@ from vehicle_sim.mavlink.framing import FrameParser
 
 @dataclass(frozen=True, slots=True)
 class TimeRequest:
-    """The time up to which the simulation may advance, and the client that set it."""
+    """The time up to which the simulation may advance, and the client that requested this time."""
 
     time_s: float
     row: int

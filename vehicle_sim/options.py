@@ -26,7 +26,7 @@ Each vehicle N (from 0) has MAVLink system id N+1 and uses MAVLink 2 on
   TCP 5760+N   to one client that connects
 With --ros2 it also has PX4's ROS 2 topics (/fmu/in/…, /fmu/out/…) on DDS, under /px4_N for N from 1.
 All on loopback unless --bind or --ros2-interface says otherwise.
-Each UDP port answers the first sender.
+Each UDP port sends to the first sender.
 Neither PX4 nor Gazebo is needed. Stop it with Ctrl+C.
 
 examples:

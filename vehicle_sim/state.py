@@ -1,4 +1,4 @@
-"""The state of N vehicles as plain arrays, one dataclass for each part of the simulator that may read it.
+"""The state of N vehicles as plain arrays, in one dataclass for each reader.
 
 `TruthState` belongs to the physics. The estimator reads only `SensorState`, and the autopilot reads only
 `EstimateState`. Frames are NED and FRD, units SI; quaternions are (w, x, y, z) and rotate FRD to NED. Arrays

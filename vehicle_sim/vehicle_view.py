@@ -1,6 +1,6 @@
 """One vehicle's row of the simulation as plain floats, converted once per step.
 
-Access to single elements of NumPy arrays is the main cost of a Python autopilot, so it is done only here.
+Access to single elements of NumPy arrays is the main cost of a Python autopilot; only this module does it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Status texts and events of a vehicle, in the order in which each link sends them.
+"""Status texts and events of a vehicle; each link sends them in this order.
 
 Event ids, names and log levels are those of PX4's build. If PX4 sends a status text together with an event,
 the text ends with a tab.

@@ -62,7 +62,7 @@ class Autopilot:
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
         self._goto = GotoControl(view, self._row)
-        # Memory views, because NumPy takes three times as long; the thrusts are those of all vehicles.
+        # Memory views, because NumPy takes three times as long; `_thrusts` contains all vehicles.
         self._motion = float_view(arrays.motion[view.row])
         self._thrusts = float_view(view.simulation.target.thrust)
         self._hover_thrusts = float_view(view.simulation.target.hover_thrust)
@@ -75,7 +75,7 @@ class Autopilot:
         self._steady_state: tuple[object, ...] = ()
         self.steady_limits = SteadyLimits.for_vehicle(view)
         self._steady_limits_revision = view.parameter_changes
-        view.parameters.add_listener(self._forget_limits)
+        view.parameters.add_listener(self._discard_limits)
 
     def update(self) -> None:
         """Runs one tick."""
@@ -217,7 +217,7 @@ class Autopilot:
             self._landing_limits = LandingThresholds.for_vehicle(self.view)
         return self._landing_limits
 
-    def _forget_limits(self, _name: str, _value: float) -> None:
+    def _discard_limits(self, _name: str, _value: float) -> None:
         self._landing_limits = None
 
     @property
@@ -292,7 +292,7 @@ class Autopilot:
             self._motion[SETPOINT_DOWN] = self._row.setpoint_down_m_s
             return
         if not uses_external:
-            # keep the trajectory at the vehicle while it cannot follow
+            # keep the trajectory at the vehicle while the vehicle cannot follow
             self.navigator.path.idle()
 
     def _publish_level(self) -> ControlLevel:
@@ -385,7 +385,7 @@ class Autopilot:
             self._row.freeze_motors()
 
     def _write_trajectory(self, setpoint: Setpoint) -> None:
-        if setpoint.complete:
+        if setpoint.is_complete:
             self._row.trajectory(
                 setpoint.position_ned_m,
                 setpoint.velocity_ned_m_s,

@@ -113,7 +113,7 @@ class Checks:
         )
 
     def _read_parameters(self) -> None:
-        """Reads the parameters of `health.CheckInputs`, in its order, and the battery thresholds."""
+        """Reads the parameters of `health.CheckInputs`, in the same order, and the battery thresholds."""
         view = self._view
         self._settings_revision = view.parameter_changes
         self._settings = (

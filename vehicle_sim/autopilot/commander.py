@@ -53,7 +53,7 @@ class Commander:
         self.armed = False
         self.intended = self.active = NavState.HOLD
         self._selected = NavState.HOLD
-        """The active mode, before an external mode replaces it."""
+        """The selected mode, which `active` equals unless an external mode replaces it."""
         self.landed = True
         self.terminated = self.calibrating = False
         self._mode_was_chosen = False
@@ -147,7 +147,7 @@ class Commander:
         return self.set_mode(NavState.RTL)
 
     def start_mission(self, first_item: float) -> bool | None:
-        """MISSION_START: switches to Mission and arms; None: there is no mission or no such item.
+        """MISSION_START: switches to Mission and arms; None: no valid mission, or no item with this index.
 
         Args:
             first_item: index from 0; -1 continues at the current item.
@@ -239,7 +239,7 @@ class Commander:
         return self.monitors.needs_no_update and self._checked_state == self._state()
 
     def _state(self) -> tuple[object, ...]:
-        """State whose change makes a check due."""
+        """The state that is checked again as soon as it changes."""
         return self.armed, self.intended, self.active, self.landed, self.checks.has_mission
 
     def _run_checks(self) -> None:

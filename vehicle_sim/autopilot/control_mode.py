@@ -22,8 +22,8 @@ class ControlMode:
         self._key: object = None
         self._published_at_s = -math.inf
 
-    def update(self, now_s: float, wanted: ControlLevel, key: object) -> ControlLevel:
+    def update(self, now_s: float, level: ControlLevel, key: object) -> ControlLevel:
         """Publishes the level periodically, and when `key` (arming, mode, failsafe) changes."""
         if key != self._key or now_s - self._published_at_s >= PUBLISH_EVERY_S - 1e-6:
-            self._key, self._published_at_s, self.level = key, now_s, wanted
+            self._key, self._published_at_s, self.level = key, now_s, level
         return self.level

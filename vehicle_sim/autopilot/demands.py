@@ -71,13 +71,13 @@ class Conditions(NamedTuple):
     """CBRK_FLIGHTTERM is not set."""
 
 
-def demands(c: Conditions) -> list[Demand]:
+def flight_demands(c: Conditions) -> list[Demand]:
     """The demands of all current failure conditions."""
-    found = [*_links(c), *_limits(c), *battery_demands(c), *_failures(c)]
+    demands = [*_links(c), *_limits(c), *battery_demands(c), *_failures(c)]
     fallback = _mode_fallback(c)
     if fallback is not Action.NONE:
-        found.append(Demand("mode", fallback, takeover=Takeover.ALWAYS))
-    return found
+        demands.append(Demand("mode", fallback, takeover=Takeover.ALWAYS))
+    return demands
 
 
 def _latched(name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False) -> Demand:
@@ -99,35 +99,35 @@ def _excepted(mode: NavState, bits: int) -> bool:
 
 
 def _links(c: Conditions) -> list[Demand]:
-    found: list[Demand] = []
+    demands: list[Demand] = []
     if c.manual_lost and c.manual_loss_action in _LINK_LOSS and not _excepted(c.mode, c.manual_loss_except):
-        found.append(
+        demands.append(
             _latched("manual", _LINK_LOSS[c.manual_loss_action], Cause.MANUAL_CONTROL_LOSS, deferrable=True)
         )
     landing = c.mode in (NavState.LAND, NavState.PRECISION_LAND)
     gcs_counts = not landing and not _excepted(c.mode, c.gcs_loss_except)
     if c.gcs_lost and gcs_counts and c.gcs_loss_action in _LINK_LOSS:
-        found.append(_latched("gcs", _LINK_LOSS[c.gcs_loss_action], Cause.GCS_LOSS, deferrable=True))
-    return found
+        demands.append(_latched("gcs", _LINK_LOSS[c.gcs_loss_action], Cause.GCS_LOSS, deferrable=True))
+    return demands
 
 
 def _limits(c: Conditions) -> list[Demand]:
-    found: list[Demand] = []
+    demands: list[Demand] = []
     if c.fence_breached and c.fence_action in _FENCE:
-        found.append(_latched("fence", _FENCE[c.fence_action]))
+        demands.append(_latched("fence", _FENCE[c.fence_action]))
     if c.wind_too_high and c.wind_action in _WIND:
-        found.append(_latched("wind", _WIND[c.wind_action]))
+        demands.append(_latched("wind", _WIND[c.wind_action]))
     if c.flight_time_over:
-        found.append(Demand("flight time", Action.RTL))
-    return found
+        demands.append(Demand("flight time", Action.RTL))
+    return demands
 
 
 def ground_demands(c: Conditions) -> list[Demand]:
     """The demands for an armed vehicle that has not taken off."""
-    found = battery_demands(c)
+    demands = battery_demands(c)
     if c.position_lost:
-        found.append(Demand("mode", _mode_fallback(c), takeover=Takeover.ALWAYS))
-    return found
+        demands.append(Demand("mode", _mode_fallback(c), takeover=Takeover.ALWAYS))
+    return demands
 
 
 def battery_demands(c: Conditions) -> list[Demand]:

@@ -48,7 +48,7 @@ class Clear(Enum):
 class Takeover(Enum):
     """Whether a mode change by the operator ends an action whose cause still exists."""
 
-    AUTO = "yes, and there is a delay to do it in"
+    AUTO = "yes, and the action is delayed for a takeover"
     ALWAYS = "yes, without a delay"
     NEVER = "no"
 
@@ -63,8 +63,9 @@ class Demand:
     clear: Clear = Clear.WHEN_GONE
     takeover: Takeover = Takeover.AUTO
     deferrable: bool = False
-    """An external mode or executor may defer it. Recorded on PX4 for the loss of the ground station; in PX4's
-    source also lost sticks and a low battery, but no geofence, wind, flight time or attitude failure."""
+    """Whether an external mode or executor may defer the action. Recorded on PX4 for a lost ground station;
+    in PX4's source also lost sticks and a low battery, but no geofence, wind, flight time or attitude
+    failure."""
 
 
 ACTION_MODES: dict[Action, NavState] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.checks import Checks
-from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, demands, ground_demands
+from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, flight_demands, ground_demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Demand, Failsafe
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
@@ -78,7 +78,7 @@ class FailsafeWatch:
         if values != self._condition_values:
             self._condition_values = values
             self._conditions = Conditions._make((*values, *self._settings))
-            self._demands = demands(self._conditions)
+            self._demands = flight_demands(self._conditions)
         active_demands = self._demands if may_act else ground_demands(self._conditions)
         before = self.decision
         self._failsafe.defer(overrides.defer_failsafes, overrides.defer_timeout_s)

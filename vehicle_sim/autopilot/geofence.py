@@ -85,17 +85,17 @@ def breaches(
     zones: Sequence[Zone], cylinder: Cylinder, lat_deg: float, lon_deg: float, alt_amsl_m: float
 ) -> frozenset[Breach]:
     """The parts of the fence that a position violates."""
-    found: set[Breach] = set()
+    violated: set[Breach] = set()
     if not inside(zones, lat_deg, lon_deg):
-        found.add(Breach.ZONE)
+        violated.add(Breach.ZONE)
     if math.isfinite(cylinder.home_lat_deg):
         if cylinder.radius_m > 0.0:
             from_home_m = distance_m(lat_deg, lon_deg, cylinder.home_lat_deg, cylinder.home_lon_deg)
             if from_home_m > cylinder.radius_m:
-                found.add(Breach.DISTANCE)
+                violated.add(Breach.DISTANCE)
         if cylinder.height_m > 0.0 and alt_amsl_m - cylinder.home_alt_amsl_m > cylinder.height_m:
-            found.add(Breach.ALTITUDE)
-    return frozenset(found)
+            violated.add(Breach.ALTITUDE)
+    return frozenset(violated)
 
 
 def distance_m(lat_deg: float, lon_deg: float, other_lat_deg: float, other_lon_deg: float) -> float:

@@ -44,7 +44,7 @@ HEALTH_EVENTS = frozenset(
         "check_parachute_missing",
     }
 )
-"""PX4 counts these as failures of a component in the health summary, the others as failed arming checks."""
+"""Events that PX4 counts as failures of a component in the health summary, not as failed arming checks."""
 COMPASSES = 1
 """Number of compasses of the airframe."""
 
@@ -124,7 +124,7 @@ class Check:
     text: str = ""
     severity: int = 2
     argument: float | None = None
-    """The event's own argument, if it has one."""
+    """Argument of the event; None: the event has no float argument."""
     counts: tuple[int, ...] = ()
     """Further arguments: small integers."""
     warns: bool = False
@@ -299,14 +299,14 @@ def _no_arming(event: str, component: int, text: str) -> Check:
 
 def _detected_failures(inputs: CheckInputs) -> list[Check]:
     """Findings of the failure detector."""
-    found: list[tuple[str, int, str]] = []
+    failures: list[tuple[str, int, str]] = []
     if inputs.roll_failure:
         text = "Preflight Fail: Attitude failure (roll)"
-        found.append(("check_failure_detector_roll", COMPONENT_SYSTEM, text))
+        failures.append(("check_failure_detector_roll", COMPONENT_SYSTEM, text))
     if inputs.pitch_failure:
         text = "Preflight Fail: Attitude failure (pitch)"
-        found.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
-    return [_no_arming(*each) for each in found]
+        failures.append(("check_failure_detector_pitch", COMPONENT_SYSTEM, text))
+    return [_no_arming(*each) for each in failures]
 
 
 def _limits(inputs: CheckInputs) -> list[Check]:

@@ -108,7 +108,7 @@ class LandDetector:
     """The land detector of one vehicle.
 
     Args:
-        state: (9,) conditions; default: those of a vehicle on the ground.
+        state: (9,) conditions; default: the conditions of a vehicle on the ground.
         limits: (`LIMIT_COUNT`,) row that stores the thresholds.
     """
 

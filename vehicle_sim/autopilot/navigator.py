@@ -265,7 +265,7 @@ class Navigator:
     @property
     def awaits_rally_check(self) -> bool:
         """Whether new rally points have not been checked yet."""
-        return self._return.checks_rally_points
+        return self._return.has_unchecked_rally_points
 
     def commanded_state(self, mode: NavState) -> tuple[object, ...]:
         """State of the mode that commands can change between two ticks; for comparison."""

@@ -64,7 +64,7 @@ class Setpoint(NamedTuple):
     """0..1 each; NaN: the motor is stopped."""
 
     @property
-    def complete(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether the position controller can use the setpoint: each axis has a value, north and east alike.
 
         An incomplete setpoint stops the vehicle: velocity zero.

@@ -1,4 +1,4 @@
-"""Commands that the autopilot sends to itself or its payload; as in PX4 they also go out on every link."""
+"""Commands of the autopilot to itself or its payload, which PX4 also sends on every link."""
 
 from __future__ import annotations
 
@@ -56,6 +56,6 @@ class OwnCommands:
         self.send(GIMBAL_CONFIGURE, -3.0, -3.0, -1.0, -1.0, repeated=False)
 
     def park_gimbal(self) -> None:
-        """Takes control, moves the gimbal to neutral and releases it; for return and landing."""
+        """Takes control of the gimbal, moves it to neutral and releases control; for return and landing."""
         self.send(GIMBAL_CONFIGURE, -2.0, -2.0, -1.0, -1.0)
         self.release_gimbal()

@@ -1,4 +1,4 @@
-"""Ticks of all autopilots; for vehicles in steady flight they run in compiled loops.
+"""Ticks of all autopilots; compiled loops run the ticks of vehicles in steady flight.
 
 Most ticks decide nothing: an armed vehicle climbs, descends, flies a leg, follows a stream of trajectory
 setpoints or is pressed to the ground; no failsafe acts, no command has arrived, and no item is finished.
@@ -229,8 +229,8 @@ def _climb(
         speed = limits[_TAKEOFF_SPEED]
         if limits[_TAKEOFF_RAMP] > 0.0:
             acceleration = min(acceleration, speed / limits[_TAKEOFF_RAMP])
-    wanted = min(speed, max_speed_for_distance(settings[_JERK], acceleration, abs(remaining_m), 0.0))
-    plan(axis, math.copysign(wanted, remaining_m), acceleration, settings[_JERK])
+    speed_m_s = min(speed, max_speed_for_distance(settings[_JERK], acceleration, abs(remaining_m), 0.0))
+    plan(axis, math.copysign(speed_m_s, remaining_m), acceleration, settings[_JERK])
 
 
 @formula
@@ -304,7 +304,7 @@ def _fly(
     setpoint_acceleration: Rows, setpoint_yaw: Column, setpoint_yaw_rate: Column, tilt_limit: Column,
     climb_limit_m_s: Column,
 ) -> None:  # fmt: skip
-    """Advances the trajectories by one tick, and writes the setpoints; those of a stream are already
+    """Advances the trajectories by one tick, and writes the setpoints; the setpoints of a stream are already
     written."""
     for row in rows:
         r = int(row)

@@ -10,7 +10,8 @@ from vehicle_sim.vehicle_view import VehicleView
 FULL = 1000.0
 INVALID = 32767
 JOYSTICK_MODES = frozenset({1, 2, 3, 5, 6, 7})
-"""Values of COM_RC_IN_MODE that accept MANUAL_CONTROL; others accept an RC receiver only, or nothing."""
+"""Values of COM_RC_IN_MODE that accept MANUAL_CONTROL; all other values accept only an RC receiver, or
+nothing."""
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2
 """Bits of COM_RC_OVERRIDE."""
 

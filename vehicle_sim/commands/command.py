@@ -1,4 +1,4 @@
-"""A command and its results, independent of its transport (MAVLink, ROS 2, the console)."""
+"""A command and its results, independent of the transport (MAVLink, ROS 2, console)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class CommandHost(Protocol):
     view: VehicleView
 
     @property
-    def own_id(self) -> tuple[int, int]:
+    def autopilot_id(self) -> tuple[int, int]:
         """(system id, component id) of the vehicle's autopilot."""
         ...
 

@@ -1,6 +1,6 @@
 """INJECT_FAILURE as in PX4's simulation.
 
-The battery can be discharged. Motor failures are acknowledged without an effect on the flight: in PX4 they
+The battery can be discharged. Motor failures are accepted without an effect on the flight: in PX4 they
 only mask the reports of the speed controllers, and this vehicle has none. PX4 does not acknowledge failures
 of other units, such as sensors; use a fault script for those.
 """

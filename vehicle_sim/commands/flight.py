@@ -47,7 +47,7 @@ STORAGE_RESETS = {
     3: (("CAL_ACC*", "CAL_GYRO*", "CAL_MAG*"), ()),
     4: (("*",), ()),
 }
-"""param1 of PREFLIGHT_STORAGE: parameters to reset, and exceptions from them."""
+"""Parameters to reset, and exceptions, by param1 of PREFLIGHT_STORAGE."""
 GRIPPER_S = 1.0
 """PD_GRIPPER_TO: the movement of a gripper without feedback counts as finished after this time."""
 ALTITUDE_LIMIT_M = 100_000.0
@@ -56,7 +56,7 @@ INT32_MAX = 0x7FFFFFFF
 REPOSITION_CHANGE_MODE = 1
 """The only flag of DO_REPOSITION that PX4 supports; it must be set."""
 REFUSAL_COMPONENT = 190
-"""PX4 reports a refused DO_SET_MODE as a text only if this component id, used by ground stations, sent it."""
+"""Component id of ground stations; PX4 reports a refused DO_SET_MODE as a text only to this id."""
 
 
 class FlightCommands:

@@ -35,7 +35,7 @@ class GimbalCommands:
         if not self._gimbal.enabled:
             return None
         system = _to_int(command.p1)
-        self._gimbal.configure(system, _to_int(command.p2), command.sender, self._host.own_id)
+        self._gimbal.configure(system, _to_int(command.p2), command.sender, self._host.autopilot_id)
         return ACCEPTED
 
     def pitch_yaw(self, command: Command) -> int | None:

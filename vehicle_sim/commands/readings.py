@@ -66,7 +66,7 @@ class Readings:
         return matrix.T @ np.array(field_ned_gauss())
 
     def fields_while_turning(self) -> Generator[float, None, list[FloatArray]]:
-        """Raw compass readings while the vehicle is turned; empty if it is not turned in time."""
+        """Raw compass readings during a rotation of the vehicle; empty: no rotation within MAG_ROTATION_S."""
         view, first, fields = self._view, self.mag(), list[FloatArray]()
         strength, end_s = float(np.linalg.norm(first)), view.simulation.time_s + MAG_ROTATION_S
         while view.simulation.time_s < end_s:

@@ -1,4 +1,4 @@
-"""Detects which side of a vehicle points down and whether it is at rest, for calibrations by sides.
+"""Detects which side of a vehicle points down, and whether the vehicle is at rest, for calibrations by sides.
 
 As in PX4, the detection uses only the accelerometer: a moving average, a decaying maximum of the deviation
 from the average, and a time for which the deviation must be small.

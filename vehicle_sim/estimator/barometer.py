@@ -1,4 +1,4 @@
-"""Fusion of the barometer, with an estimate of its offset while GNSS height is fused.
+"""Fusion of the barometer; while GNSS height is fused, the filter estimates the barometer's offset.
 
 The filter rejects an altitude outside EKF2_BARO_GATE. After 5 s of rejections the barometer is marked faulty
 until the next start if another height source works; if the barometer is the only height source, the filter
@@ -79,7 +79,7 @@ class Barometer:
         self._fusion.baro_hgt &= (now_s - self._received_at_s <= SAMPLE_TIMEOUT_S) & self._used
 
     def add(self, sensors: SensorState) -> None:
-        """Adds the newest samples, of the vehicles whose `baro_fresh` is set, to the next mean."""
+        """Adds the newest samples of vehicles with `baro_fresh` to the next mean."""
         self._sum_m += np.where(sensors.baro_fresh, sensors.baro_alt_amsl_m, 0.0)
         self._samples += sensors.baro_fresh
 

@@ -206,7 +206,7 @@ class Magnetometer:
         np.copyto(fusion.mag_dec, fusion.mag & (~gnss_aided | fusion.vehicle_at_rest), where=fresh)
 
     def _reset_field(self, mask: BoolArray, now_s: float) -> None:
-        """Resets the field if it has changed; resets the heading, or the bias where the field may not correct
+        """Resets the field if it has changed, and the heading, or the bias where the field may not correct
         the heading."""
         kalman, fusion = self._kalman, self._fusion
         heading_reset = mask & (fusion.mag_hdg | fusion.mag_3d)

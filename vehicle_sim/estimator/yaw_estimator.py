@@ -2,7 +2,7 @@
 
 This is PX4's EKF-GSF. The accelerometer levels one attitude, which is rotated to five headings. Each
 hypothesis integrates its own velocity and corrects its heading by the fixes. If the main filter keeps
-rejecting velocities and its heading differs from the heading of this estimator, it is reset to the latter.
+rejecting velocities and its heading differs from this estimator's, the main filter takes this heading.
 """
 
 from __future__ import annotations

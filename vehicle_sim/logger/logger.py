@@ -26,7 +26,7 @@ LOGGING_POSSIBLE_AFTER_US: Final = 488_000
 STOP_DELAY_US: Final = 1_000_000
 """A log continues for this long after disarming."""
 FILE_NAME_DELAY_US: Final = 45_000
-"""Delay between the event that starts a log and the time in its file name."""
+"""Delay between the start of a log and the text with its file name."""
 TICK_US: Final = 20_000
 """Period of the log's state topics: one autopilot tick, so that all readers in a step share the values."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)

@@ -36,7 +36,7 @@ class Context:
         self._ack_listeners: list[AckListener] = []
 
     @property
-    def own_id(self) -> tuple[int, int]:
+    def autopilot_id(self) -> tuple[int, int]:
         """(system id, component id)."""
         return self.system_id, AUTOPILOT_COMPONENT
 

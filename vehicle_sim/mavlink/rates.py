@@ -1,7 +1,7 @@
 """Messages that PX4 streams by default on its two default links, and their rates.
 
 Rates in Hz as configured; measured rates of a real vehicle are up to 1 % lower. A message that is not in a
-link's table is not streamed on it until an interval is set.
+link's table is not streamed on the link until a client sets an interval.
 """
 
 from __future__ import annotations

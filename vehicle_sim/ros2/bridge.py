@@ -164,7 +164,7 @@ class Bridge:
         receiver(values)
 
     def _run_command(self, values: Values, from_service: bool) -> None:
-        system, component = self._host.own_id
+        system, component = self._host.autopilot_id
         if values["target_system"] not in (0, system) or values["target_component"] not in (0, component):
             return
         command = _decode(values, values["source_system"])
@@ -177,7 +177,7 @@ class Bridge:
     def _forward_executor_command(self, values: Values) -> None:
         """Forwards a command of the executor in charge as a command of the vehicle; rejects commands of other
         executors."""
-        system = self._host.own_id[0]
+        system = self._host.autopilot_id[0]
         if values["source_component"] == EXECUTOR_COMPONENT + self._external.executor_in_charge:
             self._commands.append(({**values, "source_system": system}, False))
         else:

@@ -152,7 +152,11 @@ class _CompletedModes:
         if not self._commander.armed:
             self._reported = None
             return []
-        if previous is NavState.TAKEOFF and self._reported is not previous and self._took_off(active):
+        if (
+            previous is NavState.TAKEOFF
+            and self._reported is not previous
+            and self._takeoff_completed(active)
+        ):
             self._reported = previous
             return [previous]
         if active is not previous:
@@ -164,7 +168,7 @@ class _CompletedModes:
         self._reported = active
         return [active]
 
-    def _took_off(self, active: NavState) -> bool:
+    def _takeoff_completed(self, active: NavState) -> bool:
         stays = active in (NavState.TAKEOFF, NavState.HOLD)
         return stays and not self._commander.landed and self._navigator.takeoff_finished(NavState.TAKEOFF)
 

@@ -47,7 +47,7 @@ class Shell:
         logger: Logger,
         states: States,
     ) -> None:
-        autopilot, view, autopilot_id = context.autopilot, context.view, context.own_id
+        autopilot, view, autopilot_id = context.autopilot, context.view, context.autopilot_id
         listener, modules = ListenerCommand(view, states), ModuleCommands(view)
         mavlink = MavlinkCommand(context.links, lambda number: LAYOUTS[number].name, context.gcs_connected)
         self._view = view

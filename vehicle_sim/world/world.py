@@ -1,4 +1,4 @@
-"""The world around the vehicles: ground, boxes, walls and prisms, and the lidars that measure them.
+"""The world around the vehicles: ground, boxes, walls, prisms and the vehicles' lidars.
 
 Positions are local NED from home. `base_alt_home_m` of an obstacle is the altitude of its lower side above
 home, so that a vehicle can fly under a bridge. Vehicles can stand on roofs.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vehicle_sim.autopilot.demands import Conditions, demands
+from vehicle_sim.autopilot.demands import Conditions, flight_demands
 from vehicle_sim.autopilot.failsafe import Action, Clear, Demand, Failsafe
 from vehicle_sim.autopilot.modes import NavState
 
@@ -74,7 +74,9 @@ ALL_CONDITIONS = Conditions(
 
 
 def test_only_lost_links_and_a_low_battery_are_deferred():
-    found = {each.name: each.deferrable for each in demands(ALL_CONDITIONS) if each.action > Action.WARN}
+    found = {
+        each.name: each.deferrable for each in flight_demands(ALL_CONDITIONS) if each.action > Action.WARN
+    }
     assert {name for name, deferrable in found.items() if deferrable} == {"manual", "gcs", "battery"}
     assert {name for name, deferrable in found.items() if not deferrable} == {
         "fence", "wind", "flight time", "attitude", "mode",

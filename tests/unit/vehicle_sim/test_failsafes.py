@@ -7,7 +7,7 @@ import pytest
 from tests.unit.vehicle_sim.plan_station import TERMINATION, PlanStation
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, HOLD, LAND, RTL
-from vehicle_sim.autopilot.demands import Conditions, demands
+from vehicle_sim.autopilot.demands import Conditions, flight_demands
 from vehicle_sim.autopilot.failsafe import Action, Cause, Clear, Decision, Demand, Failsafe, Takeover
 from vehicle_sim.autopilot.modes import NavState
 
@@ -101,16 +101,18 @@ def test_an_action_that_cannot_run_is_replaced_and_a_landing_is_not_interrupted(
     ],
 )
 def test_each_condition_triggers_the_action_of_its_parameter(conditions, action, cause) -> None:
-    found = demands(Conditions(mode=NavState.HOLD, **conditions))
+    found = flight_demands(Conditions(mode=NavState.HOLD, **conditions))
     worst = max(found, key=lambda demand: demand.action, default=Demand("none", Action.NONE))
     assert (worst.action, worst.cause) == (action, cause)
 
 
 def test_with_sticks_a_lost_position_falls_back_to_altitude_mode() -> None:
     lost = {"mode": NavState.POSITION, "position_lost": True}
-    assert demands(Conditions(**lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE
-    assert demands(Conditions(**lost, sticks=True, position_loss_lands=True))[0].action is Action.DESCEND
-    assert demands(Conditions(**lost))[0].action is Action.DESCEND
+    assert flight_demands(Conditions(**lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE
+    assert (
+        flight_demands(Conditions(**lost, sticks=True, position_loss_lands=True))[0].action is Action.DESCEND
+    )
+    assert flight_demands(Conditions(**lost))[0].action is Action.DESCEND
 
 
 def flying(height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: float) -> PlanStation:

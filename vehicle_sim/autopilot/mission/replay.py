@@ -1,7 +1,7 @@
 """Settings of earlier items that PX4 repeats when a mission is started at an item, or continued.
 
-They are read from the mission, so they also apply after a reboot. PX4 repeats no other items, not even a
-region of interest.
+The settings are read from the mission, so PX4 repeats them also after a reboot. It repeats no other items,
+not even a region of interest.
 """
 
 from __future__ import annotations

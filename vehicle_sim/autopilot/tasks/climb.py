@@ -31,9 +31,9 @@ class Climb:
         vehicle."""
         default_m = self._view.parameter("MIS_TAKEOFF_ALT")
         current_amsl_m = self._view.estimate.alt_amsl_m
-        wanted, self.alt_amsl_m = self.alt_amsl_m, math.nan
-        if not math.isfinite(wanted):
-            wanted = current_amsl_m + default_m
+        alt_amsl_m, self.alt_amsl_m = self.alt_amsl_m, math.nan
+        if not math.isfinite(alt_amsl_m):
+            alt_amsl_m = current_amsl_m + default_m
             self._announcer.announce(
                 6,
                 f"Using default takeoff altitude: {default_m:.1f} m",
@@ -41,12 +41,12 @@ class Climb:
                 "f",
                 default_m,
             )
-        elif wanted < current_amsl_m:
-            wanted = current_amsl_m
+        elif alt_amsl_m < current_amsl_m:
+            alt_amsl_m = current_amsl_m
             self._announcer.announce(
                 2, "Already higher than takeoff altitude", "navigator_takeoff_already_higher"
             )
-        self.begin(wanted)
+        self.begin(alt_amsl_m)
 
     @property
     def wants_to_climb(self) -> bool:
@@ -99,6 +99,6 @@ class Climb:
             speed, ramp_s = parameter("MPC_TKO_SPEED"), parameter("MPC_TKO_RAMP_T")
             acceleration = min(acceleration, speed / ramp_s) if ramp_s > 0.0 else acceleration
         jerk = parameter("MPC_JERK_AUTO")
-        wanted = min(speed, max_speed_for_distance(jerk, acceleration, abs(remaining_m), 0.0))
-        plan(path.z.row, math.copysign(wanted, remaining_m), acceleration, jerk)
+        speed_m_s = min(speed, max_speed_for_distance(jerk, acceleration, abs(remaining_m), 0.0))
+        plan(path.z.row, math.copysign(speed_m_s, remaining_m), acceleration, jerk)
         path.write()

@@ -100,7 +100,7 @@ class DestinationChooser:
         self, kind: int, seq: int, landing: Destination | None, home: Destination
     ) -> Destination:
         items = self._plans.mission
-        back = [self._local_position(item) for item in reversed(items[:seq]) if _is_flown_through(item)]
+        back = [self._local_position(item) for item in reversed(items[:seq]) if _is_waypoint(item)]
         reverse = Destination(
             DestinationKind.HOME,
             home.position_ned_m,
@@ -128,5 +128,5 @@ class DestinationChooser:
         self._rally_points()
 
 
-def _is_flown_through(item: Item) -> bool:
+def _is_waypoint(item: Item) -> bool:
     return item.is_position and item.command not in (LAND, RETURN)

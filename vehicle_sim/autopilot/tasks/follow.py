@@ -171,9 +171,9 @@ class Follow:
         """Turns the angle towards the desired angle; a target that never moved keeps its angle."""
         if math.isnan(self._course_rad):
             return 0.0
-        wanted = self._course_rad + math.radians(self._view.parameter("FLW_TGT_FA"))
+        desired_rad = self._course_rad + math.radians(self._view.parameter("FLW_TGT_FA"))
         max_step = self._view.parameter("FLW_TGT_MAX_VEL") / max(distance_m, 1.0) * TICK_S
-        step = max(-max_step, min(max_step, wrap_angle(wanted - self._angle_rad)))
+        step = max(-max_step, min(max_step, wrap_angle(desired_rad - self._angle_rad)))
         self._angle_rad = wrap_angle(self._angle_rad + step)
         return step
 

@@ -160,10 +160,10 @@ class Manual:
         """Heading to keep, and yaw rate: the stick commands a rate; a centred stick keeps the heading."""
         parameter = self._view.parameter
         name = "MC_SLOW_DEF_YAWR" if self._mode is NavState.POSITION_SLOW else "MPC_MAN_Y_MAX"
-        wanted = self._sticks.shaped().yaw * math.radians(parameter(name))
+        commanded_rate = self._sticks.shaped().yaw * math.radians(parameter(name))
         tau_s = parameter("MPC_MAN_Y_TAU")
-        self._yaw_rate_rad_s += (wanted - self._yaw_rate_rad_s) * TICK_S / (TICK_S + max(0.0, tau_s))
-        turning = wanted != 0.0 or abs(self._yaw_rate_rad_s) > math.radians(1.0)
+        self._yaw_rate_rad_s += (commanded_rate - self._yaw_rate_rad_s) * TICK_S / (TICK_S + max(0.0, tau_s))
+        turning = commanded_rate != 0.0 or abs(self._yaw_rate_rad_s) > math.radians(1.0)
         if turning:
             self._yaw_rad = None
             return math.nan, self._yaw_rate_rad_s
@@ -211,10 +211,12 @@ class Manual:
         if 0.0 < speed < 1.0:
             drag /= math.sqrt(speed)
         north, east = self._heading_frame(*stick)
-        wanted = (north * max_acceleration - drag * vn, east * max_acceleration - drag * ve)
+        commanded = (north * max_acceleration - drag * vn, east * max_acceleration - drag * ve)
         change = parameter("MPC_JERK_MAX") * TICK_S
         before = self._acceleration_m_s2
-        an, ae = (old + max(-change, min(change, new - old)) for old, new in zip(before, wanted, strict=True))
+        an, ae = (
+            old + max(-change, min(change, new - old)) for old, new in zip(before, commanded, strict=True)
+        )
         vn += 0.5 * (before[0] + an) * TICK_S
         ve += 0.5 * (before[1] + ae) * TICK_S
         if centred and (math.hypot(vn, ve) < STANDSTILL_M_S or self._reverses(vn, ve)):
@@ -243,11 +245,11 @@ class Manual:
         low, high = parameter("MPC_LAND_ALT2"), parameter("MPC_LAND_ALT1")
         fraction = max(0.0, min(1.0, (above_home_m - low) / (high - low))) if high > low else 1.0
         down = min(down, parameter("MPC_LAND_SPEED") + fraction * (down - parameter("MPC_LAND_SPEED")))
-        wanted = -throttle * (up if throttle > 0.0 else max(0.0, down))
-        climbing = wanted < self._z.velocity_m_s
+        commanded_m_s = -throttle * (up if throttle > 0.0 else max(0.0, down))
+        climbing = commanded_m_s < self._z.velocity_m_s
         limit = parameter("MPC_ACC_UP_MAX" if climbing else "MPC_ACC_DOWN_MAX")
         fly(self._z.row, TICK_S)
-        plan(self._z.row, wanted, limit, parameter("MPC_JERK_MAX"))
+        plan(self._z.row, commanded_m_s, limit, parameter("MPC_JERK_MAX"))
         if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDSTILL_M_S:
             self._kept_down_m = None
             return math.nan, self._z.velocity_m_s

@@ -225,7 +225,7 @@ class ReturnHome:
             self._chooser.report_unsupported()
 
     @property
-    def checks_rally_points(self) -> bool:
+    def has_unchecked_rally_points(self) -> bool:
         """Whether new rally points have not been checked yet."""
         return math.isfinite(self._rally_due_s)
 

@@ -1,4 +1,4 @@
-"""Messages of the gimbal manager and its device; they are not built while the gimbal module is off."""
+"""Messages of the gimbal manager and the gimbal device; not built while the gimbal module is off."""
 
 from __future__ import annotations
 

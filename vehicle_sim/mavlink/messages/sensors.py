@@ -20,7 +20,8 @@ DOWN, FORWARD = 25, 0
 BODY_FRD = 12
 """MAV_FRAME."""
 OUT_OF_RANGE_CM = -100
-"""PX4's simulation sends -1 m if it measures nothing; the unsigned field contains it modulo 2^16."""
+"""PX4's simulation sends -1 m if the sensor measures nothing; the unsigned field contains -100 modulo
+2^16."""
 MIN_RANGE_CM = 10
 GROUND_VIBRATION, FLYING_VIBRATION = (0.0117, 0.107), (0.096, 1.42)
 """PX4's vibration metrics of gyro [rad/s] and accelerometer [m/s²], as measured."""

@@ -77,13 +77,13 @@ class StateMessages(MessageGroup):
         """
         if not self._view.estimate.valid_attitude:
             return 0, 0, ALL_HEALTHY
-        found = 0
+        with_findings = 0
         for check in report.checks:
-            found |= BIT_OF_COMPONENT.get(check.component, 0)
+            with_findings |= BIT_OF_COMPONENT.get(check.component, 0)
         present = ALWAYS_PRESENT
         for component, bit in BIT_IF_PRESENT.items():
             present |= bit if report.present & component else 0
-        return present, present | found, ALL_HEALTHY & ~found
+        return present, present | with_findings, ALL_HEALTHY & ~with_findings
 
     def extended_sys_state(self) -> bytes:
         return pack("EXTENDED_SYS_STATE", landed_state=self._autopilot.commander.landed_state())[1]

@@ -29,11 +29,11 @@ class OwnCommandService:
     def _send(self, command: OwnCommand) -> None:
         parameters = list(command.parameters)
         if command.number == GIMBAL_CONFIGURE and parameters[0] == SELF:
-            parameters[:2] = map(float, self._context.own_id)
+            parameters[:2] = map(float, self._context.autopilot_id)
         handler = self._commands.get(command.number)
         if handler is not None:
             p1, p2, p3, p4, p5, p6, p7 = parameters
-            handler(Command(command.number, p1, p2, p3, p4, p5, p6, p7, self._context.own_id, ""))
+            handler(Command(command.number, p1, p2, p3, p4, p5, p6, p7, self._context.autopilot_id, ""))
         self._broadcast(command.number, parameters, 0)
         if command.repeated:
             generation = self._generations.get(command.number, 0) + 1

@@ -46,7 +46,7 @@ EMPTY_STREAMS = frozenset(
 NOT_ON_REQUEST = frozenset(
     {"GPS_RAW_INT", "LOCAL_POSITION_NED", "MISSION_CURRENT", "TIME_ESTIMATE_TO_TARGET"}
 )
-"""Messages that PX4 streams but refuses on request, because there is no newer sample at that time."""
+"""Messages that PX4 streams but refuses on request, because no newer sample exists at that time."""
 
 
 class RequestService:

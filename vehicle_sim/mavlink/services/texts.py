@@ -63,7 +63,7 @@ class TextService:
         link.send("CURRENT_EVENT_SEQUENCE", sequence=sequence, flags=flags)
 
     def start_event_sequence(self, link: Link) -> None:
-        """Called when a ground station connects on a link for the first time: its event sequence is reset."""
+        """Sends the reset of the event sequence; called when a ground station first connects on a link."""
         self.send_current_sequence(link, RESET)
 
 
