@@ -247,7 +247,7 @@ class Parameters:
         finally:
             self.change = Change.SET
 
-    def changed(self) -> tuple[str, ...]:
+    def changed_names(self) -> tuple[str, ...]:
         """Names of parameters that differ from the boot value, in PX4's list order."""
         return tuple(name for name in self._names if not _same(self._values[name], self._by_name[name].value))
 
@@ -293,7 +293,7 @@ class Parameters:
     def _save(self) -> None:
         if self._storage is None:
             return
-        values = {name: _jsonable(self._values[name]) for name in self.changed()}
+        values = {name: _jsonable(self._values[name]) for name in self.changed_names()}
         values |= {_hash_name(slot): value for slot, value in enumerate(self.mode_hashes) if value}
         temporary = self._storage.with_name(self._storage.name + ".new")
         temporary.parent.mkdir(parents=True, exist_ok=True)

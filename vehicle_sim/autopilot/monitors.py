@@ -1,7 +1,7 @@
 """Monitors of the commander in flight: wind, flight time and attitude.
 
-A stopped motor is detected by the attitude only. PX4 detects failed motors by the reports of their speed
-controllers (FD_ACT_EN), which the simulated vehicle does not have, like the recorded one.
+Only the attitude shows a stopped motor. PX4 can also detect failed motors by reports of the speed controllers
+(FD_ACT_EN), but neither the simulated nor the recorded vehicle has such reports.
 """
 
 from __future__ import annotations
@@ -93,9 +93,9 @@ class Monitors:
         for warning_s in TIME_WARNINGS_S:
             if 0.0 < remaining_s <= warning_s < min(self._warned_s, limit_s):
                 self._warned_s = warning_s
-                self._warn_of_time(warning_s)
+                self._warn_of_flight_time(warning_s)
 
-    def _warn_of_time(self, seconds: int) -> None:
+    def _warn_of_flight_time(self, seconds: int) -> None:
         if seconds >= 60:
             minutes = seconds // 60
             self._announcer.announce(
@@ -159,8 +159,9 @@ def _air_speed(drag_m_s2: float, momentum_per_s: float, ballistic_kg_m2: float) 
 
     Args:
         drag_m_s2: deceleration.
-        momentum_per_s: EKF2_MCOEF: part of the drag that grows with the speed; 0.001 and less: none.
-        ballistic_kg_m2: EKF2_BCOEF_*: mass over frontal area and drag coefficient; 1 and less: none.
+        momentum_per_s: EKF2_MCOEF, drag proportional to the speed; 0.001 or less: no such drag.
+        ballistic_kg_m2: EKF2_BCOEF_*, drag proportional to the squared speed, as mass / (frontal area · drag
+            coefficient); 1 or less: no such drag.
     """
     square_per_m = 0.5 * AIR_DENSITY_KG_M3 / ballistic_kg_m2 if ballistic_kg_m2 > 1.0 else 0.0
     linear_per_s = momentum_per_s if momentum_per_s > 1e-3 else 0.0

@@ -37,7 +37,7 @@ MODES_WITH_WAYPOINT = LANDING_MODES | {NavState.TAKEOFF, NavState.HOLD, NavState
 
 
 class Navigator:
-    """Trajectories of one vehicle."""
+    """The flight tasks of one vehicle's automatic modes."""
 
     def __init__(
         self,
@@ -85,9 +85,10 @@ class Navigator:
         return self._orbit.circle
 
     def goto(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_ned_rad: float) -> None:
-        """Handles DO_REPOSITION; without a position the target is kept, without an altitude the current one.
+        """Handles DO_REPOSITION. NaN position: the position of the current target; NaN altitude: the current
+        one.
 
-        Without any value the vehicle stops.
+        With only NaN the vehicle stops.
         """
         if not (is_position(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
             self.stop_at(math.nan)
@@ -118,12 +119,12 @@ class Navigator:
     def change_speed(self, kind: float, speed_m_s: float) -> None:
         """Handles DO_CHANGE_SPEED; an invalid speed restores the parameter's speed."""
         value = speed_m_s if math.isfinite(speed_m_s) and speed_m_s > 0.0 else math.nan
-        which = int(kind) if math.isfinite(kind) else 0
-        if which in (0, 1):
+        speed_type = int(kind) if math.isfinite(kind) else 0
+        if speed_type in (0, 1):  # airspeed, ground speed
             self.path.cruise_m_s = value
-        elif which == 2:
+        elif speed_type == 2:  # climb
             self.path.climb_m_s = value
-        elif which == 3:
+        elif speed_type == 3:  # descent
             self.path.descent_m_s = value
 
     # --- modes -----------------------------------------------------------------------------------------

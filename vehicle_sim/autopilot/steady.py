@@ -222,14 +222,14 @@ def _climb(
         axis[POSITION] = position[2]
     remaining_m = task[_TARGET_DOWN] - axis[POSITION]
     fly(axis, tick_s)
-    speed, acceleration = settings[_UP_SPEED], settings[_UP_ACCELERATION]
+    max_speed, acceleration = settings[_UP_SPEED], settings[_UP_ACCELERATION]
     if remaining_m > 0.0:
-        speed, acceleration = settings[_DOWN_SPEED], settings[_DOWN_ACCELERATION]
+        max_speed, acceleration = settings[_DOWN_SPEED], settings[_DOWN_ACCELERATION]
     elif low:
-        speed = limits[_TAKEOFF_SPEED]
+        max_speed = limits[_TAKEOFF_SPEED]
         if limits[_TAKEOFF_RAMP] > 0.0:
-            acceleration = min(acceleration, speed / limits[_TAKEOFF_RAMP])
-    speed_m_s = min(speed, max_speed_for_distance(settings[_JERK], acceleration, abs(remaining_m), 0.0))
+            acceleration = min(acceleration, max_speed / limits[_TAKEOFF_RAMP])
+    speed_m_s = min(max_speed, max_speed_for_distance(settings[_JERK], acceleration, abs(remaining_m), 0.0))
     plan(axis, math.copysign(speed_m_s, remaining_m), acceleration, settings[_JERK])
 
 

@@ -14,8 +14,8 @@ from vehicle_sim.kernels import Blocks, Rows
 
 DOWN, SETPOINT_DOWN, TILT, RAMP, MOTION_SIZE = range(5)
 """Columns of `motion`: estimated position down at the last tick [m]; velocity down of the last trajectory
-setpoint [m/s] (NaN: none; setpoints that press the vehicle to the ground do not count); allowed tilt after
-take-off [rad]; progress of the take-off ramp, 0 to 1."""
+setpoint [m/s] (NaN: no setpoint; setpoints that press the vehicle to the ground do not count); allowed tilt
+after take-off [rad]; progress of the take-off ramp, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,7 @@ class GimbalCommands:
         return ACCEPTED
 
     def roi(self, command: Command) -> int:
-        """The deprecated DO_SET_ROI: PX4 reads only its mode (param1); for a location it points at 0 N, 0 E,
+        """The deprecated DO_SET_ROI: PX4 reads only the mode (param1) and points the gimbal at 0 N, 0 E,
         sea level."""
         if _to_int(command.p1) == 3:
             self._gimbal.point_at(0.0, 0.0, 0.0)

@@ -43,19 +43,19 @@ class Readings:
     def accel(self) -> FloatArray:
         """(3,) specific force, raw [m/s², FRD]."""
         reading = self._view.simulation.sensors.accel_frd_m_s2[self._view.row]
-        return self._unrotated(reading) / self._triple("CAL_ACC0_", "SCALE") + self._triple(
+        return self._unrotated(reading) / self._axis_values("CAL_ACC0_", "SCALE") + self._axis_values(
             "CAL_ACC0_", "OFF"
         )
 
     def gyro(self) -> FloatArray:
         """(3,) raw [rad/s, FRD]."""
         reading = self._view.simulation.sensors.gyro_frd_rad_s[self._view.row]
-        return self._unrotated(reading) + self._triple("CAL_GYRO0_", "OFF")
+        return self._unrotated(reading) + self._axis_values("CAL_GYRO0_", "OFF")
 
     def mag(self) -> FloatArray:
         """(3,) raw [gauss, FRD]."""
         reading = self._view.simulation.sensors.mag_frd_gauss[self._view.row]
-        return self._unrotated(reading) / self._triple("CAL_MAG0_", "SCALE") + self._triple(
+        return self._unrotated(reading) / self._axis_values("CAL_MAG0_", "SCALE") + self._axis_values(
             "CAL_MAG0_", "OFF"
         )
 
@@ -89,18 +89,18 @@ class Readings:
             total += read()
         return total / samples
 
-    def store(self, prefix: str, what: str, values: FloatArray, *, send: bool = True) -> None:
-        """Stores the result of three axes if it differs; with `send`, also sends the sensor's parameters."""
-        names = [f"{prefix}{axis}{what}" for axis in "XYZ"]
-        if float(np.linalg.norm(values - self._triple(prefix, what))) > MIN_CHANGE:
+    def store(self, prefix: str, suffix: str, values: FloatArray, *, send: bool = True) -> None:
+        """Stores a result for the parameters of three axes; with `send`, also sends the sensor's
+        parameters."""
+        names = [f"{prefix}{axis}{suffix}" for axis in "XYZ"]
+        if float(np.linalg.norm(values - self._axis_values(prefix, suffix))) > MIN_CHANGE:
             for name, value in zip(names, values.tolist(), strict=True):
                 self._view.parameters.set(name, value)
         if send:
             self.send(prefix)
 
     def send(self, prefix: str) -> None:
-        """Sends a sensor's parameters to every ground station; before, sets a missing priority of the sensor
-        to PRIORITY."""
+        """Sets a missing priority of a sensor, and sends the sensor's parameters to every ground station."""
         store = self._view.parameters
         if store.get(f"{prefix}PRIO") < 0:
             store.set(f"{prefix}PRIO", PRIORITY)
@@ -145,8 +145,8 @@ class Readings:
         view.parameters.set("CAL_BARO0_OFF", view.parameter("CAL_BARO0_OFF") + bias_pa)
         return True
 
-    def _triple(self, prefix: str, what: str) -> FloatArray:
-        return np.array([self._view.parameter(f"{prefix}{axis}{what}") for axis in "XYZ"])
+    def _axis_values(self, prefix: str, suffix: str) -> FloatArray:
+        return np.array([self._view.parameter(f"{prefix}{axis}{suffix}") for axis in "XYZ"])
 
     def _board_angles(self) -> tuple[float, float]:
         parameter = self._view.parameter

@@ -326,7 +326,7 @@ def _parameters(parameters: Parameters) -> bytes:
     out: list[bytes] = []
     for name, value in parameters.items():
         out.append(ulog.parameter(name, value, integer=parameters.type_of(name) == "INT32"))
-    for name in parameters.changed():
+    for name in parameters.changed_names():
         integer = parameters.type_of(name) == "INT32"
         default = parameters.default_of(name)
         out.append(ulog.default_parameter(name, default, integer=integer, kinds=ulog.AIRFRAME_DEFAULT))

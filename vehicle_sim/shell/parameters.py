@@ -73,7 +73,7 @@ class ParamCommand:
             if not patterns:
                 raise Usage("param show -q needs a name")
             return self._text(self._existing(patterns[0])) + "\n"
-        changed, unsaved = set(self._parameters.changed()), self._unsaved()
+        changed, unsaved = set(self._parameters.changed_names()), self._unsaved()
         out = ["Symbols: x = used, + = saved, * = unsaved\n"]
         for index, (name, in_build) in enumerate(zip(self._parameters.names, _build_indexes(), strict=True)):
             if patterns and not any(fnmatchcase(name, pattern) for pattern in patterns):
@@ -155,7 +155,7 @@ class ParamCommand:
         return f"Found param {name} at index {self._parameters.index_of(name)}\n"
 
     def _status(self, words: Words) -> str:
-        changed, unsaved = self._parameters.changed(), self._unsaved()
+        changed, unsaved = self._parameters.changed_names(), self._unsaved()
         return (
             info("parameters", f"{len(self._parameters)}/{ALL_PARAMETERS} used")
             + info("parameters", f"{len(changed)} differ from the defaults")

@@ -81,11 +81,11 @@ def test_listeners_are_called_for_changes_only():
 
 def test_changed_parameters_are_listed_until_they_are_reset():
     parameters = Parameters({"MPC_XY_CRUISE": 6.0, "MAV_SYS_ID": 3})
-    assert parameters.changed() == ("MAV_SYS_ID", "MPC_XY_CRUISE")
+    assert parameters.changed_names() == ("MAV_SYS_ID", "MPC_XY_CRUISE")
     parameters.reset("MAV_SYS_ID")
     assert parameters.get("MAV_SYS_ID") == 1
     parameters.reset("MPC_XY_CRUISE")
-    assert parameters.changed() == ()
+    assert parameters.changed_names() == ()
 
 
 def test_reset_all_resets_values_stored_at_boot_except_those_to_keep():
@@ -144,9 +144,9 @@ def test_changes_survive_a_restart(tmp_path):
     again = Parameters(storage=storage)
     assert again.get("MPC_XY_CRUISE") == 6.0
     assert again.get("MPC_XY_VEL_MAX") == math.inf
-    assert again.changed() == ("MPC_XY_CRUISE", "MPC_XY_VEL_MAX")
+    assert again.changed_names() == ("MPC_XY_CRUISE", "MPC_XY_VEL_MAX")
     again.reset_all(only=("MPC_*",))
-    assert Parameters(storage=storage).changed() == ()
+    assert Parameters(storage=storage).changed_names() == ()
     assert [path.name for path in storage.parent.iterdir()] == ["parameters.json"]
 
 

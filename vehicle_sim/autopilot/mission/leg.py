@@ -32,7 +32,8 @@ class Leg:
         return self._triplet.acceptance_m
 
     def set(self, target_ned_m: Vector, next_ned_m: Vector | None, acceptance_m: float) -> None:
-        """Starts a leg from the last target to a new one; without a next target the vehicle stops there."""
+        """Starts a leg from the last target to a new one; without a next target the vehicle stops at the new
+        one."""
         self._triplet = WaypointTriplet(self._triplet.target_ned_m, target_ned_m, next_ned_m, acceptance_m)
         self._path.target_ned_m = target_ned_m
 
@@ -42,7 +43,7 @@ class Leg:
         self._triplet = WaypointTriplet(position_ned_m, position_ned_m, None, self._triplet.acceptance_m)
 
     def steady_task(self, heading: Heading, arrived_at_s: float | None, waits_s: float) -> SteadyTask | None:
-        """The leg until arrival, or after it until the end of the wait; None: the heading depends on the
+        """The leg until arrival, or after arrival until the end of the wait; None: the heading depends on the
         motion."""
         path, (north_m, east_m, _) = self._path, self.target_ned_m
         point = heading.steady_point(self.target_ned_m, self.acceptance_m)

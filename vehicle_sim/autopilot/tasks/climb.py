@@ -92,13 +92,13 @@ class Climb:
             path.z.position_m = z
         remaining_m = 0.0 if down is None else down - path.z.position_m
         fly(path.z.row, tick_s)
-        speed, acceleration = parameter("MPC_Z_V_AUTO_UP"), parameter("MPC_ACC_UP_MAX")
+        max_speed, acceleration = parameter("MPC_Z_V_AUTO_UP"), parameter("MPC_ACC_UP_MAX")
         if remaining_m > 0.0:
-            speed, acceleration = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_ACC_DOWN_MAX")
+            max_speed, acceleration = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_ACC_DOWN_MAX")
         elif low:
-            speed, ramp_s = parameter("MPC_TKO_SPEED"), parameter("MPC_TKO_RAMP_T")
-            acceleration = min(acceleration, speed / ramp_s) if ramp_s > 0.0 else acceleration
+            max_speed, ramp_s = parameter("MPC_TKO_SPEED"), parameter("MPC_TKO_RAMP_T")
+            acceleration = min(acceleration, max_speed / ramp_s) if ramp_s > 0.0 else acceleration
         jerk = parameter("MPC_JERK_AUTO")
-        speed_m_s = min(speed, max_speed_for_distance(jerk, acceleration, abs(remaining_m), 0.0))
+        speed_m_s = min(max_speed, max_speed_for_distance(jerk, acceleration, abs(remaining_m), 0.0))
         plan(path.z.row, math.copysign(speed_m_s, remaining_m), acceleration, jerk)
         path.write()

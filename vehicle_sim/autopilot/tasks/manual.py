@@ -125,8 +125,8 @@ class Manual:
         tilt = math.hypot(roll, pitch)
         scale = min(1.0, limit / tilt) if tilt > 0.0 else 1.0
         angle = tilt * scale
-        part = math.sin(0.5 * angle) / tilt if tilt > 1e-6 else 0.0
-        qw, qx, qy = math.cos(0.5 * angle), roll * part, pitch * part
+        sine_per_tilt = math.sin(0.5 * angle) / tilt if tilt > 1e-6 else 0.0
+        qw, qx, qy = math.cos(0.5 * angle), roll * sine_per_tilt, pitch * sine_per_tilt
         yaw_rad, yaw_rate = self._turn()
         if math.isnan(yaw_rad):
             yaw_rad = self._view.estimate.yaw_ned_rad
