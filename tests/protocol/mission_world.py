@@ -39,7 +39,7 @@ class MissionAutopilot(FakeAutopilot):
         self.received_at_s = 0.0
         self.flight = Flight()
         self.wire = SimpleNamespace(name="gcs", send=self.send_named)
-        announcer = SimpleNamespace(both=lambda _severity, text, _event: self.texts.append(text))
+        announcer = SimpleNamespace(announce=lambda _severity, text, _event: self.texts.append(text))
         self.autopilot_parts = SimpleNamespace(
             navigator=SimpleNamespace(mission=self.flight),
             plans=SimpleNamespace(store=lambda _kind, _items: None),
@@ -49,7 +49,7 @@ class MissionAutopilot(FakeAutopilot):
             autopilot=self.autopilot_parts,
             view=View(),
             links=[self.wire],
-            is_for_me=lambda message: message.target_system == self.system,
+            addresses_autopilot=lambda message: message.target_system == self.system,
             broadcast=self.send_named,
         )
         self.service = MissionService(context)  # type: ignore[arg-type]

@@ -1,7 +1,7 @@
 """PREFLIGHT_CALIBRATION as in PX4: texts, replies and results.
 
 All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides asks for
-each side of the vehicle in turn, and fails if nobody turns the vehicle.
+each side of the vehicle in turn, and fails if the vehicle is not turned.
 """
 
 from __future__ import annotations
@@ -336,9 +336,9 @@ class CalibrationCommands:
             self._succeed("level")
 
     def _accelerometer_quick(self) -> None:
-        self._run(self._learn_quickly())
+        self._run(self._learn_accelerometer_quickly())
 
-    def _learn_quickly(self) -> Steps:
+    def _learn_accelerometer_quickly(self) -> Steps:
         """Calibrates the accelerometer; assumes that the vehicle is level."""
         mean = yield from self._readings.mean(self._readings.accel, QUICK_SAMPLES)
         self._readings.store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))

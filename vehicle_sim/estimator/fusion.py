@@ -19,9 +19,9 @@ RESET_TIMEOUT_S = 7.0
 HORIZON_S = 0.12
 """PX4 fuses samples of this age (its delayed time horizon), and detects missing samples that much later."""
 BAD_ACCEL_RESETS_AFTER_S = 0.5
-_BAD_ACCEL_LASTS_S = 3.0
+_BAD_ACCEL_HOLD_S = 3.0
 _COUNTERS = ("vxy_reset_counter", "vz_reset_counter", "xy_reset_counter", "z_reset_counter")
-_FAILS, _CONFIRMS = 3.0, 1.0
+_FAULT_SIGMA, _CONFIRMATION_SIGMA = 3.0, 1.0
 """Innovations in standard deviations. Above the first, a source indicates a fault; above the second, a source
 of the other kind confirms it."""
 
@@ -90,10 +90,10 @@ class Fusion:
             gnss_below: (N,) how far the estimate is below GNSS height or velocity, the greater of the two.
         """
         larger, smaller = np.maximum(baro_below, gnss_below), np.minimum(baro_below, gnss_below)
-        bad = (larger > _FAILS) & (smaller > _CONFIRMS)
+        bad = (larger > _FAULT_SIGMA) & (smaller > _CONFIRMATION_SIGMA)
         self.accel_bad_at_s[bad] = now_s
         self.accel_good_at_s[~bad] = now_s
-        ongoing = self.bad_acc_vertical & (now_s - self.accel_bad_at_s < _BAD_ACCEL_LASTS_S)
+        ongoing = self.bad_acc_vertical & (now_s - self.accel_bad_at_s < _BAD_ACCEL_HOLD_S)
         np.copyto(self.bad_acc_vertical, bad | ongoing)
 
 
