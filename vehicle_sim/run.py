@@ -105,7 +105,7 @@ def run_shard(argv: Sequence[str], shard: Shard) -> int:
         shard: the vehicles of this process.
 
     Returns:
-        The exit code; 1 if no port could be opened.
+        The exit code: 1 if no port could be opened, 2 if the data folder or ROS 2 is unusable.
     """
     arguments = parse(argv)
     try:

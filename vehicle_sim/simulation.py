@@ -336,7 +336,7 @@ class Simulation:
 
         Returns:
             None, or why the parameters are not a valid airframe (SIH_MASS 0, rotors in a line); the old
-                values then stay in use.
+            values then stay in use.
         """
         try:
             self._apply_parameters(i)
