@@ -8,9 +8,8 @@ A NumPy call takes a microsecond even for few vehicles, and a step would need hu
 - A `@formula` takes and returns plain numbers or rows of one vehicle. Kernels and other formulas call
   formulas.
 - The annotations of a kernel are its only types: `Column`, `Rows`, `Blocks`, `Flags`, `Integers`,
-  `IntegerRows`, `float`,
-  `int`, `bool`. It is compiled when its module is imported, never in flight. Formulas must be defined above
-  it. Arrays are contiguous (C order).
+  `IntegerRows`, `float`, `int`, `bool`. A kernel is compiled when its module is imported, never in flight.
+  Formulas must be defined above the kernel. Arrays are contiguous (C order).
 - The compiler must not reorder sums (`fastmath` is off), and uses only instructions that all processors of an
   architecture have: the same seed gives the same flight everywhere. Division by zero gives infinity or NaN,
   as in NumPy. Comparisons are written so that NaN takes the same branch as in NumPy.

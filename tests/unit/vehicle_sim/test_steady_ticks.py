@@ -237,20 +237,20 @@ REPORTS = (
 
 def test_checks_are_skipped_only_while_they_would_find_nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
     skipped: list[bool] = []
-    repeat = CheckSkipper.repeat
+    skip_if_unchanged = CheckSkipper.skip_if_unchanged
 
-    def counted(quiet: CheckSkipper, armed_at_s: float) -> bool:
-        skipped.append(repeat(quiet, armed_at_s))
+    def counted(skipper: CheckSkipper, armed_at_s: float) -> bool:
+        skipped.append(skip_if_unchanged(skipper, armed_at_s))
         return skipped[-1]
 
-    def never(_quiet: CheckSkipper, _armed_at_s: float) -> bool:
+    def never(_skipper: CheckSkipper, _armed_at_s: float) -> bool:
         return False
 
     script: Script = {5.0: for_each_autopilot(climb_far), **FAILURES}
     with monkeypatch.context() as patch:
-        patch.setattr(CheckSkipper, "repeat", counted)
+        patch.setattr(CheckSkipper, "skip_if_unchanged", counted)
         found = fly(script, 22.0, count=5)
-    monkeypatch.setattr(CheckSkipper, "repeat", never)
+    monkeypatch.setattr(CheckSkipper, "skip_if_unchanged", never)
     assert fly(script, 22.0, count=5) == found
     missing = [report for report in REPORTS if not any(report in message for message in found[1])]
     assert not missing
