@@ -31,28 +31,28 @@ describe('problems', () => {
 });
 
 describe('file calls', () => {
-  it('send a file unchanged and return its problem', async () => {
+  it('send a file unchanged and return the server’s problem', async () => {
     const file = new Blob(['QGC WPL 110']);
     const requests: RequestInit[] = [];
-    const answers = [new Response(JSON.stringify({ notes: [] })), new Response(JSON.stringify({ detail: 'line 2: no number.' }), { status: 422 })];
+    const responses = [new Response(JSON.stringify({ notes: [] })), new Response(JSON.stringify({ detail: 'line 2: no number.' }), { status: 422 })];
     const client = new ApiClient('page-7', undefined, (_, init) => {
       requests.push(init);
-      return Promise.resolve(answers.shift() ?? new Response(null, { status: 500 }));
+      return Promise.resolve(responses.shift() ?? new Response(null, { status: 500 }));
     });
-    const read = () =>
+    const importFile = () =>
       client.post('/plans/import', {
         params: { query: { filename: 'a b.plan' } },
         body: file,
         bodySerializer: (body) => body,
         headers: { 'Content-Type': 'application/octet-stream' },
       });
-    expect(await read()).toEqual({ ok: true, value: { notes: [] } });
+    expect(await importFile()).toEqual({ ok: true, value: { notes: [] } });
     expect(requests[0]?.body).toBe(file);
     expect(headersOf(requests[0])).toMatchObject({ 'content-type': 'application/octet-stream', 'x-client': 'page-7' });
-    expect(await read()).toMatchObject({ ok: false, problem: { detail: 'line 2: no number.', status: 422 } });
+    expect(await importFile()).toMatchObject({ ok: false, problem: { detail: 'line 2: no number.', status: 422 } });
   });
 
-  it('return the notes of the header, or none', async () => {
+  it('return the notes from the header, or no notes', async () => {
     const download = async (headers: Record<string, string>, status = 200) => {
       const client = new ApiClient('page-7', undefined, (path, init) => {
         expect([path, init.body]).toEqual(['/api/v1/plans/export?format=yaml', '{"plan":{}}']);
@@ -70,15 +70,15 @@ describe('file calls', () => {
 });
 
 describe('client', () => {
-  it('sends its name and JSON, returns the answer', async () => {
-    let seen: RequestInit = {};
+  it('sends its name and a JSON body, and returns the response', async () => {
+    let sent: RequestInit = {};
     const client = new ApiClient('page-7', undefined, (_, init) => {
-      seen = init;
+      sent = init;
       return Promise.resolve(new Response('{"ok":true}'));
     });
     expect(await client.post('/vehicles/{v}/takeoff', { ...ofVehicle('1'), body: { alt_home_m: 10 } })).toEqual({ ok: true, value: { ok: true } });
-    expect(headersOf(seen)).toMatchObject({ 'x-client': 'page-7', 'content-type': 'application/json' });
-    expect(seen.body).toBe('{"alt_home_m":10}');
+    expect(headersOf(sent)).toMatchObject({ 'x-client': 'page-7', 'content-type': 'application/json' });
+    expect(sent.body).toBe('{"alt_home_m":10}');
   });
   it('turns a refusal and an unreachable server into problems', async () => {
     const refused = new ApiClient('p', undefined, () => Promise.resolve(new Response('{"detail":"no","code":"refused"}', { status: 409 })));
@@ -88,12 +88,12 @@ describe('client', () => {
   });
   it('reports that the server rejects the token', async () => {
     let rejections = 0;
-    const answer = (status: number) => Promise.resolve(new Response('{"detail":"no","code":"token_missing"}', { status }));
+    const respond = (status: number) => Promise.resolve(new Response('{"detail":"no","code":"token_missing"}', { status }));
     for (const status of [401, 403])
       await new ApiClient(
         'p',
         () => (rejections += 1),
-        () => answer(status),
+        () => respond(status),
       ).get('/version');
     expect(rejections).toBe(1);
   });
@@ -103,7 +103,7 @@ describe('client', () => {
   });
 });
 
-describe('requests of one vehicle', () => {
+describe('requests to one vehicle', () => {
   const settle = async (): Promise<void> => void (await vi.advanceTimersByTimeAsync(0));
   beforeEach(() => void vi.useFakeTimers());
   afterEach(() => void vi.useRealTimers());
@@ -111,39 +111,39 @@ describe('requests of one vehicle', () => {
   function setup(): {
     commandQueue: CommandQueue;
     sent: string[];
-    answer: (name: string) => void;
+    respond: (name: string) => void;
     request: (name: string, vehicles: string[]) => Promise<Outcome<string>>;
   } {
     const commandQueue = new CommandQueue();
     const sent: string[] = [];
-    const answers = new Map<string, () => void>();
+    const responders = new Map<string, () => void>();
     const request = (name: string, vehicles: string[]): Promise<Outcome<string>> =>
       commandQueue.run(vehicles, () => {
         sent.push(name);
-        return new Promise((done) => answers.set(name, () => done({ ok: true, value: name })));
+        return new Promise((done) => responders.set(name, () => done({ ok: true, value: name })));
       });
-    return { commandQueue, sent, answer: (name) => answers.get(name)?.(), request };
+    return { commandQueue, sent, respond: (name) => responders.get(name)?.(), request };
   }
 
-  it('are sent after all earlier ones to the same vehicles were answered', async () => {
-    const { commandQueue, sent, answer, request } = setup();
+  it('are sent after the server has answered all earlier requests to the same vehicles', async () => {
+    const { commandQueue, sent, respond, request } = setup();
     void request('1 and 2', ['1', '2']);
     const second = request('2', ['2']);
     void request('3', ['3']);
     await settle();
     expect(sent).toEqual(['1 and 2', '3']);
-    answer('1 and 2');
+    respond('1 and 2');
     await settle();
     expect(sent).toEqual(['1 and 2', '3', '2']);
     expect([commandQueue.busy(['1']), commandQueue.busy(['1', '2'])]).toEqual([false, true]);
-    answer('2');
+    respond('2');
     expect(await second).toEqual({ ok: true, value: '2' });
     await settle();
     expect(commandQueue.busy(['2'])).toBe(false);
   });
 
-  it('are not sent after too long a wait, nor before an earlier request is answered', async () => {
-    const { commandQueue, sent, answer, request } = setup();
+  it('are not sent if they wait too long, and even then later requests wait for the earlier response', async () => {
+    const { commandQueue, sent, respond, request } = setup();
     void request('renewal', ['1']);
     const late = request('late', ['1']);
     await vi.advanceTimersByTimeAsync(3000);
@@ -151,16 +151,16 @@ describe('requests of one vehicle', () => {
     const next = request('next', ['1']);
     await settle();
     expect(sent).toEqual(['renewal']);
-    answer('renewal');
+    respond('renewal');
     await settle();
     expect(sent).toEqual(['renewal', 'next']);
-    answer('next');
+    respond('next');
     expect((await next).ok).toBe(true);
     await settle();
     expect(commandQueue.busy(['1'])).toBe(false);
   });
 
-  it('continue after a failed one', async () => {
+  it('are sent after a request that failed', async () => {
     const commandQueue = new CommandQueue();
     await expect(commandQueue.run(['1'], () => Promise.reject(new Error('gone')))).rejects.toThrow('gone');
     expect(await commandQueue.run(['1'], () => Promise.resolve({ ok: true, value: 'next' }))).toEqual({ ok: true, value: 'next' });

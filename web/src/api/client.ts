@@ -1,4 +1,4 @@
-/** Calls to the server's API, with types from its own description. Every outcome is a value; nothing throws. */
+/** Calls to the server's API, with types from the server's OpenAPI description. A call returns its outcome and never throws. */
 
 import createClient, { type Client, type ClientPathsWithMethod, type MaybeOptionalInit, type MethodResponse } from 'openapi-fetch';
 import { parseProblem, unreachable, type Problem } from './problems';
@@ -23,7 +23,7 @@ type Arguments<I> = undefined extends I ? [I?] : [I];
 type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<Server, M, P, I>>>;
 
 /**
- * A request of openapi-fetch, kept as its parts, because outside a browser `Request` accepts no path without a host.
+ * A request of openapi-fetch as URL and init. It replaces `Request`, which outside a browser accepts no path without a host.
  */
 class PendingRequest {
   constructor(
@@ -40,11 +40,11 @@ export class ApiClient {
   readonly delete: ApiCall<'delete'> = this.method('delete');
 
   /**
-   * @param who this page's name in the journal, and its unique id.
+   * @param identity this page's name in the journal, and its unique id; a text: the name only.
    * @param onSignedOut called when the server rejects this page's token, which may have been changed.
    */
   constructor(
-    private readonly who: string | { readonly name: string; readonly id: string; readonly key: string | null },
+    private readonly identity: string | { readonly name: string; readonly id: string; readonly key: string | null },
     private readonly onSignedOut: () => void = () => undefined,
     private readonly fetch: Fetch = (path, init) => globalThis.fetch(path, init),
   ) {
@@ -53,15 +53,15 @@ export class ApiClient {
 
   /** This page's present name; a person may change it. */
   get name(): string {
-    return typeof this.who === 'string' ? this.who : this.who.name;
+    return typeof this.identity === 'string' ? this.identity : this.identity.name;
   }
 
   /** The server's key for this client; null until the server has sent it. */
   get key(): string | null {
-    return typeof this.who === 'string' ? null : this.who.key;
+    return typeof this.identity === 'string' ? null : this.identity.key;
   }
 
-  /** Downloads a file; `notes` are the texts of a JSON header. */
+  /** Downloads a file. The response's header `notesHeader` contains `notes` as a JSON list of texts. */
   download<P extends Path<'post'>>(path: P, init: Init<'post', P>, notesHeader: string): Promise<Outcome<{ file: Blob; notes: readonly string[] }>> {
     return this.outcome('post', path, { ...init, parseAs: 'blob' }, (file, response) => {
       const notes: unknown = JSON.parse(response.headers.get(notesHeader) ?? '[]');
@@ -87,15 +87,15 @@ export class ApiClient {
     const headers = new Headers(init.headers);
     headers.set('Accept', 'application/json');
     headers.set('X-Client', this.name);
-    if (typeof this.who !== 'string') headers.set('X-Client-Id', this.who.id);
+    if (typeof this.identity !== 'string') headers.set('X-Client-Id', this.identity.id);
     return this.fetch(url, { ...init, headers, signal: AbortSignal.timeout(TIMEOUT_MS) });
   }
 }
 
-/** The path parameter of a call about one vehicle. */
+/** The path parameter of a call to one vehicle's API. */
 export const ofVehicle = (v: string): { params: { path: { v: string } } } => ({ params: { path: { v } } });
 
-/** A default name for this page, so that the journal distinguishes two pages. */
+/** A default name for this page, by which the journal distinguishes it from other pages. */
 export function pageName(random: () => number = Math.random): string {
   return `page-${Math.floor(random() * 0xffff)
     .toString(16)

@@ -1,6 +1,6 @@
 /**
  * One request per vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
- * arrive after that setpoint and undo it. So each request waits for the answer to the previous request, but not for
+ * arrive after that setpoint and replace it. So each request waits for the answer to the previous request, but not for
  * long: an old request must not move the vehicle unexpectedly.
  */
 
@@ -11,32 +11,32 @@ import { unreachable } from './problems';
 const MAX_WAIT_MS = 3000;
 
 export class CommandQueue {
-  private readonly last = new Map<string, Promise<unknown>>();
+  private readonly lastRequests = new Map<string, Promise<unknown>>();
 
-  /** Whether an answer is still awaited for any of these vehicles. */
+  /** Whether the server has not yet answered a request to any of these vehicles. */
   busy(vehicles: readonly string[]): boolean {
-    return vehicles.some((id) => this.last.has(id));
+    return vehicles.some((id) => this.lastRequests.has(id));
   }
 
   /**
-   * Calls `send` after all earlier requests to these vehicles have been answered; never calls it if they take too
-   * long.
+   * Calls `send` after the server has answered all earlier requests to these vehicles; if that takes too long, returns a
+   * problem and does not call `send`.
    */
   async run<T>(vehicles: readonly string[], send: () => Promise<Outcome<T>>): Promise<Outcome<T>> {
-    const before = Promise.allSettled(vehicles.map((id) => this.last.get(id)));
-    const mine = inTime(before).then((free) => (free ? send() : { ok: false as const, problem: notSent() }));
-    const all = Promise.allSettled([before, mine]).then(() => {
-      for (const id of vehicles) if (this.last.get(id) === all) this.last.delete(id);
+    const earlier = Promise.allSettled(vehicles.map((id) => this.lastRequests.get(id)));
+    const request = endsInTime(earlier).then((inTime) => (inTime ? send() : { ok: false as const, problem: notSent() }));
+    const all = Promise.allSettled([earlier, request]).then(() => {
+      for (const id of vehicles) if (this.lastRequests.get(id) === all) this.lastRequests.delete(id);
     });
-    for (const id of vehicles) this.last.set(id, all);
-    return mine;
+    for (const id of vehicles) this.lastRequests.set(id, all);
+    return request;
   }
 }
 
-function inTime(before: Promise<unknown>): Promise<boolean> {
+function endsInTime(requests: Promise<unknown>): Promise<boolean> {
   return new Promise((done) => {
     const timer = setTimeout(() => done(false), MAX_WAIT_MS);
-    void before.then(() => {
+    void requests.then(() => {
       clearTimeout(timer);
       done(true);
     });

@@ -3,7 +3,7 @@
 export interface Problem {
   title: string;
   detail: string;
-  /** The vehicle's own words. */
+  /** The vehicle's own texts. */
   reasons: string[];
   /** What the operator can do. */
   remedy: string | null;
@@ -31,7 +31,7 @@ function text(value: unknown): string | null {
   return typeof value === 'string' && value.trim() !== '' ? value : null;
 }
 
-const texts = (value: unknown): string[] => (Array.isArray(value) ? value.filter((one): one is string => text(one) !== null) : []);
+const texts = (value: unknown): string[] => (Array.isArray(value) ? value.filter((item): item is string => text(item) !== null) : []);
 
 /** FastAPI's own validation errors: `[{loc: ["body", "alt_home_m"], msg}]`. */
 function validation(value: unknown): { detail: string; field: string | null } | null {
@@ -48,7 +48,7 @@ function validation(value: unknown): { detail: string; field: string | null } | 
   return lines.length === 0 ? null : { detail: lines.join('; '), field };
 }
 
-/** The problem in a response's body, or one made from the status if the body has none. */
+/** The problem in a response's body; if the body has no problem, a problem made from the status. */
 export function parseProblem(status: number, body: unknown): Problem {
   const raw = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
   const invalid = validation(raw['errors']) ?? validation(raw['detail']);

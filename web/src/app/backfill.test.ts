@@ -3,20 +3,20 @@ import { ApiClient } from '../api/client';
 import { TelemetryStore } from '../live/store';
 import { loadFleet } from './backfill';
 
-const apiAnswering = (value: unknown): ApiClient => new ApiClient('p', undefined, () => Promise.resolve(Response.json(value)));
+const apiReturning = (value: unknown): ApiClient => new ApiClient('p', undefined, () => Promise.resolve(Response.json(value)));
 const identity = (firmware: string) => ({ vehicle: '1', topic: 'identity', vehicle_time_boot_s: null, received_unix_s: 90, value: { firmware } });
 
 describe('the fleet from the server', () => {
   it('never replaces samples from the socket', async () => {
     const store = new TelemetryStore(() => 100);
     store.apply({ type: 'samples', samples: [identity('1.16.0')] });
-    expect(await loadFleet(apiAnswering([{ id: '1', identity: { firmware: null } }]), store)).toEqual({ ids: ['1'], removed: false });
+    expect(await loadFleet(apiReturning([{ id: '1', identity: { firmware: null } }]), store)).toEqual({ ids: ['1'], removed: false });
     expect(store.vehicle('1').identity.firmware).toBe('1.16.0');
   });
 
   it('provides values that the socket has not sent yet', async () => {
     const store = new TelemetryStore(() => 100);
-    await loadFleet(apiAnswering([{ id: '1', identity: { firmware: '1.15.0' } }]), store);
+    await loadFleet(apiReturning([{ id: '1', identity: { firmware: '1.15.0' } }]), store);
     expect(store.vehicle('1').identity.firmware).toBe('1.15.0');
     store.apply({ type: 'samples', samples: [identity('1.16.0')] });
     expect(store.vehicle('1').identity.firmware).toBe('1.16.0');
@@ -25,6 +25,6 @@ describe('the fleet from the server', () => {
   it('reports that a vehicle was removed', async () => {
     const store = new TelemetryStore(() => 100);
     store.vehicle('2');
-    expect(await loadFleet(apiAnswering([{ id: '1' }]), store)).toEqual({ ids: ['1'], removed: true });
+    expect(await loadFleet(apiReturning([{ id: '1' }]), store)).toEqual({ ids: ['1'], removed: true });
   });
 });

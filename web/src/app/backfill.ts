@@ -8,27 +8,27 @@ const BACKFILL_S = 300;
 
 type Raw = Record<string, unknown>;
 
-function list(answer: unknown, name: string): Raw[] {
-  const raw = Array.isArray(answer) ? answer : (answer as Raw | null)?.[name];
+function list(body: unknown, name: string): Raw[] {
+  const raw = Array.isArray(body) ? body : (body as Raw | null)?.[name];
   return Array.isArray(raw) ? raw.filter((v): v is Raw => typeof v === 'object' && v !== null) : [];
 }
 
 /**
  * Loads the fleet into the store.
- * @returns the ids, and whether vehicles were removed. Such a vehicle may have reappeared during the request: the data
- * that the socket sent for it is then removed too.
+ * @returns the ids, and whether vehicles were removed. A removed vehicle may have reappeared during the request: then
+ * the data that the socket sent for the vehicle meanwhile is removed, too.
  */
 export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; removed: boolean }> {
   const before = new Map(store.vehicles);
-  const answer = await api.get('/vehicles');
-  if (!answer.ok) return { ids: store.ids(), removed: false };
-  const vehicles = list(answer.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
+  const response = await api.get('/vehicles');
+  if (!response.ok) return { ids: store.ids(), removed: false };
+  const vehicles = list(response.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
-  // A replay may have jumped to another time meanwhile. It then has a new vehicle with the same id, and the answer is
-  // outdated.
-  const same = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
+  // A replay may have jumped to another time meanwhile. The store then has a new vehicle with the same id, and the
+  // response is outdated for it.
+  const unchanged = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
   const removed = store.keepOnly(ids);
-  store.apply({ type: 'samples', samples: same.flatMap(vehicleSamples) });
+  store.apply({ type: 'samples', samples: unchanged.flatMap(vehicleSamples) });
   return { ids, removed };
 }
 
@@ -51,8 +51,8 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
   return samples;
 }
 
-/** Reads a vehicle's last minutes (trail, flight time) and messages. */
-export async function loadPast(api: ApiClient, store: TelemetryStore, id: string): Promise<void> {
+/** Loads a vehicle's messages and the telemetry of its last minutes, for trail and flight time. */
+export async function loadHistory(api: ApiClient, store: TelemetryStore, id: string): Promise<void> {
   const vehicle = store.vehicles.get(id);
   const since = Math.round(store.nowUnixS(id) - BACKFILL_S);
   const [history, messages] = await Promise.all([

@@ -12,11 +12,11 @@ export function covered(): Record<Edge, number> {
   return widest(panels.values());
 }
 
-/** Svelte action: counts the panel's size as covered at this edge of the stage. */
+/** Svelte action: counts the panel's width or height as covered at this edge of the stage. */
 export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } {
   const setCovered = (px: number): void => {
     if (px === (panels.get(panel)?.px ?? 0)) return;
-    const others = [...panels].filter(([one]) => one !== panel);
+    const others = [...panels].filter(([other]) => other !== panel);
     panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
   };
   const sizes = new ResizeObserver(() => {

@@ -7,26 +7,26 @@ export type Edge = 'left' | 'right' | 'top' | 'bottom';
 /** Margin between panels and the stage's edge [px]. */
 const MARGIN_PX = 12;
 
-/** Of several panels at one edge, the widest counts. */
+/** The width or height that panels cover at each edge [px]; of several panels at one edge, the largest value. */
 export function widest(panels: Iterable<{ edge: Edge; px: number }>): Record<Edge, number> {
   const covered = { left: 0, right: 0, top: 0, bottom: 0 };
   for (const { edge, px } of panels) covered[edge] = Math.max(covered[edge], px);
   return covered;
 }
 
-/** Offset of the free area's middle from the stage's, right and down [px]; zero if panels cover the whole stage. */
+/** Offset of the free area's middle from the stage's middle, right and down [px]; zero if panels cover the whole stage. */
 export function freeMiddle(stage: { width: number; height: number }, covered: Readonly<Record<Edge, number>>): Pixel {
   const { width, height } = stage;
-  const from = (px: number): number => (px === 0 ? 0 : px + MARGIN_PX);
-  const [left, right, top, bottom] = [from(covered.left), covered.right, from(covered.top), from(covered.bottom)];
+  const withMargin = (px: number): number => (px === 0 ? 0 : px + MARGIN_PX);
+  const [left, right, top, bottom] = [withMargin(covered.left), covered.right, withMargin(covered.top), withMargin(covered.bottom)];
   return {
     x: left + right < width ? Math.round((left - right) / 2) : 0,
     y: top + bottom < height ? Math.round((top - bottom) / 2) : 0,
   };
 }
 
-/** The same offset as a fraction of the stage's size, for the 3D view. */
-export function asShares(middle: Pixel, stage: { width: number; height: number }): [number, number] {
-  const share = (px: number, of: number): number => (of > 0 ? Number(Math.max(-0.4, Math.min(px / of, 0.4)).toFixed(4)) : 0);
-  return [share(middle.x, stage.width), share(middle.y, stage.height)];
+/** The offset `middle` as fractions of the stage's width and height, for the 3D view. */
+export function asFractions(middle: Pixel, stage: { width: number; height: number }): [number, number] {
+  const fraction = (px: number, size: number): number => (size > 0 ? Number(Math.max(-0.4, Math.min(px / size, 0.4)).toFixed(4)) : 0);
+  return [fraction(middle.x, stage.width), fraction(middle.y, stage.height)];
 }

@@ -1,8 +1,8 @@
 /**
- * This page's identity: a name for people, and an id that distinguishes this tab from every other.
+ * This page's identity: a name for people, and an id that distinguishes this tab from every other tab.
  * The id stays the same until the tab is closed, also after a reload. A duplicated tab starts with a copy of the
- * original's id and must get a new one. A page sets a mark when it unloads: an id without that mark belongs to a page
- * that is still open.
+ * original's id and must get a new id. A page sets a mark (`UNLOADED`) when it unloads: an id without this mark
+ * belongs to a page that is still open.
  */
 
 import { pageName } from '../api/client';
@@ -24,16 +24,16 @@ type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 /** The browser's storage; if it is disabled, values are kept until the page closes. */
 export function memory(storage: () => Memory): Memory {
   try {
-    const found = storage();
-    found.getItem(ID);
-    return found;
+    const available = storage();
+    available.getItem(ID); // throws if storage is disabled
+    return available;
   } catch {
     const values = new Map<string, string>();
     return { getItem: (key) => values.get(key) ?? null, setItem: (key, value) => void values.set(key, value), removeItem: (key) => void values.delete(key) };
   }
 }
 
-/** The identity of this tab; a new one if there is none, or if the stored one belongs to another tab. */
+/** The stored identity of this tab; a new identity if none is stored, or if the stored id belongs to another tab. */
 export function identity(tab: Memory, browser: Memory, random: () => number = Math.random): Identity {
   const known = tab.getItem(UNLOADED) === null ? null : tab.getItem(ID);
   tab.removeItem(UNLOADED);
@@ -48,15 +48,15 @@ export function identity(tab: Memory, browser: Memory, random: () => number = Ma
   return { id, key: null, name: browser.getItem(NAME) ?? pageName(() => Number.parseInt(id.slice(0, 4), 16) / 0xffff || 0) };
 }
 
-/** Call when the page unloads, so that the next page in this tab is the same client. */
-export function leave(tab: Memory): void {
+/** Called when the page unloads, so that the next page in this tab is the same client. */
+export function markUnloaded(tab: Memory): void {
   tab.setItem(UNLOADED, '1');
 }
 
 /** Sets the person's name for this browser's pages; empty restores the default name. */
-export function rename(who: Identity, name: string, browser: Memory): void {
-  const own = name.trim().slice(0, MAX_NAME_LENGTH);
-  if (own === '') browser.removeItem(NAME);
-  else browser.setItem(NAME, own);
-  who.name = own || pageName(() => Number.parseInt(who.id.slice(0, 4), 16) / 0xffff || 0);
+export function rename(identity: Identity, name: string, browser: Memory): void {
+  const chosen = name.trim().slice(0, MAX_NAME_LENGTH);
+  if (chosen === '') browser.removeItem(NAME);
+  else browser.setItem(NAME, chosen);
+  identity.name = chosen || pageName(() => Number.parseInt(identity.id.slice(0, 4), 16) / 0xffff || 0);
 }

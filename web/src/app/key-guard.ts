@@ -1,11 +1,11 @@
 /**
- * Ensures that a key pressed on one control never acts on another.
+ * Ensures that a key pressed on one control never acts on another control.
  * A confirmation closes while its key is still down, and another button gets the focus. The key's repeats and its
  * release would press that button.
  */
 
-/** Keys that press the control that has the focus. */
-const PRESSING: ReadonlySet<string> = new Set([' ', 'Enter']);
+/** Keys that press the focused control. */
+const PRESS_KEYS: ReadonlySet<string> = new Set([' ', 'Enter']);
 
 export interface PressedKey<T> {
   readonly key: string;
@@ -16,12 +16,12 @@ export interface PressedKey<T> {
 export class KeyGuard<T = EventTarget> {
   private readonly pressedOn = new Map<string, T | null>();
 
-  /** @param hasJustClosed whether a confirmation has just closed without a key press: a late press must have no effect. */
+  /** @param hasJustClosed whether a confirmation has just closed without a key press: a key press that comes too late must have no effect. */
   constructor(private readonly hasJustClosed: () => boolean = () => false) {}
 
-  /** A key was pressed. @returns true: it must be ignored. */
+  /** A key was pressed. @returns true: the page must ignore the event. */
   down(event: PressedKey<T>): boolean {
-    if (!PRESSING.has(event.key)) return false;
+    if (!PRESS_KEYS.has(event.key)) return false;
     if (event.repeat !== true && this.hasJustClosed()) {
       this.pressedOn.delete(event.key);
       return true;
@@ -31,12 +31,12 @@ export class KeyGuard<T = EventTarget> {
     return false;
   }
 
-  /** A key was released. @returns true: it must be ignored. */
+  /** A key was released. @returns true: the page must ignore the event. */
   up(event: PressedKey<T>): boolean {
-    if (!PRESSING.has(event.key)) return false;
-    const same = this.pressedOn.has(event.key) && this.pressedOn.get(event.key) === event.target;
+    if (!PRESS_KEYS.has(event.key)) return false;
+    const isSameControl = this.pressedOn.has(event.key) && this.pressedOn.get(event.key) === event.target;
     this.pressedOn.delete(event.key);
-    return !same;
+    return !isSameControl;
   }
 
   /** The window lost the focus: the state of the keys is no longer known. */

@@ -3,7 +3,7 @@
 /** The properties read from a key event's target element. */
 export interface KeyTarget {
   readonly tagName?: string;
-  /** Of an INPUT. */
+  /** Type of an INPUT element. */
   readonly type?: string;
   readonly readOnly?: boolean;
   readonly isContentEditable?: boolean;
@@ -25,7 +25,7 @@ export function takesText(target: KeyTarget | null): boolean {
   const tag = target.tagName?.toUpperCase();
   if (tag === 'INPUT') return target.readOnly !== true && !NOT_TYPED.has((target.type ?? 'text').toLowerCase());
   if (tag === 'TEXTAREA') return target.readOnly !== true;
-  if (tag === 'BUTTON') return false; // also one with the role of a combobox, which opens a list
+  if (tag === 'BUTTON') return false; // also with the role `combobox`: the button opens a list
   return TEXT_ROLES.has(target.getAttribute?.('role') ?? '') && target.getAttribute?.('aria-readonly') !== 'true';
 }
 
@@ -33,27 +33,27 @@ export function takesText(target: KeyTarget | null): boolean {
 export function typesAhead(target: KeyTarget | null): boolean {
   const attribute = (name: string): string => target?.getAttribute?.(name) ?? '';
   if (target?.tagName?.toUpperCase() === 'SELECT' || TYPE_AHEAD_ROLES.has(attribute('role'))) return true;
-  // The button of an open list, or of a menu that is just opening and has not taken the focus yet.
+  // The button of an open list, or of a menu that is just opening: the menu does not have the focus yet.
   return ['menu', 'listbox'].includes(attribute('aria-haspopup')) && attribute('aria-expanded') === 'true';
 }
 
 /**
  * Whether a character pressed on the element is a shortcut of the page.
- * @param key the event's `key`, so a capital with Shift.
+ * @param key the event's `key`; a capital letter with Shift.
  */
 export function isShortcut(key: string, target: KeyTarget | null): boolean {
   if (takesText(target)) return false;
   return !typesAhead(target) || SAFETY_KEYS.has(key);
 }
 
-/** The character of a key; on a non-Latin keyboard the Latin letter of the same physical key. */
+/** The character of a key; for a non-Latin character, the Latin letter of the same physical key. */
 export function characterOf(event: { readonly key: string; readonly code: string }): string {
   const letter = /^Key([A-Z])$/.exec(event.code)?.[1];
   if (letter === undefined || event.key.length !== 1 || event.key.charCodeAt(0) < 128) return event.key;
   return event.key === event.key.toLowerCase() ? letter.toLowerCase() : letter;
 }
 
-/** Whether the element is a control, which handles Space, Enter and arrows itself. A panel that merely has the focus is not one. */
+/** Whether the element is a control, which handles Space, Enter and arrows itself. A focused panel is not a control. */
 export function isControl(target: KeyTarget | null): boolean {
   return target !== null && target.tagName?.toUpperCase() !== 'BODY' && (target.tabIndex ?? -1) >= 0;
 }

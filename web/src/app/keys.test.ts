@@ -16,7 +16,7 @@ const listButton = (expanded: string): KeyTarget => button({ role: 'combobox', '
 
 describe('a pressed character', () => {
   it.each(['text', 'search', 'url', 'tel', 'email', 'password', 'number', 'date', 'datetime-local', 'month', 'week', 'time', 'not-a-type-yet'])(
-    'an input of type %s takes text',
+    'is text in an input of type %s',
     (type) => {
       expect(takesText(input(type))).toBe(true);
       expect(isShortcut('h', input(type))).toBe(false);
@@ -24,13 +24,13 @@ describe('a pressed character', () => {
     },
   );
   it.each(['checkbox', 'radio', 'range', 'button', 'submit', 'reset', 'image', 'file', 'color', 'hidden', 'CHECKBOX'])(
-    'an input of type %s takes none: Hold works',
+    'is a shortcut on an input of type %s, for example H for Hold',
     (type) => {
       expect(takesText(input(type))).toBe(false);
       expect(isShortcut('h', input(type))).toBe(true);
     },
   );
-  it('belongs to an input without a type, a text area and an editable element', () => {
+  it('is text in an input without a type, a text area and an editable element', () => {
     for (const target of [
       input(),
       { tagName: 'TEXTAREA' },
@@ -62,19 +62,19 @@ describe('a pressed character', () => {
     ['menu item', withRole('menuitem')],
     ['button whose menu is opening', menuButton('true')],
     ['button whose list is open', listButton('true')],
-  ])('selects in a %s, except Hold, Land now and Stop motors', (_, target) => {
+  ])('selects an entry in a %s, but the keys of Hold, Land now and Stop motors remain shortcuts', (_, target) => {
     expect(typesAhead(target)).toBe(true);
     for (const key of ['h', 'H', 'L', 'K']) expect(isShortcut(key, target)).toBe(true);
     for (const key of ['t', 'l', 'r', '1', 'A', 'g']) expect(isShortcut(key, target)).toBe(false);
   });
-  it('is Hold also on a keyboard of another script', () => {
+  it('is a shortcut by the physical key on a non-Latin keyboard', () => {
     expect(characterOf({ key: 'h', code: 'KeyH' })).toBe('h');
     expect(characterOf({ key: 'р', code: 'KeyH' })).toBe('h');
     expect(characterOf({ key: 'Л', code: 'KeyK' })).toBe('K');
     expect(characterOf({ key: 'r', code: 'KeyP' })).toBe('r'); // another Latin layout: the character of the key counts, not its position
     expect(characterOf({ key: 'Escape', code: 'Escape' })).toBe('Escape');
   });
-  it('Space or an arrow belongs to a focused control, not to a focused panel', () => {
+  it('is handled by a focused control, not by a focused panel, if it is Space or an arrow', () => {
     expect(isControl({ tagName: 'BUTTON', tabIndex: 0 })).toBe(true);
     expect(isControl(withRole('application'))).toBe(true);
     for (const target of [null, { tagName: 'BODY', tabIndex: -1 }, { tagName: 'SECTION', tabIndex: -1 }]) expect(isControl(target)).toBe(false);
@@ -82,7 +82,7 @@ describe('a pressed character', () => {
 });
 
 describe('a key pressed on one control', () => {
-  it('acts there while it is held', () => {
+  it('acts on this control while it is held', () => {
     const guard = new KeyGuard<string>();
     expect(guard.down({ key: ' ', target: 'slider' })).toBe(false);
     expect(guard.down({ key: ' ', target: 'slider', repeat: true })).toBe(false);
@@ -93,20 +93,20 @@ describe('a key pressed on one control', () => {
     guard.down({ key, target: 'slider' });
     expect(guard.down({ key, target: 'Stop motors', repeat: true })).toBe(true);
     expect(guard.up({ key, target: 'Stop motors' })).toBe(true);
-    expect(guard.down({ key, target: 'Stop motors' })).toBe(false); // a new press does
+    expect(guard.down({ key, target: 'Stop motors' })).toBe(false); // a new press acts
   });
-  it('acts on nothing here if it was pressed in another window', () => {
+  it('acts on nothing in this window if it was pressed in another window', () => {
     const guard = new KeyGuard<string>();
     expect(guard.down({ key: 'Enter', target: 'slider', repeat: true })).toBe(true);
     guard.down({ key: ' ', target: 'slider' });
     guard.clear();
     expect(guard.up({ key: ' ', target: 'slider' })).toBe(true);
   });
-  it('acts on nothing just after a confirmation closed by itself', () => {
-    let quiet = true;
-    const guard = new KeyGuard<string>(() => quiet);
+  it('acts on nothing just after a confirmation closed without a key press', () => {
+    let hasJustClosed = true;
+    const guard = new KeyGuard<string>(() => hasJustClosed);
     expect(guard.down({ key: ' ', target: 'Up 1 m more' })).toBe(true);
-    quiet = false;
+    hasJustClosed = false;
     expect(guard.down({ key: ' ', target: 'Up 1 m more', repeat: true })).toBe(true);
     expect(guard.up({ key: ' ', target: 'Up 1 m more' })).toBe(true);
     expect(guard.down({ key: ' ', target: 'Up 1 m more' })).toBe(false);
@@ -119,12 +119,12 @@ describe('a key pressed on one control', () => {
 });
 
 describe('single-key shortcuts', () => {
-  it('are enabled until switched off, and the browser stores the setting', () => {
-    const kept = new Map<string, string>();
+  it('are enabled until a person switches them off, and the browser stores the setting', () => {
+    const stored = new Map<string, string>();
     const storage = {
-      getItem: (key: string) => kept.get(key) ?? null,
-      setItem: (key: string, value: string) => void kept.set(key, value),
-      removeItem: (key: string) => void kept.delete(key),
+      getItem: (key: string) => stored.get(key) ?? null,
+      setItem: (key: string, value: string) => void stored.set(key, value),
+      removeItem: (key: string) => void stored.delete(key),
     };
     const first = new Shortcuts(storage);
     expect(first.on).toBe(true);

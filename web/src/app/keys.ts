@@ -1,6 +1,6 @@
 /**
- * Keyboard shortcuts: features register them, the `?` sheet lists them, and this module handles them, also for keys
- * pressed inside the 3D view.
+ * Handles the keyboard shortcuts that features register, also for keys pressed inside the 3D view. The `?` sheet lists
+ * the shortcuts.
  * Space and Enter are not shortcuts: they belong to the focused control (`ui/Slide.svelte` uses them to confirm).
  */
 
@@ -23,7 +23,7 @@ function closeTopmost(): boolean {
   return true;
 }
 
-/** The name that shortcut lines use: `h`, `Shift L`, `?`, `7`. */
+/** A key's name in the registry: `h`, `Shift L`, `?`, `7`. */
 function nameOfKey(key: string, shift: boolean): string {
   if (!/^[a-z]$/i.test(key)) return key;
   return shift ? `Shift ${key.toUpperCase()}` : key.toLowerCase();
@@ -35,38 +35,38 @@ function handleShortcut(event: KeyboardEvent): boolean {
   const key = characterOf(event);
   if (event.repeat || !shortcuts.on || !isShortcut(key, event.target as KeyTarget | null)) return false;
   const name = nameOfKey(key, event.shiftKey);
-  const act = registry.keys.find((line) => line.on !== undefined && name in line.on)?.on?.[name];
-  return act !== undefined && act(page.facts) !== false;
+  const handler = registry.keys.find((line) => line.on !== undefined && name in line.on)?.on?.[name];
+  return handler !== undefined && handler(page.facts) !== false;
 }
 
 /** Handles the keys of a window (the page's or the 3D view's) until the returned function is called. */
-export function listenToKeys(on: Window): () => void {
-  const inScene = on !== window;
+export function listenToKeys(target: Window): () => void {
+  const inScene = target !== window;
   const guard = new KeyGuard(() => actions.hasJustClosed());
   const stop = (event: KeyboardEvent): void => {
     event.preventDefault();
     event.stopImmediatePropagation();
   };
-  // Runs before any control: a key pressed on one control must not act on another.
-  const first = (event: KeyboardEvent): void => {
+  // Runs before any control handles the event: a key pressed on one control must not act on another control.
+  const guardDown = (event: KeyboardEvent): void => {
     if (guard.down(event)) stop(event);
   };
-  const up = (event: KeyboardEvent): void => {
-    if (guard.up(event)) event.preventDefault(); // not stopped: a control that waits for the release still gets the event
+  const guardUp = (event: KeyboardEvent): void => {
+    if (guard.up(event)) event.preventDefault(); // the event is not stopped: a control that waits for the release still gets it
   };
-  const down = (event: KeyboardEvent): void => {
-    if (inScene && /^[wasdqe]$/i.test(event.key)) return; // otherwise the 3D view handles it
+  const handleDown = (event: KeyboardEvent): void => {
+    if (inScene && /^[wasdqe]$/i.test(event.key)) return; // these keys move the 3D view's camera
     if (handleShortcut(event)) event.preventDefault();
   };
   const blur = (): void => guard.clear();
-  on.addEventListener('keydown', first, true);
-  on.addEventListener('keyup', up, true);
-  on.addEventListener('keydown', down);
-  on.addEventListener('blur', blur);
+  target.addEventListener('keydown', guardDown, true);
+  target.addEventListener('keyup', guardUp, true);
+  target.addEventListener('keydown', handleDown);
+  target.addEventListener('blur', blur);
   return () => {
-    on.removeEventListener('keydown', first, true);
-    on.removeEventListener('keyup', up, true);
-    on.removeEventListener('keydown', down);
-    on.removeEventListener('blur', blur);
+    target.removeEventListener('keydown', guardDown, true);
+    target.removeEventListener('keyup', guardUp, true);
+    target.removeEventListener('keydown', handleDown);
+    target.removeEventListener('blur', blur);
   };
 }

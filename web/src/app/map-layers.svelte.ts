@@ -5,7 +5,7 @@
 
 import type { GeoPosition } from '../vehicle/geo';
 
-/** A colour by its meaning: planned, geofence, forbidden, actual, neutral. */
+/** A colour by its meaning: planned (`target`), geofence (`caution`), forbidden (`danger`), actual, neutral (`text2`). */
 export type Tone = 'target' | 'caution' | 'danger' | 'actual' | 'text2';
 
 /** A position of a layer. */
@@ -18,7 +18,7 @@ export interface LayerPoint extends LayerPosition {
   /** Unique within its layer. */
   readonly id: string;
   /**
-   * `middle`: midpoint of a leg, which inserts a point; `corner`: of an area; `cross`: a position to look at;
+   * `middle`: midpoint of a leg, where a drag inserts a point; `corner`: corner of an area; `cross`: a position to look at;
    * `ghost`: a simulated vehicle.
    */
   readonly mark: 'disc' | 'corner' | 'middle' | 'cross' | 'home' | 'ghost';
@@ -28,7 +28,7 @@ export interface LayerPoint extends LayerPosition {
   readonly selected: boolean;
   /** Heading of a ghost, clockwise from north. */
   readonly yaw_deg?: number;
-  /** Its altitude as text, if the editor can change it. */
+  /** The point's altitude as text, if the editor can change the altitude. */
   readonly height?: string;
 }
 
@@ -44,7 +44,7 @@ export interface LayerArea {
   readonly tone: Tone;
 }
 
-/** An upright body from the ground to its top, for the 3D view. The map shows it by an area. */
+/** A vertical prism from the ground to `top_amsl_m`, for the 3D view. The map shows a `LayerArea` instead. */
 export interface LayerSolid {
   readonly ring: readonly GeoPosition[];
   readonly top_amsl_m: number;
@@ -60,17 +60,17 @@ export interface LayerPicture {
   readonly ground?: Required<LayerPosition>;
 }
 
-/** Handles a person's gestures on the layer. Points are named by their `id`. */
+/** Handles a person's gestures on the layer. The argument `id` is a point's id. */
 export interface LayerEditor {
-  /** The point was clicked, or Enter was pressed on it. @param more with Shift or Ctrl: the others stay selected. */
+  /** The point was clicked, or Enter was pressed on it. @param more Shift or Ctrl was pressed: the other points stay selected. */
   pick: (id: string, more: boolean) => void;
-  /** A drag begins. @returns the point that moves, which for a `middle` is the inserted one; null: it cannot move. */
+  /** A drag begins. @returns the id of the point that moves (for a `middle`, the inserted point); null: the point cannot move. */
   grab: (id: string) => string | null;
   /** Moves the grabbed point and all other selected points. */
   drag: (id: string, to: GeoPosition) => void;
-  /** Raises the grabbed point and all other selected points from where they were grabbed; negative: lowers them. */
+  /** Raises the grabbed point and all other selected points above their altitudes at the begin of the drag; negative: lowers them. */
   raise: (by_m: number) => void;
-  /** The drag has ended. @param keep false: all points go back. */
+  /** The drag has ended. @param keep false: all points return to their positions before the drag. */
   drop: (keep: boolean) => void;
   /** A click on the ground. @returns false: the layer does not use it. */
   press: (at: GeoPosition) => boolean;
@@ -92,12 +92,12 @@ class MapLayers {
   /** Adds a layer on top of the others. @returns a function that removes it. */
   show(layer: MapLayer): () => void {
     this.layers = [...this.layers, layer];
-    return () => (this.layers = this.layers.filter((one) => one !== layer));
+    return () => (this.layers = this.layers.filter((other) => other !== layer));
   }
 
   readonly pictures: readonly LayerPicture[] = $derived(this.layers.flatMap((layer) => layer.picture() ?? []));
 
-  /** The topmost editable layer and its picture; it gets the gestures. */
+  /** The topmost editable layer and its picture; its editor handles the gestures. */
   readonly edited: { readonly picture: LayerPicture; readonly editor: LayerEditor } | null = $derived.by(() => {
     for (const layer of [...this.layers].reverse()) {
       const picture = layer.editor === undefined ? null : layer.picture();

@@ -1,6 +1,6 @@
 /**
  * The page's state: selected vehicle, theme, repaint counters. Telemetry stays outside (`live/`): `tick`
- * changes at most once per animation frame, and components that read `facts` are repainted then.
+ * changes at most once per animation frame; then Svelte repaints the components that read `facts`.
  */
 
 import { ApiClient } from '../api/client';
@@ -11,8 +11,8 @@ import { isLarge, fleetSubscription, detailSubscription, type Subscription } fro
 import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../vehicle/offboard';
 import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
-import { loadFleet, loadPast } from './backfill';
-import { identity, leave, memory, rename } from './identity';
+import { loadFleet, loadHistory } from './backfill';
+import { identity, markUnloaded, memory, rename } from './identity';
 
 /** Repaint interval without new data [ms], so that ages and remaining times advance. */
 const QUIET_REPAINT_MS = 200;
@@ -22,19 +22,20 @@ const FLEET_REPAINT_MS = 500;
 class Page {
   readonly store = new TelemetryStore();
   private readonly tab = memory(() => sessionStorage);
-  readonly who = $state(
+  readonly identity = $state(
     identity(
       this.tab,
       memory(() => localStorage),
     ),
   );
-  /** The API client; if the token is rejected, the page is reloaded and the server shows its sign-in page. */
-  readonly api = new ApiClient(this.who, () => location.reload());
+  /** The API client. If the server rejects the token, the client reloads the page, and the server shows its sign-in page. */
+  readonly api = new ApiClient(this.identity, () => location.reload());
   /** Socket for all vehicles and every event. */
   readonly socket: TelemetrySocket;
-  /** Socket for a large fleet: all topics of the vehicles in use; samples only. */
+  /** Socket for a large fleet: all topics of the selected vehicle and of `neededVehicles`; samples only. */
   private readonly detailSocket: TelemetrySocket;
   private detailOpen = false;
+  /** Both subscriptions as JSON. */
   private subscribed = '';
   /** Vehicles whose history has been requested. */
   private readonly historyRequested = new Set<string>();
@@ -42,13 +43,13 @@ class Page {
   /** Repaint counter of views that show all vehicles: like `tick` for a small fleet, slower for a large one. */
   fleetTick = $state(0);
   connection = $state.raw<SocketState>({ phase: 'connecting', attempt: 1 });
-  /** The vehicle that the person chose; null: the first one. */
-  private chosen = $state<string | null>(null);
+  /** The vehicle that the person chose; null: the first vehicle. */
+  private chosenId = $state<string | null>(null);
   /** Called for each frame of telemetry, also in a hidden tab. */
   readonly onTelemetry: (() => void)[] = [];
   /** Called for each event of any vehicle. */
   readonly onEvent: ((event: WireEvent) => void)[] = [];
-  /** Topics of the chosen values, in addition to those that the page reads itself. */
+  /** Topics of the values on the grid, in addition to the topics that the page always reads. */
   private chosenTopics: readonly string[] = [];
   /**
    * Vehicles besides the selected one whose topics a feature needs completely, for example those with renewed
@@ -73,7 +74,7 @@ class Page {
       (state) => {
         this.connection = state;
         this.store.connected = state.phase === 'open';
-        // The browser does not say why a socket was refused. This request does: if the token is rejected, the page is reloaded.
+        // The browser does not say why a socket was refused. So the page sends a request: if the server rejects the token, the client reloads the page.
         if (state.phase === 'waiting') void this.api.get('/version');
       },
       () => this.store.vehicles.size > 0,
@@ -94,27 +95,27 @@ class Page {
   /** URL of a WebSocket of the API, with this page's identity. */
   socketUrl(path: string): string {
     const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
-    return `${scheme}//${location.host}/api/v1${path}?${new URLSearchParams({ client: this.who.name, client_id: this.who.id }).toString()}`;
+    return `${scheme}//${location.host}/api/v1${path}?${new URLSearchParams({ client: this.identity.name, client_id: this.identity.id }).toString()}`;
   }
 
   /** Sets the person's name for this browser's pages. */
   rename(name: string): void {
     rename(
-      this.who,
+      this.identity,
       name,
       memory(() => localStorage),
     );
   }
 
-  /** Loads this page's key, by which the server identifies its clients. */
+  /** Loads this page's key, by which the server's messages identify this client. */
   private async loadKey(): Promise<void> {
     const me = await this.api.get('/me');
-    if (me.ok) this.who.key = me.value.key;
+    if (me.ok) this.identity.key = me.value.key;
   }
 
   start(): void {
     this.socket.start();
-    window.addEventListener('pagehide', () => leave(this.tab));
+    window.addEventListener('pagehide', () => markUnloaded(this.tab));
     window.addEventListener('online', () => this.socket.retryNow());
     document.addEventListener('visibilitychange', () => this.socket.retryNow());
     let painted = -1;
@@ -143,32 +144,32 @@ class Page {
     return this.store.ids();
   });
 
-  readonly selectedId = $derived(this.chosen !== null && this.ids.includes(this.chosen) ? this.chosen : (this.ids[0] ?? null));
+  readonly selectedId = $derived(this.chosenId !== null && this.ids.includes(this.chosenId) ? this.chosenId : (this.ids[0] ?? null));
 
   select(id: string): void {
-    this.chosen = id;
+    this.chosenId = id;
     this.updateSubscription();
     this.loadHistory();
   }
 
-  /** The selected vehicle itself, for lists that are too long to be copied in each frame. */
+  /** The selected vehicle's stored state, for lists that are too long to be copied in each frame. */
   get vehicle(): VehicleState | null {
     return this.selectedId === null ? null : (this.store.vehicles.get(this.selectedId) ?? null);
   }
 
-  /** The selected vehicle as of this frame. */
+  /** The selected vehicle in this frame; read reactively. */
   readonly facts: VehicleFacts | null = $derived.by(() => {
     void this.tick;
     return this.vehicle === null ? null : vehicleFacts(this.vehicle, this.store.nowUnixS(this.selectedId), this.store.connected);
   });
 
-  /** Any vehicle as of this frame. */
+  /** Any vehicle in this frame; read reactively. */
   factsOf(id: string): VehicleFacts | null {
     void this.tick;
     return this.factsNow(id);
   }
 
-  /** The same as `factsOf`, but without a repaint in each frame: for views of all vehicles, which use `fleetTick`. */
+  /** Any vehicle now; not reactive. For views of all vehicles, which are repainted by `fleetTick`. */
   factsNow(id: string): VehicleFacts | null {
     const vehicle = this.store.vehicles.get(id);
     return vehicle === undefined ? null : vehicleFacts(vehicle, this.store.nowUnixS(id), this.store.connected);
@@ -179,7 +180,8 @@ class Page {
     return readOffboard(this.store.vehicles.get(id)?.raw('offboard')?.value)?.streaming ?? false;
   }
 
-  wantTopics(topics: readonly string[]): void {
+  /** Subscribes also to the topics of the values on the grid. */
+  subscribeTopics(topics: readonly string[]): void {
     this.chosenTopics = topics;
     this.updateSubscription();
   }
@@ -197,10 +199,10 @@ class Page {
   private updateSubscription(): void {
     const details = this.detailSubscription();
     const all = JSON.stringify(this.fleetSubscription());
-    const text = all + JSON.stringify(details);
-    if (text === this.subscribed) return;
+    const both = all + JSON.stringify(details);
+    if (both === this.subscribed) return;
     if (!this.subscribed.startsWith(all)) this.socket.resubscribe();
-    this.subscribed = text;
+    this.subscribed = both;
     if (details === null) {
       this.detailSocket.stop();
       this.detailOpen = false;
@@ -211,7 +213,7 @@ class Page {
     }
   }
 
-  /** @param only the vehicle that has just appeared; the history of the others is loaded already. */
+  /** @param only the vehicle that has just appeared: the history of the other vehicles is already loaded. Null: all vehicles. */
   private async backfill(only: string | null = null): Promise<void> {
     const { ids, removed } = await loadFleet(this.api, this.store);
     if (removed) this.socket.resubscribe();
@@ -219,7 +221,7 @@ class Page {
     if (only === null) this.historyRequested.clear();
     const detailIds = isLarge(ids.length) ? [] : ids.filter((id) => only === null || id === only);
     for (const id of detailIds) this.historyRequested.add(id);
-    await Promise.all(detailIds.map((id) => loadPast(this.api, this.store, id)));
+    await Promise.all(detailIds.map((id) => loadHistory(this.api, this.store, id)));
     this.loadHistory();
   }
 
@@ -228,7 +230,7 @@ class Page {
     const id = this.selectedId;
     if (id === null || this.historyRequested.has(id) || !this.store.connected) return;
     this.historyRequested.add(id);
-    void loadPast(this.api, this.store, id);
+    void loadHistory(this.api, this.store, id);
   }
 }
 

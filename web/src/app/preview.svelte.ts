@@ -1,4 +1,4 @@
-/** The setpoint or dry run that a room shows on the map and in the 3D view before it is flown. */
+/** The unsent setpoint or the dry run that a room shows on the map and in the 3D view. */
 
 import type { Vector3 } from '../live/topics';
 import type { WireEvent } from '../live/wire';
@@ -12,19 +12,19 @@ export interface MapPreview {
   label: string;
 }
 
-/** The same in the 3D view's format. */
+/** The unsent setpoint in the 3D view's format. */
 export interface ScenePreview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
   handles: boolean;
 }
 
-/** One time of a dry run in the 3D view. */
+/** A dry run in the 3D view, at one time. */
 export interface SceneDryRun {
   id: string;
-  /** Null: only its path and corridor are shown. */
+  /** Time since the start of the dry run; null: the 3D view shows only the path and the corridor. */
   t_s: number | null;
-  /** The camera follows the simulated vehicle instead of the real one. */
+  /** The camera follows the simulated vehicle instead of the real vehicle. */
   follow: boolean;
 }
 
@@ -35,9 +35,9 @@ class Preview {
   scene = $state.raw<ScenePreview | null>(null);
   /** Null: no dry run is shown. */
   dryRun = $state.raw<SceneDryRun | null>(null);
-  /** The dry run that the flight is compared with; shown if there is no other. */
+  /** The dry run that the 3D view compares with the flight; shown while `dryRun` is null. */
   flight = $state.raw<SceneDryRun | null>(null);
-  /** Set by the open room: called when a handle was dragged in 3D. */
+  /** Set by the open room: called when a person has dragged a handle in the 3D view. */
   onDrag: ((event: WireEvent) => void) | null = null;
 
   clear(): void {

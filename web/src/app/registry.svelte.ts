@@ -21,7 +21,7 @@ export interface Room {
   icon: IconName;
   hint: string;
   order: number;
-  /** Set if the room works before any vehicle is connected: its parts then have a `station` component. */
+  /** Set if the room works without a connected vehicle: its `load` then returns a `station` component. */
   withoutVehicle?: boolean;
   /** Set if the room has a toolbar along the stage's upper edge: other parts there are placed below it. */
   toolbar?: boolean;
@@ -29,12 +29,13 @@ export interface Room {
 }
 
 /**
- * One of `room` and `station` is placed over `main`. Map and 3D view leave `--dock-left` and `--dock-bottom` free for
- * it.
+ * Exactly one of `room` and `station` is set. The frame places this component over `main`; map and 3D view leave
+ * `--dock-left` and `--dock-bottom` free for it.
  */
 export interface RoomParts {
   /** The room's component for the selected vehicle. */
   room?: Component<VehicleProps & { narrow: boolean }>;
+  /** The room's component that needs no vehicle. */
   station?: Component<{ narrow: boolean }>;
   /** Parts in the card column, below the cards that stay in every room. Hidden on a narrow screen. */
   cards: readonly Part[];
@@ -45,9 +46,9 @@ export interface Panel extends Part {
   id: string;
   /** Escape closes the open panel with the lowest order first. */
   order: number;
-  /** Only one `side` panel is shown: the one with the lowest order. */
+  /** Of the open `side` panels, the page shows only the panel with the lowest order. */
   place: 'side' | 'over';
-  /** Its button on the rail; missing if another part of the page opens it. */
+  /** The panel's button on the rail; missing if another part of the page opens the panel. */
   rail?: { title: string; icon: IconName; hint: string };
   /** The panel is offered only while the selected vehicle's links carry this feature. */
   needs?: Feature;
@@ -66,22 +67,23 @@ export function isOffered(panel: Panel, facts: VehicleFacts | null): boolean {
 
 /**
  * The frame's slots: the top bar's `vehicles` (left), `status` (middle) and `indicators` (right); `notices` in the
- * upper left corner of the stage; the `stage` itself with map, 3D view and the parts over them; its `bottom` edge,
- * where the first part that applies is shown; the column of `cards` on the right.
+ * upper left corner of the stage; the `stage` with map, 3D view and the parts over them; the stage's `bottom` edge,
+ * which shows only the first part that applies; the column of `cards` on the right.
  */
 export type SlotName = 'vehicles' | 'status' | 'indicators' | 'notices' | 'stage' | 'bottom' | 'cards';
 
-/** Set exactly one of `component` and `ofVehicle`. */
+/** Set exactly one of `component` and `vehicleComponent`. */
 export interface Part {
   component?: Component;
-  /** Shown only while there is a vehicle. */
-  ofVehicle?: Component<VehicleProps>;
+  /** Shown only while a vehicle is selected. */
+  vehicleComponent?: Component<VehicleProps>;
 }
 
 export interface SlotPart extends Part {
   order: number;
+  /** Whether the part applies now; missing: always. */
   when?: () => boolean;
-  /** Of a card: it stays while a room is open. */
+  /** Set for a card that stays while a room is open. */
   inEveryRoom?: boolean;
 }
 
@@ -89,6 +91,7 @@ export interface SlotPart extends Part {
 export interface KeyLine {
   /** Text of the keys on the sheet. */
   keys: string;
+  /** What the keys do. */
   what: string;
   /** The keys also work while the 3D view has the focus (it moves its camera with W A S D Q E). */
   inScene: boolean;
@@ -100,15 +103,15 @@ export interface KeyLine {
   on?: Readonly<Record<string, (facts: VehicleFacts | null) => boolean | void>>;
 }
 
-/** Something that Escape closes. */
+/** A part of the page that Escape closes. */
 export interface Closer {
   order: number;
   isOpen: () => boolean;
   close: () => void;
 }
 
-function byOrder<T extends { order: number }>(entries: readonly T[], more: T): T[] {
-  return [...entries, more].sort((a, b) => a.order - b.order);
+function withEntry<T extends { order: number }>(entries: readonly T[], entry: T): T[] {
+  return [...entries, entry].sort((a, b) => a.order - b.order);
 }
 
 class Registry {
@@ -121,20 +124,20 @@ class Registry {
   private readonly slots = new Map<SlotName, readonly SlotPart[]>();
 
   addRoom(room: Room): void {
-    this.rooms = byOrder(this.rooms, room);
+    this.rooms = withEntry(this.rooms, room);
   }
 
   addPanel(panel: Panel): void {
-    this.panels = byOrder(this.panels, panel);
+    this.panels = withEntry(this.panels, panel);
     this.addCloser(panel);
   }
 
   addKeys(lines: readonly KeyLine[]): void {
-    for (const line of lines) this.keys = byOrder(this.keys, line);
+    for (const line of lines) this.keys = withEntry(this.keys, line);
   }
 
   addCloser(closer: Closer): void {
-    this.closers = byOrder(this.closers, closer);
+    this.closers = withEntry(this.closers, closer);
   }
 
   addWarnings(read: () => readonly string[]): void {
@@ -142,14 +145,14 @@ class Registry {
   }
 
   addTo(slot: SlotName, part: SlotPart): void {
-    this.slots.set(slot, byOrder(this.slot(slot), part));
+    this.slots.set(slot, withEntry(this.slot(slot), part));
   }
 
   slot(name: SlotName): readonly SlotPart[] {
     return this.slots.get(name) ?? [];
   }
 
-  /** Opens or closes a panel by its key. @returns false if it is not offered for this vehicle. */
+  /** Opens or closes a panel by its key. @returns false if the panel is not offered for this vehicle. */
   toggle(id: string, facts: VehicleFacts | null): boolean {
     const panel = this.panel(id);
     if (panel === null || !isOffered(panel, facts)) return false;

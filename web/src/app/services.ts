@@ -1,6 +1,6 @@
 /**
- * Services that features provide to each other. The interfaces are here; one feature provides each service, others
- * get it by name.
+ * Services that features provide to each other. One feature provides each service; the other features get the service by
+ * its name.
  */
 
 import type { Outcome } from '../api/client';
@@ -17,19 +17,19 @@ export type Roi = components['schemas']['Roi'];
 
 export interface Services {
   offboard: {
-    /** Starts the stream with the given setpoint, else at the vehicle's position. */
+    /** Starts the stream with the given setpoint; null: at the vehicle's position. */
     start: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>;
   };
   gimbal: {
-    /** The facts with the gimbal that is selected on the vehicle's card; the other functions are about this one. */
+    /** The facts with the gimbal that is selected on the gimbal card; the other functions apply to this gimbal. */
     selected: (facts: VehicleFacts) => VehicleFacts;
     /** Whether this server controls the gimbal. */
     inControl: (facts: VehicleFacts) => boolean;
-    /** Whether yaw is held relative to north. */
-    lock: (facts: VehicleFacts) => boolean;
+    /** Whether yaw is locked relative to north. */
+    yawLock: (facts: VehicleFacts) => boolean;
     roiOf: (facts: VehicleFacts) => Roi | null;
-    /** Reads from the server who controls the gimbal, and its ROI. */
-    fetchHolder: (facts: VehicleFacts) => Promise<void>;
+    /** Reads from the server who controls the gimbal, and the gimbal's ROI. */
+    fetchControlAndRoi: (facts: VehicleFacts) => Promise<void>;
   };
   stage: {
     readonly sceneAvailable: boolean;
@@ -42,26 +42,27 @@ export interface Services {
     showMap: () => void;
     /** Fits positions into the part of the map that no panel covers. */
     showPositions: (positions: readonly GeoPosition[]) => void;
-    /** The same for a plan that was opened; also the 3D view shows it, once, when it is large and no vehicle flies. */
+    /** Fits the positions of an opened plan into the map. If the 3D view is large and no vehicle is flying, the 3D view fits them, too, once. */
     showPlan: (positions: readonly GeoPosition[]) => void;
-    /** The shown plan is known completely now: the 3D view shows it again, unless a person has moved its camera. */
-    growPlan: () => void;
-    /** The middle of the part of the large view that no panel covers, and the distance to its edge; null: no ground is there. */
+    /** More positions of the shown plan are known: the 3D view fits the plan again, unless a person has moved the camera. */
+    refitPlan: () => void;
+    /** The middle of the part of the large view that no panel covers, and the distance from there to the edge of this part; null: no ground in the middle. */
     visibleMiddle: () => { readonly at: GeoPosition; readonly reach_m: number } | null;
   };
 }
 
-const provided: Partial<Services> = {};
+const providedServices: Partial<Services> = {};
 
 export function provide<K extends keyof Services>(name: K, service: Services[K]): void {
-  provided[name] = service;
+  providedServices[name] = service;
 }
 
 /**
- * @throws Error: no feature provides it (a programming error).
+ * The service that a feature provides.
+ * @throws Error: no feature provides the service (a programming error).
  */
 export function service<K extends keyof Services>(name: K): Services[K] {
-  const found = provided[name];
+  const found = providedServices[name];
   if (found === undefined) throw new Error(`No feature provides the service “${name}”: its register.ts calls provide().`);
   return found as Services[K];
 }

@@ -1,4 +1,4 @@
-/** Whether the page's single-key shortcuts work; people who use speech input, or press keys by accident, can switch them off (WCAG 2.1.4). */
+/** Whether the page's single-key shortcuts work. People who use speech input, or press keys by accident, can switch the shortcuts off (WCAG 2.1.4). */
 
 import { memory } from './identity';
 
@@ -9,7 +9,7 @@ const KEY = 'gcs-shortcuts';
 export class Shortcuts {
   on = $state(true);
 
-  /** @param storage the browser's storage, which keeps the setting. */
+  /** @param storage the browser's storage for the setting. */
   constructor(private readonly storage: SettingStorage) {
     this.on = storage.getItem(KEY) !== 'off';
   }

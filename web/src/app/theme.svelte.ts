@@ -1,4 +1,4 @@
-/** Light or dark theme: the system's until a person chooses one; the choice is stored in this browser. */
+/** Light or dark theme: the system's theme until a person chooses a theme; the browser stores the choice. */
 
 export type ThemeChoice = 'system' | 'light' | 'dark';
 
@@ -27,7 +27,7 @@ class Theme {
     this.apply();
   }
 
-  /** Switches between light and dark; a choice equal to the system's theme follows the system again. */
+  /** Switches between light and dark. If the new theme is the system's theme, the page follows the system again. */
   toggle(): void {
     const other = this.shown === 'dark' ? 'light' : 'dark';
     this.choice = other === (this.systemDark ? 'dark' : 'light') ? 'system' : other;

@@ -22,4 +22,4 @@ export const actions = new ActionController(
 registry.addCloser({ order: 0, isOpen: () => actions.pending !== null, close: () => actions.cancel() });
 registry.addCloser({ order: 100, isOpen: () => true, close: () => actions.dismiss('bar') });
 page.onEvent.push((event) => actions.onEvent(event));
-page.onPaint.push(() => actions.paint(page.selectedId));
+page.onPaint.push(() => actions.onFrame(page.selectedId));

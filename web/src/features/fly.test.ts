@@ -56,7 +56,7 @@ describe('the catalogue of values', () => {
     expect(CATALOGUE.some((q) => q.id.includes('.q'))).toBe(false);
     for (const id of DEFAULT_IDS) expect(BY_ID.has(id)).toBe(true);
   });
-  it('shows the vehicle’s values, angles in degrees, unknown as a dash', () => {
+  it('shows angles in degrees, and a dash for an unknown value', () => {
     const now = source({
       attitude: { roll_rad: Math.PI / 6 },
       motors: { pwm_us: [1500] },
@@ -75,7 +75,7 @@ describe('the catalogue of values', () => {
   it('shows the age of an old value', () => {
     expect(BY_ID.get('gps.hdop')?.read(source({ gps: { hdop: 0.8 } }, true))).toMatchObject({ text: '0.80', stale: true, age_s: 0.2 });
   });
-  it('keeps the chosen order and drops unknown values', () => {
+  it('reads the stored order, without values that do not exist', () => {
     expect(readChoice(null)).toEqual(DEFAULT_IDS);
     expect(readChoice('{oops')).toEqual(DEFAULT_IDS);
     expect(readChoice('["gps.hdop","gone.field","gps.hdop","flown.climb"]')).toEqual(['gps.hdop', 'flown.climb']);
@@ -84,7 +84,7 @@ describe('the catalogue of values', () => {
     expect(moveItem(['a', 'b', 'c'], 2, 0)).toEqual(['c', 'a', 'b']);
     expect(moveItem(['a'], 4, 0)).toEqual(['a']);
   });
-  it('finds values by name, unit and group, except those already chosen', () => {
+  it('finds values by name, unit and group, except values that are already chosen', () => {
     expect(searchValues('battery volt', []).map((q) => q.id)).toContain('battery.voltage_v');
     expect(searchValues('battery volt', ['battery.voltage_v']).map((q) => q.id)).not.toContain('battery.voltage_v');
     expect(searchValues('µs', []).every((q) => q.group === 'Motors')).toBe(true);
@@ -101,7 +101,7 @@ describe('messages', () => {
     expect(filterMessages(all, 9).map((m) => m.unix_s)).toEqual([9, 8, 6]);
     expect(filterMessages(all, 9, 'debug')).toHaveLength(4);
   });
-  it('are counted until read, with the tone of the most severe', () => {
+  it('are counted until a person reads them, with the tone of the most severe message', () => {
     expect(unread(all, 5)).toEqual({ count: 3, tone: 'danger' });
     expect(unread(all, 7)).toEqual({ count: 2, tone: 'caution' });
     expect(unread(all, 9)).toEqual({ count: 0, tone: 'dim' });
@@ -114,7 +114,7 @@ describe('messages', () => {
 });
 
 describe('the offboard stream', () => {
-  it('has a text for each state of the server', () => {
+  it('has a text for each of its states', () => {
     for (const state of ['idle', 'starting', 'holding', 'to_hold', 'landing', 'undoing']) {
       const status = readOffboard({ streaming: false, state, setpoint: null });
       expect(status && streamText(status)).not.toContain('NED');
@@ -151,17 +151,17 @@ describe('the battery', () => {
     expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
     expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
   });
-  it('lists the other components, and which are lost', () => {
+  it('lists the other components, and whether they are connected', () => {
     const camera = { component_id: 100, kind: 'camera', mav_type: 30, lost: false, last_heard_unix_s: null };
-    const gone = { ...camera, component_id: 154, kind: 'gimbal', lost: true, last_heard_unix_s: 80 };
-    expect(componentLines([{ ...camera, component_id: 1, kind: 'autopilot' }, camera, gone], 100)).toEqual([
+    const lostGimbal = { ...camera, component_id: 154, kind: 'gimbal', lost: true, last_heard_unix_s: 80 };
+    expect(componentLines([{ ...camera, component_id: 1, kind: 'autopilot' }, camera, lostGimbal], 100)).toEqual([
       ['Camera 100', 'connected'],
       ['Gimbal 154', 'connection lost 20 s ago'],
     ]);
   });
-  it('lists each of several batteries', () => {
-    const one = { battery_id: 0, remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: null };
-    const value = { ...one, batteries: [one, { ...one, battery_id: 1, remaining_percent: 44, current_a: null }] };
+  it('lists each battery', () => {
+    const battery = { battery_id: 0, remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: null };
+    const value = { ...battery, batteries: [battery, { ...battery, battery_id: 1, remaining_percent: 44, current_a: null }] };
     const details = batteryIndicator(reading(value)).details;
     expect(details).toContainEqual(['Battery 1', '50 % · 12.00 V · 3.0 A']);
     expect(details).toContainEqual(['Battery 2', '44 % · 12.00 V']);
@@ -193,17 +193,17 @@ describe('a confirmation', () => {
     c.press(0);
     c.slide(1, 0.5);
     expect(c.tick(2)).toBe('asking');
-    expect(c.left_s(2)).toBe(3.5); // an attempt to confirm keeps it open
+    expect(c.remaining_s(2)).toBe(3.5); // an attempt to confirm restarts the timeout
     c.blocked = false;
     c.slide(1, 2);
     expect(c.tick(2)).toBe('confirmed');
   });
   it('shows the progress only on the page that sent the command', async () => {
-    let answer: (outcome: Outcome<unknown>) => void = () => undefined;
+    let respond: (outcome: Outcome<unknown>) => void = () => undefined;
     const api = new ApiClient(
       { name: 'Anna', id: 'tab', key: 'k7' },
       undefined,
-      () => new Promise<Response>((resolve) => (answer = () => resolve(new Response('{}')))),
+      () => new Promise<Response>((resolve) => (respond = () => resolve(new Response('{}')))),
     );
     const { facts } = source({});
     const actions = new ActionController(
@@ -228,7 +228,7 @@ describe('a confirmation', () => {
     actions.onEvent({ ...progress, client: 'Anna', client_key: 'k7' });
     expect(actions.running[0]).toMatchObject({ progressText: progress.text, fraction: 0.5 });
     await Promise.resolve();
-    answer({ ok: true, value: null });
+    respond({ ok: true, value: null });
     await new Promise((r) => setTimeout(r));
     expect(actions.running).toEqual([]);
   });
@@ -241,8 +241,8 @@ describe('a confirmation', () => {
       () => facts,
     );
     actions.request('takeoff', { ...facts, inAir: false });
-    for (const bad of [NaN, 0, 121]) {
-      actions.enterTakeoffAltitude(bad);
+    for (const invalid of [NaN, 0, 121]) {
+      actions.enterTakeoffAltitude(invalid);
       expect(actions.takeoffProblem).toContain('from 1 to 120 m');
       expect(actions.pending?.confirmation.blocked).toBe(true);
     }
@@ -255,7 +255,7 @@ describe('a confirmation', () => {
 });
 
 describe('the gimbal', () => {
-  it('asks where the camera stopped after the last command, and shows the limit until the next command', async () => {
+  it('shows the limit at which the camera stopped, from the last command until the next command', async () => {
     vi.useFakeTimers();
     const { facts } = source({});
     const sent: { path: string; wait?: boolean }[] = [];
@@ -277,20 +277,20 @@ describe('the gimbal', () => {
     );
     for (const pitch_deg of [-70, -80, -90]) gimbal.point(facts, { pitch_deg, yaw_deg: 0 });
     await vi.advanceTimersByTimeAsync(300);
-    expect(gimbal.limitedOf(facts)).toBeNull();
+    expect(gimbal.limitTextOf(facts)).toBeNull();
     await vi.advanceTimersByTimeAsync(200);
     expect(sent.at(-1)).toEqual({ path: 'angles', wait: true });
-    expect(gimbal.limitedOf(facts)).toContain('pitch -45°');
+    expect(gimbal.limitTextOf(facts)).toContain('pitch -45°');
     gimbal.turn(facts, 1, 0);
-    expect(gimbal.limitedOf(facts)).toBeNull();
+    expect(gimbal.limitTextOf(facts)).toBeNull();
     await vi.advanceTimersByTimeAsync(1000);
-    expect(sent.filter((one) => one.wait === true)).toHaveLength(1);
+    expect(sent.filter((request) => request.wait === true)).toHaveLength(1);
     gimbal.point(facts, { pitch_deg: -90, yaw_deg: 0 });
     await vi.advanceTimersByTimeAsync(399);
-    gimbal.stop(); // the arrow was released: the stop does not wait for an answer about angles
+    gimbal.stop(); // the arrow was released: the stop does not wait for the response to the angles
     await vi.advanceTimersByTimeAsync(1000);
     expect(sent.at(-1)).toEqual({ path: 'rates' });
-    expect(gimbal.limitedOf(facts)).toBeNull();
+    expect(gimbal.limitTextOf(facts)).toBeNull();
     vi.useRealTimers();
   });
 });

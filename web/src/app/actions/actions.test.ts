@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
-import { question, send, unavailable, type ActionFacts, type ActionName } from './actions';
+import { question, send, reasonUnavailable, type ActionFacts, type ActionName } from './actions';
 import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './confirmation';
 
 const facts: ActionFacts = {
@@ -23,7 +23,7 @@ describe('actions', () => {
     expect(question('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
     expect(question('land', { ...facts, fromHome_m: null })?.effect).toContain('an unknown distance');
   });
-  it('state that the vehicle falls, and confirm with the server’s words', () => {
+  it('state that the vehicle falls, and send the confirmation text that the server requires', () => {
     expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
     expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
     const requests: unknown[] = [];
@@ -34,22 +34,22 @@ describe('actions', () => {
     void send(api, 'kill', { ...facts, vehicleId: '1~2' });
     expect(requests).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
   });
-  it('send Hold without confirmation, and never disable Hold and Stop motors for a vehicle', () => {
+  it('send Hold without confirmation, and keep Hold and Stop motors available even if the link is lost', () => {
     expect(question('hold', facts)).toBeNull();
-    const worst = { ...facts, lost: true, replayed: false };
-    for (const action of ['hold', 'kill'] as ActionName[]) expect(unavailable(action, worst)).toBeNull();
-    expect(unavailable('land', worst)).not.toBeNull();
-    expect(unavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('The vehicle is in the air.');
+    const linkLost = { ...facts, lost: true, replayed: false };
+    for (const action of ['hold', 'kill'] as ActionName[]) expect(reasonUnavailable(action, linkLost)).toBeNull();
+    expect(reasonUnavailable('land', linkLost)).not.toBeNull();
+    expect(reasonUnavailable('takeoff', { ...facts, lost: false, replayed: false })).toBe('The vehicle is in the air.');
   });
 
   it('are unavailable for a replay', () => {
     for (const action of ['arm', 'takeoff', 'land', 'rtl', 'hold', 'kill', 'offboard_start'] as ActionName[]) {
-      expect(unavailable(action, { ...facts, lost: false, replayed: true })).toBe('A recording takes no commands.');
+      expect(reasonUnavailable(action, { ...facts, lost: false, replayed: true })).toBe('A replayed vehicle accepts no commands.');
     }
   });
 });
 
-/** Calls tick once per frame, as the painting page does. */
+/** Calls `tick` once per frame, as the page does. */
 function tickFrames(c: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
   for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) c.tick(at_s);
   return c.tick(to_s);
@@ -61,7 +61,7 @@ describe('confirmation', () => {
     expect(c.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
     expect(c.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
   });
-  it('needs the key held to the end, longer for dangerous actions', () => {
+  it('needs the key held for the whole time, longer for dangerous actions', () => {
     const c = new Confirmation(false, 0);
     c.press(1);
     c.press(1.5); // the keyboard repeats
@@ -79,20 +79,20 @@ describe('confirmation', () => {
     c.release(5.6);
     expect(c.progress()).toBe(0);
     expect(c.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
-    const dropped = new Confirmation(false, 0);
-    dropped.press(0);
-    dropped.release(10);
-    expect(dropped.tick(10.1)).toBe('asking');
+    const releasedLate = new Confirmation(false, 0);
+    releasedLate.press(0);
+    releasedLate.release(10);
+    expect(releasedLate.tick(10.1)).toBe('asking');
   });
-  it('does not count a stopped page as a held key', () => {
+  it('does not count the key as held while the page paints no frames', () => {
     const kill = new Confirmation(true, 0);
     kill.press(0);
     expect(kill.tick(0.02)).toBe('asking');
-    expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released after a tenth of a second
+    expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released meanwhile
     kill.release(4.01);
     expect(tickFrames(kill, 4.02, 6)).toBe('asking');
   });
-  it('counts each arrow key press as a step, and goes back when the knob loses the focus', () => {
+  it('counts each arrow key press as a step, and returns to zero when the knob loses the focus', () => {
     const c = new Confirmation(true, 0);
     for (let i = 1; i < KNOB_STEPS; i++) c.step(1, i * 0.2);
     expect([c.tick(2), c.progress()]).toEqual(['asking', 0.9]);
@@ -105,11 +105,11 @@ describe('confirmation', () => {
     expect(c.progress()).toBe(0);
     for (let i = 0; i < KNOB_STEPS; i++) c.step(1, 4);
     expect(c.tick(4)).toBe('confirmed');
-    const expires = new Confirmation(true, 0);
-    expires.step(1, 1);
-    expect(expires.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
+    const halfway = new Confirmation(true, 0);
+    halfway.step(1, 1);
+    expect(halfway.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
   });
-  it('needs the whole track of the knob', () => {
+  it('needs the knob at the end of its track', () => {
     const c = new Confirmation(false, 0);
     c.slide(0.98, 1);
     c.letGo(1.1);

@@ -20,7 +20,7 @@ export interface ActionFacts {
   takeoffAlt_home_m: number;
   battery_percent: number | null;
   /** The other client that has control; null if this page may command the vehicle. */
-  holder?: string | null;
+  controlHolder?: string | null;
   /** RTL_RETURN_ALT; null until the parameter has been read. */
   returnAlt_home_m?: number | null;
 }
@@ -40,7 +40,7 @@ export interface Goal {
 export interface Question {
   title: string;
   effect: string;
-  /** Word on the slider. */
+  /** Label of the slider. */
   verb: string;
   danger: boolean;
 }
@@ -65,9 +65,9 @@ function returnText(facts: ActionFacts): string {
   return `Climbs to the return altitude, ${fixed(alt_m, 0)} m above home (lower near home), flies ${distanceText(facts.fromHome_m)} back`;
 }
 
-/** The confirmation's text; null if the action needs no confirmation (Hold never does). */
+/** The confirmation's texts; null if the action needs no confirmation, as Hold. */
 export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StreamStart | null = null): Question | null {
-  const end = facts.streaming ? OFFBOARD_ENDS : '';
+  const offboardEnds = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
   switch (action) {
     case 'hold':
@@ -96,18 +96,18 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land':
       return {
         title: `Land ${name}`,
-        effect: `Descends from ${altitudeNow(facts)} at its current position, ${distanceText(facts.fromHome_m)} from home, and disarms.${end}`,
+        effect: `Descends from ${altitudeNow(facts)} at its current position, ${distanceText(facts.fromHome_m)} from home, and disarms.${offboardEnds}`,
         verb: 'Land',
         danger: false,
       };
     case 'rtl':
-      return { title: `Return ${name}`, effect: `${returnText(facts)} and lands.${end}`, verb: 'Return', danger: false };
+      return { title: `Return ${name}`, effect: `${returnText(facts)} and lands.${offboardEnds}`, verb: 'Return', danger: false };
     case 'goto':
       return goal === null
         ? null
         : {
             title: `Send ${name} here`,
-            effect: `Flies ${distanceText(goal.distance_m)} to this position at ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : ` in about ${Math.round(goal.time_s)} s`} and holds there. The vehicle is at ${altitudeNow(facts)} now.${end}`,
+            effect: `Flies ${distanceText(goal.distance_m)} to this position at ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : ` in about ${Math.round(goal.time_s)} s`} and holds there. The vehicle is at ${altitudeNow(facts)} now.${offboardEnds}`,
             verb: 'Go',
             danger: false,
           };
@@ -128,14 +128,14 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land_now':
       return {
         title: `Land ${name} now`,
-        effect: `Descends immediately from ${altitudeNow(facts)} at its current position, even if another client has control.${end}`,
+        effect: `Descends immediately from ${altitudeNow(facts)} at its current position, even if another client has control.${offboardEnds}`,
         verb: 'Land now',
         danger: false,
       };
     case 'force_control':
       return {
         title: `Take control of ${name} by force`,
-        effect: `${facts.holder ?? 'The holder'} loses control and is notified. The vehicle keeps doing what it does now.`,
+        effect: `${facts.controlHolder ?? 'The controlling client'} loses control and is notified. The vehicle keeps doing what it does now.`,
         verb: 'Take',
         danger: true,
       };
@@ -174,9 +174,9 @@ export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start
   }
 }
 
-/** Tooltip that says why an action is not possible now; null if it is possible. Hold and Stop motors are always possible. */
-export function unavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
-  if (facts.replayed) return 'A recording takes no commands.';
+/** Tooltip that says why an action is not possible now; null if it is possible. No state of the vehicle disables Hold and Stop motors. */
+export function reasonUnavailable(action: ActionName, facts: ActionFacts & { lost: boolean; replayed: boolean }): string | null {
+  if (facts.replayed) return 'A replayed vehicle accepts no commands.';
   if (action === 'hold' || action === 'kill' || action === 'force_control') return null;
   if (facts.lost) return 'No connection to the vehicle.';
   if (action === 'takeoff' && facts.inAir) return 'The vehicle is in the air.';
@@ -185,7 +185,7 @@ export function unavailable(action: ActionName, facts: ActionFacts & { lost: boo
   return null;
 }
 
-/** Progress texts shown until the vehicle reports the change. */
+/** Name of each action for progress texts and refusals. */
 export const PROGRESS_TEXTS: Readonly<Record<ActionName, string>> = {
   arm: 'Arming',
   disarm: 'Disarming',

@@ -1,6 +1,6 @@
 /**
  * State machine of a confirmation: asking, confirmed (knob held or slid to its end), expired, cancelled. Callers pass the time.
- * It expires five seconds after the last input, never while the knob is held by a pointer or a key.
+ * An open confirmation expires five seconds after the last input, but never while a pointer or a key holds the knob.
  */
 
 export const EXPIRES_AFTER_S = 5;
@@ -18,7 +18,7 @@ export type Phase = 'asking' | 'confirmed' | 'expired' | 'cancelled';
 
 export class Confirmation {
   phase: Phase = 'asking';
-  /** The typed value is not valid: confirmation is blocked. */
+  /** Set while the typed value is not valid. */
   blocked = false;
   private deadline_s: number;
   /** Time of the last call of `tick` while a key is held; null if no key is held. */
@@ -37,17 +37,17 @@ export class Confirmation {
 
   /** Progress of holding or sliding, 0–1. */
   progress(): number {
-    return this.lastTick_s === null ? this.knobPosition : Math.min(1, this.held_s / this.holdS());
+    return this.lastTick_s === null ? this.knobPosition : Math.min(1, this.held_s / this.holdTime_s());
   }
 
-  left_s(now_s: number): number {
-    return this.busy() ? EXPIRES_AFTER_S : Math.max(0, this.deadline_s - now_s);
+  /** Time until the confirmation expires. */
+  remaining_s(now_s: number): number {
+    return this.isHeld() ? EXPIRES_AFTER_S : Math.max(0, this.deadline_s - now_s);
   }
 
   /** Space or Enter was pressed on the knob; the keyboard's repeats have no effect. */
   press(now_s: number): void {
-    if (this.blocked)
-      this.touch(now_s); // the person is active: restart the timeout
+    if (this.blocked) this.touch(now_s);
     else if (this.phase === 'asking' && this.lastTick_s === null && !this.sliding) {
       this.lastTick_s = now_s;
       this.held_s = 0;
@@ -61,7 +61,7 @@ export class Confirmation {
     this.letGo(now_s);
   }
 
-  /** An arrow key moved the knob by this many steps. It stays there until it is moved again or loses the focus. */
+  /** An arrow key moved the knob by this many steps. The knob stays there until it is moved again or loses the focus. */
   step(steps: number, now_s: number): void {
     this.touch(now_s);
     if (this.phase !== 'asking' || this.blocked || this.sliding || this.lastTick_s !== null) return;
@@ -69,7 +69,7 @@ export class Confirmation {
     if (this.knobPosition >= 1) this.phase = 'confirmed';
   }
 
-  /** A pointer holds the knob at `fraction` of the track; at the very end it confirms. */
+  /** A pointer holds the knob at `fraction` of the track; the end of the track confirms. */
   slide(fraction: number, now_s: number): void {
     if (this.blocked) this.touch(now_s);
     if (this.phase !== 'asking' || this.blocked || this.lastTick_s !== null) return;
@@ -79,13 +79,14 @@ export class Confirmation {
     this.touch(now_s);
   }
 
+  /** The pointer released the knob: the knob returns to its start. */
   letGo(now_s: number): void {
     this.sliding = false;
     this.knobPosition = 0;
     this.touch(now_s);
   }
 
-  /** The person changed a value: the five seconds start again. */
+  /** The person is active: the five seconds start again. */
   touch(now_s: number): void {
     this.deadline_s = now_s + EXPIRES_AFTER_S;
   }
@@ -94,22 +95,22 @@ export class Confirmation {
     if (this.phase === 'asking') this.phase = 'cancelled';
   }
 
-  /** Called once per painted frame; returns the present state. */
+  /** Called once per painted frame. @returns the present phase. */
   tick(now_s: number): Phase {
     if (this.phase !== 'asking') return this.phase;
     if (this.lastTick_s !== null) {
       this.held_s += Math.min(MAX_TICK_S, Math.max(0, now_s - this.lastTick_s));
       this.lastTick_s = now_s;
-      if (this.held_s >= this.holdS() - 1e-9) this.phase = 'confirmed';
-    } else if (!this.busy() && now_s >= this.deadline_s) this.phase = 'expired';
+      if (this.held_s >= this.holdTime_s() - 1e-9) this.phase = 'confirmed';
+    } else if (!this.isHeld() && now_s >= this.deadline_s) this.phase = 'expired';
     return this.phase;
   }
 
-  private busy(): boolean {
+  private isHeld(): boolean {
     return this.lastTick_s !== null || this.sliding;
   }
 
-  private holdS(): number {
+  private holdTime_s(): number {
     return this.danger ? HOLD_DANGER_S : HOLD_S;
   }
 }

@@ -5,15 +5,16 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import { controlProblem, otherHolder } from '../../vehicle/control';
-import { actionFacts, PROGRESS_TEXTS, question, send, unavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
+import { actionFacts, PROGRESS_TEXTS, question, send, reasonUnavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
 /** The part of the page where a button is, so that its result appears there. */
 export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'room';
 
-/** A confirmation for several vehicles: its present text, and the call made once it is confirmed. */
+/** A confirmation for several vehicles: its present texts, and the call after confirmation. */
 export interface GroupConfirmation {
+  /** The command's name. */
   what: string;
   /** Names of the vehicles, for the result. */
   names: string;
@@ -29,10 +30,10 @@ export interface PendingConfirmation {
   pagePart: PagePart;
   facts: VehicleFacts;
   goal: Goal | null;
-  /** The stream's first setpoint; null means the vehicle's position. */
+  /** The stream's first setpoint; null: hold the vehicle's position. */
   start: StreamStart | null;
   /** Null: the confirmation is for one vehicle. */
-  together: GroupConfirmation | null;
+  group: GroupConfirmation | null;
   question: Question;
   confirmation: Confirmation;
 }
@@ -40,32 +41,33 @@ export interface PendingConfirmation {
 export interface Running {
   id: number;
   action: ActionName;
-  /** What was commanded, for the progress text. */
+  /** The command's name, for the progress text. */
   what: string;
   pagePart: PagePart;
   vehicle: string;
   vehicleName: string;
-  /** The server's latest progress text; null before the first. */
+  /** The server's latest progress text; null before the first text. */
   progressText: string | null;
   /** Progress 0–1, if the vehicle reports it. */
   fraction: number | null;
 }
 
 export interface Refusal {
+  /** The command's name. */
   what: string;
   vehicleName: string;
   problem: Problem;
 }
 
 const TAKEOFF_DEFAULT_M = 10;
-/** After a confirmation has closed by itself, Space and Enter are ignored for this time [s]. */
-const QUIET_S = 0.6;
+/** After a confirmation has closed without a key press, Space and Enter are ignored for this time [s]. */
+const IGNORE_KEYS_S = 0.6;
 /** PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT = 'RTL_RETURN_ALT';
 /** The API's limits [m]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
-function notNow(detail: string): Problem {
+function notPossibleNow(detail: string): Problem {
   return { title: 'Not possible now', detail, reasons: [], remedy: null, code: 'refused', status: 0, field: null };
 }
 
@@ -77,11 +79,11 @@ export class ActionController {
   /** Error of the typed altitude; null if it is valid. */
   takeoffProblem = $state<string | null>(null);
   private readonly returnAlt_home_m = new Map<string, number>();
-  /** Updated once per frame: the knob's position and the seconds left. */
+  /** Progress of the confirmation, 0–1, and the time until it expires; both updated once per frame. */
   progress = $state(0);
-  left_s = $state(0);
+  remaining_s = $state(0);
   private nextId = 1;
-  private closedByItself_s = -Infinity;
+  private closedWithoutKey_s = -Infinity;
 
   constructor(
     private readonly api: ApiClient,
@@ -92,49 +94,50 @@ export class ActionController {
     private readonly current: (id: string) => VehicleFacts | null,
   ) {}
 
-  /** The confirmation's text with the present altitude. */
-  questionFor(asked: PendingConfirmation): Question {
-    return asked.together?.question() ?? question(asked.action, this.facts(this.now(asked.facts)), asked.goal, asked.start) ?? asked.question;
+  /** The confirmation's texts with the vehicle's present altitude. */
+  questionFor(pending: PendingConfirmation): Question {
+    const { action, facts, goal, start } = pending;
+    return pending.group?.question() ?? question(action, this.facts(this.now(facts)), goal, start) ?? pending.question;
   }
 
   /** Handles a button or key: opens the confirmation, or acts immediately if none is needed. */
   request(action: ActionName, facts: VehicleFacts | null, pagePart: PagePart = 'bar', goal: Goal | null = null, start: StreamStart | null = null): void {
     if (facts === null || (action === 'goto' && goal === null)) return;
     this.dismiss(pagePart);
-    const reason = unavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
+    const reason = reasonUnavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
       this.pending = null;
-      this.refusals = { ...this.refusals, [pagePart]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notNow(reason) } };
+      this.refusals = { ...this.refusals, [pagePart]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
       return;
     }
-    const notInControl = controlProblem(action, this.facts(facts).holder ?? null);
-    if (notInControl !== null) {
+    const withoutControl = controlProblem(action, this.facts(facts).controlHolder ?? null);
+    if (withoutControl !== null) {
       this.pending = null;
-      const problem: Problem = { ...notNow(notInControl.detail), title: 'Not in control', code: 'not_in_control', remedy: notInControl.remedy };
+      const problem: Problem = { ...notPossibleNow(withoutControl.detail), title: 'Not in control', code: 'not_in_control', remedy: withoutControl.remedy };
       this.refusals = { ...this.refusals, [pagePart]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
       return;
     }
-    const asks = question(action, this.facts(facts), goal, start);
-    if (asks === null) {
+    const texts = question(action, this.facts(facts), goal, start);
+    if (texts === null) {
       this.pending = null;
       void this.run(action, facts, pagePart);
       return;
     }
-    this.pending = { action, pagePart, facts, goal, start, together: null, question: asks, confirmation: new Confirmation(asks.danger, this.nowS()) };
+    this.pending = { action, pagePart, facts, goal, start, group: null, question: texts, confirmation: new Confirmation(texts.danger, this.nowS()) };
     this.progress = 0;
-    this.left_s = this.pending.confirmation.left_s(this.nowS());
+    this.remaining_s = this.pending.confirmation.remaining_s(this.nowS());
     this.takeoffProblem = null;
     if (action === 'rtl') void this.loadReturnAltitude(facts.id);
   }
 
-  /** Opens a confirmation for several vehicles; `facts` is the selected one. */
-  requestTogether(together: GroupConfirmation, facts: VehicleFacts, pagePart: PagePart): void {
+  /** Opens a confirmation for several vehicles; `facts` is the selected vehicle. */
+  requestForGroup(group: GroupConfirmation, facts: VehicleFacts, pagePart: PagePart): void {
     this.dismiss(pagePart);
-    const asks = together.question();
-    const confirmation = new Confirmation(asks.danger, this.nowS());
-    this.pending = { action: 'offboard_start', pagePart, facts, goal: null, start: null, together, question: asks, confirmation };
+    const texts = group.question();
+    const confirmation = new Confirmation(texts.danger, this.nowS());
+    this.pending = { action: 'offboard_start', pagePart, facts, goal: null, start: null, group, question: texts, confirmation };
     this.progress = 0;
-    this.left_s = confirmation.left_s(this.nowS());
+    this.remaining_s = confirmation.remaining_s(this.nowS());
   }
 
   /**
@@ -167,37 +170,38 @@ export class ActionController {
     this.pending = null;
   }
 
-  /** Whether a confirmation expired, or lost its vehicle, a moment ago. */
+  /** Whether a confirmation closed a moment ago because it expired or another vehicle was selected. */
   hasJustClosed(): boolean {
-    return this.nowS() - this.closedByItself_s < QUIET_S;
+    return this.nowS() - this.closedWithoutKey_s < IGNORE_KEYS_S;
   }
 
   dismiss(pagePart: PagePart): void {
     this.refusals = { ...this.refusals, [pagePart]: undefined };
   }
 
-  /** Once per animation frame: sends a confirmed command, closes a confirmation that expired or lost its vehicle. */
-  paint(selectedId: string | null): void {
-    const asked = this.pending;
-    if (asked === null) return;
+  /** Once per animation frame: sends a confirmed command, closes a confirmation that expired or whose vehicle is no longer selected. */
+  onFrame(selectedId: string | null): void {
+    const pending = this.pending;
+    if (pending === null) return;
     const now = this.nowS();
-    const phase = asked.together !== null || asked.facts.id === selectedId ? asked.confirmation.tick(now) : 'cancelled';
-    this.progress = asked.confirmation.progress();
-    this.left_s = asked.confirmation.left_s(now);
+    const phase = pending.group !== null || pending.facts.id === selectedId ? pending.confirmation.tick(now) : 'cancelled';
+    this.progress = pending.confirmation.progress();
+    this.remaining_s = pending.confirmation.remaining_s(now);
     if (phase === 'asking') return;
     this.pending = null;
-    if (phase !== 'confirmed') this.closedByItself_s = now;
-    if (phase === 'confirmed' && asked.together !== null) void this.runTogether(asked.together, asked.pagePart);
-    else if (phase === 'confirmed') void this.run(asked.action, asked.facts, asked.pagePart, asked.goal, asked.start);
+    if (phase !== 'confirmed') this.closedWithoutKey_s = now;
+    if (phase === 'confirmed' && pending.group !== null) void this.runForGroup(pending.group, pending.pagePart);
+    else if (phase === 'confirmed') void this.run(pending.action, pending.facts, pending.pagePart, pending.goal, pending.start);
   }
 
-  /** Shows a problem that was not caused by a button, as a refusal in that part of the page. */
+  /** Shows a problem that was not caused by a button, as a refusal in `pagePart`. */
   showProblem(what: string, vehicleName: string, pagePart: PagePart, problem: Problem): void {
     this.refusals = { ...this.refusals, [pagePart]: { what, vehicleName, problem } };
   }
 
   /**
-   * Sends any other request and shows its refusal in that part of the page, for example nudges and gimbal commands.
+   * Sends a request without confirmation, for example a gimbal command, and shows its refusal in `pagePart`.
+   * @returns whether the server accepted the request.
    */
   async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
     const outcome = await send();
@@ -224,7 +228,7 @@ export class ActionController {
     goal?.onResult?.(accepted);
   }
 
-  private async runTogether({ what, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
+  private async runForGroup({ what, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
     const entry: Running = {
       id: this.nextId++,
       action: 'offboard_start',
@@ -250,15 +254,15 @@ export class ActionController {
   }
 
   private facts(facts: VehicleFacts): ActionFacts {
-    const holder = otherHolder(facts.control, this.api.key);
-    return { ...actionFacts(facts, this.takeoffAlt_home_m), holder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
+    const controlHolder = otherHolder(facts.control, this.api.key);
+    return { ...actionFacts(facts, this.takeoffAlt_home_m), controlHolder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
   }
 
-  /** Does not wait: the text shows the altitude once the parameter has been read. */
+  /** Reads the parameter in the background; the confirmation then shows the altitude. */
   private async loadReturnAltitude(id: string): Promise<void> {
-    const answer = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT } } });
-    if (!answer.ok || typeof answer.value.value !== 'number') return;
-    this.returnAlt_home_m.set(id, answer.value.value);
+    const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name: RETURN_ALT } } });
+    if (!response.ok || typeof response.value.value !== 'number') return;
+    this.returnAlt_home_m.set(id, response.value.value);
     if (this.pending?.action === 'rtl') this.pending = { ...this.pending };
   }
 }

@@ -1,28 +1,28 @@
-/** Takes pictures with the selected camera of a vehicle. */
+/** Takes photos with the selected camera of a vehicle. */
 
 import type { ApiClient } from '../../api/client';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import type { Component } from '../../live/topics';
 import type { VehicleFacts } from '../../vehicle/facts';
 
-/** The cameras that have sent a heartbeat, in the order of their component ids; lost ones too. */
+/** The cameras that have sent a heartbeat, in the order of their component ids; also cameras whose connection is lost. */
 export function camerasOf(facts: VehicleFacts): Component[] {
-  return facts.components.filter((one) => one.kind === 'camera');
+  return facts.components.filter((component) => component.kind === 'camera');
 }
 
-/** Why the camera cannot take a picture now; null if it can. */
-export function whyNoPicture(facts: VehicleFacts, camera: Component): string | null {
-  if (facts.replayed) return 'A recording takes no commands.';
+/** Why the camera cannot take a photo now; null if it can. */
+export function reasonNoPhoto(facts: VehicleFacts, camera: Component): string | null {
+  if (facts.replayed) return 'A replayed vehicle accepts no commands.';
   if (facts.lost) return 'No connection to the vehicle.';
   return camera.lost ? 'No connection to the camera.' : null;
 }
 
 export class CameraControl {
   busy = $state(false);
-  /** The camera that took the last picture of this page. */
-  private taken = $state.raw<{ vehicle: string; camera: number } | null>(null);
+  /** The camera with which this page took its last photo. */
+  private lastPhoto = $state.raw<{ vehicle: string; camera: number } | null>(null);
   /** Component id of the camera that a person has selected, by vehicle. */
-  private chosen = $state.raw<Readonly<Record<string, number>>>({});
+  private selectedIds = $state.raw<Readonly<Record<string, number>>>({});
 
   constructor(
     private readonly api: ApiClient,
@@ -30,30 +30,31 @@ export class CameraControl {
   ) {}
 
   select(facts: VehicleFacts, component: number): void {
-    this.chosen = { ...this.chosen, [facts.id]: component };
-    this.taken = null;
+    this.selectedIds = { ...this.selectedIds, [facts.id]: component };
+    this.lastPhoto = null;
     this.actions.dismiss('camera');
   }
 
-  /** The selected camera; initially the first that is connected. Null if the vehicle has none. */
+  /** The selected camera; initially the first connected camera. Null if the vehicle has no camera. */
   selected(facts: VehicleFacts): Component | null {
     const cameras = camerasOf(facts);
-    return cameras.find((one) => one.component_id === this.chosen[facts.id]) ?? cameras.find((one) => !one.lost) ?? cameras[0] ?? null;
+    return cameras.find((camera) => camera.component_id === this.selectedIds[facts.id]) ?? cameras.find((camera) => !camera.lost) ?? cameras[0] ?? null;
   }
 
-  hasTaken(facts: VehicleFacts, camera: Component): boolean {
-    return this.taken?.vehicle === facts.id && this.taken.camera === camera.component_id;
+  /** Whether this page's last photo is from this camera. */
+  hasTakenPhoto(facts: VehicleFacts, camera: Component): boolean {
+    return this.lastPhoto?.vehicle === facts.id && this.lastPhoto.camera === camera.component_id;
   }
 
-  async takePicture(facts: VehicleFacts, camera: Component): Promise<void> {
-    if (this.busy || whyNoPicture(facts, camera) !== null) return;
+  async takePhoto(facts: VehicleFacts, camera: Component): Promise<void> {
+    if (this.busy || reasonNoPhoto(facts, camera) !== null) return;
     this.busy = true;
-    this.taken = null;
+    this.lastPhoto = null;
     const component = camera.component_id;
-    const taken = await this.actions.attempt('Take photo', facts, 'camera', () =>
+    const accepted = await this.actions.attempt('Take photo', facts, 'camera', () =>
       this.api.post('/vehicles/{v}/camera/picture', { params: { path: { v: facts.id }, query: { component } } }),
     );
     this.busy = false;
-    if (taken) this.taken = { vehicle: facts.id, camera: component };
+    if (accepted) this.lastPhoto = { vehicle: facts.id, camera: component };
   }
 }

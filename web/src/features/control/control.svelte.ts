@@ -11,7 +11,7 @@ const REASON_MAX = 200;
 export class ControlController {
   open = $state(false);
   reason = $state('');
-  /** Vehicles whose holder denied this page's request. */
+  /** Vehicles for which the controlling client denied this page's request. */
   private readonly denials = $state<Record<string, boolean>>({});
 
   constructor(
@@ -44,26 +44,26 @@ export class ControlController {
     void this.attempt('Release control', facts, () => this.api.post('/vehicles/{v}/control/release', ofVehicle(facts.id)));
   }
 
-  grant(facts: VehicleFacts, to: ControlRequest): void {
-    const body = { client: to.key };
+  grant(facts: VehicleFacts, request: ControlRequest): void {
+    const body = { client: request.key };
     void this.attempt('Give control', facts, () => this.api.post('/vehicles/{v}/control/grant', { ...ofVehicle(facts.id), body }));
   }
 
-  deny(facts: VehicleFacts, to: ControlRequest): void {
-    const body = { client: to.key };
+  deny(facts: VehicleFacts, request: ControlRequest): void {
+    const body = { client: request.key };
     void this.attempt('Keep control', facts, () => this.api.post('/vehicles/{v}/control/deny', { ...ofVehicle(facts.id), body }));
   }
 
-  /** Keyboard answer to the first request; false if there is none. */
+  /** Answers the first request by a key. @returns false: no client requests control. */
   answer(facts: VehicleFacts | null, give: boolean): boolean {
-    const asking = facts === null ? null : requestToAnswer(facts.control, this.api.key);
-    if (facts === null || asking === null) return false;
-    if (give) this.grant(facts, asking);
-    else this.deny(facts, asking);
+    const request = facts === null ? null : requestToAnswer(facts.control, this.api.key);
+    if (facts === null || request === null) return false;
+    if (give) this.grant(facts, request);
+    else this.deny(facts, request);
     return true;
   }
 
-  /** Handles control events: a denial of this page's request is kept until control changes. */
+  /** Handles control events: stores a denial of this page's request until the controlling client changes. */
   onEvent(event: WireEvent): void {
     if (event.kind !== 'control' || event.vehicle === null) return;
     if (event['action'] === 'denied' && event['to_key'] === this.api.key) this.denials[event.vehicle] = true;

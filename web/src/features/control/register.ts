@@ -4,11 +4,11 @@ import ControlChip from './ControlChip.svelte';
 import ControlPrompt from './ControlPrompt.svelte';
 import { control } from './controllers';
 
-const live = (): boolean => page.facts !== null && !page.facts.replayed;
+const isLive = (): boolean => page.facts !== null && !page.facts.replayed;
 
 page.onEvent.push((event) => control.onEvent(event));
-registry.addTo('indicators', { order: 20, ofVehicle: ControlChip, when: live });
-registry.addTo('notices', { order: 20, ofVehicle: ControlPrompt });
+registry.addTo('indicators', { order: 20, vehicleComponent: ControlChip, when: isLive });
+registry.addTo('notices', { order: 20, vehicleComponent: ControlPrompt });
 registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (control.open = false) });
 registry.addKeys([
   { order: 60, keys: 'C', what: 'Who has control: take it, request it, release it', inScene: true, on: { c: () => control.toggle() } },

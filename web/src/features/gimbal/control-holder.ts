@@ -1,7 +1,7 @@
 /** Describes who controls the gimbal. */
 
 export interface ControlHolder {
-  who: 'server' | 'other' | 'vehicle' | 'nobody';
+  controller: 'server' | 'other' | 'vehicle' | 'nobody';
   text: string;
 }
 
@@ -9,12 +9,12 @@ export interface ControlHolder {
 const AUTOPILOT = 1;
 
 /**
- * @param primary (system id, component id) in control, as reported by the gimbal manager. @param inControl whether
- * that is this server, as reported by the server.
+ * @param primary (system id, component id) of the component in control, as the gimbal manager reports it.
+ * @param inControl whether this server is in control, as the server reports it.
  */
 export function controlHolder(primary: readonly [number, number] | null, inControl: boolean): ControlHolder {
-  if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { who: 'nobody', text: 'not controlled' };
-  if (inControl) return { who: 'server', text: 'controlled by this server' };
-  if (primary[1] === AUTOPILOT) return { who: 'vehicle', text: 'controlled by the vehicle' };
-  return { who: 'other', text: `controlled by system ${primary[0]}, component ${primary[1]}` };
+  if (primary === null || (primary[0] === 0 && primary[1] === 0)) return { controller: 'nobody', text: 'not controlled' };
+  if (inControl) return { controller: 'server', text: 'controlled by this server' };
+  if (primary[1] === AUTOPILOT) return { controller: 'vehicle', text: 'controlled by the vehicle' };
+  return { controller: 'other', text: `controlled by system ${primary[0]}, component ${primary[1]}` };
 }

@@ -7,55 +7,54 @@ import type { Gimbal } from '../../live/topics';
 import { angleText, clamp, anglesAfterKey, toAngles, toPoint } from './pad';
 
 describe('gimbal', () => {
-  const l = limits(null);
+  const bounds = limits(null);
   it('converts between pad and angles within the limits', () => {
-    const back = toAngles(toPoint({ pitch_deg: -32, yaw_deg: 34 }, l), l);
+    const back = toAngles(toPoint({ pitch_deg: -32, yaw_deg: 34 }, bounds), bounds);
     expect(back.pitch_deg).toBeCloseTo(-32);
     expect(back.yaw_deg).toBeCloseTo(34);
-    expect(clamp({ pitch_deg: -150, yaw_deg: 0 }, l).pitch_deg).toBe(-90);
-    expect(toAngles({ x: -50, y: 999 }, l)).toEqual({ pitch_deg: -90, yaw_deg: -180 });
+    expect(clamp({ pitch_deg: -150, yaw_deg: 0 }, bounds).pitch_deg).toBe(-90);
+    expect(toAngles({ x: -50, y: 999 }, bounds)).toEqual({ pitch_deg: -90, yaw_deg: -180 });
   });
-  it('turns by keys within the limits, with a stable spoken text', () => {
-    const l = limits(null);
+  it('turns by keys within the limits, and gives a text in whole degrees for screen readers', () => {
     const from = { pitch_deg: -10, yaw_deg: 178 };
-    expect(anglesAfterKey(from, 'ArrowUp', false, l)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
-    expect(anglesAfterKey(from, 'ArrowRight', true, l)).toEqual({ pitch_deg: -10, yaw_deg: l.yawMax_deg });
-    expect(anglesAfterKey(from, 'PageDown', false, l)).toEqual({ pitch_deg: -20, yaw_deg: 178 });
-    expect(anglesAfterKey(from, 'Home', false, l)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
-    expect(anglesAfterKey(from, 'End', false, l)).toEqual({ pitch_deg: l.pitchMin_deg, yaw_deg: 0 });
-    for (const key of [' ', 'Enter', 'h', 'Tab']) expect(anglesAfterKey(from, key, false, l)).toBeNull();
+    expect(anglesAfterKey(from, 'ArrowUp', false, bounds)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
+    expect(anglesAfterKey(from, 'ArrowRight', true, bounds)).toEqual({ pitch_deg: -10, yaw_deg: bounds.yawMax_deg });
+    expect(anglesAfterKey(from, 'PageDown', false, bounds)).toEqual({ pitch_deg: -20, yaw_deg: 178 });
+    expect(anglesAfterKey(from, 'Home', false, bounds)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
+    expect(anglesAfterKey(from, 'End', false, bounds)).toEqual({ pitch_deg: bounds.pitchMin_deg, yaw_deg: 0 });
+    for (const key of [' ', 'Enter', 'h', 'Tab']) expect(anglesAfterKey(from, key, false, bounds)).toBeNull();
     expect(angleText({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
-  it('shows who controls it', () => {
-    expect(controlHolder(null, false).who).toBe('nobody');
+  it('shows who controls the gimbal', () => {
+    expect(controlHolder(null, false).controller).toBe('nobody');
     expect(controlHolder([255, 190], true).text).toBe('controlled by this server');
-    expect(controlHolder([1, 1], false).who).toBe('vehicle');
+    expect(controlHolder([1, 1], false).controller).toBe('vehicle');
     expect(controlHolder([254, 191], false).text).toContain('254');
   });
-  it('sends one request at a time and always the last one, the stop', async () => {
+  it('sends one request at a time, and always the last request, for example the stop', async () => {
     const sent: number[] = [];
-    const free: (() => void)[] = [];
+    const finish: (() => void)[] = [];
     const sender = new LatestSender<number>((v) => {
       sent.push(v);
-      return new Promise<void>((resolve) => free.push(resolve));
+      return new Promise<void>((resolve) => finish.push(resolve));
     });
     for (const v of [1, 2, 3, 0]) sender.push(v);
     expect(sent).toEqual([1]);
-    free.shift()?.();
+    finish.shift()?.();
     await new Promise((r) => setTimeout(r));
     expect(sent).toEqual([1, 0]);
   });
-  it('is selected among several, and calls contain its id', () => {
-    const one = { component_id: 1, gimbal_device_id: 1, pitch_rad: 0 } as Gimbal;
-    const other = { ...one, component_id: 171, gimbal_device_id: 0, pitch_rad: -1 };
-    const facts = (gimbals: Gimbal[]): VehicleFacts => ({ id: '7', gimbal: { value: { ...one, gimbals } } }) as unknown as VehicleFacts;
+  it('can be selected by its key, and requests contain its ids', () => {
+    const first = { component_id: 1, gimbal_device_id: 1, pitch_rad: 0 } as Gimbal;
+    const second = { ...first, component_id: 171, gimbal_device_id: 0, pitch_rad: -1 };
+    const facts = (gimbals: Gimbal[]): VehicleFacts => ({ id: '7', gimbal: { value: { ...first, gimbals } } }) as unknown as VehicleFacts;
     expect(gimbalsOf(facts([]))).toEqual([]);
     expect(ofGimbal(facts([]))).toEqual({ params: { path: { v: '7' } } });
-    const both = facts([one, other] as Gimbal[]);
+    const both = facts([first, second] as Gimbal[]);
     expect(gimbalsOf(both).map(gimbalKey)).toEqual(['7/1.1', '7/171.0']);
-    const second = withGimbal(both, '7/171.0');
-    expect(second.gimbal?.value.pitch_rad).toBe(-1);
-    expect(ofGimbal(second)).toEqual({ params: { path: { v: '7' }, query: { component: 171 } } });
+    const selected = withGimbal(both, '7/171.0');
+    expect(selected.gimbal?.value.pitch_rad).toBe(-1);
+    expect(ofGimbal(selected)).toEqual({ params: { path: { v: '7' }, query: { component: 171 } } });
     expect(ofGimbal(withGimbal(both, 'gone'))).toEqual({ params: { path: { v: '7' }, query: { component: 1, device: 1 } } });
   });
 });

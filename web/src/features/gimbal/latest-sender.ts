@@ -1,6 +1,6 @@
 /**
- * Sends a fast series of requests one at a time. A waiting request is replaced by a newer one; the last request is
- * always sent.
+ * Sends a fast series of requests one at a time. A newer request replaces a waiting request; the last request is always
+ * sent.
  */
 
 export class LatestSender<T> {

@@ -11,7 +11,7 @@ export interface Point {
 
 export const PAD = { width: 152, height: 116, margin: 8 } as const;
 
-/** Range of a gimbal without reported limits, and the smallest range shown [deg]. */
+/** Smallest range that the pad shows [deg]; also for a gimbal without reported limits. */
 const RANGE = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
 
 function range(limits: AngleLimits): { top: number; bottom: number; left: number; right: number } {
@@ -46,26 +46,26 @@ export function clamp(angles: Angles, limits: AngleLimits): Angles {
   };
 }
 
-/** Degrees per press of an arrow key; ten times that with Shift or with PageUp and PageDown. */
+/** Degrees per press of an arrow key; ten times as much with Shift, and by PageUp and PageDown. */
 const KEY_STEP_DEG = 1;
 
 /** The angles after a key press on the pad, clamped to the limits; null for other keys. */
 export function anglesAfterKey(angles: Angles, key: string, shift: boolean, limits: AngleLimits): Angles | null {
   const step = KEY_STEP_DEG * (shift ? 10 : 1);
-  const by = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, limits);
+  const turned = (pitch: number, yaw: number): Angles => clamp({ pitch_deg: angles.pitch_deg + pitch, yaw_deg: angles.yaw_deg + yaw }, limits);
   switch (key) {
     case 'ArrowUp':
-      return by(step, 0);
+      return turned(step, 0);
     case 'ArrowDown':
-      return by(-step, 0);
+      return turned(-step, 0);
     case 'ArrowRight':
-      return by(0, step);
+      return turned(0, step);
     case 'ArrowLeft':
-      return by(0, -step);
+      return turned(0, -step);
     case 'PageUp':
-      return by(10 * KEY_STEP_DEG, 0);
+      return turned(10 * KEY_STEP_DEG, 0);
     case 'PageDown':
-      return by(-10 * KEY_STEP_DEG, 0);
+      return turned(-10 * KEY_STEP_DEG, 0);
     case 'Home':
       return clamp({ pitch_deg: 0, yaw_deg: 0 }, limits);
     case 'End':
@@ -81,7 +81,7 @@ export function angleText(angles: Angles): string {
   return `${part(angles.pitch_deg, 'up', 'down')}, ${part(angles.yaw_deg, 'right', 'left')}`;
 }
 
-/** Direction of the camera relative to the nose [deg]; null if the gimbal does not report it. */
+/** Direction of the camera relative to the vehicle's nose; null if the gimbal does not report it. */
 export function pointing(gimbal: Gimbal, yaw_ned_rad: number | null): Angles | null {
   let yaw = toDeg(gimbal.yaw_frd_rad);
   if (yaw === null && gimbal.yaw_ned_rad !== null && yaw_ned_rad !== null) {

@@ -4,4 +4,4 @@ import { gimbal } from './controllers';
 import GimbalCards from './GimbalCards.svelte';
 
 provide('gimbal', gimbal);
-registry.addTo('cards', { order: 40, ofVehicle: GimbalCards });
+registry.addTo('cards', { order: 40, vehicleComponent: GimbalCards });

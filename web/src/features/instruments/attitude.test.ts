@@ -5,7 +5,7 @@ it('rotates the horizon by the negative roll', () => {
   expect(horizonTransform(Math.PI / 18, 0, 62, 62)).toBe('rotate(-10.00 62 62) translate(0 0.00)');
 });
 
-it('labels the marks of the heading tape across north', () => {
+it('labels the marks of the heading tape on both sides of north', () => {
   const labels = tapeTicks(350, 196, 1.5)
     .filter((t) => t.label !== '')
     .map((t) => t.label);

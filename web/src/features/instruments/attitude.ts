@@ -13,7 +13,7 @@ export function horizonTransform(roll_rad: number, pitch_rad: number, cx: number
   return `rotate(${(-roll).toFixed(2)} ${cx} ${cy}) translate(0 ${(pitch * PX_PER_DEG).toFixed(2)})`;
 }
 
-/** Heading [deg], from the attitude, else from the position message. */
+/** Heading [deg], from the attitude message; without it, from the position message. */
 export function headingDeg(facts: Pick<VehicleFacts, 'attitude' | 'global'>): number | null {
   return toDeg(facts.attitude?.value.yaw_ned_rad ?? null) ?? facts.global?.value.heading_deg ?? null;
 }
@@ -31,8 +31,8 @@ export function tapeTicks(heading_deg: number, width: number, px_per_deg: number
   const half = width / 2 / px_per_deg;
   const ticks: Tick[] = [];
   for (let mark = Math.ceil((heading_deg - half) / 15) * 15; mark <= heading_deg + half; mark += 15) {
-    const named = ((mark % 360) + 360) % 360;
-    ticks.push({ x: width / 2 + (mark - heading_deg) * px_per_deg, label: NAMES[named] ?? '', major: named % 45 === 0 });
+    const compass_deg = ((mark % 360) + 360) % 360;
+    ticks.push({ x: width / 2 + (mark - heading_deg) * px_per_deg, label: NAMES[compass_deg] ?? '', major: compass_deg % 45 === 0 });
   }
   return ticks;
 }

@@ -1,6 +1,6 @@
 /**
- * All values that the grid can show, from the server's list of topics and fields. Adds readable names, and units from
- * the suffixes of the field names. Angles are shown in degrees.
+ * All values that the grid can show: the server's topics and fields, with readable names, and with units from the
+ * suffixes of the field names. The grid shows angles in degrees.
  */
 
 import { FIELDS } from '../../api/fields';
@@ -26,7 +26,7 @@ export interface DisplayedValue {
 }
 
 export interface Quantity {
-  /** "topic.field", "topic.field.2", or "flown.…" for derived values. Kept in this browser. */
+  /** "topic.field", "topic.field.2", or "flown.…" for derived values. The browser stores it. */
   id: string;
   label: string;
   group: string;
@@ -73,7 +73,7 @@ const GROUPS: Readonly<Record<string, string>> = {
   obstacle_distance: 'Obstacle sensor',
   wind: 'Wind',
 };
-/** Labels of fields whose own name is not clear enough. */
+/** Labels of fields whose names are not clear enough. */
 const LABELS: Readonly<Record<string, string>> = {
   'status.mode_label': 'Mode',
   'status.landed_state': 'Landed state',
@@ -136,28 +136,29 @@ function plainText(value: unknown, factor: number, decimals: number): string {
   return typeof value === 'string' && value !== '' ? value.replaceAll('_', ' ') : UNKNOWN;
 }
 
-function ofField(topic: string, field: string, index: number | null, label: string): Quantity {
+function fieldQuantity(topic: string, field: string, index: number | null, label: string): Quantity {
   const { unit, factor, decimals } = unitOf(field);
   const isLatLon = LAT_LON.test(field);
-  const whole = index === null && (field === 'satellites' || field === 'fix_type');
+  const isCount = index === null && (field === 'satellites' || field === 'fix_type');
   return {
     id: index === null ? `${topic}.${field}` : `${topic}.${field}.${index}`,
     label,
     unit,
     topic,
     group: GROUPS[topic] ?? topic,
-    read: ({ topic: newest }) => {
-      const reading = newest(topic);
+    read: (source) => {
+      const reading = source.topic(topic);
       const fieldValue = reading?.value[field];
       const value = index === null ? fieldValue : Array.isArray(fieldValue) ? (fieldValue as unknown[])[index] : null;
-      // A float always shows its decimals: numbers that change width are hard to read.
-      const text = typeof value === 'number' && !whole ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals) : plainText(value, factor, decimals);
+      // A float always shows all its decimals, because a number that changes its width is hard to read.
+      const text =
+        typeof value === 'number' && !isCount ? fixed(value * factor, isLatLon ? 6 : unit === '' ? 2 : decimals) : plainText(value, factor, decimals);
       return { text, unit, stale: reading?.stale ?? false, age_s: reading?.age_s ?? null };
     },
   };
 }
 
-/** Lists whose elements have a name. Others, such as the sectors of an obstacle sensor, are not offered. */
+/** Lists whose elements have names. Other lists, such as the sectors of an obstacle sensor, are not offered. */
 const LISTS: Readonly<Record<string, { name: string; count: number }>> = { battery: { name: 'Cell', count: 6 }, motors: { name: 'Motor', count: 8 } };
 
 /** "Roll rate", "Target yaw rate". */
@@ -166,21 +167,21 @@ function rateLabel(topic: string, axis: string): string {
   return label.charAt(0).toUpperCase() + label.slice(1);
 }
 
-function ofTopic(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
+function topicQuantities(topic: string, fields: Readonly<Record<string, string>>): Quantity[] {
   return Object.entries(fields).flatMap(([field, kind]): Quantity[] => {
     if (HIDDEN_FIELDS.test(field)) return [];
     const { label } = unitOf(field);
-    const what = topic.startsWith('target') ? `Target ${label.toLowerCase()}` : topic === 'home' ? `Home ${label.toLowerCase()}` : label;
+    const prefixed = topic.startsWith('target') ? `Target ${label.toLowerCase()}` : topic === 'home' ? `Home ${label.toLowerCase()}` : label;
     if (kind === 'vector3') {
       const axes = field.includes('_frd') ? AXES_FRD : AXES_NED;
-      return axes.map((axis, i) => ofField(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${what} ${axis}`));
+      return axes.map((axis, i) => fieldQuantity(topic, field, i, field.startsWith('rates') ? rateLabel(topic, axis) : `${prefixed} ${axis}`));
     }
     if (kind === 'list') {
       const list = LISTS[topic];
-      return list === undefined ? [] : Array.from({ length: list.count }, (_, i) => ofField(topic, field, i, `${list.name} ${i + 1}`));
+      return list === undefined ? [] : Array.from({ length: list.count }, (_, i) => fieldQuantity(topic, field, i, `${list.name} ${i + 1}`));
     }
     if (kind.startsWith('vector')) return [];
-    return [ofField(topic, field, null, LABELS[`${topic}.${field}`] ?? what)];
+    return [fieldQuantity(topic, field, null, LABELS[`${topic}.${field}`] ?? prefixed)];
   });
 }
 
@@ -227,7 +228,7 @@ const DERIVED: readonly Quantity[] = [
   },
 ];
 
-export const CATALOGUE: readonly Quantity[] = [...DERIVED, ...Object.entries(FIELDS).flatMap(([topic, fields]) => ofTopic(topic, fields))];
+export const CATALOGUE: readonly Quantity[] = [...DERIVED, ...Object.entries(FIELDS).flatMap(([topic, fields]) => topicQuantities(topic, fields))];
 export const BY_ID: ReadonlyMap<string, Quantity> = new Map(CATALOGUE.map((q) => [q.id, q]));
 
 export const DEFAULT_IDS: readonly string[] = [
@@ -239,7 +240,7 @@ export const DEFAULT_IDS: readonly string[] = [
   'local_position.position_ned_m.1',
 ];
 
-/** The stored choice, without values that this version does not know; the default values if nothing is stored. */
+/** The ids of the stored choice that exist in the catalogue; the default ids if no valid choice is stored. */
 export function readChoice(stored: string | null): string[] {
   try {
     const raw: unknown = JSON.parse(stored ?? 'null');

@@ -1,12 +1,12 @@
-/** The values on the grid and their order, as chosen by the person; kept in this browser. */
+/** The values on the grid and their order, as chosen by the person; the browser stores them. */
 
 import { BY_ID, moveItem, readChoice, DEFAULT_IDS } from './catalogue';
 
 const KEY = 'gcs-values';
-/** A larger number would push the cards off the screen. */
+/** More values would push the other cards off the screen. */
 export const MAX_VALUES = 18;
 
-function stored(): string | null {
+function storedIds(): string | null {
   try {
     return localStorage.getItem(KEY);
   } catch {
@@ -15,7 +15,7 @@ function stored(): string | null {
 }
 
 class ValueChoice {
-  ids = $state.raw<readonly string[]>(readChoice(stored()));
+  ids = $state.raw<readonly string[]>(readChoice(storedIds()));
   editing = $state(false);
 
   add(id: string): void {
@@ -39,7 +39,7 @@ class ValueChoice {
     try {
       localStorage.setItem(KEY, JSON.stringify(ids));
     } catch {
-      // storage is disabled: kept until the page closes
+      // storage is disabled: the choice applies until the page closes
     }
   }
 }

@@ -3,7 +3,7 @@ import { choice } from './choice.svelte';
 import Instrument from './Instrument.svelte';
 import ValueGrid from './ValueGrid.svelte';
 
-registry.addTo('cards', { order: 10, ofVehicle: Instrument, inEveryRoom: true });
-registry.addTo('cards', { order: 20, ofVehicle: ValueGrid });
+registry.addTo('cards', { order: 10, vehicleComponent: Instrument, inEveryRoom: true });
+registry.addTo('cards', { order: 20, vehicleComponent: ValueGrid });
 registry.addCloser({ order: 60, isOpen: () => choice.editing, close: () => (choice.editing = false) });
 registry.addKeys([{ order: 180, keys: 'V', what: 'Choose the values shown', inScene: true, on: { v: () => void (choice.editing = !choice.editing) } }]);

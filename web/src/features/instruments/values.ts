@@ -10,14 +10,15 @@ export interface Climb {
   age_s: number | null;
 }
 
+/** Climb rate (up is positive), from the HUD message or from the global position. */
 export function climbOf(facts: Pick<VehicleFacts, 'hud' | 'global'>): Climb {
-  const from = facts.hud ?? facts.global;
+  const source = facts.hud ?? facts.global;
   const m_s = facts.hud?.value.climb_m_s ?? (facts.global === null ? null : -facts.global.value.velocity_ned_m_s[2]);
-  return { m_s, stale: from?.stale ?? false, age_s: from?.age_s ?? null };
+  return { m_s, stale: source?.stale ?? false, age_s: source?.age_s ?? null };
 }
 
 /**
- * Time since take-off, with "> " if the page connected during the flight; after landing the duration of the last
+ * Time since take-off, with "> " if the page connected during the flight. On the ground: the duration of the last
  * flight.
  */
 export function flightOf(facts: Pick<VehicleFacts, 'lost' | 'now_unix_s'>, clock: FlightClock | undefined): { label: string; text: string } {

@@ -2,7 +2,7 @@ import { expect, it } from 'vitest';
 import { severityName } from '../../ui/severity';
 import { filterMessages } from './messages';
 
-it('shows a word for severe messages and hides debug messages', () => {
+it('shows the severity of severe messages as a word, and hides debug messages', () => {
   expect(severityName(2)).toMatchObject({ word: 'Critical', tone: 'danger' });
   expect(severityName(6).word).toBe('');
   const line = (severity: number) => ({ key: `${severity}`, unix_s: 0, severity, kind: 'event', text: 'x' });

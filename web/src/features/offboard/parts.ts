@@ -5,4 +5,4 @@ import HealthCard from './setpoints/HealthCard.svelte';
 import OffboardRoom from './setpoints/OffboardRoom.svelte';
 import SentCard from './setpoints/SentCard.svelte';
 
-export const parts: RoomParts = { room: OffboardRoom, cards: [{ ofVehicle: HealthCard }, { component: SentCard }] };
+export const parts: RoomParts = { room: OffboardRoom, cards: [{ vehicleComponent: HealthCard }, { component: SentCard }] };

@@ -21,7 +21,7 @@ registry.addRoom({
   order: 10,
   load: async () => (await import('./parts')).parts,
 });
-registry.addTo('cards', { order: 30, ofVehicle: OffboardCard });
+registry.addTo('cards', { order: 30, vehicleComponent: OffboardCard });
 registry.addKeys([
   {
     order: 130,

@@ -6,7 +6,7 @@ registry.addPanel({
   id: 'params',
   order: 30,
   place: 'side',
-  ofVehicle: ParamPanel,
+  vehicleComponent: ParamPanel,
   needs: 'parameters',
   rail: { title: 'Params', icon: 'sliders', hint: 'Parameters (I)' },
   isOpen: () => params.open,

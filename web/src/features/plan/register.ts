@@ -14,6 +14,6 @@ registry.addRoom({
   toolbar: true,
   load: async () => (await import('./parts')).parts,
 });
-registry.addTo('cards', { order: 25, ofVehicle: FlightCard });
-registry.addTo('cards', { order: 26, ofVehicle: OffboardFlightCard });
+registry.addTo('cards', { order: 25, vehicleComponent: FlightCard });
+registry.addTo('cards', { order: 26, vehicleComponent: OffboardFlightCard });
 registry.addKeys([{ order: 138, keys: 'W', what: 'Plan room: waypoint plans and offboard missions', inScene: false, on: { w: () => rooms.toggle(ROOM) } }]);

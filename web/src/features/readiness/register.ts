@@ -6,7 +6,7 @@ registry.addPanel({
   id: 'readiness',
   order: 20,
   place: 'side',
-  ofVehicle: ReadinessPanel,
+  vehicleComponent: ReadinessPanel,
   needs: 'arming_report',
   isOpen: () => readiness.open,
   toggle: () => readiness.toggle(),

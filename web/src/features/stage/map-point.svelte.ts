@@ -96,7 +96,7 @@ export class MapPointMenu {
   async lookAt(facts: VehicleFacts): Promise<void> {
     const angles = this.mapPoint === null ? null : lookAngles(facts, this.mapPoint, this.point_home_m);
     if (angles === null) return;
-    const lock = service('gimbal').lock(facts);
+    const lock = service('gimbal').yawLock(facts);
     const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
     await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body }));
   }
@@ -124,7 +124,7 @@ export class MapPointMenu {
     this.busy = true;
     const accepted = await this.actions.attempt(what, facts, 'stage', send);
     this.busy = false;
-    await service('gimbal').fetchHolder(facts);
+    await service('gimbal').fetchControlAndRoi(facts);
     if (accepted) this.close();
   }
 

@@ -19,7 +19,7 @@ export const ALTITUDE_RANGE_M = { min: -100, max: 1000 } as const;
 /** Largest distance [m] that the API accepts by default. */
 const MAX_GO_DISTANCE_M = 1000;
 
-const IS_REPLAY = 'A recording takes no commands.';
+const IS_REPLAY = 'A replayed vehicle accepts no commands.';
 const NO_CONNECTION = 'No connection to the vehicle.';
 const NO_POSITION = 'The vehicle’s position is not known.';
 const NO_HOME = 'The home position is not known.';

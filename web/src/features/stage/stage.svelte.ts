@@ -84,7 +84,7 @@ class StageState {
   }
 
   /** The plan that was shown is known completely now. */
-  growPlan(): void {
+  refitPlan(): void {
     this.overview.grow();
   }
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../vehicle/facts';
-import { asShares, freeMiddle, widest } from '../../app/free-area';
+import { asFractions, freeMiddle, widest } from '../../app/free-area';
 import {
   eastNorth,
   fromPixel,
@@ -217,7 +217,7 @@ describe('the middle of the uncovered area', () => {
     expect(freeMiddle({ width: 400, height: 50 }, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: 0, y: 0 });
   });
   it('is sent to the 3D view as fractions of its size', () => {
-    expect(asShares({ x: -46, y: -34 }, stage)).toEqual([-0.0444, -0.0541]);
-    expect(asShares({ x: 126, y: 0 }, { width: 0, height: 0 })).toEqual([0, 0]);
+    expect(asFractions({ x: -46, y: -34 }, stage)).toEqual([-0.0444, -0.0541]);
+    expect(asFractions({ x: 126, y: 0 }, { width: 0, height: 0 })).toEqual([0, 0]);
   });
 });

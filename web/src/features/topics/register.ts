@@ -6,7 +6,7 @@ registry.addPanel({
   id: 'topics',
   order: 35,
   place: 'side',
-  ofVehicle: TopicPanel,
+  vehicleComponent: TopicPanel,
   protocol: 'ROS 2',
   rail: { title: 'Topics', icon: 'list', hint: 'ROS 2 topics (X)' },
   isOpen: () => topics.open,

@@ -46,7 +46,7 @@ class GroupDraft {
     this.tried = true;
     if (Object.keys(problemsOf(draft, false)).length > 0) return;
     const names = draft.members.map((id) => page.factsOf(id)?.name ?? id);
-    actions.requestTogether(
+    actions.requestForGroup(
       { what: 'Group', names: joinNames(names), question: () => startQuestion(names, draft), run: () => this.start(draft) },
       selected,
       'room',
