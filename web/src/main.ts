@@ -6,7 +6,7 @@ import './ui/panels.css';
 import Frame from './app/frame/Frame.svelte';
 import { page } from './app/page.svelte';
 
-// Each folder of features/ registers its own parts; only this file imports all of them.
+// Each folder in features/ has a register.ts that registers the feature's parts; only this file imports all of them.
 import.meta.glob('./features/*/register.ts', { eager: true });
 
 const target = document.getElementById('app');

@@ -17,7 +17,7 @@ interface Call {
 
 const device = (component_id: number, gimbal_device_id: number): Gimbal =>
   ({ component_id, gimbal_device_id, pitch_rad: 0, yaw_lock: false, gimbals: [] }) as unknown as Gimbal;
-const both = [device(1, 1), device(171, 0)];
+const gimbals = [device(1, 1), device(171, 0)];
 
 function vehicle(id: string): VehicleFacts {
   const position = { lat_deg: 47, lon_deg: 8, alt_amsl_m: 510, alt_home_m: 10 };
@@ -26,7 +26,7 @@ function vehicle(id: string): VehicleFacts {
     name: id,
     lost: false,
     replayed: true,
-    gimbal: { value: { ...both[0], gimbals: both } },
+    gimbal: { value: { ...gimbals[0], gimbals } },
     global: { value: position },
     home: { value: { ...position, alt_amsl_m: 500 } },
     attitude: { value: { yaw_ned_rad: 0 } },
@@ -41,22 +41,22 @@ describe('a vehicle with two gimbals', () => {
 
   beforeEach(() => {
     calls = [];
-    const answer = async (path: string, { params }: { params: { query?: unknown } }): Promise<unknown> => {
+    const respond = async (path: string, { params }: { params: { query?: unknown } }): Promise<unknown> => {
       calls.push({ path, query: params.query });
       return { ok: true, value: { in_control: true, roi: null, limited: null } };
     };
-    const api = { get: answer, post: answer } as unknown as ApiClient;
+    const api = { get: respond, post: respond } as unknown as ApiClient;
     const actions = {
       pending: null,
       dismiss: () => undefined,
-      attempt: async (_what: string, _facts: unknown, _place: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
+      attempt: async (_what: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
     } as unknown as ActionController;
     gimbal = new GimbalControl(api, actions);
     provide('gimbal', gimbal);
     menu = new MapPointMenu(api, actions, () => 0);
   });
 
-  it('begins with the first, and the selection is kept for each vehicle', () => {
+  it('has the first gimbal selected initially, and a selection for each vehicle', () => {
     const [first = facts, second = facts] = gimbalsOf(facts);
     expect(gimbalKey(gimbal.selected(facts))).toBe(gimbalKey(first));
     gimbal.select(facts, gimbalKey(second));
@@ -67,13 +67,13 @@ describe('a vehicle with two gimbals', () => {
   it.each([
     ['first', 0, { component: 1, device: 1 }],
     ['second', 1, { component: 171 }],
-  ])('points the %s one at a map point if it is selected', async (_, index, query) => {
+  ])('points the %s gimbal at a map point if this gimbal is selected', async (_, index, query) => {
     gimbal.select(facts, gimbalKey(gimbalsOf(facts)[index] ?? facts));
     for (const act of [() => menu.lookAt(gimbal.selected(facts)), () => menu.setRoi(gimbal.selected(facts))]) {
       menu.open({ lat_deg: 47.001, lon_deg: 8, ground_amsl_m: 500, in3d: null }, facts); // the menu closes when the server has accepted the command
       await act();
     }
     const posts = calls.filter((call) => !call.path.endsWith('/gimbal'));
-    expect(posts).toEqual(['angles', 'roi'].map((what) => ({ path: `/vehicles/{v}/gimbal/${what}`, query })));
+    expect(posts).toEqual(['angles', 'roi'].map((command) => ({ path: `/vehicles/{v}/gimbal/${command}`, query })));
   });
 });

@@ -1,16 +1,16 @@
-/** When a value counts as stale: after three of its own periods. */
+/** Ages of values: a value is stale after three periods of its topic. */
 
 import { NOMINAL_PERIOD_S } from './topics';
 
 const PERIODS = 3;
-/** Shortest age [s] that counts as stale, so that one late packet causes no flicker. */
-const FLOOR_S = 1;
-/** A gap longer than this [s] is a pause and does not change the measured period. */
+/** Smallest age of a stale value [s], so that one late packet causes no flicker. */
+const MIN_STALE_AGE_S = 1;
+/** A longer gap [s] is a pause and does not change the measured period. */
 const MAX_PERIOD_S = 5;
 const SMOOTHING = 0.2;
 
-/** Updates a topic's measured period with a gap between two samples. */
-export function learnPeriod(period_s: number | null, gap_s: number): number | null {
+/** A topic's measured period, updated by the gap between its last two samples. */
+export function updatedPeriod(period_s: number | null, gap_s: number): number | null {
   if (!(gap_s > 0) || gap_s > MAX_PERIOD_S) return period_s;
   return period_s === null ? gap_s : period_s + SMOOTHING * (gap_s - period_s);
 }
@@ -18,10 +18,10 @@ export function learnPeriod(period_s: number | null, gap_s: number): number | nu
 /** The age [s] from which a topic's value is stale. */
 export function staleAfterS(topic: string, period_s: number | null): number {
   const nominal = NOMINAL_PERIOD_S[topic] ?? 1;
-  return Math.max(FLOOR_S, PERIODS * Math.max(period_s ?? nominal, 0));
+  return Math.max(MIN_STALE_AGE_S, PERIODS * Math.max(period_s ?? nominal, 0));
 }
 
-/** The age in whole seconds, for narrow places. */
+/** The age in whole seconds, for small labels. */
 export function shortAge(age_s: number): string {
   return Number.isFinite(age_s) && age_s < 9.95 ? `${Math.max(1, Math.round(age_s))} s` : ageText(age_s);
 }

@@ -1,16 +1,16 @@
-/** Flight time of a vehicle, from its landed state. After a reload it is restored from the history. */
+/** Flight time of a vehicle, from its landed state. After a reload the page computes it again from the history. */
 
 import type { Status } from './topics';
 
 export interface FlightClock {
   /** Time of take-off; null on the ground or before the first sample. */
   airborneSince_unix_s: number | null;
-  /** False if the page connected during the flight: the time shown is then a lower bound. */
+  /** False if the page connected during the flight: the flight time is then a lower bound. */
   exact: boolean;
-  /** Whether the vehicle has been seen on the ground. */
+  /** Whether a sample has reported the vehicle on the ground. */
   seenGround: boolean;
-  /** Duration of the last flight that ended, for the value grid after landing [s]. */
-  last_s: number | null;
+  /** Duration of the last flight that ended [s]. */
+  lastFlight_s: number | null;
   updated_unix_s: number;
 }
 
@@ -18,17 +18,18 @@ export const NO_FLIGHT: FlightClock = {
   airborneSince_unix_s: null,
   exact: true,
   seenGround: false,
-  last_s: null,
+  lastFlight_s: null,
   updated_unix_s: 0,
 };
 
-function flying(status: Status): boolean | null {
+/** Whether a status means a flight; null: it does not say. */
+function isFlying(status: Status): boolean | null {
   switch (status.landed_state) {
     case 'in_air':
     case 'landing':
       return true;
     case 'taking_off':
-      return null; // the motors turn on the ground: this neither starts nor ends a flight
+      return null; // the motors run on the ground: neither the begin nor the end of a flight
     case 'on_ground':
       return false;
     default:
@@ -36,18 +37,18 @@ function flying(status: Status): boolean | null {
   }
 }
 
-/** The state after one more status sample; samples older than the newest one are ignored. */
+/** The clock after one more status sample; samples older than the newest sample are ignored. */
 export function advance(clock: FlightClock, status: Status, unix_s: number): FlightClock {
   if (unix_s <= clock.updated_unix_s) return clock;
-  const now = flying(status);
+  const inFlight = isFlying(status);
   const next = { ...clock, updated_unix_s: unix_s };
-  if (now === null) return next;
-  if (now && clock.airborneSince_unix_s === null) {
+  if (inFlight === null) return next;
+  if (inFlight && clock.airborneSince_unix_s === null) {
     return { ...next, airborneSince_unix_s: unix_s, exact: clock.seenGround };
   }
-  if (!now) {
+  if (!inFlight) {
     const since = clock.airborneSince_unix_s;
-    return { ...next, airborneSince_unix_s: null, exact: true, seenGround: true, last_s: since === null ? clock.last_s : unix_s - since };
+    return { ...next, airborneSince_unix_s: null, exact: true, seenGround: true, lastFlight_s: since === null ? clock.lastFlight_s : unix_s - since };
   }
   return next;
 }

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { vehicleFacts } from '../vehicle/facts';
-import { ageText, learnPeriod, staleAfterS } from './age';
+import { ageText, updatedPeriod, staleAfterS } from './age';
 import { advance, NO_FLIGHT } from './flight-time';
 import { TelemetryStore } from './store';
 import type { Status } from './topics';
@@ -8,7 +8,7 @@ import { Trail } from './trail';
 import { severityNumber } from './vehicle-state';
 import { parseFrame, type Replay, type WireSample } from './wire';
 
-const status = (over: Partial<Status> = {}): Status => ({
+const status = (more: Partial<Status> = {}): Status => ({
   armed: false,
   mode: 'hold',
   mode_label: 'Hold',
@@ -18,13 +18,13 @@ const status = (over: Partial<Status> = {}): Status => ({
   system_status: 3,
   link_lost: false,
   last_heartbeat_age_s: 0,
-  ...over,
+  ...more,
 });
-const sample = (topic: string, value: unknown, at: number, vehicle = '1'): WireSample => ({
+const sample = (topic: string, value: unknown, received_unix_s: number, vehicle = '1'): WireSample => ({
   vehicle,
   topic,
   value,
-  received_unix_s: at,
+  received_unix_s,
   vehicle_time_boot_s: null,
 });
 
@@ -42,15 +42,15 @@ const replay = (vehicles: string[], position_unix_s: number): Replay =>
   }) as unknown as Replay;
 
 describe('age', () => {
-  it('is stale after three of the measured periods, not before', () => {
+  it('is stale after three measured periods, and after at least 1 s', () => {
     expect(staleAfterS('battery', 2)).toBe(6);
     expect(staleAfterS('battery', null)).toBe(6);
     expect(staleAfterS('attitude', 0.02)).toBe(1);
   });
-  it('learns a period and ignores a gap', () => {
-    const learnt = [1, 1, 1, 60].reduce<number | null>(learnPeriod, null);
-    expect(learnt).toBe(1);
-    expect(learnPeriod(1, 2)).toBeCloseTo(1.2);
+  it('updates the measured period, and ignores a long gap', () => {
+    const period_s = [1, 1, 1, 60].reduce<number | null>(updatedPeriod, null);
+    expect(period_s).toBe(1);
+    expect(updatedPeriod(1, 2)).toBeCloseTo(1.2);
   });
   it('formats an age', () => {
     expect(ageText(4.02)).toBe('4.0 s');
@@ -68,7 +68,7 @@ describe('flight time', () => {
     clock = advance(clock, status({ armed: true, landed_state: 'in_air' }), 22);
     expect(clock).toMatchObject({ airborneSince_unix_s: 22, exact: true });
     clock = advance(clock, status({ armed: true, landed_state: 'on_ground' }), 82);
-    expect(clock).toMatchObject({ airborneSince_unix_s: null, last_s: 60 });
+    expect(clock).toMatchObject({ airborneSince_unix_s: null, lastFlight_s: 60 });
   });
   it('is a lower bound if the page connected during the flight', () => {
     expect(advance(NO_FLIGHT, status({ armed: true, landed_state: 'in_air' }), 5).exact).toBe(false);
@@ -82,12 +82,12 @@ describe('store', () => {
     store.apply({ type: 'samples', samples: [sample('status', status(), 4998)] });
     expect(store.vehicle('1').read('status', store.nowUnixS())?.age_s).toBeCloseTo(2);
   });
-  it('corrects its estimate of the server’s clock when a sample has a later time', () => {
+  it('corrects its estimate of the server’s clock if a sample has a later time', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 1000), sample('status', status(), 1003)] });
     expect(store.nowUnixS()).toBe(1003);
   });
-  it('never takes the server’s clock from a replay, even before the replay is identified', () => {
+  it('never estimates the server’s clock from a replay, not even before the replay is identified', () => {
     const store = new TelemetryStore(() => 1000);
     store.apply({ type: 'hello', schema_version: 1, server_time_unix_s: 1000 });
     store.apply({ type: 'samples', samples: [sample('identity', { replayed: false }, 999), sample('status', status(), 999.5)] });
@@ -106,7 +106,7 @@ describe('store', () => {
     store.apply({ type: 'samples', samples: [sample('status', status({ mode: 'land' }), 90), sample('status', status(), 80)] });
     expect(store.vehicle('1').read('status', 100)?.value.mode).toBe('land');
   });
-  it('marks a vehicle as lost and found only when the server reports it', () => {
+  it('marks a vehicle as lost or connected only when the server reports it', () => {
     const store = new TelemetryStore(() => 100);
     const vehicle = store.vehicle('1');
     expect(vehicleFacts(vehicle, 100, true).lost).toBe(true); // no sample yet
@@ -119,10 +119,10 @@ describe('store', () => {
     expect(vehicleFacts(vehicle, 170, true).lost).toBe(false);
     expect(vehicleFacts(vehicle, 170, false)).toMatchObject({ lost: true, offline: true });
   });
-  it('marks a stopped topic as stale, with its age', () => {
+  it('marks the value of a topic as stale if no new samples arrive', () => {
     const store = new TelemetryStore(() => 100);
     const hud = { groundspeed_m_s: 1, airspeed_m_s: 0, climb_m_s: 0, throttle_percent: 1 };
-    for (const at of [97, 97.5, 98]) store.apply({ type: 'samples', samples: [sample('hud', hud, at)] });
+    for (const received_unix_s of [97, 97.5, 98]) store.apply({ type: 'samples', samples: [sample('hud', hud, received_unix_s)] });
     expect(store.vehicle('1').read('hud', 99)?.stale).toBe(false);
     expect(store.vehicle('1').read('hud', 100)).toMatchObject({ stale: true, age_s: 2 });
     expect(store.vehicle('1').read('gps', 100)).toBeNull();
@@ -136,7 +136,7 @@ describe('store', () => {
     expect(store.ids()).toEqual(['3', '10']);
     expect(store.keepOnly(['10', '3'])).toBe(false);
   });
-  it('lists a message once, newest first, with a severity from number or word', () => {
+  it('lists each message once, newest first', () => {
     const store = new TelemetryStore(() => 100);
     const statusText = (unix_s: number, text: string) => ({ type: 'event' as const, event: { kind: 'status_text', vehicle: '1', unix_s, severity: 4, text } });
     store.apply(statusText(10, 'a'));
@@ -149,7 +149,7 @@ describe('store', () => {
 });
 
 describe('wire', () => {
-  it('reads the three frames and an error', () => {
+  it('reads valid frames, and drops invalid samples in them', () => {
     expect(parseFrame('{"type":"hello","schema_version":1,"server_time_unix_s":5}')).toMatchObject({ type: 'hello' });
     expect(parseFrame(JSON.stringify({ type: 'samples', samples: [sample('gps', {}, 1), { bad: 1 }] }))).toMatchObject({ samples: [{ topic: 'gps' }] });
     expect(parseFrame('{"type":"error","detail":"rate_hz: from 0.1 to 100."}')).toEqual({ type: 'error', text: 'rate_hz: from 0.1 to 100.' });
@@ -160,7 +160,7 @@ describe('wire', () => {
 });
 
 describe('trail', () => {
-  it('skips points closer than its spacing and limits their number', () => {
+  it('skips points that are closer than the spacing, and limits the number of points', () => {
     const trail = new Trail(0.3, 100);
     expect(trail.add({ lat_deg: 47, lon_deg: 8 })).toBe(true);
     expect(trail.add({ lat_deg: 47.000001, lon_deg: 8 })).toBe(false);

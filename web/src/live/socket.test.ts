@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { ANSWER_TIMEOUT_MS, retryDelayMs, SILENT_MS, TelemetrySocket, type SocketLike, type SocketState } from './socket';
+import { RESPONSE_TIMEOUT_MS, retryDelayMs, RESUBSCRIBE_AFTER_MS, TelemetrySocket, type SocketLike, type SocketState } from './socket';
 import type { Frame } from './wire';
 
 class FakeSocket implements SocketLike {
@@ -22,18 +22,18 @@ function setup() {
   const states: SocketState[] = [];
   let timers: { at: number; run: () => void }[] = [];
   let now = 0;
-  const server = { vehicles: true };
+  const server = { hasVehicles: true };
   const socket = new TelemetrySocket(
     'ws://x',
     () => ({ vehicles: '*', topics: ['gps'], rate_hz: 25 }),
     (f) => frames.push(f),
     (s) => states.push(s),
-    () => server.vehicles,
+    () => server.hasVehicles,
     {
       open: () => {
-        const one = new FakeSocket();
-        sockets.push(one);
-        return one;
+        const opened = new FakeSocket();
+        sockets.push(opened);
+        return opened;
       },
       nowMs: () => now,
       setTimer: (run, ms) => {
@@ -44,19 +44,19 @@ function setup() {
       clearTimer: (timer) => (timers = timers.filter((t) => t !== timer)),
     },
   );
-  const pass = (ms: number): void => {
+  const passTime = (ms: number): void => {
     now += ms;
     const due = timers.filter((t) => t.at <= now);
     timers = timers.filter((t) => t.at > now);
     for (const timer of due) timer.run();
   };
-  return { socket, sockets, frames, states, pass, server };
+  return { socket, sockets, frames, states, passTime, server };
 }
 
 const HELLO = '{"type":"hello","schema_version":1,"server_time_unix_s":5}';
 
 describe('telemetry socket', () => {
-  it('subscribes on opening and passes frames on', () => {
+  it('subscribes when it opens, and passes frames to the page', () => {
     const { socket, sockets, frames } = setup();
     socket.start();
     sockets[0]?.onopen?.();
@@ -65,53 +65,53 @@ describe('telemetry socket', () => {
     expect(socket.state.phase).toBe('open');
     expect(frames).toHaveLength(1);
   });
-  it('subscribes again if the server is silent, and closes the connection if there is no answer', () => {
-    const { socket, sockets, pass } = setup();
+  it('subscribes again if no frames arrive, and closes the connection if there is still no frame', () => {
+    const { socket, sockets, passTime } = setup();
     socket.start();
     const first = sockets[0];
     first?.onopen?.();
     first?.onmessage?.({ data: HELLO });
-    const seconds = (count: number): void => {
-      for (let i = 0; i < count; i++) pass(1000);
+    const passSeconds = (count: number): void => {
+      for (let i = 0; i < count; i++) passTime(1000);
     };
-    seconds(SILENT_MS / 1000);
-    expect(first?.sent).toHaveLength(2); // a vehicle whose link is lost sends nothing: the connection is still good
+    passSeconds(RESUBSCRIBE_AFTER_MS / 1000);
+    expect(first?.sent).toHaveLength(2); // the connection may still be open: a vehicle whose link is lost causes no frames
     first?.onmessage?.({ data: '{"type":"samples","samples":[]}' });
-    seconds(SILENT_MS / 1000 - 1);
+    passSeconds(RESUBSCRIBE_AFTER_MS / 1000 - 1);
     expect(socket.state.phase).toBe('open');
-    seconds(ANSWER_TIMEOUT_MS / 1000 + 1);
+    passSeconds(RESPONSE_TIMEOUT_MS / 1000 + 1);
     expect(socket.state.phase).toBe('waiting');
     expect(first?.closed).toBe(true);
   });
   it('does not subscribe again while the server has no vehicles', () => {
-    const { socket, sockets, pass, server } = setup();
-    server.vehicles = false;
+    const { socket, sockets, passTime, server } = setup();
+    server.hasVehicles = false;
     socket.start();
     sockets[0]?.onopen?.();
     sockets[0]?.onmessage?.({ data: HELLO });
-    for (let i = 0; i < 60; i++) pass(1000);
+    for (let i = 0; i < 60; i++) passTime(1000);
     expect(sockets[0]?.sent).toHaveLength(1);
     expect(socket.state.phase).toBe('open');
   });
-  it('reconnects automatically, waits longer each time, and reports it', () => {
-    const { socket, sockets, states, pass } = setup();
+  it('reconnects automatically, after a longer delay each time, and reports each delay', () => {
+    const { socket, sockets, states, passTime } = setup();
     socket.start();
     sockets[0]?.onclose?.();
     expect(states.at(-1)).toEqual({ phase: 'waiting', attempt: 2, retryAt_ms: 500 });
-    pass(500);
+    passTime(500);
     expect(sockets).toHaveLength(2);
     sockets[1]?.onclose?.();
     expect(states.at(-1)).toMatchObject({ phase: 'waiting', retryAt_ms: 1500 });
     expect([1, 2, 3, 9].map(retryDelayMs)).toEqual([500, 1000, 2000, 8000]);
   });
-  it('gives up a connection without a hello frame', () => {
-    const { socket, sockets, pass } = setup();
+  it('closes a connection that sends no hello frame', () => {
+    const { socket, sockets, passTime } = setup();
     socket.start();
-    pass(8000);
+    passTime(8000);
     expect(sockets[0]?.closed).toBe(true);
     expect(socket.state.phase).toBe('waiting');
   });
-  it('reconnects immediately only on request', () => {
+  it('reconnects immediately if requested while it waits', () => {
     const { socket, sockets } = setup();
     socket.start();
     socket.retryNow();
@@ -128,10 +128,10 @@ describe('telemetry socket', () => {
     expect(frames).toHaveLength(0);
   });
   it('stays closed once stopped', () => {
-    const { socket, sockets, pass } = setup();
+    const { socket, sockets, passTime } = setup();
     socket.start();
     socket.stop();
-    pass(60_000);
+    passTime(60_000);
     expect(sockets).toHaveLength(1);
     expect(sockets[0]?.closed).toBe(true);
   });

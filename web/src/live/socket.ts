@@ -1,4 +1,4 @@
-/** The telemetry socket: subscribes, passes frames to the store, reconnects automatically and reports its state. */
+/** The telemetry socket: subscribes, passes frames to its owner, reconnects automatically and reports its state. */
 
 import { parseFrame, SCHEMA_VERSION, type Frame } from './wire';
 
@@ -26,10 +26,10 @@ export interface SocketDeps {
 const FIRST_RETRY_MS = 500;
 const MAX_RETRY_MS = 8000;
 const OPEN_DEADLINE_MS = 8000;
-/** Without frames for this long, although vehicles are known, the page subscribes again, so that the server sends all values. */
-export const SILENT_MS = 6000;
-/** Without an answer for this long the connection counts as lost; the browser may not notice an unplugged network. */
-export const ANSWER_TIMEOUT_MS = 4000;
+/** If no frame arrives for this time although the server has vehicles, the page subscribes again: the server then sends all values. */
+export const RESUBSCRIBE_AFTER_MS = 6000;
+/** If no frame arrives for this time after that, the connection counts as lost; the browser may not notice an unplugged network. */
+export const RESPONSE_TIMEOUT_MS = 4000;
 const CHECK_INTERVAL_MS = 1000;
 
 /** Delay before the given attempt [ms]: doubles up to 8 s. */
@@ -43,7 +43,7 @@ export class TelemetrySocket {
   private timer: unknown = null;
   private attempt = 1;
   private stopped = false;
-  private watchTimer: unknown = null;
+  private monitorTimer: unknown = null;
   private receivedAt_ms = 0;
   private resubscribedAt_ms: number | null = null;
 
@@ -52,7 +52,7 @@ export class TelemetrySocket {
     private readonly subscription: () => object,
     private readonly onFrame: (frame: Frame) => void,
     private readonly onState: (state: SocketState) => void,
-    /** Whether the server has vehicles, so that frames are expected. */
+    /** Whether the server has vehicles, whose samples arrive as frames. */
     private readonly expectsFrames: () => boolean,
     private readonly deps: SocketDeps = browserDeps,
   ) {}
@@ -65,11 +65,11 @@ export class TelemetrySocket {
   stop(): void {
     this.stopped = true;
     this.deps.clearTimer(this.timer);
-    this.deps.clearTimer(this.watchTimer);
-    this.drop();
+    this.deps.clearTimer(this.monitorTimer);
+    this.closeSocket();
   }
 
-  /** Reconnects without waiting: a person pressed the button, or the computer is online again. */
+  /** Reconnects immediately if the socket waits: a person pressed the button, or the computer is online again. */
   retryNow(): void {
     if (this.state.phase !== 'waiting') return;
     this.deps.clearTimer(this.timer);
@@ -86,16 +86,16 @@ export class TelemetrySocket {
   }
 
   private connect(): void {
-    this.set({ phase: 'connecting', attempt: this.attempt });
+    this.setState({ phase: 'connecting', attempt: this.attempt });
     const socket = this.deps.open(this.url);
     this.socket = socket;
     this.timer = this.deps.setTimer(() => this.onConnectionLost(socket), OPEN_DEADLINE_MS);
     socket.onopen = () => this.subscribe(socket);
-    socket.onmessage = (event) => this.received(socket, event.data);
+    socket.onmessage = (event) => this.onMessage(socket, event.data);
     socket.onclose = () => this.onConnectionLost(socket);
   }
 
-  private received(socket: SocketLike, data: unknown): void {
+  private onMessage(socket: SocketLike, data: unknown): void {
     if (socket !== this.socket || typeof data !== 'string') return;
     this.receivedAt_ms = this.deps.nowMs();
     this.resubscribedAt_ms = null;
@@ -103,49 +103,49 @@ export class TelemetrySocket {
     if (frame === null) return;
     if (frame.type === 'hello') {
       if (frame.schema_version !== SCHEMA_VERSION) {
-        this.set({ phase: 'incompatible', schemaVersion: frame.schema_version });
+        this.setState({ phase: 'incompatible', schemaVersion: frame.schema_version });
         this.deps.clearTimer(this.timer);
-        this.drop();
+        this.closeSocket();
         return;
       }
       this.deps.clearTimer(this.timer);
       this.attempt = 1;
       this.onFrame(frame);
-      this.set({ phase: 'open' });
-      this.watch(socket);
+      this.setState({ phase: 'open' });
+      this.monitor(socket);
       return;
     }
     this.onFrame(frame);
   }
 
   /** Monitors the open socket until it closes. */
-  private watch(socket: SocketLike): void {
-    this.deps.clearTimer(this.watchTimer);
-    this.watchTimer = this.deps.setTimer(() => {
+  private monitor(socket: SocketLike): void {
+    this.deps.clearTimer(this.monitorTimer);
+    this.monitorTimer = this.deps.setTimer(() => {
       if (socket !== this.socket) return;
       const now_ms = this.deps.nowMs();
-      if (this.resubscribedAt_ms !== null && now_ms - this.resubscribedAt_ms >= ANSWER_TIMEOUT_MS) return this.onConnectionLost(socket);
-      if (this.resubscribedAt_ms === null && this.expectsFrames() && now_ms - this.receivedAt_ms >= SILENT_MS) {
+      if (this.resubscribedAt_ms !== null && now_ms - this.resubscribedAt_ms >= RESPONSE_TIMEOUT_MS) return this.onConnectionLost(socket);
+      if (this.resubscribedAt_ms === null && this.expectsFrames() && now_ms - this.receivedAt_ms >= RESUBSCRIBE_AFTER_MS) {
         this.resubscribedAt_ms = now_ms;
         this.subscribe(socket);
       }
-      this.watch(socket);
+      this.monitor(socket);
     }, CHECK_INTERVAL_MS);
   }
 
   private onConnectionLost(socket: SocketLike): void {
     if (socket !== this.socket || this.stopped) return;
     this.deps.clearTimer(this.timer);
-    this.deps.clearTimer(this.watchTimer);
+    this.deps.clearTimer(this.monitorTimer);
     this.resubscribedAt_ms = null;
-    this.drop();
+    this.closeSocket();
     const delay = retryDelayMs(this.attempt);
     this.attempt += 1;
-    this.set({ phase: 'waiting', attempt: this.attempt, retryAt_ms: this.deps.nowMs() + delay });
+    this.setState({ phase: 'waiting', attempt: this.attempt, retryAt_ms: this.deps.nowMs() + delay });
     this.timer = this.deps.setTimer(() => this.connect(), delay);
   }
 
-  private drop(): void {
+  private closeSocket(): void {
     const socket = this.socket;
     this.socket = null;
     if (socket === null) return;
@@ -153,7 +153,7 @@ export class TelemetrySocket {
     socket.close();
   }
 
-  private set(state: SocketState): void {
+  private setState(state: SocketState): void {
     this.state = state;
     this.onState(state);
   }

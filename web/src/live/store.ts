@@ -1,7 +1,7 @@
 /**
- * All telemetry, outside the UI framework: frames are stored when they arrive, and the page reads them once per
- * animation frame. Estimates the server's clock, so that ages are right although this computer's clock may be wrong;
- * replays do not change the estimate.
+ * All telemetry, outside the UI framework: the store contains the data of all received frames, and the page reads it once
+ * per animation frame. The store estimates the server's clock, so that ages are correct even if this computer's clock is
+ * wrong; replays do not change the estimate.
  */
 
 import { VehicleState } from './vehicle-state';
@@ -9,29 +9,30 @@ import type { Frame, Replay, WireEvent, WireSample } from './wire';
 
 export class TelemetryStore {
   readonly vehicles = new Map<string, VehicleState>();
-  /** Incremented with each frame; the page repaints when it has changed. */
+  /** Incremented with each change; the page then repaints. */
   revision = 0;
-  /** Events without a vehicle, such as links and warnings; newest first. */
-  stationEvents: WireEvent[] = [];
-  /** Whether the telemetry socket is open; if not, all values are old. */
+  /** Events without a vehicle, for example about links; newest first. */
+  serverEvents: WireEvent[] = [];
+  /** Whether the telemetry socket is open; if not, the page shows all values as old. */
   connected = false;
   /** The open replays. */
   replays: readonly Replay[] = [];
   private readonly localUnixS: () => number;
+  /** Server's clock minus this computer's clock; null: not known. */
   private offset_s: number | null = null;
-  private sorted: readonly string[] | null = null;
+  private sortedIds: readonly string[] | null = null;
 
   /** @param localUnixS this computer's clock [s], replaced in tests. */
   constructor(localUnixS: () => number = () => Date.now() / 1000) {
     this.localUnixS = localUnixS;
   }
 
-  /** The present time [unix s]: the server's; for a replayed vehicle that of its recording. */
+  /** The present time by the server's clock [unix s]; for a replayed vehicle the replay's time. */
   nowUnixS(vehicleId: string | null = null): number {
     return this.replayOf(vehicleId)?.position_unix_s ?? this.localUnixS() + (this.offset_s ?? 0);
   }
 
-  /** The replay that a vehicle belongs to. */
+  /** The replay that contains a vehicle; null: the vehicle is not replayed. */
   replayOf(vehicleId: string | null): Replay | null {
     if (vehicleId === null) return null;
     return this.replays.find((replay) => replay.vehicles.includes(vehicleId)) ?? null;
@@ -39,21 +40,22 @@ export class TelemetryStore {
 
   /** Ids sorted by number; the same array until a vehicle appears or disappears. */
   ids(): readonly string[] {
-    this.sorted ??= [...this.vehicles.keys()].sort((a, b) => a.localeCompare(b, undefined, { numeric: true }));
-    return this.sorted;
+    this.sortedIds ??= [...this.vehicles.keys()].sort((a, b) => a.localeCompare(b, undefined, { numeric: true }));
+    return this.sortedIds;
   }
 
-  /** Whether one of these vehicles is known to be armed. */
+  /** Whether at least one of these vehicles is armed. */
   isArmed(ids: readonly string[]): boolean {
     return ids.some((id) => this.vehicles.get(id)?.armed ?? false);
   }
 
+  /** The vehicle's state; a new state for a new id. */
   vehicle(id: string): VehicleState {
     let state = this.vehicles.get(id);
     if (state === undefined) {
       state = new VehicleState(id);
       this.vehicles.set(id, state);
-      this.sorted = null;
+      this.sortedIds = null;
     }
     return state;
   }
@@ -61,7 +63,7 @@ export class TelemetryStore {
   apply(frame: Frame): void {
     if (frame.type === 'hello') {
       this.offset_s = frame.server_time_unix_s - this.localUnixS();
-      this.replays = []; // of the earlier connection
+      this.replays = []; // the server sends the present replays after its hello
     } else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
     else if (frame.type === 'event') this.applyEvent(frame.event);
     else if (frame.type === 'replays') this.replays = frame.replays;
@@ -69,22 +71,23 @@ export class TelemetryStore {
   }
 
   /**
-   * Removes vehicles that the server no longer lists, for example after its restart. @returns whether there were any.
+   * Removes vehicles that the server no longer lists, for example after its restart.
+   * @returns whether a vehicle was removed.
    */
   keepOnly(ids: readonly string[]): boolean {
-    const gone = [...this.vehicles.keys()].filter((id) => !ids.includes(id));
-    for (const id of gone) this.vehicles.delete(id);
-    this.sorted = null;
+    const removed = [...this.vehicles.keys()].filter((id) => !ids.includes(id));
+    for (const id of removed) this.vehicles.delete(id);
+    this.sortedIds = null;
     for (const id of ids) this.vehicle(id);
     this.revision += 1;
-    return gone.length > 0;
+    return removed.length > 0;
   }
 
   private applySample(sample: WireSample): void {
     const vehicle = this.vehicle(sample.vehicle);
     vehicle.apply(sample);
     if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a replay has its own time
-    // A sample cannot come from the server's future: the estimate of its clock was too early.
+    // A sample cannot be later than the server's clock: the estimate was too early.
     const ahead_s = sample.received_unix_s - this.nowUnixS();
     if (ahead_s > 0) this.offset_s = (this.offset_s ?? 0) + ahead_s;
   }
@@ -92,14 +95,14 @@ export class TelemetryStore {
   private applyEvent(event: WireEvent): void {
     if (event.kind === 'vehicle_removed' && event.vehicle !== null) {
       this.vehicles.delete(event.vehicle);
-      this.sorted = null;
+      this.sortedIds = null;
       return;
     }
-    if (event.kind === 'progress' || event.kind === 'operation') return; // belongs to one command or operation, whose sender handles it itself
-    if (event.kind === 'readiness') return; // the topic of the same name has the content
-    // A live event about a replayed vehicle has the present time, so it is not added to the messages of the recording.
+    if (event.kind === 'progress' || event.kind === 'operation') return; // the sender of the command or operation handles these events
+    if (event.kind === 'readiness') return; // the topic `readiness` has the content
+    // A live event about a replayed vehicle has the present time, so it does not belong to the messages of the recording.
     if (event.vehicle !== null && event['replayed'] === true) this.vehicle(event.vehicle);
     else if (event.vehicle !== null) this.vehicle(event.vehicle).addMessage(event);
-    else this.stationEvents = [event, ...this.stationEvents].slice(0, 50);
+    else this.serverEvents = [event, ...this.serverEvents].slice(0, 50);
   }
 }

@@ -1,7 +1,7 @@
 /**
- * The page's subscriptions. A small fleet: all topics, at the full rate while a vehicle is armed. A large fleet: a
- * few topics of all vehicles at a low rate for list and map, and all topics of the vehicles that are displayed or
- * commanded here.
+ * The page's subscriptions. For a small fleet: all topics, at the full rate while a vehicle is armed. For a large fleet: a
+ * few topics of all vehicles at a low rate, for list and map, and all topics of the vehicles that this page displays in
+ * detail or commands.
  */
 
 import { FLEET_TOPICS, PAGE_TOPICS } from './topics';
@@ -12,7 +12,7 @@ export interface Subscription {
   rate_hz: number;
 }
 
-/** Largest fleet of which all topics are subscribed. */
+/** Largest number of vehicles in a small fleet. */
 export const SMALL_FLEET = 8;
 export const FULL_RATE_HZ = 25;
 /** Rate while no vehicle is armed. */
@@ -24,15 +24,15 @@ export function isLarge(count: number): boolean {
 }
 
 /**
- * Subscription to every vehicle. @param more topics of values that a person chose to see. @param armed whether a
- * vehicle is armed.
+ * Subscription to every vehicle.
+ * @param more further topics, of the values on the grid. @param armed whether a vehicle is armed.
  */
 export function fleetSubscription(count: number, more: readonly string[], armed: boolean): Subscription {
   if (isLarge(count)) return { vehicles: '*', topics: [...FLEET_TOPICS], rate_hz: FLEET_RATE_HZ };
   return { vehicles: '*', ...allTopics(more, armed) };
 }
 
-/** Subscription to the vehicles that are displayed or commanded here; null if `fleetSubscription` already includes all topics. */
+/** Subscription to all topics of these vehicles; null if `fleetSubscription` already includes them. */
 export function detailSubscription(count: number, ids: readonly string[], more: readonly string[], armed: boolean): Subscription | null {
   if (!isLarge(count) || ids.length === 0) return null;
   return { vehicles: [...new Set(ids)].sort(), ...allTopics(more, armed) };

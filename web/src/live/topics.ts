@@ -1,4 +1,4 @@
-/** A vehicle's telemetry topics, with types from the server's own description. Null is unknown. */
+/** A vehicle's telemetry topics, with types from the server's OpenAPI description. Null: not known. */
 
 import type { components } from '../api/schema';
 
@@ -40,7 +40,7 @@ export interface Topics {
 export type TopicName = keyof Topics;
 
 /**
- * Topics that this page always subscribes to; the topics of chosen values (`target_local`, `motors`, …) are added.
+ * Topics to which this page always subscribes; the topics of the values on the grid (`target_local`, `motors`, …) are added.
  */
 export const PAGE_TOPICS: readonly string[] = [
   'status',
@@ -66,7 +66,7 @@ export const PAGE_TOPICS: readonly string[] = [
   'reach',
 ];
 
-/** Topics that list and map need of every vehicle in a large fleet. */
+/** Topics of every vehicle in a large fleet, for list and map. */
 export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_position', 'battery', 'home', 'health', 'identity'];
 
 /** PX4's default periods [s], used until a topic's own period has been measured. */

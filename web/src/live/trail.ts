@@ -1,6 +1,6 @@
 /**
- * The path that a vehicle has flown, with a limited number of points: when full, every second point of the older half
- * is removed.
+ * The path that a vehicle has flown, with a limited number of points: when the limit is exceeded, every second point of the
+ * older half is removed.
  */
 
 export interface TrailPoint {
@@ -9,7 +9,7 @@ export interface TrailPoint {
 }
 
 const METRES_PER_DEG = 111_320;
-/** Number of recent points from which a new point must have a minimum distance, so that a hover adds few points. */
+/** A new point must have a minimum distance from this number of recent points, so that a hovering vehicle adds few points. */
 const RECENT_POINTS = 24;
 
 export class Trail {
@@ -22,6 +22,7 @@ export class Trail {
     this.capacity = capacity;
   }
 
+  /** @returns false: the point is too close to a recent point and was not added. */
   add(point: TrailPoint): boolean {
     for (let i = this.points.length - 1; i >= Math.max(0, this.points.length - RECENT_POINTS); i--) {
       const other = this.points[i];
@@ -32,10 +33,10 @@ export class Trail {
     return true;
   }
 
-  /** Inserts older points, oldest first, before the present ones. */
+  /** Inserts older points, oldest first, before the present points. */
   prepend(points: readonly TrailPoint[]): void {
-    const now = this.points.splice(0);
-    for (const point of [...points, ...now]) this.add(point);
+    const present = this.points.splice(0);
+    for (const point of [...points, ...present]) this.add(point);
   }
 
   private thin(): void {

@@ -1,6 +1,6 @@
-/** All data about one vehicle: the newest values with their times, trail, flight time and messages. */
+/** All data about a vehicle: the newest sample of each topic, trail, flight time and messages. */
 
-import { learnPeriod, staleAfterS } from './age';
+import { updatedPeriod, staleAfterS } from './age';
 import { advance, NO_FLIGHT, type FlightClock } from './flight-time';
 import { Trail } from './trail';
 import type { GlobalPosition, Status, TopicName, Topics } from './topics';
@@ -10,7 +10,7 @@ export interface Identity {
   system_id: number | null;
   autopilot: number | null;
   vehicle_type: number | null;
-  /** Null until the vehicle has reported it. */
+  /** Null until it is known whether the vehicle is simulated. */
   simulated: boolean | null;
   replayed: boolean;
   firmware: string | null;
@@ -30,6 +30,7 @@ export const UNKNOWN_IDENTITY: Identity = {
 export interface StoredSample {
   value: unknown;
   received_unix_s: number;
+  /** Measured period of the topic; null: not measured yet. */
   period_s: number | null;
 }
 
@@ -55,28 +56,28 @@ export class VehicleState {
   identity: Identity = UNKNOWN_IDENTITY;
   readonly trail = new Trail();
   flight: FlightClock = NO_FLIGHT;
-  /** Newest first. */
+  /** Messages, newest first. */
   messages: Message[] = [];
-  private readonly stored = new Map<string, StoredSample>();
+  private readonly samples = new Map<string, StoredSample>();
 
   constructor(id: string) {
     this.id = id;
   }
 
-  /** The vehicle has sent its identity, and it is not a replay. */
+  /** Whether the server has sent the vehicle's identity, and the vehicle is not replayed. */
   get isLive(): boolean {
-    return this.stored.has('identity') && !this.identity.replayed;
+    return this.samples.has('identity') && !this.identity.replayed;
   }
 
-  /** Stores a sample if it is newer than the present one. */
+  /** Stores a sample unless the stored sample of its topic is newer. @returns whether it was stored. */
   apply(sample: WireSample): boolean {
-    const before = this.stored.get(sample.topic);
-    if (before !== undefined && sample.received_unix_s < before.received_unix_s) return false;
-    const gap = before === undefined ? 0 : sample.received_unix_s - before.received_unix_s;
-    this.stored.set(sample.topic, {
+    const previous = this.samples.get(sample.topic);
+    if (previous !== undefined && sample.received_unix_s < previous.received_unix_s) return false;
+    const gap = previous === undefined ? 0 : sample.received_unix_s - previous.received_unix_s;
+    this.samples.set(sample.topic, {
       value: sample.value,
       received_unix_s: sample.received_unix_s,
-      period_s: learnPeriod(before?.period_s ?? null, gap),
+      period_s: updatedPeriod(previous?.period_s ?? null, gap),
     });
     if (sample.topic === 'identity') this.identity = toIdentity(sample.value);
     if (sample.topic === 'status') this.flight = advance(this.flight, sample.value as Status, sample.received_unix_s);
@@ -93,7 +94,7 @@ export class VehicleState {
       if (sample.topic === 'global_position') positions.push(sample.value as GlobalPosition);
     }
     this.trail.prepend(positions);
-    const status = this.stored.get('status');
+    const status = this.samples.get('status');
     if (status !== undefined) clock = advance(clock, status.value as Status, status.received_unix_s);
     if (clock.updated_unix_s > 0) this.flight = clock;
   }
@@ -103,47 +104,48 @@ export class VehicleState {
     const key = `${event.unix_s}|${event.kind}|${event.text}`;
     if (event.text === '' || this.messages.some((m) => m.key === key)) return;
     const message = { key, unix_s: event.unix_s, severity: severityNumber(event.severity), kind: event.kind, text: event.text };
-    const at = this.messages.findIndex((m) => m.unix_s <= message.unix_s);
-    this.messages.splice(at === -1 ? this.messages.length : at, 0, message);
+    const index = this.messages.findIndex((m) => m.unix_s <= message.unix_s);
+    this.messages.splice(index === -1 ? this.messages.length : index, 0, message);
     this.messages.length = Math.min(this.messages.length, MESSAGES_KEPT);
   }
 
+  /** The newest sample of a topic; null before the first sample. */
   raw(topic: string): StoredSample | null {
-    return this.stored.get(topic) ?? null;
+    return this.samples.get(topic) ?? null;
   }
 
-  /** The newest value of a topic with its age at `now_unix_s`; null before the first. */
+  /** The newest value of a topic with its age at `now_unix_s`; null before the first sample. */
   read<K extends TopicName>(topic: K, now_unix_s: number): Reading<Topics[K]> | null {
     return this.readAs<Topics[K]>(topic, now_unix_s);
   }
 
   readAs<T>(topic: string, now_unix_s: number): Reading<T> | null {
-    const stored = this.stored.get(topic);
+    const stored = this.samples.get(topic);
     if (stored === undefined || stored.value === null) return null;
     const age_s = Math.max(0, now_unix_s - stored.received_unix_s);
     return { value: stored.value as T, age_s, stale: age_s > staleAfterS(topic, stored.period_s) };
   }
 
   get armed(): boolean {
-    return (this.stored.get('status')?.value as Status | null | undefined)?.armed ?? false;
+    return (this.samples.get('status')?.value as Status | null | undefined)?.armed ?? false;
   }
 
-  /** Whether the server has lost its connection to the vehicle. The server sends both the loss and the return. */
+  /** Whether the server has lost its connection to the vehicle; true before the first status. */
   get linkLost(): boolean {
-    return (this.stored.get('status')?.value as Status | null | undefined)?.link_lost ?? true;
+    return (this.samples.get('status')?.value as Status | null | undefined)?.link_lost ?? true;
   }
 }
 
 const SEVERITIES = ['emergency', 'alert', 'critical', 'error', 'warning', 'notice', 'info', 'debug'];
 
-/** The MAV_SEVERITY of a number or word; unknown values count as info. */
+/** The MAV_SEVERITY from a number or a name; unknown values give 6 (info). */
 export function severityNumber(severity: string | number | null): number {
   if (typeof severity === 'number') return Math.min(7, Math.max(0, Math.round(severity)));
   const index = severity === null ? -1 : SEVERITIES.indexOf(severity.toLowerCase());
   return index === -1 ? 6 : index;
 }
 
-/** Reads the known fields of an identity; other versions of the server may send more or fewer. */
+/** Reads the known fields of an identity; other versions of the server may send more or fewer fields. */
 function toIdentity(value: unknown): Identity {
   if (typeof value !== 'object' || value === null) return UNKNOWN_IDENTITY;
   const raw = value as Record<string, unknown>;

@@ -1,4 +1,4 @@
-/** Frames of the telemetry socket, validated when they arrive. */
+/** Frames of the telemetry socket, and their validation. */
 
 import type { components } from '../api/schema';
 
@@ -12,7 +12,7 @@ export interface WireSample {
   value: unknown;
 }
 
-/** A replayed recording: its time, its speed and the vehicles in it. */
+/** A replay: its time, its speed and its vehicles. */
 export type Replay = components['schemas']['Replay'];
 
 export interface WireEvent {
@@ -21,7 +21,7 @@ export interface WireEvent {
   unix_s: number;
   severity: string | number | null;
   text: string;
-  [more: string]: unknown;
+  [field: string]: unknown;
 }
 
 export type Frame =
@@ -68,7 +68,7 @@ function isReplay(value: unknown): value is Replay {
   );
 }
 
-/** Parses one frame; null for unknown frames, because a newer server may send more types. */
+/** Parses a frame; null for invalid frames and for unknown types, which a newer server may send. */
 export function parseFrame(data: string): Frame | null {
   let raw: unknown;
   try {

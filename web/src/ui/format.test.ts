@@ -10,7 +10,7 @@ describe('numbers', () => {
       expect(duration(unknown)).toBe('–');
     }
   });
-  it('has a minus sign, a plus on request, and no minus zero', () => {
+  it('has the sign −, a + if `signed`, and no −0', () => {
     expect(fixed(-3.24, 1)).toBe('−3.2');
     expect(fixed(3.24, 1, true)).toBe('+3.2');
     expect(fixed(-0.04, 1, true)).toBe('0.0');
@@ -30,7 +30,7 @@ describe('numbers', () => {
     expect(duration(221.9)).toBe('03:41');
     expect(duration(3723)).toBe('1:02:03');
   });
-  it('wraps angles and joins known words', () => {
+  it('wraps angles, and joins texts without the unknown ones', () => {
     expect(wrap180(270)).toBe(-90);
     expect(wrap180(180)).toBe(-180);
     expect(join(['14', null, '0.8 m'])).toBe('14 · 0.8 m');

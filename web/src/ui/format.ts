@@ -4,41 +4,41 @@ export const UNKNOWN = '–';
 
 export const DEG_PER_RAD = 180 / Math.PI;
 
-function known(value: number | null | undefined): value is number {
+function isKnown(value: number | null | undefined): value is number {
   return value !== null && value !== undefined && Number.isFinite(value);
 }
 
 /** A number with fixed decimals; `signed` adds a + to positive values. */
 export function fixed(value: number | null | undefined, decimals: number, signed = false): string {
-  if (!known(value)) return UNKNOWN;
+  if (!isKnown(value)) return UNKNOWN;
   const text = Math.abs(value).toFixed(decimals);
-  const zero = Number(text) === 0;
-  if (value < 0 && !zero) return `−${text}`;
-  return signed && !zero ? `+${text}` : text;
+  const isZero = Number(text) === 0;
+  if (value < 0 && !isZero) return `−${text}`;
+  return signed && !isZero ? `+${text}` : text;
 }
 
-/** A length: one decimal below 100 m, none above, kilometres from 10 000 m. */
+/** A length: one decimal below 100 m, no decimals from 100 m, kilometres from 10 000 m. */
 export function metres(value: number | null | undefined): { text: string; unit: string } {
-  if (!known(value)) return { text: UNKNOWN, unit: 'm' };
-  const size = Math.abs(value);
-  if (size >= 9999.5) return { text: fixed(value / 1000, 1), unit: 'km' };
-  return { text: fixed(value, size < 99.95 ? 1 : 0), unit: 'm' };
+  if (!isKnown(value)) return { text: UNKNOWN, unit: 'm' };
+  const magnitude = Math.abs(value);
+  if (magnitude >= 9999.5) return { text: fixed(value / 1000, 1), unit: 'km' };
+  return { text: fixed(value, magnitude < 99.95 ? 1 : 0), unit: 'm' };
 }
 
 /** Heading 000–359 from any angle [deg]. */
 export function heading(value_deg: number | null | undefined): string {
-  if (!known(value_deg)) return UNKNOWN;
+  if (!isKnown(value_deg)) return UNKNOWN;
   const rounded = ((Math.round(value_deg) % 360) + 360) % 360;
   return String(rounded).padStart(3, '0');
 }
 
 /** mm:ss, or h:mm:ss from one hour. */
 export function duration(value_s: number | null | undefined): string {
-  if (!known(value_s) || value_s < 0) return UNKNOWN;
+  if (!isKnown(value_s) || value_s < 0) return UNKNOWN;
   const s = Math.floor(value_s);
-  const two = (n: number): string => String(n).padStart(2, '0');
-  const tail = `${two(Math.floor(s / 60) % 60)}:${two(s % 60)}`;
-  return s >= 3600 ? `${Math.floor(s / 3600)}:${tail}` : tail;
+  const twoDigits = (n: number): string => String(n).padStart(2, '0');
+  const minutes = `${twoDigits(Math.floor(s / 60) % 60)}:${twoDigits(s % 60)}`;
+  return s >= 3600 ? `${Math.floor(s / 3600)}:${minutes}` : minutes;
 }
 
 /** Wall-clock time of day, 14:02:31. */
@@ -48,7 +48,7 @@ export function timeOfDay(unix_s: number): string {
 }
 
 export function toDeg(value_rad: number | null | undefined): number | null {
-  return known(value_rad) ? value_rad * DEG_PER_RAD : null;
+  return isKnown(value_rad) ? value_rad * DEG_PER_RAD : null;
 }
 
 /** An angle wrapped to −180…180 [deg]. */
@@ -56,8 +56,8 @@ export function wrap180(value_deg: number): number {
   return ((((value_deg + 180) % 360) + 360) % 360) - 180;
 }
 
-/** Joins the known words: "14 · 0.8 m". */
-export function join(parts: readonly (string | null | undefined)[], by = ' · '): string {
+/** Joins the texts that are not empty or unknown, for example "14 · 0.8 m". */
+export function join(parts: readonly (string | null | undefined)[], separator = ' · '): string {
   const texts = parts.filter((p): p is string => p !== null && p !== undefined && p !== '' && p !== UNKNOWN);
-  return texts.length === 0 ? UNKNOWN : texts.join(by);
+  return texts.length === 0 ? UNKNOWN : texts.join(separator);
 }

@@ -4,61 +4,61 @@ const FOCUSABLE =
   'a[href], button:not([disabled]), input:not([disabled]), select:not([disabled]), textarea:not([disabled]), summary, iframe, [tabindex]:not([tabindex="-1"])';
 
 function focusableIn(node: HTMLElement): HTMLElement[] {
-  return [...node.querySelectorAll<HTMLElement>(FOCUSABLE)].filter((one) => one.tabIndex >= 0 && one.getClientRects().length > 0);
+  return [...node.querySelectorAll<HTMLElement>(FOCUSABLE)].filter((element) => element.tabIndex >= 0 && element.getClientRects().length > 0);
 }
 
-/** No control has the focus: the one that had it was removed. */
+/** Whether no control has the focus, because the focused control was removed. */
 function noControlHasFocus(): boolean {
   const active = document.activeElement;
   return active === null || active === document.body || !active.isConnected;
 }
 
-/** Returns the focus to its previous owner, unless another control has taken it. */
+/** When the node is removed, returns the focus to the element that had it before, unless another control has taken it. */
 export function restoresFocus(node: HTMLElement): { destroy: () => void } {
-  const before = document.activeElement as HTMLElement | null;
+  const previous = document.activeElement as HTMLElement | null;
   return {
     destroy: () => {
       if (!noControlHasFocus() && !node.contains(document.activeElement)) return;
-      if (before?.isConnected === true && before !== document.body) before.focus({ preventScroll: true });
+      if (previous?.isConnected === true && previous !== document.body) previous.focus({ preventScroll: true });
     },
   };
 }
 
 /**
- * A confirmation takes the focus and keeps it while it is open, also with Tab. Pointers still reach everything else,
- * for example Hold. On closing it returns the focus.
+ * For a confirmation: takes the focus and keeps it inside the node while the node exists, also with Tab. Pointers still
+ * reach the rest of the page, for example Hold. When the node is removed, returns the focus.
  * @param first selector of the control that gets the focus first.
  */
 export function modalFocus(node: HTMLElement, first: string): { destroy: () => void } {
   const focusReturn = restoresFocus(node);
-  let last = node.querySelector<HTMLElement>(first) ?? focusableIn(node)[0] ?? node;
-  last.focus({ preventScroll: true });
+  let lastFocused = node.querySelector<HTMLElement>(first) ?? focusableIn(node)[0] ?? node;
+  lastFocused.focus({ preventScroll: true });
 
-  const tab = (event: KeyboardEvent): void => {
+  const moveByTab = (event: KeyboardEvent): void => {
     if (event.key !== 'Tab' || event.ctrlKey || event.altKey || event.metaKey) return;
-    const all = focusableIn(node);
-    const at = all.indexOf(document.activeElement as HTMLElement);
+    const controls = focusableIn(node);
+    const index = controls.indexOf(document.activeElement as HTMLElement);
     event.preventDefault();
-    all[(at + (event.shiftKey ? -1 : 1) + all.length) % all.length]?.focus();
+    controls[(index + (event.shiftKey ? -1 : 1) + controls.length) % controls.length]?.focus();
   };
   const onFocusIn = (event: FocusEvent): void => {
     const to = event.target as HTMLElement;
-    if (node.contains(to)) last = to;
-    else if (last.isConnected) last.focus({ preventScroll: true });
+    if (node.contains(to)) lastFocused = to;
+    else if (lastFocused.isConnected) lastFocused.focus({ preventScroll: true });
     else focusableIn(node)[0]?.focus({ preventScroll: true });
   };
-  /** Keeps the focus after a click on a part without focus, or in the 3D view, which sends no event. */
+  /** Takes the focus back after a click on a part that cannot have the focus, or in the 3D view, which causes no `focusin`. */
   const keepFocus = (): void =>
     void setTimeout(() => {
-      if (node.isConnected && !node.contains(document.activeElement) && last.isConnected) last.focus({ preventScroll: true });
+      if (node.isConnected && !node.contains(document.activeElement) && lastFocused.isConnected) lastFocused.focus({ preventScroll: true });
     });
-  node.addEventListener('keydown', tab);
+  node.addEventListener('keydown', moveByTab);
   node.addEventListener('focusout', keepFocus);
   document.addEventListener('focusin', onFocusIn);
   return {
     destroy: () => {
       document.removeEventListener('focusin', onFocusIn);
-      node.removeEventListener('keydown', tab);
+      node.removeEventListener('keydown', moveByTab);
       node.removeEventListener('focusout', keepFocus);
       focusReturn.destroy();
     },

@@ -1,11 +1,11 @@
 /**
- * For a part that may scroll (`use:scrolls`): while it overflows it can take the focus, so that the arrow keys scroll
- * it.
+ * Svelte action for a box that may scroll: while its content overflows, the box can take the focus, so that the arrow
+ * keys scroll it.
  */
 export function scrolls(box: HTMLElement): { destroy: () => void } {
   const update = (): void => {
-    const longer = box.scrollHeight > box.clientHeight + 1;
-    if (longer) box.tabIndex = 0;
+    const overflows = box.scrollHeight > box.clientHeight + 1;
+    if (overflows) box.tabIndex = 0;
     else box.removeAttribute('tabindex');
   };
   const sizes = new ResizeObserver(update);

@@ -1,22 +1,23 @@
-/** Word, shape and colour of a MAV_SEVERITY. */
+/** Name, shape and colour of a MAV_SEVERITY. */
 
 export type Shape = 'dot' | 'triangle' | 'square';
 
 export interface SeverityName {
-  /** Shown beside the text; empty for info. */
+  /** Name shown beside a message; empty for notice and info. */
   word: string;
-  /** Never empty, for details and screen readers. */
+  /** Name for details and screen readers; never empty. */
   full: string;
   tone: 'danger' | 'caution' | 'dim';
   shape: Shape;
 }
 
 const FULL = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
-const UNNAMED_SEVERITY = [5, 6];
+/** Notice and info. */
+const WITHOUT_WORD = [5, 6];
 
 export function severityName(severity: number): SeverityName {
   const full = FULL[severity] ?? 'Info';
-  const word = UNNAMED_SEVERITY.includes(severity) ? '' : full;
+  const word = WITHOUT_WORD.includes(severity) ? '' : full;
   if (severity <= 3) return { word, full, tone: 'danger', shape: 'square' };
   if (severity === 4) return { word, full, tone: 'caution', shape: 'triangle' };
   return { word, full, tone: 'dim', shape: 'dot' };

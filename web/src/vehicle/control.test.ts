@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { identity, leave, rename } from '../app/identity';
+import { identity, markUnloaded, rename } from '../app/identity';
 import { chipText, forceHint, controlProblem, otherHolder, outsideText, ownRequest, readControl, controlState, requestToAnswer, type Control } from './control';
 
 const FREE: Control = {
@@ -14,47 +14,51 @@ const FREE: Control = {
   answer_s: 15,
   mode_cause: null,
 };
-const ASKING = { client: 'Bob', key: 'b', reason: null, since_unix_s: 1, answer_left_s: 11.2 };
-const ANNAS: Control = { ...FREE, holder: 'Anna', holder_key: 'a', since_unix_s: 1, can_be_asked: true };
+const REQUEST = { client: 'Bob', key: 'b', reason: null, since_unix_s: 1, answer_left_s: 11.2 };
+const ANNA_CONTROLS: Control = { ...FREE, holder: 'Anna', holder_key: 'a', since_unix_s: 1, can_be_asked: true };
 
 function memory(): Storage {
-  const kept = new Map<string, string>();
+  const stored = new Map<string, string>();
   return {
-    getItem: (k: string) => kept.get(k) ?? null,
-    setItem: (k: string, v: string) => void kept.set(k, v),
-    removeItem: (k: string) => void kept.delete(k),
+    getItem: (k: string) => stored.get(k) ?? null,
+    setItem: (k: string, v: string) => void stored.set(k, v),
+    removeItem: (k: string) => void stored.delete(k),
   } as Storage;
 }
 
-describe('who has control', () => {
-  it('is this page, another client, nobody, or unknown', () => {
-    expect(controlState(ANNAS, 'a')).toBe('yours');
-    expect(controlState(ANNAS, 'b')).toBe('others');
+describe('control', () => {
+  it('belongs to this page, to another client or to nobody, or is unknown', () => {
+    expect(controlState(ANNA_CONTROLS, 'a')).toBe('yours');
+    expect(controlState(ANNA_CONTROLS, 'b')).toBe('others');
     expect(controlState(FREE, 'a')).toBe('free');
-    expect(controlState(ANNAS, null)).toBe('unknown');
-    expect([chipText(ANNAS, 'a'), chipText(ANNAS, 'b'), chipText(FREE, 'a')]).toEqual(['You have control', 'Anna has control', 'Control is free']);
-    expect(otherHolder(ANNAS, 'a')).toBeNull();
+    expect(controlState(ANNA_CONTROLS, null)).toBe('unknown');
+    expect([chipText(ANNA_CONTROLS, 'a'), chipText(ANNA_CONTROLS, 'b'), chipText(FREE, 'a')]).toEqual([
+      'You have control',
+      'Anna has control',
+      'Control is free',
+    ]);
+    expect(otherHolder(ANNA_CONTROLS, 'a')).toBeNull();
     expect(readControl({ holder: 'x' })).toBeNull();
   });
-  it('refuses commands that need control, never those that do not', () => {
+  it('blocks commands that need control, but never Hold, Land now and Stop motors', () => {
     expect(controlProblem('takeoff', 'Anna')).toMatchObject({ detail: 'Anna has control of this vehicle.' });
-    for (const open of ['hold', 'land_now', 'kill']) expect(controlProblem(open, 'Anna')).toBeNull();
+    for (const command of ['hold', 'land_now', 'kill']) expect(controlProblem(command, 'Anna')).toBeNull();
     expect(controlProblem('takeoff', null)).toBeNull();
   });
-  it('shows a request only to the holder and the requester', () => {
-    const asked = { ...ANNAS, requests: [ASKING] };
-    expect(requestToAnswer(asked, 'a')).toEqual(ASKING);
-    expect(requestToAnswer(asked, 'b')).toBeNull();
-    expect(ownRequest(asked, 'b')).toEqual(ASKING);
+  it('shows a request only to the controlling client and the requester', () => {
+    const requested = { ...ANNA_CONTROLS, requests: [REQUEST] };
+    expect(requestToAnswer(requested, 'a')).toEqual(REQUEST);
+    expect(requestToAnswer(requested, 'b')).toBeNull();
+    expect(ownRequest(requested, 'b')).toEqual(REQUEST);
   });
-  it('allows force only after a request', () => {
-    expect(forceHint(ANNAS, 'b', false)).toBe('Anna is connected, so request control first. If Anna does not answer, you can take control by force.');
-    expect(forceHint({ ...ANNAS, requests: [ASKING] }, 'b', false)).toBe('Anna has 12 s to answer.');
-    expect(forceHint({ ...ANNAS, requests: [{ ...ASKING, answer_left_s: 0 }] }, 'b', false)).toBeNull();
-    expect(forceHint(ANNAS, 'b', true)).toBeNull();
-    expect(forceHint({ ...ANNAS, can_be_asked: false }, 'b', false)).toBeNull();
+  it('can be taken by force only after a request that was denied or not answered', () => {
+    expect(forceHint(ANNA_CONTROLS, 'b', false)).toBe('Anna is connected, so request control first. If Anna does not answer, you can take control by force.');
+    expect(forceHint({ ...ANNA_CONTROLS, requests: [REQUEST] }, 'b', false)).toBe('Anna has 12 s to answer.');
+    expect(forceHint({ ...ANNA_CONTROLS, requests: [{ ...REQUEST, answer_left_s: 0 }] }, 'b', false)).toBeNull();
+    expect(forceHint(ANNA_CONTROLS, 'b', true)).toBeNull();
+    expect(forceHint({ ...ANNA_CONTROLS, can_be_asked: false }, 'b', false)).toBeNull();
   });
-  it('shows who outside this server commands the mode', () => {
+  it('shows who outside this server set the mode', () => {
     const cause = (source: string, who: string | null = null): Control => ({
       ...FREE,
       mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'],
@@ -67,22 +71,22 @@ describe('who has control', () => {
 });
 
 describe('the page’s identity', () => {
-  it('survives a reload, and differs in a duplicated tab', () => {
+  it('stays the same after a reload, and differs in a duplicated tab', () => {
     const tab = memory();
     const browser = memory();
     const first = identity(tab, browser);
     expect(identity(tab, browser).id).not.toBe(first.id); // a duplicated tab: the original is still open
     const second = identity(tab, browser);
-    leave(tab);
+    markUnloaded(tab);
     expect(identity(tab, browser).id).toBe(second.id);
   });
   it('stores a person’s name in the browser', () => {
     const browser = memory();
-    const who = identity(memory(), browser);
-    expect(who.name).toMatch(/^page-[0-9a-f]{4}$/);
-    rename(who, '  Anna ', browser);
-    expect([who.name, identity(memory(), browser).name]).toEqual(['Anna', 'Anna']);
-    rename(who, '', browser);
-    expect(who.name).toMatch(/^page-/);
+    const own = identity(memory(), browser);
+    expect(own.name).toMatch(/^page-[0-9a-f]{4}$/);
+    rename(own, '  Anna ', browser);
+    expect([own.name, identity(memory(), browser).name]).toEqual(['Anna', 'Anna']);
+    rename(own, '', browser);
+    expect(own.name).toMatch(/^page-/);
   });
 });

@@ -6,7 +6,7 @@ export type Control = components['schemas']['Control'];
 export type ControlRequest = Control['requests'][number];
 
 /** Commands that need no control, so that every operator can stop a vehicle in danger. */
-const OPEN: ReadonlySet<string> = new Set(['hold', 'land_now', 'kill', 'force_control']);
+const WITHOUT_CONTROL: ReadonlySet<string> = new Set(['hold', 'land_now', 'kill', 'force_control']);
 
 export type ControlState = 'yours' | 'others' | 'free' | 'unknown';
 
@@ -14,7 +14,7 @@ export function readControl(value: unknown): Control | null {
   return typeof value === 'object' && value !== null && Array.isArray((value as Control).requests) ? (value as Control) : null;
 }
 
-/** @param key this page's own key; null until the server has sent it. */
+/** Who has control. @param key this page's key; null until the server has sent it. */
 export function controlState(control: Control | null, key: string | null): ControlState {
   if (control === null || key === null) return 'unknown';
   if (control.holder === null) return 'free';
@@ -39,12 +39,12 @@ export function chipText(control: Control | null, key: string | null): string {
   }
 }
 
-/** Why this page may not send commands, and the remedy; null if it may. */
-export function controlProblem(action: string, holder: string | null): { detail: string; remedy: string } | null {
-  if (holder === null || OPEN.has(action)) return null;
+/** Why this page may not send a command, and the remedy; null if it may. @param controlHolder the other client that has control. */
+export function controlProblem(action: string, controlHolder: string | null): { detail: string; remedy: string } | null {
+  if (controlHolder === null || WITHOUT_CONTROL.has(action)) return null;
   return {
-    detail: `${holder} has control of this vehicle.`,
-    remedy: 'Request control at the upper right (key C). Hold, Land now and Stop motors work without it.',
+    detail: `${controlHolder} has control of this vehicle.`,
+    remedy: 'Request control at the upper right (key C). Hold, Land now and Stop motors work without control.',
   };
 }
 
@@ -53,37 +53,37 @@ export function sinceText(control: Control): string {
   return control.since_unix_s === null ? '' : new Date(control.since_unix_s * 1000).toLocaleTimeString([], { hour12: false });
 }
 
-/** This page's own request that waits for an answer. */
+/** This page's request that waits for an answer; null if there is none. */
 export function ownRequest(control: Control | null, key: string | null): ControlRequest | null {
-  return control?.requests.find((one) => one.key === key) ?? null;
+  return control?.requests.find((request) => request.key === key) ?? null;
 }
 
-/** The first request that this page must answer while it has control. */
+/** The first request that this page must answer; null if there is none, or if this page does not have control. */
 export function requestToAnswer(control: Control | null, key: string | null): ControlRequest | null {
   return controlState(control, key) === 'yours' ? (control?.requests[0] ?? null) : null;
 }
 
-/** Text about taking control by force: null if that is possible now, else why not yet. */
+/** Why this page cannot take control by force yet; null if it can. */
 export function forceHint(control: Control, key: string | null, denied: boolean): string | null {
-  const asked = ownRequest(control, key);
-  const holder = control.holder ?? 'The holder';
+  const request = ownRequest(control, key);
+  const holder = control.holder ?? 'The controlling client';
   if (!control.can_be_asked || denied) return null;
-  if (asked === null)
-    return `${holder} is connected, so request control first. If ${control.holder ?? 'the holder'} does not answer, you can take control by force.`;
-  return asked.answer_left_s > 0 ? `${holder} has ${Math.ceil(asked.answer_left_s)} s to answer.` : null;
+  if (request === null)
+    return `${holder} is connected, so request control first. If ${control.holder ?? 'the controlling client'} does not answer, you can take control by force.`;
+  return request.answer_left_s > 0 ? `${holder} has ${Math.ceil(request.answer_left_s)} s to answer.` : null;
 }
 
-const WHO: Readonly<Record<string, string>> = {
+const MODE_SOURCES: Readonly<Record<string, string>> = {
   pilot: 'the RC pilot',
   station: 'another ground station',
   unknown: 'an unknown source (not this server)',
   failsafe: 'the failsafe',
 };
 
-/** Who outside this server commands the vehicle's mode; null if nobody does. */
+/** Who outside this server has set the vehicle's mode, as text; null if this server has set it or the source is not known. */
 export function outsideText(control: Control | null): string | null {
   const cause = control?.mode_cause ?? null;
   if (cause === null) return null;
-  const who = WHO[cause.source];
-  return who === undefined ? null : `mode set by ${cause.who ?? who}`;
+  const source = MODE_SOURCES[cause.source];
+  return source === undefined ? null : `mode set by ${cause.who ?? source}`;
 }

@@ -1,4 +1,4 @@
-/** The state of one vehicle at one time, as several features need it; unknown is null. */
+/** The state of a vehicle at one time, for all features; null: not known. */
 
 import { readOffboard, type OffboardStatus } from './offboard';
 import { groundDistance_m } from './geo';
@@ -12,11 +12,11 @@ export interface VehicleFacts {
   id: string;
   name: string;
   now_unix_s: number;
-  /** There is no connection between vehicle and server, or between server and this page. */
+  /** No connection between vehicle and server, or between server and this page. */
   lost: boolean;
-  /** There is no connection between server and this page; the vehicle's own link is then unknown. */
+  /** No connection between server and this page; the state of the vehicle's link is then unknown. */
   offline: boolean;
-  /** Null until the vehicle has reported it. */
+  /** Null until it is known whether the vehicle is simulated. */
   simulated: boolean | null;
   replayed: boolean;
   inAir: boolean;
@@ -33,21 +33,22 @@ export interface VehicleFacts {
   offboard: (OffboardStatus & { age_s: number }) | null;
   /** Who may command the vehicle; null for a replay, and before the server has sent it. */
   control: Control | null;
+  /** Horizontal distance from home. */
   fromHome_m: number | null;
   /** Components that have sent a heartbeat: autopilot, gimbals, cameras, companion computers. */
   components: readonly Component[];
-  /** Over which protocols the vehicle is reached; null before the server has sent it. */
+  /** Protocols of the vehicle's links; null before the server has sent them. */
   reach: Reach | null;
 }
 
-/** @param connected whether the page is connected to the server. */
+/** The facts of a vehicle at `now_unix_s`. @param connected whether the page is connected to the server. */
 export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connected: boolean): VehicleFacts {
   const status = vehicle.read('status', now_unix_s);
   const global = vehicle.read('global_position', now_unix_s);
   const home = vehicle.read('home', now_unix_s);
   const stream = vehicle.readAs<unknown>('offboard', now_unix_s);
   const offboard = stream === null ? null : readOffboard(stream.value);
-  const landed = status?.value.landed_state;
+  const landedState = status?.value.landed_state;
   return {
     id: vehicle.id,
     name: vehicleName(vehicle.id, vehicle.identity),
@@ -56,7 +57,7 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     offline: !connected,
     simulated: vehicle.identity.simulated,
     replayed: vehicle.identity.replayed,
-    inAir: landed === 'in_air' || landed === 'landing',
+    inAir: landedState === 'in_air' || landedState === 'landing',
     status,
     global,
     home,

@@ -1,4 +1,4 @@
-/** Geometry of the map: positions, metres about a reference, and pixels of a Web Mercator view from above. */
+/** Geometry of the map: geographic positions, offsets in metres, and pixels of a Web Mercator map. */
 
 export interface GeoPosition {
   lat_deg: number;
@@ -15,16 +15,16 @@ export interface Pixel {
   y: number;
 }
 
-/** Earth radius of PX4's local frame projection, so that distances here agree with PX4's [m]. */
+/** Earth radius of PX4's local frame projection, so that distances agree with PX4 [m]. */
 const EARTH_RADIUS_M = 6_371_000;
 const RAD = Math.PI / 180;
 
-/** Wraps a longitude, or a difference of two, to −180…180 [deg]. */
+/** Wraps a longitude, or a difference of two longitudes, to −180…180 [deg]. */
 function wrapLongitude(lon_deg: number): number {
   return ((((lon_deg + 180) % 360) + 360) % 360) - 180;
 }
 
-/** Metres from `reference` to `position`; good to 0.1 % within tens of kilometres. */
+/** Offset from `reference` to `position`; accurate to 0.1 % within tens of kilometres. */
 export function eastNorth(reference: GeoPosition, position: GeoPosition): EastNorth {
   return {
     east_m: wrapLongitude(position.lon_deg - reference.lon_deg) * RAD * EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD),
@@ -32,11 +32,11 @@ export function eastNorth(reference: GeoPosition, position: GeoPosition): EastNo
   };
 }
 
-/** The position at this offset from `reference`. */
-export function positionAt(reference: GeoPosition, at: EastNorth): GeoPosition {
+/** The position at an offset from `reference`. */
+export function positionAt(reference: GeoPosition, offset: EastNorth): GeoPosition {
   return {
-    lat_deg: reference.lat_deg + at.north_m / EARTH_RADIUS_M / RAD,
-    lon_deg: wrapLongitude(reference.lon_deg + at.east_m / (EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD)) / RAD),
+    lat_deg: reference.lat_deg + offset.north_m / EARTH_RADIUS_M / RAD,
+    lon_deg: wrapLongitude(reference.lon_deg + offset.east_m / (EARTH_RADIUS_M * Math.cos(reference.lat_deg * RAD)) / RAD),
   };
 }
 
@@ -64,8 +64,8 @@ export function mercator(position: GeoPosition): Mercator {
   };
 }
 
-function fromMercator(at: Mercator): GeoPosition {
-  return { lon_deg: wrapLongitude(at.x * 360 - 180), lat_deg: Math.atan(Math.sinh((180 - at.y * 360) * RAD)) / RAD };
+function fromMercator(point: Mercator): GeoPosition {
+  return { lon_deg: wrapLongitude(point.x * 360 - 180), lat_deg: Math.atan(Math.sinh((180 - point.y * 360) * RAD)) / RAD };
 }
 
 /** The part of the map that is visible now. */
@@ -73,23 +73,23 @@ export interface MapView {
   centre: Mercator;
   /** Width of the whole world [px]. */
   world_px: number;
-  /** Direction that is up on the screen, clockwise from north [rad]. */
+  /** Direction of the screen's upper edge, clockwise from north [rad]. */
   up_rad: number;
   width: number;
   height: number;
 }
 
 export function toPixel(view: MapView, position: GeoPosition): Pixel {
-  const at = mercator(position);
-  const turn = at.x - view.centre.x;
-  const dx = (turn - Math.round(turn)) * view.world_px;
-  const dy = (at.y - view.centre.y) * view.world_px;
+  const point = mercator(position);
+  const offsetX = point.x - view.centre.x;
+  const dx = (offsetX - Math.round(offsetX)) * view.world_px;
+  const dy = (point.y - view.centre.y) * view.world_px;
   const [cos, sin] = [Math.cos(view.up_rad), Math.sin(view.up_rad)];
   return { x: view.width / 2 + dx * cos + dy * sin, y: view.height / 2 - dx * sin + dy * cos };
 }
 
-export function fromPixel(view: MapView, at: Pixel): GeoPosition {
-  const [px, py] = [at.x - view.width / 2, at.y - view.height / 2];
+export function fromPixel(view: MapView, pixel: Pixel): GeoPosition {
+  const [px, py] = [pixel.x - view.width / 2, pixel.y - view.height / 2];
   const [cos, sin] = [Math.cos(view.up_rad), Math.sin(view.up_rad)];
   return fromMercator({
     x: view.centre.x + (px * cos - py * sin) / view.world_px,
@@ -117,16 +117,16 @@ export function lengthText(length_m: number): string {
 }
 
 /**
- * The nearest of several points within `reach` [px]; null if there is none.
+ * The point that is nearest to the pixel `at`, within `reach_px`; null if there is none.
  * @param pixelOf a point's pixel; null: it is not visible.
  */
-export function nearestWithin<T>(pixelOf: (point: T) => Pixel | null, at: Pixel, points: readonly T[], reach: number): T | null {
+export function nearestWithin<T>(pixelOf: (point: T) => Pixel | null, at: Pixel, points: readonly T[], reach_px: number): T | null {
   let best: T | null = null;
-  let gap = reach;
-  for (const one of points) {
-    const pixel = pixelOf(one);
+  let bestDistance = reach_px;
+  for (const point of points) {
+    const pixel = pixelOf(point);
     const distance = pixel === null ? Infinity : Math.hypot(pixel.x - at.x, pixel.y - at.y);
-    if (distance <= gap) [best, gap] = [one, distance];
+    if (distance <= bestDistance) [best, bestDistance] = [point, distance];
   }
   return best;
 }
@@ -134,13 +134,13 @@ export function nearestWithin<T>(pixelOf: (point: T) => Pixel | null, at: Pixel,
 /** The server compares a flight with a dry run only if their starts are closer than this [m]. */
 const SAME_START_M = 5;
 
-/** Whether a vehicle stands at the start of its dry run. */
-export function isSameStart(here: GeoPosition, start: GeoPosition): boolean {
-  return groundDistance_m(here, start) < SAME_START_M;
+/** Whether a vehicle is at the start of its dry run. */
+export function isSameStart(position: GeoPosition, start: GeoPosition): boolean {
+  return groundDistance_m(position, start) < SAME_START_M;
 }
 
-/** Middle of the part of the map that no panel covers, `offset_px` from the map's middle, and the distance from it to the nearest edge. */
-export function freeMiddle(view: MapView, { x, y }: Pixel): { at: GeoPosition; reach_m: number } {
+/** The position at `offset` from the map's middle, and the distance from there to the nearest edge of the map. */
+export function offsetMiddle(view: MapView, { x, y }: Pixel): { at: GeoPosition; reach_m: number } {
   const reach_px = Math.min(view.width / 2 - Math.abs(x), view.height / 2 - Math.abs(y));
   return { at: fromPixel(view, { x: view.width / 2 + x, y: view.height / 2 + y }), reach_m: reach_px / pixelsPerMetre(view) };
 }

@@ -9,7 +9,7 @@ export interface AngleLimits {
   pitchMax_deg: number;
   yawMin_deg: number;
   yawMax_deg: number;
-  /** False: the gimbal reported no limits, and the pad uses its own range. */
+  /** False: the gimbal reported no pitch limits; the limits are default values. */
   isReported: boolean;
 }
 
@@ -18,41 +18,42 @@ export interface Angles {
   yaw_deg: number;
 }
 
+/** The reported limits, or default values. */
 export function limits(gimbal: Gimbal | null): AngleLimits {
   const pitchMin = toDeg(gimbal?.pitch_min_rad ?? null);
   const pitchMax = toDeg(gimbal?.pitch_max_rad ?? null);
   const yawMin = toDeg(gimbal?.yaw_min_rad ?? null);
   const yawMax = toDeg(gimbal?.yaw_max_rad ?? null);
-  const reported = pitchMin !== null && pitchMax !== null && pitchMax > pitchMin;
+  const isReported = pitchMin !== null && pitchMax !== null && pitchMax > pitchMin;
   return {
-    pitchMin_deg: reported ? Math.max(-180, pitchMin) : -90,
-    pitchMax_deg: reported ? Math.min(180, pitchMax) : 30,
+    pitchMin_deg: isReported ? Math.max(-180, pitchMin) : -90,
+    pitchMax_deg: isReported ? Math.min(180, pitchMax) : 30,
     yawMin_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.max(-180, yawMin) : -180,
     yawMax_deg: yawMin !== null && yawMax !== null && yawMax > yawMin ? Math.min(180, yawMax) : 180,
-    isReported: reported,
+    isReported,
   };
 }
 
-/** Key of the gimbal in these facts: the component id of its manager, and its device id. */
+/** Key of the gimbal in these facts: vehicle, component id of the gimbal manager, gimbal device id. */
 export function gimbalKey(facts: VehicleFacts): string {
   const gimbal = facts.gimbal?.value;
   return gimbal === undefined ? `${facts.id}/` : `${facts.id}/${gimbal.component_id}.${gimbal.gimbal_device_id}`;
 }
 
-/** The facts with another gimbal of the vehicle; with the first one if none has this key. */
+/** The facts with the gimbal that has this key; unchanged if none has this key. */
 export function withGimbal(facts: VehicleFacts, key: string): VehicleFacts {
-  return gimbalsOf(facts).find((one) => gimbalKey(one) === key) ?? facts;
+  return gimbalsOf(facts).find((candidate) => gimbalKey(candidate) === key) ?? facts;
 }
 
-/** A copy of the facts for each gimbal; empty if the vehicle has only one. */
+/** A copy of the facts for each gimbal; empty if the vehicle has only one gimbal. */
 export function gimbalsOf(facts: VehicleFacts): VehicleFacts[] {
   const reading = facts.gimbal;
   if (reading === null) return [];
   const { gimbals } = reading.value;
-  return gimbals.map((one) => ({ ...facts, gimbal: { ...reading, value: { ...one, gimbals } } }));
+  return gimbals.map((gimbal) => ({ ...facts, gimbal: { ...reading, value: { ...gimbal, gimbals } } }));
 }
 
-/** Path parameters of a gimbal call; a vehicle with one gimbal needs no gimbal id. */
+/** Path and query parameters of a call to a gimbal; a vehicle with one gimbal needs no gimbal id. */
 export function ofGimbal(facts: VehicleFacts): { params: { path: { v: string }; query?: { component: number; device?: number } } } {
   const path = { v: facts.id };
   const gimbal = facts.gimbal?.value;

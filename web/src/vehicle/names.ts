@@ -19,13 +19,14 @@ const TYPES: Readonly<Record<number, string>> = {
   22: 'VTOL',
 };
 
+/** Name of a vehicle: id and type, for example "1 Quad". */
 export function vehicleName(id: string, identity: Identity): string {
   const type = identity.vehicle_type === null ? undefined : TYPES[identity.vehicle_type];
   const kind = identity.autopilot === 3 ? `ArduPilot ${type ?? ''}`.trim() : type;
   return kind === undefined ? `Vehicle ${id}` : `${id} ${kind}`;
 }
 
-/** Identity colours: the first vehicle is cyan, then three more, then they repeat. */
+/** Four identity colours of vehicles; from the fifth vehicle on they repeat. */
 const IDENTITY_COLOURS = ['--actual', '--id-2', '--id-3', '--id-4'] as const;
 
 export function identityColour(index: number): string {

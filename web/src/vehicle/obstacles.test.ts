@@ -2,8 +2,8 @@ import { describe, expect, it } from 'vitest';
 import { eastNorth } from './geo';
 import { obstaclePositions, type SensorValues } from './obstacles';
 
-const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
-const NOTHING: SensorValues = { sensors: null, around: null };
+const POSITION = { lat_deg: 47.4, lon_deg: 8.5 };
+const NO_SENSORS: SensorValues = { sensors: null, around: null };
 const around = (frame: string, distances_m: (number | null)[]): SensorValues['around'] => ({
   frame,
   first_deg: 0,
@@ -21,24 +21,24 @@ const sensor = (direction_frd: [number, number, number], distance_m: number | nu
   width_rad: null,
   behind_s: 0,
 });
-const metres = (measured: SensorValues, yaw_rad: number | null): number[][] =>
-  obstaclePositions(HERE, yaw_rad, measured).map((place) => {
-    const { east_m, north_m } = eastNorth(HERE, place);
+const eastNorth_m = (measured: SensorValues, yaw_rad: number | null): number[][] =>
+  obstaclePositions(POSITION, yaw_rad, measured).map((obstacle) => {
+    const { east_m, north_m } = eastNorth(POSITION, obstacle);
     return [Math.round(east_m * 10) / 10 || 0, Math.round(north_m * 10) / 10 || 0];
   });
 
 describe('detected obstacles', () => {
-  it('are positioned by the vehicle’s heading or from north, without unknown and out-of-range values', () => {
-    expect(metres({ ...NOTHING, around: around('body', [5, 6, 20.01, null]) }, Math.PI / 2)).toEqual([
+  it('are positioned relative to the heading or to north, without unknown and out-of-range distances', () => {
+    expect(eastNorth_m({ ...NO_SENSORS, around: around('body', [5, 6, 20.01, null]) }, Math.PI / 2)).toEqual([
       [5, 0],
       [0, -6],
     ]);
-    expect(metres({ ...NOTHING, around: around('north', [5]) }, null)).toEqual([[0, 5]]);
-    expect(metres({ ...NOTHING, around: around('body', [5]) }, null)).toEqual([]);
+    expect(eastNorth_m({ ...NO_SENSORS, around: around('north', [5]) }, null)).toEqual([[0, 5]]);
+    expect(eastNorth_m({ ...NO_SENSORS, around: around('body', [5]) }, null)).toEqual([]);
   });
-  it('are shown of sensors that look sideways, not of those that look down', () => {
+  it('come from sensors that look sideways, not from sensors that look down', () => {
     const sensors = { sensors: [sensor([1, 0, 0], 4), sensor([0, 0, 1], 2), sensor([0, 1, 0], null)] };
-    expect(metres({ ...NOTHING, sensors }, 0)).toEqual([[0, 4]]);
-    expect(metres(NOTHING, 0)).toEqual([]);
+    expect(eastNorth_m({ ...NO_SENSORS, sensors }, 0)).toEqual([[0, 4]]);
+    expect(eastNorth_m(NO_SENSORS, 0)).toEqual([]);
   });
 });

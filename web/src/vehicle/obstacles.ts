@@ -5,27 +5,27 @@ import { positionAt, type GeoPosition } from './geo';
 
 /** Older measurements are not shown [s]. PX4 sends DISTANCE_SENSOR every two seconds by default. */
 export const MAX_AGE_S = 2.5;
-/** Steeper rays, up or down, are ignored, because they detect no obstacle around the vehicle (sine of 45°). */
+/** Sensors that look more than 45° up or down are ignored, because they detect no obstacle beside the vehicle (sine of 45°). */
 const MAX_SLOPE = 0.7;
 const RAD = Math.PI / 180;
 
-/** The sensors' values; null if there is no such sensor or it sends nothing. */
+/** The sensors' values; null: no such sensor, or no data from it. */
 export interface SensorValues {
   sensors: DistanceSensors | null;
   around: ObstacleDistance | null;
 }
 
-/** Positions of the obstacles. The vehicle's tilt is ignored, because the map shows no heights. */
-export function obstaclePositions(here: GeoPosition, yaw_ned_rad: number | null, measured: SensorValues): GeoPosition[] {
-  const found: GeoPosition[] = [];
-  const add = (angle_rad: number, distance_m: number | null, range_m: number): void => {
+/** Positions of the obstacles. The vehicle's tilt is ignored. */
+export function obstaclePositions(vehicle: GeoPosition, yaw_ned_rad: number | null, measured: SensorValues): GeoPosition[] {
+  const obstacles: GeoPosition[] = [];
+  const add = (bearing_rad: number, distance_m: number | null, range_m: number): void => {
     if (distance_m === null || distance_m > range_m) return;
-    found.push(positionAt(here, { north_m: distance_m * Math.cos(angle_rad), east_m: distance_m * Math.sin(angle_rad) }));
+    obstacles.push(positionAt(vehicle, { north_m: distance_m * Math.cos(bearing_rad), east_m: distance_m * Math.sin(bearing_rad) }));
   };
   if (measured.around !== null && (measured.around.frame === 'north' || yaw_ned_rad !== null)) {
     const { first_deg, step_deg, distances_m, range_max_m, frame } = measured.around;
-    const from_rad = frame === 'north' ? 0 : (yaw_ned_rad ?? 0);
-    distances_m.forEach((distance_m, index) => add(from_rad + (first_deg + index * step_deg) * RAD, distance_m, range_max_m));
+    const reference_rad = frame === 'north' ? 0 : (yaw_ned_rad ?? 0);
+    distances_m.forEach((distance_m, index) => add(reference_rad + (first_deg + index * step_deg) * RAD, distance_m, range_max_m));
   }
   if (measured.sensors !== null && yaw_ned_rad !== null) {
     for (const { direction_frd, distance_m, range_max_m } of measured.sensors.sensors) {
@@ -33,5 +33,5 @@ export function obstaclePositions(here: GeoPosition, yaw_ned_rad: number | null,
       if (Math.abs(down) <= MAX_SLOPE) add(yaw_ned_rad + Math.atan2(right, forward), distance_m, range_max_m);
     }
   }
-  return found;
+  return obstacles;
 }

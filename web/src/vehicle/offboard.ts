@@ -1,4 +1,4 @@
-/** The server's offboard stream, in the form that the card shows; missing values are null. */
+/** The state of the server's setpoint stream to a vehicle, from the topic `offboard`. Null: not known or not applicable. */
 
 import type { components } from '../api/schema';
 import type { MaybeVector3, Vector3 } from '../live/topics';
@@ -12,7 +12,7 @@ export interface Avoidance {
   on: boolean;
   /** The vehicle has a sensor that detects obstacles. */
   sensor: boolean;
-  /** clear, turning, over, around, back, stopped; null while off or nothing is streamed. */
+  /** clear, turning, over, around, back, stopped; null while avoidance is off or there is no stream. */
   state: string | null;
   text: string;
 }
@@ -32,19 +32,21 @@ export interface OffboardStatus {
   rateRequested_hz: number | null;
   validFor_s: number | null;
   validLeft_s: number | null;
+  /** What the vehicle does if the stream stops, as text. */
   ifStreamStops: string | null;
+  /** What happens when the setpoints expire, as text. */
   onExpiry: string | null;
   client: string | null;
-  /** Distinguishes the client from others with the same name. */
+  /** Distinguishes the client from other clients with the same name. */
   clientKey: string | null;
   /** The vehicle flies in a group: the server accepts setpoints only for the whole group. */
-  ofGroup: boolean;
+  inGroup: boolean;
   /** Origin of the operator's limits; null if an older server does not send it. */
   limitsOrigin: LimitsOrigin | null;
-  /** The limits that change the setpoint now, as text. */
+  /** Texts about the limits that change the setpoint now. */
   limited: readonly string[];
-  /** Why the last stream ended. */
-  ended: string | null;
+  /** Why the last stream ended, as text. */
+  endReason: string | null;
   avoidance: Avoidance;
 }
 
@@ -70,7 +72,7 @@ function triple(raw: Raw | null, name: string): MaybeVector3 | null {
   return value.map((v) => (typeof v === 'number' ? v : null)) as MaybeVector3;
 }
 
-/** What happens when the setpoints expire. */
+/** What happens when the setpoints expire, as text. @param raw `on_expiry` of a setpoint. */
 export function expiryText(raw: Raw | null): string | null {
   const action = text(raw, 'action');
   if (action === 'hold') {
@@ -103,10 +105,10 @@ export function readOffboard(value: unknown): OffboardStatus | null {
     onExpiry: expiryText(object(raw['on_expiry'])),
     client: text(raw, 'client'),
     clientKey: text(raw, 'client_key'),
-    ofGroup: raw['owner'] === 'group',
+    inGroup: raw['owner'] === 'group',
     limitsOrigin: object(raw['limits_origin']) as LimitsOrigin | null,
     limited: Array.isArray(raw['limited']) ? raw['limited'].filter((l): l is string => typeof l === 'string') : [],
-    ended: text(raw, 'ended'),
+    endReason: text(raw, 'ended'),
     avoidance: readAvoidance(object(raw['avoidance'])),
   };
 }
@@ -124,30 +126,30 @@ const STATES: Readonly<Record<string, string>> = {
   landing: 'Expired: landing',
 };
 
-/** Notice before a start: whether a restart of the server kept or lost the operator's limits. */
+/** Notice that a restart of the server has restored or lost the operator's limits; null: neither. */
 export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: string; caution: boolean } | null {
   if (origin == null) return null;
   if (origin.warning !== null) return { text: origin.warning, caution: true };
   return origin.active && origin.restored ? { text: origin.text, caution: false } : null;
 }
 
-/** State of the stream, for the corner of the card. */
+/** State of the stream as a short text. */
 export function streamText(status: OffboardStatus): string {
-  const words = STATES[status.state] ?? kindName(status.type);
-  return status.ofGroup ? `Group · ${words}` : words;
+  const stateText = STATES[status.state] ?? kindName(status.type);
+  return status.inGroup ? `Group · ${stateText}` : stateText;
 }
 
 /** Distance from the target [m]; null if the target is not a complete position. */
-export function error_m(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null): number | null {
+export function positionError_m(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null): number | null {
   const target = status.position_ned_m;
   if (target === null || position_ned_m === null || target.some((v) => v === null)) return null;
   return Math.hypot(...position_ned_m.map((v, i) => v - (target[i] ?? 0)));
 }
 
-/** The setpoint that a nudge changes: the streamed one if it is a position, else the vehicle's position. */
+/** The setpoint that a nudge changes: the streamed position; without one, the vehicle's position. Null: neither is known. */
 export function nudgeBase(status: OffboardStatus, position_ned_m: Readonly<Vector3> | null, yaw_ned_rad: number | null): PositionSetpoint | null {
   const target = status.position_ned_m;
-  const full = target !== null && target.every((v) => v !== null) ? (target as Vector3) : position_ned_m;
+  const position = target !== null && target.every((v) => v !== null) ? (target as Vector3) : position_ned_m;
   const yaw = status.yaw_ned_rad ?? yaw_ned_rad;
-  return full === null || yaw === null ? null : { type: 'position', position_ned_m: full, yaw_ned_rad: yaw };
+  return position === null || yaw === null ? null : { type: 'position', position_ned_m: position, yaw_ned_rad: yaw };
 }

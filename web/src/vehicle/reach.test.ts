@@ -8,13 +8,13 @@ const ROS_2: Reach = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 
 const facts = (reach: Reach | null): VehicleFacts => ({ reach }) as VehicleFacts;
 
 describe('the protocols of a vehicle', () => {
-  it('do not carry features that need MAVLink over ROS 2 alone', () => {
+  it('determine which features are available: some need MAVLink', () => {
     expect(carries(facts(ROS_2), 'parameters')).toBe(false);
     expect(carries(facts(ROS_2), 'gimbal')).toBe(true);
     expect(carries(facts(BOTH), 'parameters')).toBe(true);
     expect(carries(facts(null), 'parameters')).toBe(true);
   });
-  it('are listed for telemetry, commands and setpoints where these differ', () => {
+  it('are listed separately for telemetry, commands and setpoints if they differ', () => {
     expect(reachLines(null)).toEqual([]);
     expect(reachLines(BOTH)).toEqual([
       ['Protocol', 'MAVLink and ROS 2'],

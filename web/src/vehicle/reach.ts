@@ -1,17 +1,17 @@
-/** Over which protocols a vehicle is reached, and what its links carry. Pure. */
+/** The protocols of a vehicle's links, and the features that the links carry. Pure. */
 
 import type { components } from '../api/schema';
 
 export type Reach = Readonly<components['schemas']['Reach']>;
-/** What only MAVLink carries. */
+/** A feature that only MAVLink carries. */
 export type Feature = Reach['missing'][number];
 
-/** Whether the vehicle's links carry this; true before the server has sent `reach`. */
+/** Whether the vehicle's links carry a feature; true before the server has sent `reach`. */
 export function carries(facts: { readonly reach: Reach | null }, feature: Feature): boolean {
   return facts.reach === null || !facts.reach.missing.includes(feature);
 }
 
-/** Lines for the details of the link: the protocols, and which of them carries telemetry, commands and setpoints. */
+/** Lines (name, text) about the link: its protocols, and the protocols of telemetry, commands and setpoints if they differ. */
 export function reachLines(reach: Reach | null): [string, string][] {
   if (reach === null || reach.protocols.length === 0) return [];
   const protocols = [...new Set([reach.telemetry, reach.commands, reach.setpoints])];
@@ -19,6 +19,6 @@ export function reachLines(reach: Reach | null): [string, string][] {
   if (protocols.length > 1) {
     lines.push(['Telemetry', reach.telemetry ?? '–'], ['Commands', reach.commands ?? '–'], ['Setpoints', reach.setpoints ?? '–']);
   }
-  if (reach.missing.length > 0) lines.push(['Not available without MAVLink', reach.missing.map((each) => each.replace('_', ' ')).join(', ')]);
+  if (reach.missing.length > 0) lines.push(['Not available without MAVLink', reach.missing.map((feature) => feature.replace('_', ' ')).join(', ')]);
   return lines;
 }

@@ -1,6 +1,6 @@
 /**
- * Every kind of setpoint as a form: the names, frames and units of its fields, and their conversion to the API's
- * values. In the form, up is positive and angles are in degrees; the API has down and radians.
+ * The form of every setpoint type: names, frames and units of the fields, and the scales to the API's values. In the form
+ * up is positive and angles are in degrees; in the API down is positive and angles are in radians.
  */
 
 export type SetpointKind =
@@ -18,7 +18,7 @@ export type SetpointKind =
   | 'actuators';
 
 export interface Axis {
-  /** Unique within its kind. */
+  /** Unique within its setpoint type. */
   key: string;
   label: string;
   unit: string;
@@ -34,11 +34,11 @@ export interface Group {
   field: string;
   title: string;
   axes: readonly Axis[];
-  /** An axis may be null: this quantity does not control it. North and east are null together. One quantity must control each axis. */
+  /** An axis may be null: this quantity does not control it. North and east are null together. For each axis, at least one quantity is not null. */
   nullable: boolean;
-  /** The whole quantity may be missing. */
+  /** The setpoint may omit the whole quantity. */
   optional: boolean;
-  /** One number instead of an array. */
+  /** The API's value is a number instead of an array. */
   scalar?: boolean;
 }
 
@@ -49,14 +49,14 @@ export interface KindSpec {
   kind: SetpointKind;
   name: string;
   frame: string;
-  /** Warning about what this kind does not control; shown in the list of kinds. */
+  /** Warning about motion that this setpoint type does not control. */
   warning: string | null;
   groups: readonly Group[];
   yaw: YawInput;
 }
 
 const RAD = Math.PI / 180;
-const NOT_HELD = 'Altitude and position are not held: the vehicle drifts, climbs or descends.';
+const NOT_CONTROLLED = 'Altitude and position are not controlled: the vehicle drifts, climbs or descends.';
 
 function axes(
   prefix: string,
@@ -70,7 +70,8 @@ function axes(
 
 const NEU: readonly [string, string, string] = ['North', 'East', 'Up'];
 const FRU: readonly [string, string, string] = ['Forward', 'Right', 'Up'];
-const UP: readonly [number, number, number] = [1, 1, -1];
+/** Scales of the axes: the form's third axis is up, the API's is down. */
+const UP_TO_DOWN: readonly [number, number, number] = [1, 1, -1];
 
 function group(field: string, title: string, list: readonly Axis[], more: Partial<Group> = {}): Group {
   return { field, title, axes: list, nullable: false, optional: false, ...more };
@@ -78,9 +79,9 @@ function group(field: string, title: string, list: readonly Axis[], more: Partia
 
 const THRUST = group('thrust', 'Thrust', [{ key: 'thrust', label: 'Thrust', unit: '', scale: 1, min: 0, max: 1, step: 0.01 }], { scalar: true });
 
-const POSITION = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP));
-const VELOCITY = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP));
-const ACCELERATION = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP));
+const POSITION = group('position_ned_m', 'Position', axes('p', NEU, 'm', 0.5, UP_TO_DOWN));
+const VELOCITY = group('velocity_ned_m_s', 'Velocity', axes('v', NEU, 'm/s', 0.1, UP_TO_DOWN));
+const ACCELERATION = group('acceleration_ned_m_s2', 'Acceleration', axes('a', NEU, 'm/s²', 0.1, UP_TO_DOWN));
 
 export const KINDS: readonly KindSpec[] = [
   { kind: 'position', name: 'Position', frame: 'local frame, from the origin', warning: null, groups: [POSITION], yaw: 'angle_or_rate' },
@@ -101,7 +102,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Offset',
     frame: 'from the current position, along the heading',
     warning: null,
-    groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP))],
+    groups: [group('offset_frd_m', 'Offset', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
     yaw: 'offset',
   },
   {
@@ -117,7 +118,7 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Velocity along heading',
     frame: 'forward, right, up',
     warning: 'The vehicle keeps moving until the setpoint changes or expires.',
-    groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP))],
+    groups: [group('velocity_frd_m_s', 'Velocity', axes('w', FRU, 'm/s', 0.1, UP_TO_DOWN))],
     yaw: 'angle_or_rate',
   },
   {
@@ -144,7 +145,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'attitude',
     name: 'Attitude',
     frame: 'relative to the horizon',
-    warning: NOT_HELD,
+    warning: NOT_CONTROLLED,
     yaw: 'none',
     groups: [
       group('roll_rad', 'Roll', [{ key: 'roll', label: 'Roll (+ right)', unit: '°', scale: RAD, min: -180, max: 180, step: 1 }], { scalar: true }),
@@ -158,7 +159,7 @@ export const KINDS: readonly KindSpec[] = [
     kind: 'rates',
     name: 'Body rates',
     frame: 'about the body axes',
-    warning: 'The vehicle is not levelled: it keeps rotating. ' + NOT_HELD,
+    warning: 'The vehicle is not levelled: it keeps rotating. ' + NOT_CONTROLLED,
     yaw: 'none',
     groups: [
       group('rates_frd_rad_s', 'Rates', [
@@ -174,20 +175,20 @@ export const KINDS: readonly KindSpec[] = [
     name: 'Follow a vehicle',
     frame: 'at an offset along the other vehicle’s heading',
     warning: null,
-    groups: [group('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'm', 0.5, UP))],
+    groups: [group('offset_frd_m', 'Offset from the other vehicle', axes('o', FRU, 'm', 0.5, UP_TO_DOWN))],
     yaw: 'follow',
   },
   {
     kind: 'thrust_torque',
     name: 'Thrust and torque',
     frame: 'body axes, −1 to 1',
-    warning: NOT_HELD,
+    warning: NOT_CONTROLLED,
     yaw: 'none',
     groups: [
       group(
         'thrust_frd',
         'Thrust',
-        axes('f', FRU, '', 0.01, UP).map((a) => ({ ...a, min: -1, max: 1 })),
+        axes('f', FRU, '', 0.01, UP_TO_DOWN).map((a) => ({ ...a, min: -1, max: 1 })),
       ),
       group(
         'torque_frd',
@@ -196,16 +197,16 @@ export const KINDS: readonly KindSpec[] = [
       ),
     ],
   },
-  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', warning: NOT_HELD, groups: [], yaw: 'none' },
+  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', warning: NOT_CONTROLLED, groups: [], yaw: 'none' },
 ];
 
 export function specOf(kind: SetpointKind): KindSpec {
   const spec = KINDS.find((k) => k.kind === kind);
-  if (spec === undefined) throw new Error(`unknown kind ${kind}`);
+  if (spec === undefined) throw new Error(`Unknown setpoint type ${kind}.`);
   return spec;
 }
 
-/** "Velocity along heading" for the server's name of a kind; an unknown kind keeps its name. */
+/** Displayed name of a setpoint type, for example "Velocity along heading" for `velocity_body`; an unknown type keeps its name. */
 export function kindName(type: string | null): string {
   return KINDS.find((k) => k.kind === type)?.name ?? type ?? 'setpoints';
 }

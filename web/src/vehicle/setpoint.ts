@@ -1,4 +1,4 @@
-/** Setpoints in the API's format, and the steps of nudging. */
+/** Setpoints in the API's format, and nudging: moving a position setpoint in steps. */
 
 import type { Outcome } from '../api/client';
 import type { components } from '../api/schema';
@@ -29,7 +29,7 @@ export const STEPS: readonly Steps[] = [
 /** Any setpoint in the API's format. */
 export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };
 
-/** A setpoint for a request. The form has chosen the fields; the server validates them. */
+/** A setpoint with the type of the API's request body; the server validates its fields. */
 export const asBody = (setpoint: AnySetpoint): Schemas['StartGroup']['members'][number]['setpoint'] => setpoint as never;
 
 export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };
@@ -48,25 +48,25 @@ export interface StreamStart {
   rate_hz: number;
   /** Description of the setpoint, for the confirmation. */
   text: string;
-  /** Called with the result. */
+  /** Called with the result of the start. */
   onOutcome?: (outcome: Outcome<unknown>) => void;
 }
 
-/** Default validity [s]; without renewal the vehicle then switches to Hold. */
+/** Default validity [s]. */
 const VALID_FOR_S = 10;
 export const ON_EXPIRY = { action: 'hold', hold_for_s: 5 } as const;
 export const DEFAULT_VALIDITY: Validity = { valid_for_s: VALID_FOR_S, on_expiry: ON_EXPIRY, renew: true };
 
 function wrapPi(angle_rad: number): number {
-  const turn = 2 * Math.PI;
-  return ((((angle_rad + Math.PI) % turn) + turn) % turn) - Math.PI;
+  const fullTurn = 2 * Math.PI;
+  return ((((angle_rad + Math.PI) % fullTurn) + fullTurn) % fullTurn) - Math.PI;
 }
 
 /** The setpoint one step further along an axis; `sign` is +1 or −1. */
-export function nudge(from: PositionSetpoint, axis: Axis, sign: 1 | -1, steps: Steps): PositionSetpoint {
-  const [n, e, d] = from.position_ned_m;
-  const by = sign * steps.metres;
-  if (axis === 'yaw') return { ...from, yaw_ned_rad: wrapPi(from.yaw_ned_rad + (sign * steps.yaw_deg * Math.PI) / 180) };
-  const moved: Record<Exclude<Axis, 'yaw'>, Vector3> = { north: [n + by, e, d], east: [n, e + by, d], up: [n, e, d - by] };
-  return { ...from, position_ned_m: moved[axis] };
+export function nudge(setpoint: PositionSetpoint, axis: Axis, sign: 1 | -1, steps: Steps): PositionSetpoint {
+  const [n, e, d] = setpoint.position_ned_m;
+  const step_m = sign * steps.metres;
+  if (axis === 'yaw') return { ...setpoint, yaw_ned_rad: wrapPi(setpoint.yaw_ned_rad + (sign * steps.yaw_deg * Math.PI) / 180) };
+  const moved: Record<Exclude<Axis, 'yaw'>, Vector3> = { north: [n + step_m, e, d], east: [n, e + step_m, d], up: [n, e, d - step_m] };
+  return { ...setpoint, position_ned_m: moved[axis] };
 }

@@ -27,5 +27,5 @@ export function flightOf(facts: Pick<VehicleFacts, 'lost' | 'now_unix_s'>, clock
     const until = facts.lost ? clock.updated_unix_s : facts.now_unix_s;
     return { label: 'Flight time', text: `${clock.exact ? '' : '> '}${duration(until - clock.airborneSince_unix_s)}` };
   }
-  return { label: clock.last_s === null ? 'Flight time' : 'Last flight', text: duration(clock.last_s) };
+  return { label: clock.lastFlight_s === null ? 'Flight time' : 'Last flight', text: duration(clock.lastFlight_s) };
 }

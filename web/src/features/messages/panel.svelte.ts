@@ -1,22 +1,22 @@
-/** The message panel: open or not, its filter, and the time up to which each vehicle's messages were read. */
+/** State of the message panel: open or closed, the filter, and for each vehicle the time up to which the person has read messages. */
 
 import type { Filter } from './messages';
 
 class MessagePanel {
   open = $state(false);
   filter = $state<Filter>('all');
-  private readUntil = $state.raw<Readonly<Record<string, number>>>({});
+  private readTimes = $state.raw<Readonly<Record<string, number>>>({});
 
-  /** Messages from before the page was opened count as read. */
-  since(vehicle: string, now_unix_s: number): number {
-    return this.readUntil[vehicle] ?? (this.began_unix_s ??= now_unix_s);
+  /** Time up to which the vehicle's messages count as read; initially the time of the first call. */
+  readUntil_unix_s(vehicle: string, now_unix_s: number): number {
+    return this.readTimes[vehicle] ?? (this.firstCall_unix_s ??= now_unix_s);
   }
 
-  read(vehicle: string, now_unix_s: number): void {
-    this.readUntil = { ...this.readUntil, [vehicle]: now_unix_s };
+  markRead(vehicle: string, now_unix_s: number): void {
+    this.readTimes = { ...this.readTimes, [vehicle]: now_unix_s };
   }
 
-  private began_unix_s: number | null = null;
+  private firstCall_unix_s: number | null = null;
 }
 
 export const panel = new MessagePanel();

@@ -1,4 +1,4 @@
-/** This page as a source of setpoints: starts the stream at the vehicle's position, nudges and renews it. */
+/** This page as a source of setpoints: starts a vehicle's stream, sends and nudges setpoints, and renews them. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
@@ -20,7 +20,7 @@ import {
 } from '../../vehicle/setpoint';
 import { nudgeBase } from '../../vehicle/offboard';
 
-/** The page's own refusal, without asking the server: there is no position to hold. */
+/** A refusal by the page without a request to the server: there is no position to hold. */
 function noPosition(age_s: number | null): Outcome<never> {
   return {
     ok: false,
@@ -39,16 +39,16 @@ function noPosition(age_s: number | null): Outcome<never> {
   };
 }
 
-/** Codes of transient problems: no answer, or a refusal that may not last (such as an old estimate). */
+/** Codes of transient problems: no answer, or a refusal whose cause may pass (such as an old estimate). */
 const TRANSIENT_CODES: readonly string[] = ['unreachable', 'refused'];
 
 export class OffboardControl {
   steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly renewers = new Map<string, SetpointRenewer>();
-  /** Called when a vehicle gets its own setpoint instead of a group's. */
+  /** Called when this page sends a setpoint to a single vehicle, which then no longer follows its group. */
   onVehicleSetpoint: (id: string) => void = () => undefined;
-  /** Called when a renewal is refused: the setpoint will expire. */
-  onNotRenewed: (id: string, problem: Problem) => void = () => undefined;
+  /** Called when the server refuses a renewal: the setpoint will expire. */
+  onRenewalRefused: (id: string, problem: Problem) => void = () => undefined;
 
   constructor(
     private readonly api: ApiClient,
@@ -56,10 +56,10 @@ export class OffboardControl {
     private readonly nowS: () => number,
   ) {}
 
-  /** Starts the stream with the given setpoint, else with the vehicle's position. */
+  /** Starts the stream with the given setpoint; null: with the vehicle's position. */
   async start(facts: VehicleFacts, streamStart: StreamStart | null = null): Promise<Outcome<unknown>> {
     if (streamStart !== null) {
-      const outcome = await this.begin(facts.id, streamStart.setpoint, streamStart.validity, streamStart.rate_hz);
+      const outcome = await this.postStart(facts.id, streamStart.setpoint, streamStart.validity, streamStart.rate_hz);
       streamStart.onOutcome?.(outcome);
       return outcome;
     }
@@ -71,43 +71,43 @@ export class OffboardControl {
       position_ned_m: local.value.position_ned_m,
       yaw_ned_rad: attitude.value.yaw_ned_rad,
     };
-    return this.begin(facts.id, { ...setpoint }, DEFAULT_VALIDITY);
+    return this.postStart(facts.id, { ...setpoint }, DEFAULT_VALIDITY);
   }
 
   /**
-   * Sends a new setpoint of any kind. If the server refuses it, the previous setpoint is still renewed. Without an answer
-   * it is unknown which of the two is flown, and neither is renewed.
+   * Sends a new setpoint of any kind. If the server refuses it, this page continues to renew the previous setpoint. Without
+   * an answer it is unknown which of the two setpoints the vehicle follows, and this page renews neither.
    */
   async send(id: string, setpoint: AnySetpoint, validity: Validity): Promise<Outcome<unknown>> {
     const renewer = this.renewer(id);
     this.onVehicleSetpoint(id);
-    const refused = renewer.start(setpoint, validity, this.nowS());
+    const restorePrevious = renewer.start(setpoint, validity, this.nowS());
     const outcome = await this.postSetpoint(id, setpoint, validity);
-    if (!outcome.ok && outcome.problem.status !== 0) refused();
+    if (!outcome.ok && outcome.problem.status !== 0) restorePrevious();
     if (renewer.setpoint !== setpoint) return outcome;
-    if (outcome.ok) renewer.start(repeatable(setpoint, outcome.value), validity, this.nowS());
+    if (outcome.ok) renewer.start(renewable(setpoint, outcome.value), validity, this.nowS());
     else renewer.stop();
     return outcome;
   }
 
-  /** A person controls the vehicle directly (gamepad, drag): the previous setpoint is no longer renewed. */
+  /** A person controls the vehicle directly (gamepad, drag): this page no longer renews the previous setpoint. */
   onDirectControl(id: string): void {
     this.onVehicleSetpoint(id);
     this.stopRenewing(id);
   }
 
-  /** The vehicle flies in a group now: its own setpoint is no longer renewed. */
+  /** This page no longer renews the vehicle's setpoint, for example because the vehicle flies in a group. */
   stopRenewing(id: string): void {
     this.renewers.get(id)?.stop();
   }
 
-  private async begin(id: string, setpoint: AnySetpoint, validity: Validity, rate_hz?: number): Promise<Outcome<unknown>> {
+  private async postStart(id: string, setpoint: AnySetpoint, validity: Validity, rate_hz?: number): Promise<Outcome<unknown>> {
     const { valid_for_s, on_expiry } = validity;
     const outcome = await this.api.post('/vehicles/{v}/offboard/start', {
       ...ofVehicle(id),
       body: { setpoint: asBody(setpoint), valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) },
     });
-    if (outcome.ok) this.renewer(id).start(repeatable(setpoint, outcome.value), validity, this.nowS());
+    if (outcome.ok) this.renewer(id).start(renewable(setpoint, outcome.value), validity, this.nowS());
     return outcome;
   }
 
@@ -115,24 +115,24 @@ export class OffboardControl {
   async nudge(facts: VehicleFacts, axis: Axis, sign: 1 | -1): Promise<Outcome<unknown>> {
     const renewer = this.renewer(facts.id);
     const streamed = facts.offboard;
-    const from =
+    const base =
       nudgeablePosition(renewer.setpoint) ??
       (streamed === null ? null : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
-    if (from === null) return noPosition(null);
-    return this.send(facts.id, { ...nudge(from, axis, sign, this.steps) }, DEFAULT_VALIDITY);
+    if (base === null) return noPosition(null);
+    return this.send(facts.id, { ...nudge(base, axis, sign, this.steps) }, DEFAULT_VALIDITY);
   }
 
   /** Switches obstacle avoidance on or off. */
-  avoid(id: string, on: boolean): Promise<Outcome<unknown>> {
+  setAvoidance(id: string, on: boolean): Promise<Outcome<unknown>> {
     return this.api.put('/vehicles/{v}/offboard/avoidance', { ...ofVehicle(id), body: { on } });
   }
 
   /** Vehicles whose setpoint this page renews. */
-  renewed(): string[] {
+  renewedVehicles(): string[] {
     return [...this.renewers].flatMap(([id, renewer]) => (renewer.setpoint === null ? [] : [id]));
   }
 
-  /** Called as telemetry arrives. */
+  /** Called when telemetry arrives. @param streaming whether the server streams to the vehicle. */
   tick(streaming: (id: string) => boolean): void {
     for (const [id, renewer] of this.renewers) renewer.tick(this.nowS(), streaming(id));
   }
@@ -150,7 +150,7 @@ export class OffboardControl {
         const outcome = await this.postSetpoint(id, setpoint, validity);
         if (outcome.ok) return 'accepted';
         if (TRANSIENT_CODES.includes(outcome.problem.code)) return 'retry';
-        this.onNotRenewed(id, outcome.problem);
+        this.onRenewalRefused(id, outcome.problem);
         return 'refused';
       });
       this.renewers.set(id, renewer);
@@ -159,10 +159,10 @@ export class OffboardControl {
   }
 }
 
-/** Repeating an offset would move the vehicle again, so the resulting position is renewed instead. */
-function repeatable(setpoint: AnySetpoint, answer: unknown): AnySetpoint {
+/** The setpoint to renew: instead of an offset, which would move the vehicle again, the position that resulted from the offset. */
+function renewable(setpoint: AnySetpoint, response: unknown): AnySetpoint {
   if (setpoint.type !== 'position_body') return setpoint;
-  const streamed = (answer as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;
+  const streamed = (response as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;
   if (typeof streamed?.['type'] !== 'string') return setpoint;
   return Object.fromEntries(Object.entries(streamed).filter(([, value]) => value !== null)) as AnySetpoint;
 }

@@ -18,6 +18,6 @@ export const groups = new GroupController(
 );
 
 offboard.onVehicleSetpoint = (id) => groups.onVehicleSetpoint(id);
-offboard.onNotRenewed = (id, problem) => {
+offboard.onRenewalRefused = (id, problem) => {
   for (const pagePart of ['offboard', 'room'] as const) actions.showProblem('Renewing the setpoint', nameOf(id), pagePart, problem);
 };

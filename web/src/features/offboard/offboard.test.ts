@@ -4,7 +4,7 @@ import { CommandQueue } from '../../api/command-queue';
 import { OffboardControl } from './control.svelte';
 import { SetpointRenewer, type RenewalResult } from './renewer';
 import { DEFAULT_VALIDITY, nudge, STEPS, type PositionSetpoint } from '../../vehicle/setpoint';
-import { error_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
+import { positionError_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
 
 describe('offboard', () => {
   const raw = {
@@ -22,7 +22,7 @@ describe('offboard', () => {
     sends_failed: 0,
     ended: null,
   };
-  it('reports only limits that a restart of the server kept or lost', () => {
+  it('has a notice about limits only if a restart of the server restored or lost them', () => {
     const origin = {
       active: true,
       restored: false,
@@ -41,12 +41,12 @@ describe('offboard', () => {
     });
     expect(limitsNotice(readOffboard(raw)?.limitsOrigin)).toBeNull();
   });
-  it('reads obstacle avoidance, and null from an older server', () => {
+  it('reads obstacle avoidance, and reads it as off from an older server', () => {
     const avoidance = { on: true, way: 'over', state: 'stopped', text: 'No way.', sensor: true };
     expect(readOffboard({ ...raw, avoidance })?.avoidance).toEqual({ on: true, sensor: true, state: 'stopped', text: 'No way.' });
     expect(readOffboard(raw)?.avoidance).toEqual({ on: false, sensor: false, state: null, text: '' });
   });
-  it('reads the server’s stream and the vehicle’s deviation', () => {
+  it('reads the server’s stream, and computes the position error', () => {
     const stream = readOffboard(raw);
     expect(stream).toMatchObject({
       streaming: true,
@@ -56,27 +56,27 @@ describe('offboard', () => {
       onExpiry: 'the server holds the position for 5 s, then selects Hold mode',
       ifStreamStops: 'it lands',
     });
-    expect(stream && error_m(stream, [1, 2, 1])).toBe(4);
-    expect(stream && error_m(stream, null)).toBeNull();
+    expect(stream && positionError_m(stream, [1, 2, 1])).toBe(4);
+    expect(stream && positionError_m(stream, null)).toBeNull();
     expect(readOffboard({ streaming: false, state: 'idle', setpoint: null })).toMatchObject({ streaming: false, type: null, rate_hz: null });
     expect(readOffboard(null)).toBeNull();
   });
-  it('nudges the streamed setpoint: up is negative down, yaw wraps', () => {
+  it('nudges the streamed setpoint, negates up for NED, and wraps the yaw', () => {
     const stream = readOffboard(raw);
-    const from = stream && nudgeBase(stream, [9, 9, 9], 3);
-    expect(from).toEqual({ type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 });
-    const [, one, five] = STEPS;
-    if (!from || !one || !five) throw new Error('no steps');
-    expect(nudge(from, 'up', 1, one).position_ned_m).toEqual([1, 2, -4]);
-    expect(nudge(from, 'north', -1, five).position_ned_m).toEqual([-4, 2, -3]);
-    expect(nudge({ ...from, yaw_ned_rad: 3 }, 'yaw', 1, five).yaw_ned_rad).toBeCloseTo(3 + Math.PI / 4 - 2 * Math.PI);
+    const base = stream && nudgeBase(stream, [9, 9, 9], 3);
+    expect(base).toEqual({ type: 'position', position_ned_m: [1, 2, -3], yaw_ned_rad: 0.5 });
+    const [, step1, step5] = STEPS;
+    if (!base || !step1 || !step5) throw new Error('no steps');
+    expect(nudge(base, 'up', 1, step1).position_ned_m).toEqual([1, 2, -4]);
+    expect(nudge(base, 'north', -1, step5).position_ned_m).toEqual([-4, 2, -3]);
+    expect(nudge({ ...base, yaw_ned_rad: 3 }, 'yaw', 1, step5).yaw_ned_rad).toBeCloseTo(3 + Math.PI / 4 - 2 * Math.PI);
   });
   it('renews a setpoint in time, and stops when the stream ends or the server refuses', async () => {
     const sent: unknown[] = [];
-    let answer: RenewalResult = 'accepted';
+    let result: RenewalResult = 'accepted';
     const renewer = new SetpointRenewer((s) => {
       sent.push(s);
-      return Promise.resolve(answer);
+      return Promise.resolve(result);
     });
     const setpoint: PositionSetpoint = { type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 };
     renewer.start({ ...setpoint }, DEFAULT_VALIDITY, 0);
@@ -86,7 +86,7 @@ describe('offboard', () => {
     renewer.tick(3.1, true);
     expect(sent).toHaveLength(1);
     await Promise.resolve();
-    answer = 'refused';
+    result = 'refused';
     renewer.tick(6.1, true);
     await Promise.resolve();
     expect(renewer.setpoint).toBeNull();
@@ -100,43 +100,47 @@ describe('offboard', () => {
   });
   it('retries a failed renewal until the setpoint has expired', async () => {
     const sent: number[] = [];
-    let answer: RenewalResult = 'retry';
+    let result: RenewalResult = 'retry';
     const renewer = new SetpointRenewer((): Promise<RenewalResult> => {
       sent.push(now_s);
-      return Promise.resolve(answer);
+      return Promise.resolve(result);
     });
     let now_s = 0;
     renewer.start({ type: 'position', position_ned_m: [0, 0, -5], yaw_ned_rad: 0 }, DEFAULT_VALIDITY, now_s);
-    const until = async (end_s: number): Promise<void> => {
+    const tickUntil = async (end_s: number): Promise<void> => {
       for (; now_s < end_s; now_s += 1) {
         renewer.tick(now_s, true);
         await Promise.resolve();
       }
     };
-    await until(5);
-    answer = 'accepted';
-    await until(7);
-    answer = 'retry';
-    await until(60);
-    expect(sent).toEqual([3, 6, 9, 12, 15]); // accepted at 6, valid for 10 s
+    await tickUntil(5);
+    result = 'accepted';
+    await tickUntil(7);
+    result = 'retry';
+    await tickUntil(60);
+    expect(sent).toEqual([3, 6, 9, 12, 15]); // accepted at 6 s, then valid for 10 s
     expect(renewer.setpoint).toBeNull();
   });
-  it('renews the flown setpoint after a refusal of a new one, and none after a missing answer', async () => {
+  it('renews the previous setpoint after the server refuses a new setpoint, and none if the server does not answer', async () => {
     const sent: unknown[] = [];
-    let answer: () => Response = () => Response.json({});
+    let respond: () => Response = () => Response.json({});
     const api = new ApiClient('me', undefined, (_, init) => {
       sent.push((JSON.parse(init.body as string) as { setpoint: PositionSetpoint }).setpoint.position_ned_m);
-      return Promise.resolve().then(answer);
+      return Promise.resolve().then(respond);
     });
     let now_s = 0;
     const control = new OffboardControl(api, new CommandQueue(), () => now_s);
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
-    const at = (north_m: number): PositionSetpoint & Record<string, unknown> => ({ type: 'position', position_ned_m: [north_m, 0, -5], yaw_ned_rad: 0 });
-    await control.send('1', at(1), DEFAULT_VALIDITY);
-    answer = () => Response.json({ detail: 'no fresh position' }, { status: 409 });
+    const positionAt = (north_m: number): PositionSetpoint & Record<string, unknown> => ({
+      type: 'position',
+      position_ned_m: [north_m, 0, -5],
+      yaw_ned_rad: 0,
+    });
+    await control.send('1', positionAt(1), DEFAULT_VALIDITY);
+    respond = () => Response.json({ detail: 'no fresh position' }, { status: 409 });
     now_s = 2;
-    await control.send('1', at(2), DEFAULT_VALIDITY);
-    answer = () => Response.json({});
+    await control.send('1', positionAt(2), DEFAULT_VALIDITY);
+    respond = () => Response.json({});
     now_s = 3.1;
     control.tick(() => true);
     await settle();
@@ -145,26 +149,26 @@ describe('offboard', () => {
       [2, 0, -5],
       [1, 0, -5],
     ]);
-    answer = () => {
+    respond = () => {
       throw new TypeError('network');
     };
-    await control.send('1', at(3), DEFAULT_VALIDITY);
-    answer = () => Response.json({});
+    await control.send('1', positionAt(3), DEFAULT_VALIDITY);
+    respond = () => Response.json({});
     now_s = 20;
     control.tick(() => true);
     await settle();
     expect(sent).toHaveLength(4);
   });
   it('reports a refused renewal once', async () => {
-    let answer = (): Response => Response.json({});
-    const api = new ApiClient('test', undefined, () => Promise.resolve().then(answer));
+    let respond = (): Response => Response.json({});
+    const api = new ApiClient('test', undefined, () => Promise.resolve().then(respond));
     let now_s = 0;
     const control = new OffboardControl(api, new CommandQueue(), () => now_s);
     const reported: string[] = [];
-    control.onNotRenewed = (id, problem) => reported.push(`${id}: ${problem.detail}`);
+    control.onRenewalRefused = (id, problem) => reported.push(`${id}: ${problem.detail}`);
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
     await control.send('1', { type: 'position', position_ned_m: [1, 0, -5], yaw_ned_rad: 0 }, DEFAULT_VALIDITY);
-    answer = () => Response.json({ detail: 'somebody else has control', code: 'not_in_control' }, { status: 409 });
+    respond = () => Response.json({ detail: 'somebody else has control', code: 'not_in_control' }, { status: 409 });
     for (now_s of [4, 8, 12]) {
       control.tick(() => true);
       await settle();

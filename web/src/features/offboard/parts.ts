@@ -1,4 +1,4 @@
-/** The parts of the offboard room, loaded together when it is first opened. */
+/** The parts of the offboard room, loaded when the room is first opened. */
 
 import type { RoomParts } from '../../app/registry.svelte';
 import HealthCard from './setpoints/HealthCard.svelte';

@@ -7,7 +7,7 @@ import OffboardCard from './OffboardCard.svelte';
 import { ROOM } from './room.svelte';
 
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
-page.neededVehicles.push(() => offboard.renewed());
+page.neededVehicles.push(() => offboard.renewedVehicles());
 page.neededVehicles.push(() => groups.live.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
 page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
 page.onTelemetry.push(() => groups.tick(page.connection));

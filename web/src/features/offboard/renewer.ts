@@ -1,7 +1,7 @@
 /**
  * Renews a setpoint before it expires, as long as this page is open and connected. If the page is closed, the
- * setpoint expires and the server executes `on_expiry`. Arriving telemetry calls tick(), also in a hidden tab. An
- * expired setpoint is not sent again: only a person may do that.
+ * setpoint expires and the server executes `on_expiry`. Arriving telemetry calls `tick`, also in a hidden tab. The
+ * renewer never sends an expired setpoint again: only a person may do that.
  */
 
 import type { AnySetpoint, Validity } from '../../vehicle/setpoint';
@@ -14,7 +14,7 @@ export interface RenewedSetpoint {
   validity: Validity;
 }
 
-/** Result of a renewal: accepted, refused, or to be tried again. */
+/** Result of a renewal; after `retry` the renewer tries again. */
 export type RenewalResult = 'accepted' | 'refused' | 'retry';
 
 export class SetpointRenewer {
@@ -32,18 +32,18 @@ export class SetpointRenewer {
 
   /**
    * Starts to renew this setpoint if `validity.renew` is set; the caller is sending the setpoint now.
-   * @returns a function to call if the server refuses it: the previous setpoint, which the vehicle keeps, is then renewed again.
+   * @returns a function to call if the server refuses the setpoint: the renewer then renews the previous setpoint, which the vehicle still follows.
    */
   start(setpoint: AnySetpoint, validity: Validity, now_s: number): () => void {
-    const [before, sentBeforeAt_s, acceptedBeforeAt_s] = [this.current, this.sentAt_s, this.acceptedAt_s];
-    const mine = { setpoint, validity };
-    this.current = mine;
+    const [previous, previousSentAt_s, previousAcceptedAt_s] = [this.current, this.sentAt_s, this.acceptedAt_s];
+    const started = { setpoint, validity };
+    this.current = started;
     this.sentAt_s = this.acceptedAt_s = now_s;
     return () => {
-      if (this.current !== mine) return;
-      this.current = before;
-      this.sentAt_s = sentBeforeAt_s;
-      this.acceptedAt_s = acceptedBeforeAt_s;
+      if (this.current !== started) return;
+      this.current = previous;
+      this.sentAt_s = previousSentAt_s;
+      this.acceptedAt_s = previousAcceptedAt_s;
     };
   }
 

@@ -1,12 +1,12 @@
-/** Opens the offboard room. Small: the room's own code is loaded when it is opened. */
+/** Opens the offboard room. This module is separate from the room's code, which is loaded when the room is opened. */
 
 import { rooms } from '../../app/registry.svelte';
 
 export const ROOM = 'offboard';
 
 class OffboardRoomState {
-  /** Whether the room opens at its part for groups. */
-  atGroups = $state(false);
+  /** Set to open the room at the group panel; the room resets it. */
+  groupsRequested = $state(false);
 
   open(): void {
     rooms.open(ROOM);
@@ -17,7 +17,7 @@ class OffboardRoomState {
   }
 
   showGroups(): void {
-    this.atGroups = true;
+    this.groupsRequested = true;
     this.open();
   }
 }

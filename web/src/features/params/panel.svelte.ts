@@ -1,4 +1,4 @@
-/** State of the parameter panel: the parameters read so far, and setting a parameter. */
+/** State of the parameter panel; reads the vehicle's parameters and sets them. */
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -15,7 +15,8 @@ class ParamPanel {
   /** Name of the parameter whose editor is open. */
   chosen = $state<string | null>(null);
   busy = $state(false);
-  private polls = 0;
+  /** Number of the latest polling; an earlier polling stops. */
+  private pollCount = 0;
 
   toggle(): void {
     this.open = !this.open;
@@ -23,35 +24,35 @@ class ParamPanel {
 
   close(): void {
     this.open = false;
-    this.polls += 1; // ends the polling
+    this.pollCount += 1; // ends the polling
   }
 
-  /** Loads the parameters, starts reading them if needed, and polls until all are read. */
+  /** Shows the parameters that the server has read. If needed (or `again`), the server reads them from the vehicle; this polls until all are read. */
   async show(api: ApiClient, vehicle: string, again = false): Promise<void> {
-    const pollNumber = ++this.polls;
+    const pollNumber = ++this.pollCount;
     this.problem = null;
     if (this.content?.vehicle !== vehicle) {
       this.content = null;
       this.chosen = null;
     }
     await this.poll(api, vehicle, pollNumber);
-    if (pollNumber !== this.polls) return;
+    if (pollNumber !== this.pollCount) return;
     if (again || this.content?.list.state !== 'ready') {
-      const begun = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
-      if (pollNumber !== this.polls) return;
-      if (!begun.ok) {
-        this.problem = begun.problem;
+      const refresh = await api.post('/vehicles/{v}/params/refresh', ofVehicle(vehicle));
+      if (pollNumber !== this.pollCount) return;
+      if (!refresh.ok) {
+        this.problem = refresh.problem;
         return;
       }
     }
     do {
       await new Promise((resolve) => setTimeout(resolve, POLL_MS));
-      if (pollNumber !== this.polls) return;
+      if (pollNumber !== this.pollCount) return;
       await this.poll(api, vehicle, pollNumber);
-    } while (pollNumber === this.polls && this.unfinished());
+    } while (pollNumber === this.pollCount && this.isIncomplete());
   }
 
-  /** Sets a parameter, and stores the value that the vehicle then reports. @returns whether it was set. */
+  /** Sets a parameter, and stores the value that the vehicle reports. @returns whether the vehicle set the parameter. */
   async set(api: ApiClient, vehicle: string, name: string, value: number, force = false): Promise<boolean> {
     if (this.busy) return false;
     this.busy = true;
@@ -69,14 +70,14 @@ class ParamPanel {
     return true;
   }
 
-  private unfinished(): boolean {
+  private isIncomplete(): boolean {
     const list = this.content?.list;
     return list === undefined || list.state === 'reading' || (list.state === 'ready' && !list.facts && list.facts_problem === null);
   }
 
   private async poll(api: ApiClient, vehicle: string, pollNumber: number): Promise<void> {
     const outcome = await api.get('/vehicles/{v}/params', ofVehicle(vehicle));
-    if (pollNumber !== this.polls) return;
+    if (pollNumber !== this.pollCount) return;
     if (outcome.ok) this.content = outcome.value;
     else this.problem = outcome.problem;
   }

@@ -13,7 +13,7 @@ import {
   type Parameter,
 } from './params';
 
-const facts = (more: Partial<ParameterMetadata>): ParameterMetadata => ({
+const metadata = (more: Partial<ParameterMetadata>): ParameterMetadata => ({
   name: '',
   is_integer: false,
   group: 'G',
@@ -32,34 +32,34 @@ const facts = (more: Partial<ParameterMetadata>): ParameterMetadata => ({
   volatile: false,
   ...more,
 });
-const one = (name: string, value: number | null, of: Partial<ParameterMetadata> | null = {}, is_default: boolean | null = true): Parameter => ({
+const parameter = (name: string, value: number | null, more: Partial<ParameterMetadata> | null = {}, is_default: boolean | null = true): Parameter => ({
   name,
   value,
   is_integer: Number.isInteger(value),
   is_default,
-  facts: of === null ? null : facts(of),
+  facts: more === null ? null : metadata(more),
 });
 const all = [
-  one('MPC_XY_VEL_MAX', 12, { title: 'Maximum speed', group: 'Position' }),
-  one('COM_OBL_RC_ACT', 0, { title: 'Offboard loss', group: 'Commander' }, false),
-  one('A_MPC', 1, null, null),
+  parameter('MPC_XY_VEL_MAX', 12, { title: 'Maximum speed', group: 'Position' }),
+  parameter('COM_OBL_RC_ACT', 0, { title: 'Offboard loss', group: 'Commander' }, false),
+  parameter('A_MPC', 1, null, null),
 ];
 
-test('a search covers names and descriptions, names that begin with the text first', () => {
+test('a search finds words in names and descriptions, and lists names that begin with the text first', () => {
   expect(filtered(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
   expect(filtered(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
-  expect(filtered(all, { ...NO_FILTER, changedOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
+  expect(filtered(all, { ...NO_FILTER, nonDefaultOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
   expect(filtered(all, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
   expect(filtered(all, NO_FILTER)).toHaveLength(3);
   expect(groupsOf(all)).toEqual(['Commander', 'Position']);
 });
 
 test('a value is shown with its label, unit and decimals', () => {
-  expect(valueText(one('A', 0.10000000149011612, { unit: 's', decimals: 2 }))).toBe('0.10 s');
-  expect(valueText(one('A', 1, { choices: [{ value: 1, label: 'Land' }] }))).toBe('Land');
+  expect(valueText(parameter('A', 0.10000000149011612, { unit: 's', decimals: 2 }))).toBe('0.10 s');
+  expect(valueText(parameter('A', 1, { choices: [{ value: 1, label: 'Land' }] }))).toBe('Land');
   expect(
     valueText(
-      one('A', 5, {
+      parameter('A', 5, {
         bits: [
           { value: 0, label: 'a' },
           { value: 1, label: 'b' },
@@ -68,20 +68,20 @@ test('a value is shown with its label, unit and decimals', () => {
       }),
     ),
   ).toBe('a, c');
-  expect(valueText(one('A', 1310988, { is_integer: true, decimals: 3 }))).toBe('1310988');
-  expect(valueText(one('A', null))).toBe('–');
-  expect(valueText(one('A', -1.5, null))).toBe('−1.5');
+  expect(valueText(parameter('A', 1310988, { is_integer: true, decimals: 3 }))).toBe('1310988');
+  expect(valueText(parameter('A', null))).toBe('–');
+  expect(valueText(parameter('A', -1.5, null))).toBe('−1.5');
   expect(numberText(0.12345, 1)).toBe('0.12345');
   expect(numberText(4, 2)).toBe('4.00');
-  expect(rangeText(facts({ min: 0, max: 20, unit: 'm/s' }))).toBe('0 to 20 m/s');
-  expect(rangeText(facts({ max: 90, unit: 'deg' }))).toBe('at most 90°');
-  expect(rangeText(facts({ min: 2, unit: 'm/s^2' }))).toBe('at least 2 m/s²');
-  expect(rangeText(facts({ min: -1, max: 1, unit: 'norm' }))).toBe('−1 to 1');
-  expect(rangeText(facts({ min: -1 }))).toBe('at least −1');
-  expect(rangeText(facts({}))).toBe('');
+  expect(rangeText(metadata({ min: 0, max: 20, unit: 'm/s' }))).toBe('0 to 20 m/s');
+  expect(rangeText(metadata({ max: 90, unit: 'deg' }))).toBe('at most 90°');
+  expect(rangeText(metadata({ min: 2, unit: 'm/s^2' }))).toBe('at least 2 m/s²');
+  expect(rangeText(metadata({ min: -1, max: 1, unit: 'norm' }))).toBe('−1 to 1');
+  expect(rangeText(metadata({ min: -1 }))).toBe('at least −1');
+  expect(rangeText(metadata({}))).toBe('');
 });
 
-test('only numbers are sent', () => {
+test('only a number, or an integer where required, is read from typed text', () => {
   expect([parseTyped('12,5', false), parseTyped(' −3 ', true), parseTyped('.5', false), parseTyped('1e3', true)]).toEqual([12.5, -3, 0.5, 1000]);
   expect([parseTyped('', false), parseTyped('1.5', true), parseTyped('abc', false), parseTyped('1e999', false), parseTyped('0x10', true)]).toEqual([
     null,
@@ -92,21 +92,21 @@ test('only numbers are sent', () => {
   ]);
 });
 
-test('a value that is not permitted is reported before it is sent', () => {
-  const speed = facts({ min: 3, max: 20, unit: 'm/s' });
+test('a value outside range, enum or bits has a problem text', () => {
+  const speed = metadata({ min: 3, max: 20, unit: 'm/s' });
   expect([valueProblem(speed, 99), valueProblem(speed, 2.9)]).toEqual([
     'Outside the documented range: 3 to 20 m/s.',
     'Outside the documented range: 3 to 20 m/s.',
   ]);
-  expect([valueProblem(speed, 20), valueProblem(speed, 3), valueProblem(null, 1e9), valueProblem(facts({ min: 0.1 }), Math.fround(0.1))]).toEqual([
+  expect([valueProblem(speed, 20), valueProblem(speed, 3), valueProblem(null, 1e9), valueProblem(metadata({ min: 0.1 }), Math.fround(0.1))]).toEqual([
     null,
     null,
     null,
     null,
   ]);
-  const action = facts({ choices: [{ value: 1, label: 'Land' }] });
+  const action = metadata({ choices: [{ value: 1, label: 'Land' }] });
   expect([valueProblem(action, 1), valueProblem(action, 2)]).toEqual([null, 'Not one of the documented values.']);
-  const mask = facts({
+  const mask = metadata({
     bits: [
       { value: 0, label: 'a' },
       { value: 4, label: 'b' },
@@ -117,7 +117,7 @@ test('a value that is not permitted is reported before it is sent', () => {
   expect(valueProblem(mask, -1)).not.toBeNull();
 });
 
-test('the progress of reading is shown', () => {
+test('the state text shows the progress of reading', () => {
   const list = {
     state: 'reading',
     received: 3,

@@ -10,19 +10,19 @@ export interface Filter {
   text: string;
   /** Empty: all groups. */
   group: string;
-  changedOnly: boolean;
+  nonDefaultOnly: boolean;
 }
 
-export const NO_FILTER: Filter = { text: '', group: '', changedOnly: false };
-/** Larger results are shortened and only counted, to keep the page fast. */
+export const NO_FILTER: Filter = { text: '', group: '', nonDefaultOnly: false };
+/** Number of rows that the panel shows at most, to keep the page fast. */
 export const MAX_ROWS = 120;
 
-/** The groups that occur, sorted. */
+/** The groups of the parameters, sorted. */
 export function groupsOf(params: readonly Parameter[]): string[] {
   return [...new Set(params.map((p) => p.facts?.group ?? '').filter((g) => g !== ''))].sort((a, b) => a.localeCompare(b));
 }
 
-/** Every typed word must occur in the name or description. Names that begin with the text come first. */
+/** The parameters that match the filter; each typed word occurs in name or description. Names that begin with the first word come first. */
 export function filtered(params: readonly Parameter[], filter: Filter): Parameter[] {
   const words = filter.text
     .toLowerCase()
@@ -30,7 +30,7 @@ export function filtered(params: readonly Parameter[], filter: Filter): Paramete
     .filter((w) => w !== '');
   const matching = params.filter((p) => {
     if (filter.group !== '' && p.facts?.group !== filter.group) return false;
-    if (filter.changedOnly && p.is_default !== false) return false;
+    if (filter.nonDefaultOnly && p.is_default !== false) return false;
     const text = `${p.name} ${p.facts?.title ?? ''}`.toLowerCase();
     return words.every((w) => text.includes(w));
   });
@@ -44,21 +44,21 @@ export function filtered(params: readonly Parameter[], filter: Filter): Paramete
 export function numberText(value: number | null, decimals: number | null = null): string {
   if (value === null) return '–';
   if (Number.isInteger(value) && decimals === null) return String(value).replace('-', '−');
-  const short = Number(value.toPrecision(7));
-  const least = decimals === null ? String(short) : trimmed(value, Math.max(decimals, 0));
-  return least.replace('-', '−');
+  const rounded = Number(value.toPrecision(7));
+  const text = decimals === null ? String(rounded) : withDecimals(value, Math.max(decimals, 0));
+  return text.replace('-', '−');
 }
 
-/** The given number of decimals, or more if the value needs them. */
-function trimmed(value: number, decimals: number): string {
+/** The value with the given number of decimals, or with more decimals if it needs them. */
+function withDecimals(value: number, decimals: number): string {
   const exact = String(Number(value.toPrecision(7)));
-  const given = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
-  return given > decimals ? exact : value.toFixed(decimals);
+  const needed = exact.includes('e') ? 0 : (exact.split('.')[1] ?? '').length;
+  return needed > decimals ? exact : value.toFixed(decimals);
 }
 
 const SYMBOLS: Readonly<Record<string, string>> = { deg: '°', Ohm: 'Ω', norm: '', us: 'µs', '%': '%' };
 
-/** A unit in its usual spelling; PX4's metadata is ASCII only. */
+/** A unit with its symbols, such as ² and °; PX4's metadata is ASCII only. */
 export function unitText(unit: string | null): string {
   if (unit === null) return '';
   return unit
@@ -69,10 +69,10 @@ export function unitText(unit: string | null): string {
     .replace('^3', '³');
 }
 
-/** Appends the unit; a degree sign follows without a space. */
+/** The number with its unit; no space before a degree sign. */
 function withUnit(number: string, unit: string | null): string {
-  const written = unitText(unit);
-  return written === '' ? number : written === '°' ? `${number}°` : `${number} ${written}`;
+  const symbol = unitText(unit);
+  return symbol === '' ? number : symbol === '°' ? `${number}°` : `${number} ${symbol}`;
 }
 
 /** The value as text: the label of an enum value, the names of set bits, or the number with its unit. */
@@ -89,14 +89,14 @@ export function valueText(parameter: Parameter): string {
   return withUnit(number, facts.unit);
 }
 
-/** The permitted range as text; empty if there is none. */
+/** The documented range as text; empty if none is documented. */
 export function rangeText(facts: ParameterMetadata): string {
   if (facts.min !== null && facts.max !== null) return `${numberText(facts.min)} to ${withUnit(numberText(facts.max), facts.unit)}`;
   if (facts.min !== null) return `at least ${withUnit(numberText(facts.min), facts.unit)}`;
   return facts.max === null ? '' : `at most ${withUnit(numberText(facts.max), facts.unit)}`;
 }
 
-/** Parses typed text; null if it is not a number, or not an integer where one is required. */
+/** The number in a typed text; null if it is not a number, or if an integer is required and it is not an integer. */
 export function parseTyped(text: string, isInteger: boolean): number | null {
   const plain = text.trim().replace('−', '-').replace(',', '.');
   if (!/^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i.test(plain)) return null;
@@ -104,34 +104,34 @@ export function parseTyped(text: string, isInteger: boolean): number | null {
   return Number.isFinite(value) && (!isInteger || Number.isInteger(value)) ? value : null;
 }
 
-/** Why a value is not permitted; null if it is. The server makes the same check. */
+/** Why the metadata does not permit a value; null if it is permitted. The server checks the same. */
 export function valueProblem(facts: ParameterMetadata | null, value: number): string | null {
   if (facts === null) return null;
-  if (facts.choices.length > 0) return facts.choices.some((c) => same(c.value, value)) ? null : 'Not one of the documented values.';
+  if (facts.choices.length > 0) return facts.choices.some((c) => equalAsFloat32(c.value, value)) ? null : 'Not one of the documented values.';
   if (facts.bits.length > 0) {
     const known = facts.bits.reduce((sum, b) => sum + 2 ** b.value, 0);
-    const rest = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(known / 2 ** bit) % 2 === 0);
-    return value < 0 || rest ? 'This value sets undocumented bits.' : null;
+    const hasUnknownBits = [...Array(32).keys()].some((bit) => Math.floor(value / 2 ** bit) % 2 === 1 && Math.floor(known / 2 ** bit) % 2 === 0);
+    return value < 0 || hasUnknownBits ? 'This value sets undocumented bits.' : null;
   }
-  const low = facts.min !== null && value < facts.min && !same(value, facts.min);
-  const high = facts.max !== null && value > facts.max && !same(value, facts.max);
+  const low = facts.min !== null && value < facts.min && !equalAsFloat32(value, facts.min);
+  const high = facts.max !== null && value > facts.max && !equalAsFloat32(value, facts.max);
   return low || high ? `Outside the documented range: ${rangeText(facts)}.` : null;
 }
 
-/** Compares as 32-bit floats, as the vehicle stores them. */
-function same(a: number, b: number): boolean {
+/** Whether two values are equal as 32-bit floats, as the vehicle stores them. */
+function equalAsFloat32(a: number, b: number): boolean {
   return Math.fround(a) === Math.fround(b);
 }
 
-/** Progress of reading, as text. */
+/** State and progress of the reading, as text. */
 export function stateText(list: Parameters['list'] | null): string {
   if (list === null || list.state === 'unknown') return 'not read yet';
-  const share = list.count === null ? '' : ` ${list.received} of ${list.count}`;
+  const progress = list.count === null ? '' : ` ${list.received} of ${list.count}`;
   switch (list.state) {
     case 'reading':
-      return `reading${share} …`;
+      return `reading${progress} …`;
     case 'failed':
-      return `incomplete:${share}`;
+      return `incomplete:${progress}`;
     case 'outdated':
       return `${list.received}, read before the connection was lost`;
     default:

@@ -1,6 +1,6 @@
 /**
- * State and control of replays: the list of recordings, the replay that is shown, and its commands. One request is
- * under way at a time; of later commands only the newest is kept.
+ * State and control of replays: the list of recordings, the shown replay and its commands. The page sends one request at a
+ * time and merges the commands given meanwhile into the next request.
  */
 
 import type { ApiClient } from '../../api/client';
@@ -9,8 +9,8 @@ import type { Replay } from '../../live/wire';
 import { bounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
 
 /**
- * Timeout of a seek after the server's answer: both the time [ms] and a number of frames must have passed. A busy
- * browser may still read frames from before the answer long after it.
+ * A seek times out when both this time [ms] since the server's response and this number of frames have passed: a busy
+ * browser may still process frames from before the response long afterwards.
  */
 const SEEK_TIMEOUT_MS = 2000;
 const SEEK_TIMEOUT_FRAMES = 20;
@@ -21,8 +21,9 @@ interface ReplayCommand {
   position_unix_s?: number;
 }
 
-const pathOf = (name: string): { params: { path: { name: string } } } => ({ params: { path: { name } } });
+const replayPath = (name: string): { params: { path: { name: string } } } => ({ params: { path: { name } } });
 
+/** What the control needs from the page. */
 export interface ReplayDeps {
   api: ApiClient;
   replays: () => readonly Replay[];
@@ -32,79 +33,79 @@ export interface ReplayDeps {
 
 export class ReplayControl {
   listOpen = $state(false);
-  /** A person has just opened a replay: its time bar takes the keyboard focus. */
-  justOpened = $state(false);
+  /** Set when a person has opened a replay; the time bar then takes the keyboard focus and resets this. */
+  focusRequested = $state(false);
   recordings = $state.raw<readonly Recording[] | null>(null);
   /** Name of the recording that is being opened. */
   opening = $state<string | null>(null);
   problem = $state.raw<Problem | null>(null);
   index = $state.raw<RecordingIndex | null>(null);
-  /** Requested time that is not shown yet. */
+  /** Requested time that the replay has not reached yet. */
   requested_unix_s = $state<number | null>(null);
-  /** The replay whose vehicle is selected as soon as it has one. */
-  private expected = $state<string | null>(null);
-  /** The replay has no vehicle now: it was just opened, or its time is before the first vehicle. */
-  private waiting = false;
-  private indexed: string | null = null;
+  /** Name of the replay whose first vehicle the page selects when the vehicle appears. */
+  private expectedName = $state<string | null>(null);
+  /** Whether the expected replay has no vehicle now: it was just opened, or its time is before the first vehicle. */
+  private waitsForVehicle = false;
+  private indexedName: string | null = null;
   private pendingCommand: ReplayCommand | null = null;
   private isSending = false;
-  private answered_ms = 0;
-  private framesSinceAnswer = 0;
+  private responded_ms = 0;
+  private framesSinceResponse = 0;
 
   constructor(private readonly deps: ReplayDeps) {}
 
   get shown(): Replay | null {
-    return shownReplay(this.deps.replays(), this.deps.selectedId(), this.expected);
+    return shownReplay(this.deps.replays(), this.deps.selectedId(), this.expectedName);
   }
 
   async list(): Promise<void> {
     this.listOpen = true;
-    const answer = await this.deps.api.get('/recordings');
-    if (answer.ok) this.recordings = answer.value.recordings;
-    this.problem = answer.ok ? null : answer.problem;
+    const response = await this.deps.api.get('/recordings');
+    if (response.ok) this.recordings = response.value.recordings;
+    this.problem = response.ok ? null : response.problem;
   }
 
   async open(recording: string): Promise<void> {
     this.opening = recording;
     this.problem = null;
-    const answer = await this.deps.api.post('/replays', { body: { recording } });
+    const response = await this.deps.api.post('/replays', { body: { recording } });
     this.opening = null;
-    if (!answer.ok) {
-      this.problem = answer.problem;
+    if (!response.ok) {
+      this.problem = response.problem;
       return;
     }
-    this.expected = answer.value.name;
-    this.waiting = true;
+    this.expectedName = response.value.name;
+    this.waitsForVehicle = true;
     this.listOpen = false;
-    this.justOpened = true;
+    this.focusRequested = true;
     this.follow();
   }
 
   async close(): Promise<void> {
     const name = this.shown?.name;
     if (name === undefined) return;
-    this.expected = null;
-    const answer = await this.deps.api.delete('/replays/{name}', pathOf(name));
-    if (!answer.ok) this.problem = answer.problem;
+    this.expectedName = null;
+    const response = await this.deps.api.delete('/replays/{name}', replayPath(name));
+    if (!response.ok) this.problem = response.problem;
   }
 
-  /** Called for each frame of telemetry: selects the expected vehicle and loads the marks of the replay shown. */
+  /** Called for each frame of telemetry: selects the vehicle of the expected replay, and loads the marks of the shown replay. */
   follow(): void {
     this.checkSeek();
     const replays = this.deps.replays();
-    const awaited = replays.find((r) => r.name === this.expected);
+    const expected = replays.find((r) => r.name === this.expectedName);
     const selected = this.deps.selectedId();
-    const first = awaited?.vehicles[0];
-    if (awaited !== undefined && first === undefined) this.waiting = true;
-    if (awaited !== undefined && first !== undefined) {
-      if (selected === null || (this.waiting && !awaited.vehicles.includes(selected))) this.deps.select(first);
-      else if (!this.waiting && selected !== null && !awaited.vehicles.includes(selected)) this.expected = null; // another vehicle was selected
-      this.waiting = false;
+    const first = expected?.vehicles[0];
+    if (expected !== undefined && first === undefined) this.waitsForVehicle = true;
+    if (expected !== undefined && first !== undefined) {
+      if (selected === null || (this.waitsForVehicle && !expected.vehicles.includes(selected))) this.deps.select(first);
+      else if (!this.waitsForVehicle && selected !== null && !expected.vehicles.includes(selected)) this.expectedName = null; // another vehicle was selected
+      this.waitsForVehicle = false;
     }
     const shown = this.shown;
-    if (shown !== null) this.expected = shown.name;
+    if (shown !== null) this.expectedName = shown.name;
     const key = shown === null || bounds(shown) === null ? null : shown.name;
-    if (key !== this.indexed) void this.readIndex(key);
+    if (key !== this.indexedName) void this.readIndex(key);
   }
 
   play(playing: boolean): void {
@@ -128,38 +129,39 @@ export class ReplayControl {
   private async send(): Promise<void> {
     this.isSending = true;
     while (this.pendingCommand !== null) {
-      const name = this.shown?.name ?? this.expected ?? undefined; // when the replay changes from one vehicle to the next, none is shown for a moment
+      const name = this.shown?.name ?? this.expectedName ?? undefined; // between two vehicles of a replay, `shown` is null for a moment
       const command: ReplayCommand = this.pendingCommand;
       this.pendingCommand = null;
       if (name === undefined) break;
-      const answer = await this.deps.api.post('/replays/{name}', { ...pathOf(name), body: command });
-      this.problem = answer.ok ? null : answer.problem;
+      const response = await this.deps.api.post('/replays/{name}', { ...replayPath(name), body: command });
+      this.problem = response.ok ? null : response.problem;
     }
     if (this.problem !== null) this.requested_unix_s = null;
-    this.answered_ms = performance.now();
-    this.framesSinceAnswer = 0;
+    this.responded_ms = performance.now();
+    this.framesSinceResponse = 0;
     this.isSending = false;
   }
 
   /**
-   * Frames under way may still have the earlier time. The page shows the requested time until a frame has reached it.
+   * Frames that the server sent before the seek still have the earlier time. The page shows the requested time until a frame
+   * has reached it, or a timeout.
    */
   private checkSeek(): void {
     if (this.requested_unix_s === null || this.isSending) return;
     const shown = this.shown;
-    const there = shown !== null && hasArrived(shown, this.requested_unix_s);
-    this.framesSinceAnswer += 1;
-    const hasTimedOut = this.framesSinceAnswer > SEEK_TIMEOUT_FRAMES && performance.now() - this.answered_ms > SEEK_TIMEOUT_MS;
-    if (there || hasTimedOut) this.requested_unix_s = null;
+    const arrived = shown !== null && hasArrived(shown, this.requested_unix_s);
+    this.framesSinceResponse += 1;
+    const hasTimedOut = this.framesSinceResponse > SEEK_TIMEOUT_FRAMES && performance.now() - this.responded_ms > SEEK_TIMEOUT_MS;
+    if (arrived || hasTimedOut) this.requested_unix_s = null;
   }
 
   private async readIndex(name: string | null): Promise<void> {
-    this.indexed = name;
+    this.indexedName = name;
     this.index = null;
     if (name === null) return;
-    const answer = await this.deps.api.get('/replays/{name}/index', pathOf(name));
-    if (this.indexed !== name) return;
-    if (answer.ok) this.index = answer.value;
-    else this.problem = answer.problem;
+    const response = await this.deps.api.get('/replays/{name}/index', replayPath(name));
+    if (this.indexedName !== name) return;
+    if (response.ok) this.index = response.value;
+    else this.problem = response.problem;
   }
 }

@@ -5,12 +5,12 @@ import { parseFrame, type Replay } from '../../live/wire';
 import { ReplayControl } from './replay.svelte';
 import {
   dateTime,
-  keyTarget,
+  timeAfterKey,
   marksOf,
   messageTicks,
   modeSpans,
   jumpTimes,
-  neighbour,
+  adjacentJump,
   recordingText,
   fractionAt,
   shownReplay,
@@ -19,7 +19,7 @@ import {
   type RecordingIndex,
 } from './replays';
 
-const replay = (over: Partial<Replay> = {}): Replay => ({
+const replay = (more: Partial<Replay> = {}): Replay => ({
   name: 'replay-a.tlog',
   recording: 'a.tlog',
   vehicles: ['1'],
@@ -30,7 +30,7 @@ const replay = (over: Partial<Replay> = {}): Replay => ({
   position_unix_s: 150,
   begin_unix_s: 100,
   end_unix_s: 200,
-  ...over,
+  ...more,
 });
 const index: RecordingIndex = {
   recording: 'a.tlog',
@@ -79,23 +79,23 @@ describe('the time bar', () => {
     expect(textAt(marks, 110, 1)).toEqual({ mode: 'Hold', armed: false, message: '' });
     expect(textAt(marks, 100, 1).mode).toBe('');
   });
-  it('jumps between changes and warnings', () => {
-    const all = jumpTimes(marks);
-    expect(all).toEqual([101, 120, 140, 160, 160.2, 190]);
-    expect(neighbour(all, 140, 1)).toBe(160);
-    expect(neighbour(all, 140, -1)).toBe(120);
-    expect(neighbour(all, 199, 1)).toBeNull();
+  it('jumps between mode changes, arming and warnings', () => {
+    const times = jumpTimes(marks);
+    expect(times).toEqual([101, 120, 140, 160, 160.2, 190]);
+    expect(adjacentJump(times, 140, 1)).toBe(160);
+    expect(adjacentJump(times, 140, -1)).toBe(120);
+    expect(adjacentJump(times, 199, 1)).toBeNull();
   });
-  it('handles the keys of a slider within its ends', () => {
-    expect(keyTarget('ArrowRight', false, 198, 100, 200)).toBe(200);
-    expect(keyTarget('ArrowLeft', true, 150, 100, 200)).toBe(120);
-    expect([keyTarget('Home', false, 150, 100, 200), keyTarget('End', false, 150, 100, 200)]).toEqual([100, 200]);
-    expect(keyTarget('x', false, 150, 100, 200)).toBeNull();
+  it('steps by keys within begin and end', () => {
+    expect(timeAfterKey('ArrowRight', false, 198, 100, 200)).toBe(200);
+    expect(timeAfterKey('ArrowLeft', true, 150, 100, 200)).toBe(120);
+    expect([timeAfterKey('Home', false, 150, 100, 200), timeAfterKey('End', false, 150, 100, 200)]).toEqual([100, 200]);
+    expect(timeAfterKey('x', false, 150, 100, 200)).toBeNull();
   });
   it('formats dates, sizes and durations', () => {
     expect(dateTime(0)).toMatch(/^19(69|70)-\d\d-\d\d \d\d:\d\d:00$/);
     expect([size(12), size(1_500), size(12_400_000), size(2e9)]).toEqual(['12 B', '1.5 kB', '12 MB', '2.0 GB']);
-    const words = recordingText({
+    const text = recordingText({
       name: 'x.tlog',
       bytes: 2e6,
       started_unix_s: null,
@@ -105,24 +105,24 @@ describe('the time bar', () => {
       running: false,
       problem: null,
     });
-    expect(words).toBe('– · no vehicle in the first minute of the recording · 2.0 MB · x.tlog');
+    expect(text).toBe('– · no vehicle in the first minute of the recording · 2.0 MB · x.tlog');
   });
 });
 
 describe('which replay is shown', () => {
-  it('is that of the selected vehicle, or the expected one', () => {
+  it('is the replay of the selected vehicle, or the expected replay', () => {
     const empty = replay({ name: 'b', vehicles: [] });
     expect(shownReplay([replay(), empty], '1', null)?.name).toBe('replay-a.tlog');
     expect(shownReplay([replay()], '2', null)).toBeNull();
     expect(shownReplay([empty], '2', 'b')?.name).toBe('b');
     expect(shownReplay([empty], '2', null)).toBeNull();
-    expect(shownReplay([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle is back, but not selected yet
+    expect(shownReplay([replay()], null, 'replay-a.tlog')?.name).toBe('replay-a.tlog'); // its vehicle has appeared again, but is not selected yet
     expect(shownReplay([empty], null, null)?.name).toBe('b');
   });
 });
 
 describe('a replay’s time', () => {
-  it('applies to its vehicle, not to the server’s events', () => {
+  it('applies to the replayed vehicle, not to the server’s events', () => {
     const store = new TelemetryStore(() => 5000);
     store.apply({ type: 'replays', replays: [replay()] });
     expect(store.nowUnixS('1')).toBe(150);
@@ -133,13 +133,13 @@ describe('a replay’s time', () => {
     store.apply({ type: 'replays', replays: [] });
     expect(store.nowUnixS('1')).toBe(5000);
   });
-  it('is validated when it arrives over the socket', () => {
+  it('is read only from a valid frame', () => {
     expect(parseFrame(JSON.stringify({ type: 'replays', replays: [replay(), { name: 3 }] }))).toEqual({ type: 'replays', replays: [replay()] });
   });
 });
 
 describe('replay control', () => {
-  function control(replays: Replay[]) {
+  function setup(replays: Replay[]) {
     const requests: { method: string; path: string; body: unknown }[] = [];
     let release: (() => void) | null = null;
     const api = new ApiClient('test', undefined, async (path, init) => {
@@ -148,52 +148,52 @@ describe('replay control', () => {
       return new Response(JSON.stringify(path.endsWith('/index') ? index : replays[0]), { status: 200 });
     });
     const select = vi.fn();
-    const made = new ReplayControl({ api, replays: () => replays, selectedId: () => '1', select });
-    return { made, requests, select, go: () => release?.() };
+    const control = new ReplayControl({ api, replays: () => replays, selectedId: () => '1', select });
+    return { control, requests, select, respond: () => release?.() };
   }
 
-  it('sends one request at a time, and only the newest of later ones', async () => {
+  it('sends one request at a time, and merges the commands given meanwhile', async () => {
     const replays = [replay()];
-    const { made, requests, go } = control(replays);
-    made.seek(110);
-    made.seek(120);
-    made.seek(130);
-    made.speed(4);
-    expect(made.requested_unix_s).toBe(130);
+    const { control, requests, respond } = setup(replays);
+    control.seek(110);
+    control.seek(120);
+    control.seek(130);
+    control.speed(4);
+    expect(control.requested_unix_s).toBe(130);
     await vi.waitFor(() => expect(requests).toHaveLength(1));
-    go();
+    respond();
     await vi.waitFor(() => expect(requests).toHaveLength(2));
     await new Promise((done) => setTimeout(done, 0));
     replays[0] = replay({ position_unix_s: 50, playing: false });
-    made.follow();
-    expect(made.requested_unix_s).toBe(130); // a frame from before the seek
+    control.follow();
+    expect(control.requested_unix_s).toBe(130); // a frame from before the seek
     replays[0] = replay({ position_unix_s: 130, playing: false });
-    made.follow();
-    expect(made.requested_unix_s).toBeNull();
+    control.follow();
+    expect(control.requested_unix_s).toBeNull();
     expect(requests.filter((a) => a.method === 'POST').map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
     expect(requests[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
   });
   it('keeps the requested time while earlier frames arrive, until a timeout', async () => {
     const replays = [replay({ position_unix_s: 50, playing: false })];
-    const { made, requests, go } = control(replays);
+    const { control, requests, respond } = setup(replays);
     const now = vi.spyOn(performance, 'now').mockReturnValue(0);
-    made.seek(130);
+    control.seek(130);
     await vi.waitFor(() => expect(requests).toHaveLength(1));
-    go();
+    respond();
     await new Promise((done) => setTimeout(done, 0));
     now.mockReturnValue(60_000); // the browser was busy for a minute
-    for (let i = 0; i < 20; i++) made.follow();
-    expect(made.requested_unix_s).toBe(130);
-    made.follow();
-    expect(made.requested_unix_s).toBeNull(); // another client has moved it, or the connection is lost
+    for (let i = 0; i < 20; i++) control.follow();
+    expect(control.requested_unix_s).toBe(130);
+    control.follow();
+    expect(control.requested_unix_s).toBeNull(); // another client may have changed the time, or the connection is lost
     now.mockRestore();
   });
-  it('loads the marks once and selects the vehicle of the opened replay', async () => {
+  it('selects the vehicle of the opened replay', async () => {
     const other = replay({ name: 'replay-b', vehicles: ['7'] });
-    const { made, requests, select, go } = control([other]);
-    const opening = made.open('b.tlog');
+    const { control, requests, select, respond } = setup([other]);
+    const opening = control.open('b.tlog');
     await vi.waitFor(() => expect(requests).toHaveLength(1));
-    go();
+    respond();
     await opening;
     expect(select).toHaveBeenCalledWith('7');
   });
@@ -206,9 +206,9 @@ describe('replay control', () => {
           status: 409,
         }),
     );
-    const made = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn() });
-    await made.open('b.tlog');
-    expect(made.problem?.detail).toContain('empty');
-    expect(made.opening).toBeNull();
+    const control = new ReplayControl({ api, replays: () => [], selectedId: () => null, select: vi.fn() });
+    await control.open('b.tlog');
+    expect(control.problem?.detail).toContain('empty');
+    expect(control.opening).toBeNull();
   });
 });

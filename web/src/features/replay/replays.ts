@@ -1,4 +1,4 @@
-/** Recordings and the time bar as plain values: positions of times on the bar, marks, and texts. Pure. */
+/** Texts about recordings; positions, marks and texts of the time bar. Pure. */
 
 import type { components } from '../../api/schema';
 import type { Replay } from '../../live/wire';
@@ -13,18 +13,18 @@ type MessageMark = VehicleMarks['messages'][number];
 export const SPEEDS: readonly number[] = [0.25, 0.5, 1, 2, 4, 8, 16, 50];
 const STEP_S = 5;
 const LONG_STEP_S = 30;
-/** Messages up to this MAV_SEVERITY (warning) are marked on the bar and can be jumped to. */
-const SERIOUS = 4;
+/** MAV_SEVERITY of a warning: messages of this or higher severity are coloured, and a person can jump to them. */
+const WARNING = 4;
 
-/** Begin and end of a replay; null while the recording is being read, and its time cannot be set yet. */
+/** Begin and end of a replay; null while the server is reading the recording; the time cannot be set then. */
 export function bounds(replay: Replay): { begin_s: number; end_s: number } | null {
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }
 
-/** Whether a replay has reached a requested time, or has played on from it. */
-export function hasArrived(replay: Replay, wanted_unix_s: number): boolean {
-  const past_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - wanted_unix_s;
-  return past_s >= -0.5 && past_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
+/** Whether a replay has reached a requested time, or is a little after it because it plays. */
+export function hasArrived(replay: Replay, requested_unix_s: number): boolean {
+  const after_s = replay.position_unix_s === null ? NaN : replay.position_unix_s - requested_unix_s;
+  return after_s >= -0.5 && after_s <= 0.5 + (replay.playing ? 2 * Math.max(1, replay.speed) : 0);
 }
 
 /** Position of a time between begin and end, 0 to 1. */
@@ -32,7 +32,7 @@ export function fractionAt(unix_s: number, begin_s: number, end_s: number): numb
   return end_s > begin_s ? Math.min(1, Math.max(0, (unix_s - begin_s) / (end_s - begin_s))) : 0;
 }
 
-/** The marks of the selected vehicle. An id such as `1~2` is a second vehicle with system id 1. */
+/** The marks of the selected vehicle. The id `1~2` is that of a second vehicle with system id 1. */
 export function marksOf(index: RecordingIndex | null, vehicleId: string | null): VehicleMarks | null {
   if (index === null) return null;
   const system = Number(vehicleId?.split('~')[0] ?? NaN);
@@ -65,22 +65,22 @@ export function messageTicks(marks: VehicleMarks | null, begin_s: number, end_s:
 }
 
 export function tone(severity: number): Tick['tone'] {
-  return severity <= 3 ? 'danger' : severity === SERIOUS ? 'caution' : 'neutral';
+  return severity <= 3 ? 'danger' : severity === WARNING ? 'caution' : 'neutral';
 }
 
 const SEVERITIES = ['Emergency', 'Alert', 'Critical', 'Error', 'Warning', 'Notice', 'Info', 'Debug'];
 
 function messageText(message: MessageMark): string {
-  return message.severity <= SERIOUS ? `${SEVERITIES[message.severity] ?? ''}: ${message.text}` : message.text;
+  return message.severity <= WARNING ? `${SEVERITIES[message.severity] ?? ''}: ${message.text}` : message.text;
 }
 
-/** Mode at a time, and the most severe message within `near_s` of it, as text. */
-export function textAt(marks: VehicleMarks | null, unix_s: number, near_s: number): { mode: string; armed: boolean; message: string } {
+/** Mode and armed state at a time, and the most severe message up to `range_s` before or after it, as texts. */
+export function textAt(marks: VehicleMarks | null, unix_s: number, range_s: number): { mode: string; armed: boolean; message: string } {
   const within = (span: { begin_unix_s: number; end_unix_s: number }): boolean => span.begin_unix_s <= unix_s && unix_s <= span.end_unix_s;
   const mode = marks?.modes.filter(within).at(-1)?.mode_label ?? '';
-  const close = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= near_s);
-  const most = close.reduce<MessageMark | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
-  return { mode, armed: marks?.armed.some(within) ?? false, message: most === null ? '' : messageText(most) };
+  const nearby = (marks?.messages ?? []).filter((m) => Math.abs(m.unix_s - unix_s) <= range_s);
+  const mostSevere = nearby.reduce<MessageMark | null>((worst, m) => (worst === null || m.severity < worst.severity ? m : worst), null);
+  return { mode, armed: marks?.armed.some(within) ?? false, message: mostSevere === null ? '' : messageText(mostSevere) };
 }
 
 /** Times to jump to: changes of mode, arming, and messages of warning or worse. */
@@ -89,19 +89,19 @@ export function jumpTimes(marks: VehicleMarks | null): number[] {
   const all = [
     ...marks.modes.map((m) => m.begin_unix_s),
     ...marks.armed.flatMap((a) => [a.begin_unix_s, a.end_unix_s]),
-    ...marks.messages.filter((m) => m.severity <= SERIOUS).map((m) => m.unix_s),
+    ...marks.messages.filter((m) => m.severity <= WARNING).map((m) => m.unix_s),
   ];
   return [...new Set(all)].sort((a, b) => a - b);
 }
 
-/** The next jump time after `unix_s`, or the previous one; null if there is none. */
-export function neighbour(all: readonly number[], unix_s: number, way: 1 | -1): number | null {
+/** The next (1) or previous (-1) jump time from `unix_s`; null if there is none. */
+export function adjacentJump(times: readonly number[], unix_s: number, direction: 1 | -1): number | null {
   const margin_s = 0.3;
-  return (way === 1 ? all.find((t) => t > unix_s + margin_s) : all.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
+  return (direction === 1 ? times.find((t) => t > unix_s + margin_s) : times.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
 }
 
 /** The time that a key on the bar selects; null for other keys. */
-export function keyTarget(key: string, shift: boolean, at_s: number, begin_s: number, end_s: number): number | null {
+export function timeAfterKey(key: string, shift: boolean, at_s: number, begin_s: number, end_s: number): number | null {
   const step = shift ? LONG_STEP_S : STEP_S;
   switch (key) {
     case 'ArrowLeft':
@@ -126,11 +126,11 @@ export function keyTarget(key: string, shift: boolean, at_s: number, begin_s: nu
 /** Date and time of day in this computer's time zone: 2026-07-11 14:02:31. */
 export function dateTime(unix_s: number): string {
   const d = new Date(unix_s * 1000);
-  const two = (n: number): string => String(n).padStart(2, '0');
-  return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${timeOfDay(unix_s)}`;
+  const twoDigits = (n: number): string => String(n).padStart(2, '0');
+  return `${d.getFullYear()}-${twoDigits(d.getMonth() + 1)}-${twoDigits(d.getDate())} ${timeOfDay(unix_s)}`;
 }
 
-/** For example 12.4 MB. */
+/** A file size as text, for example 12 MB. */
 export function size(bytes: number): string {
   if (bytes < 1000) return `${bytes} B`;
   const units = ['kB', 'MB', 'GB'];
@@ -147,13 +147,13 @@ function vehicleText(vehicles: readonly number[]): string {
   return `${vehicles.length === 1 ? 'vehicle' : 'vehicles'} ${vehicles.join(', ')}`;
 }
 
-/** One line below a recording's date. */
+/** Duration, vehicles, size and link of a recording in one line. */
 export function recordingText(r: Recording): string {
   return [duration(r.duration_s), vehicleText(r.vehicles), size(r.bytes), r.link ?? r.name].join(' · ');
 }
 
-/** The replay whose bar is shown: that of the selected vehicle, else the expected one, else one without a vehicle. */
-export function shownReplay(replays: readonly Replay[], selectedId: string | null, awaited: string | null): Replay | null {
-  const own = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
-  return own ?? replays.find((r) => r.name === awaited || (r.vehicles.length === 0 && selectedId === null)) ?? null;
+/** The replay that the time bar shows: the selected vehicle's replay, else the expected replay, else (nothing selected) a replay without a vehicle. */
+export function shownReplay(replays: readonly Replay[], selectedId: string | null, expectedName: string | null): Replay | null {
+  const ofSelected = selectedId === null ? undefined : replays.find((r) => r.vehicles.includes(selectedId));
+  return ofSelected ?? replays.find((r) => r.name === expectedName || (r.vehicles.length === 0 && selectedId === null)) ?? null;
 }

@@ -1,4 +1,4 @@
-/** State of the panel of ROS 2 topics. Its own telemetry socket exists only while it is open. */
+/** State of the panel of ROS 2 topics. The panel has a separate telemetry socket, open only while the panel is open. */
 
 import { TelemetrySocket } from '../../live/socket';
 import type { Frame } from '../../live/wire';
@@ -13,7 +13,7 @@ class TopicPanel {
   /** Name and type of the topic whose last message is shown. */
   chosen = $state<string | null>(null);
   content = $state.raw<Inspection | null>(null);
-  /** When `content` was received [ms]. */
+  /** Time at which `content` was received, by `performance.now()`. */
   received_ms = $state(0);
 
   toggle(): void {
@@ -25,7 +25,7 @@ class TopicPanel {
   }
 
   /** Receives the topics of a vehicle until the returned function is called. */
-  watch(vehicle: string, url: string, open = (socket: TelemetrySocket): void => socket.start()): () => void {
+  watch(vehicle: string, url: string, start = (socket: TelemetrySocket): void => socket.start()): () => void {
     this.content = null;
     this.chosen = null;
     const subscription = { vehicles: [vehicle], topics: [TOPIC], rate_hz: RATE_HZ };
@@ -36,7 +36,7 @@ class TopicPanel {
       () => undefined,
       () => true,
     );
-    open(socket);
+    start(socket);
     return () => socket.stop();
   }
 

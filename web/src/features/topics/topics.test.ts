@@ -3,7 +3,7 @@ import { isOffered, type Panel } from '../../app/registry.svelte';
 import type { TelemetrySocket } from '../../live/socket';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { topics as panel } from './panel.svelte';
-import { filtered, lastText, NO_FILTER, programsText, rateText, readInspection, stateText, valueText, type Inspection, type Topic } from './topics';
+import { filtered, lastText, NO_FILTER, endpointsText, rateText, readInspection, stateText, valueText, type Inspection, type Topic } from './topics';
 
 const topic = (name: string, more: Partial<Topic> = {}): Topic => ({
   name,
@@ -31,7 +31,7 @@ const inspection = (topics: Topic[], more: Partial<Inspection> = {}): Inspection
 });
 
 describe('the list of topics', () => {
-  it('is filtered by words of name and type, and by messages', () => {
+  it('is filtered by words of name and type, and by whether a topic has messages', () => {
     const all = [topic('/px4_1/fmu/out/vehicle_status_v1'), topic('/camera/image', { type: 'sensor_msgs/msg/Image', age_s: null })];
     expect(filtered(all, NO_FILTER)).toHaveLength(2);
     expect(filtered(all, { text: 'OUT status', withMessages: false })).toEqual([all[0]]);
@@ -39,7 +39,7 @@ describe('the list of topics', () => {
     expect(filtered(all, { text: '', withMessages: true })).toEqual([all[0]]);
   });
 
-  it('shows rate, age and programs', () => {
+  it('shows rate, age, publishers and subscribers', () => {
     expect(rateText(topic('a', { rate_hz: 1.96 }))).toBe('2.0 Hz');
     expect(rateText(topic('a', { rate_hz: 1253.7, rate_is_minimum: true }))).toBe('≥ 1254 Hz');
     expect(rateText(topic('a', { rate_hz: null }))).toBe('');
@@ -47,7 +47,7 @@ describe('the list of topics', () => {
     expect(lastText(topic('a', { age_s: null }), 1)).toBe('no message');
     expect(lastText(topic('a', { age_s: null, publishers: 0 }), 1)).toBe('not published');
     expect(lastText(topic('a', { age_s: null, type_known: false }), 1)).toBe('unknown type');
-    expect(programsText(topic('a'))).toBe('1 publisher, 2 subscribers');
+    expect(endpointsText(topic('a'))).toBe('1 publisher, 2 subscribers');
   });
 
   it('shows values as numbers, and null as NaN', () => {
@@ -65,7 +65,7 @@ describe('the list of topics', () => {
   });
 });
 
-it('is offered only for a vehicle that is connected over ROS 2', () => {
+it('the panel is offered only for a vehicle that is connected over ROS 2', () => {
   const offered = (protocols: string[] | null): boolean => {
     const reach = protocols === null ? null : { protocols, telemetry: null, commands: null, setpoints: null, missing: [] };
     return isOffered({ protocol: 'ROS 2' } as Panel, { reach } as unknown as VehicleFacts);
@@ -73,17 +73,17 @@ it('is offered only for a vehicle that is connected over ROS 2', () => {
   expect([offered(null), offered(['MAVLink']), offered(['MAVLink', 'ROS 2'])]).toEqual([false, false, true]);
 });
 
-it('keeps only the topics of the vehicle that is shown, and clears them for another vehicle', () => {
+it('the panel shows only the topics of the watched vehicle, and clears them for another vehicle', () => {
   let stopped = 0;
-  const open = (socket: TelemetrySocket): void => void (socket.stop = () => (stopped += 1));
-  const end = panel.watch('1', 'ws://x', open);
+  const start = (socket: TelemetrySocket): void => void (socket.stop = () => (stopped += 1));
+  const stopWatching = panel.watch('1', 'ws://x', start);
   const sample = { vehicle: '1', topic: 'ros2_topics', vehicle_time_boot_s: null, received_unix_s: 1, value: inspection([topic('a')]) };
   panel.onFrame({ type: 'samples', samples: [{ ...sample, vehicle: '2' }] }, '1');
   expect(panel.content).toBeNull();
   panel.onFrame({ type: 'samples', samples: [sample] }, '1');
   expect(panel.content?.topics).toHaveLength(1);
-  end();
+  stopWatching();
   expect(stopped).toBe(1);
-  panel.watch('2', 'ws://x', open);
+  panel.watch('2', 'ws://x', start);
   expect(panel.content).toBeNull();
 });

@@ -1,4 +1,4 @@
-/** The inspector of ROS 2 topics: filter and texts. Pure. */
+/** Filter and texts of the panel of ROS 2 topics. Pure. */
 
 import type { components } from '../../api/schema';
 import { ageText } from '../../live/age';
@@ -13,10 +13,10 @@ export interface Filter {
 }
 
 export const NO_FILTER: Filter = { text: '', withMessages: false };
-/** Without an update for this long the values are shown as old [s]. */
-export const OLD_S = 3;
+/** After this time without an update the panel shows a warning [s]. */
+export const STALE_AFTER_S = 3;
 
-/** The inspection of a telemetry value; null if it is not one. */
+/** The inspection in a telemetry value; null if the value is not an inspection. */
 export function readInspection(value: unknown): Inspection | null {
   return typeof value === 'object' && value !== null && Array.isArray((value as Inspection).topics) ? (value as Inspection) : null;
 }
@@ -44,7 +44,7 @@ export function lastText(topic: Topic, since_s: number): string {
 }
 
 /** Number of publishers and subscribers. */
-export function programsText(topic: Topic): string {
+export function endpointsText(topic: Topic): string {
   const count = (n: number, word: string): string => `${n} ${word}${n === 1 ? '' : 's'}`;
   return `${count(topic.publishers, 'publisher')}, ${count(topic.subscribers, 'subscriber')}`;
 }
@@ -57,7 +57,7 @@ export function valueText(value: unknown): string {
   return String(value);
 }
 
-/** The line below the title. */
+/** DDS domain and number of topics, or the progress of the discovery. */
 export function stateText(inspection: Inspection | null): string {
   if (inspection === null || inspection.state === 'starting') return 'discovering topics …';
   const domain = `DDS domain ${inspection.domain_id}`;

@@ -2,14 +2,14 @@ import { describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
-import { holdText, filtered, removable, rowOf, stateLabel, rowAfterKey } from './fleet';
+import { holdText, filtered, canRemove, rowOf, stateLabel, rowAfterKey } from './fleet';
 import { list } from './list.svelte';
 
-function facts(id: string, over: Partial<VehicleFacts> = {}): VehicleFacts {
+function facts(id: string, more: Partial<VehicleFacts> = {}): VehicleFacts {
   const store = new TelemetryStore(() => 100);
   const value = { armed: false, mode: 'hold', mode_label: 'Hold', landed_state: 'on_ground', link_lost: false };
   store.apply({ type: 'samples', samples: [{ vehicle: id, topic: 'status', value, received_unix_s: 100, vehicle_time_boot_s: null }] });
-  return { ...vehicleFacts(store.vehicle(id), 100, true), ...over };
+  return { ...vehicleFacts(store.vehicle(id), 100, true), ...more };
 }
 
 describe('list of vehicles', () => {
@@ -19,7 +19,7 @@ describe('list of vehicles', () => {
     expect(stateLabel(facts('1')).text).toBe('disarmed');
   });
 
-  it('finds by number, type and state, and filters those that fly or need attention', () => {
+  it('finds vehicles by number, type and state, and filters vehicles that are flying or need attention', () => {
     const rows = [facts('1'), facts('12', { inAir: true }), facts('21', { lost: true })].map(rowOf);
     const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => filtered(rows, text, filter).map((row) => row.facts.id);
     expect(ids('')).toEqual(['1', '12', '21']);
@@ -30,10 +30,10 @@ describe('list of vehicles', () => {
     expect(ids('', 'attention')).toEqual(['21']);
     expect(ids('9')).toEqual([]);
     expect(ids('dis')).toEqual(['1', '12']);
-    expect(ids('armed')).toEqual([]); // the beginning of a word is enough
+    expect(ids('armed')).toEqual([]); // the text must be the beginning of a word
   });
 
-  it('moves through the list with the arrow keys and stops at its ends', () => {
+  it('moves the selection with the arrow keys, up to the ends of the list', () => {
     expect([
       rowAfterKey(-1, 3, 'ArrowDown'),
       rowAfterKey(2, 3, 'ArrowDown'),
@@ -45,7 +45,7 @@ describe('list of vehicles', () => {
     expect(rowAfterKey(0, 0, 'ArrowDown')).toBeNull();
   });
 
-  it('holds all in one request, and names those that failed', async () => {
+  it('switches all vehicles to Hold in one request, and names the vehicles that failed', async () => {
     const requests: { url: string; vehicles: string[] }[] = [];
     const fetch = vi.fn((url: string, init?: RequestInit) => {
       const { vehicles } = JSON.parse(String(init?.body)) as { vehicles: string[] };
@@ -55,13 +55,13 @@ describe('list of vehicles', () => {
     });
     const vehicles = Array.from({ length: 20 }, (_, i) => ({ id: String(i + 1), name: `${i + 1} Quad` }));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), vehicles);
-    expect(requests).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((one) => one.id) }]);
+    expect(requests).toEqual([{ url: '/api/v1/hold', vehicles: vehicles.map((vehicle) => vehicle.id) }]);
     expect(list.result).toEqual({ text: '19 of 20 vehicles switched to Hold. Not confirmed: 7 Quad.', refused: true });
     expect(list.holding).toBe(false);
     expect(holdText(3, [])).toBe('All 3 vehicles switched to Hold.');
   });
 
-  it('shows why the request failed', async () => {
+  it('shows why the Hold request failed', async () => {
     const refusal = { title: 'Signed out', code: 'token', detail: 'The token is not valid.', remedy: 'Sign in again.' };
     const fetch = vi.fn(() => Promise.resolve(new Response(JSON.stringify(refusal), { status: 401 })));
     await list.hold(new ApiClient('test', () => undefined, fetch as never), [{ id: '1', name: '1 Quad' }]);
@@ -88,9 +88,9 @@ describe('list of vehicles', () => {
   });
 
   it('offers removal only for a lost vehicle that is not a replay', () => {
-    expect(removable(facts('1', { lost: true }))).toBe(true);
-    expect(removable(facts('1'))).toBe(false);
-    expect(removable(facts('1', { lost: true, offline: true }))).toBe(false);
-    expect(removable(facts('1', { lost: true, replayed: true }))).toBe(false);
+    expect(canRemove(facts('1', { lost: true }))).toBe(true);
+    expect(canRemove(facts('1'))).toBe(false);
+    expect(canRemove(facts('1', { lost: true, offline: true }))).toBe(false);
+    expect(canRemove(facts('1', { lost: true, replayed: true }))).toBe(false);
   });
 });

@@ -14,18 +14,20 @@ export interface Row {
   facts: VehicleFacts;
   /** Index in the whole fleet, which selects its identity colour. */
   index: number;
-  /** State of the vehicle in one or two words. */
+  /** State of the vehicle as a short text. */
   text: string;
   tone: 'danger' | 'caution' | 'dim';
+  /** Remaining battery. */
   percent: number | null;
+  /** Whether the battery is low. */
   low: boolean;
   flying: boolean;
-  attention: boolean;
+  needsAttention: boolean;
 }
 
 const LOW_PERCENT = 25;
 
-/** State of a vehicle. While the server itself is unreachable, the vehicle's own connection is unknown. */
+/** State of a vehicle. While the page has no connection to the server, the vehicle's connection is unknown. */
 export function stateLabel(facts: VehicleFacts): { text: string; tone: Row['tone'] } {
   if (facts.offline) return { text: 'no server', tone: 'danger' };
   if (facts.lost) return { text: 'no link', tone: 'danger' };
@@ -37,11 +39,11 @@ export function stateLabel(facts: VehicleFacts): { text: string; tone: Row['tone
 export function rowOf(facts: VehicleFacts, index: number): Row {
   const percent = facts.battery?.value.remaining_percent ?? null;
   const low = percent !== null && percent <= LOW_PERCENT;
-  return { facts, index, ...stateLabel(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, attention: facts.lost || low };
+  return { facts, index, ...stateLabel(facts), percent, low, flying: !facts.lost && facts.inAir && !facts.replayed, needsAttention: facts.lost || low };
 }
 
 /** Whether the vehicle can be removed from the server: its connection is lost, and it is not a replay. */
-export function removable(facts: VehicleFacts): boolean {
+export function canRemove(facts: VehicleFacts): boolean {
   return facts.lost && !facts.offline && !facts.replayed;
 }
 
@@ -50,20 +52,20 @@ export function filtered(rows: readonly Row[], text: string, filter: Filter): Ro
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
     if (filter === 'flying' && !row.flying) return false;
-    if (filter === 'attention' && !row.attention) return false;
-    const rowText = `${row.facts.name} ${row.text}`.toLowerCase().split(/\s+/);
-    return words.every((word) => row.facts.id.includes(word) || rowText.some((one) => one.startsWith(word)));
+    if (filter === 'attention' && !row.needsAttention) return false;
+    const rowWords = `${row.facts.name} ${row.text}`.toLowerCase().split(/\s+/);
+    return words.every((word) => row.facts.id.includes(word) || rowWords.some((rowWord) => rowWord.startsWith(word)));
   });
 }
 
-/** The row that an arrow key selects; null for other keys. */
-export function rowAfterKey(at: number, count: number, key: string): number | null {
+/** The index of the row that an arrow key selects; null for other keys. @param index the focused row; -1: none. */
+export function rowAfterKey(index: number, count: number, key: string): number | null {
   if (count === 0) return null;
   switch (key) {
     case 'ArrowDown':
-      return Math.min(count - 1, at + 1);
+      return Math.min(count - 1, index + 1);
     case 'ArrowUp':
-      return Math.max(0, at - 1);
+      return Math.max(0, index - 1);
     case 'Home':
       return 0;
     case 'End':
@@ -73,9 +75,9 @@ export function rowAfterKey(at: number, count: number, key: string): number | nu
   }
 }
 
-/** Result of a Hold command to several vehicles. */
+/** Result of a Hold command to several vehicles, as text. @param commanded their number. @param unconfirmed names of those that did not confirm Hold. */
 export function holdText(commanded: number, unconfirmed: readonly string[]): string {
   if (unconfirmed.length === 0) return commanded === 1 ? 'The vehicle switched to Hold.' : `All ${commanded} vehicles switched to Hold.`;
-  const named = unconfirmed.slice(0, 5).join(', ') + (unconfirmed.length > 5 ? ` and ${unconfirmed.length - 5} more` : '');
-  return `${commanded - unconfirmed.length} of ${commanded} vehicles switched to Hold. Not confirmed: ${named}.`;
+  const names = unconfirmed.slice(0, 5).join(', ') + (unconfirmed.length > 5 ? ` and ${unconfirmed.length - 5} more` : '');
+  return `${commanded - unconfirmed.length} of ${commanded} vehicles switched to Hold. Not confirmed: ${names}.`;
 }

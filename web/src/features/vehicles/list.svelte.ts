@@ -1,4 +1,4 @@
-/** State of the list of vehicles; holds all flying vehicles and removes lost ones. */
+/** State of the list of vehicles; switches vehicles to Hold and removes vehicles whose connection is lost. */
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -10,9 +10,9 @@ class VehicleList {
   open = $state(false);
   text = $state('');
   filter = $state<Filter>('all');
-  /** Whether a Hold command is waiting for its answers. */
+  /** Whether a Hold command waits for the vehicles' confirmation. */
   holding = $state(false);
-  /** Result of the last command; null before the first. */
+  /** Result of the last command; null before the first command. */
   result = $state.raw<{ text: string; refused: boolean } | null>(null);
 
   toggle(): void {
@@ -25,23 +25,23 @@ class VehicleList {
     this.result = null;
   }
 
-  /** Sends Hold to these vehicles in one request, without a confirmation (Hold never needs one). */
+  /** Sends Hold to these vehicles in one request; Hold never needs a confirmation. */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
     if (this.holding || vehicles.length === 0) return;
     this.result = null;
     this.holding = true;
-    const outcome = await api.post('/hold', { body: { vehicles: vehicles.map((one) => one.id) } });
+    const outcome = await api.post('/hold', { body: { vehicles: vehicles.map((vehicle) => vehicle.id) } });
     this.holding = false;
     if (outcome.ok) {
-      const failed = new Set(outcome.value.results.filter((one) => !one.held).map((one) => one.vehicle));
-      const refused = vehicles.filter((one) => failed.has(one.id)).map((one) => one.name);
-      this.result = { text: holdText(vehicles.length, refused), refused: refused.length > 0 };
+      const failed = new Set(outcome.value.results.filter((result) => !result.held).map((result) => result.vehicle));
+      const unconfirmed = vehicles.filter((vehicle) => failed.has(vehicle.id)).map((vehicle) => vehicle.name);
+      this.result = { text: holdText(vehicles.length, unconfirmed), refused: unconfirmed.length > 0 };
     } else {
       this.result = { text: problemText(outcome.problem), refused: true };
     }
   }
 
-  /** Removes a vehicle whose connection is lost; a refusal is shown. */
+  /** Removes a vehicle whose connection is lost; `result` contains the refusal, if any. */
   async remove(api: ApiClient, vehicle: { id: string; name: string }): Promise<void> {
     const outcome = await api.delete('/vehicles/{v}', ofVehicle(vehicle.id));
     const text = outcome.ok ? `${vehicle.name} was removed.` : problemText(outcome.problem);

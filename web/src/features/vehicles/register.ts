@@ -4,7 +4,7 @@ import { list } from './list.svelte';
 import VehicleBar from './VehicleBar.svelte';
 import VehiclePanel from './VehiclePanel.svelte';
 
-function choose(digit: number): boolean {
+function selectByDigit(digit: number): boolean {
   const id = page.ids[(digit + 9) % 10];
   if (id !== undefined) page.select(id);
   return id !== undefined;
@@ -27,6 +27,6 @@ registry.addKeys([
     keys: '1 … 9',
     what: 'Select a vehicle (0: the tenth)',
     inScene: true,
-    on: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => choose(digit)])),
+    on: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => selectByDigit(digit)])),
   },
 ]);

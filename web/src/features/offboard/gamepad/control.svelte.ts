@@ -1,10 +1,10 @@
-/** Reads the browser's gamepad 25 times a second, sends its setpoints, and keeps the reason why control by the sticks ended. */
+/** Reads the browser's gamepad 25 times a second, sends setpoints from its sticks, and stores why control by the sticks ended. */
 
 import type { AnySetpoint } from '../../../vehicle/setpoint';
 import { Pilot, RATE_HZ, type PadSnapshot, type Step } from './pilot';
 import { SCALES, type PadMode } from './sticks';
 
-/** Names of the buttons of the standard layout that a hand can hold while flying. */
+/** Buttons of the standard gamepad layout that a pilot can hold while flying. */
 export const DEADMAN_BUTTONS: readonly { value: number; text: string }[] = [
   { value: 5, text: 'R1' },
   { value: 4, text: 'L1' },
@@ -12,6 +12,7 @@ export const DEADMAN_BUTTONS: readonly { value: number; text: string }[] = [
   { value: 6, text: 'L2' },
 ];
 
+/** Functions of the page that the gamepad control uses. */
 export interface GamepadHost {
   yaw_ned_rad: () => number | null;
   hoverThrust: () => number;
@@ -22,15 +23,15 @@ export interface GamepadHost {
 
 export class GamepadControl {
   pads = $state.raw<readonly { index: number; id: string }[]>([]);
-  chosen = $state<number | null>(null);
+  selectedIndex = $state<number | null>(null);
   mode = $state<PadMode>('heading');
   scaleIndex = $state(0);
   deadman = $state(5);
-  /** Result of the last reading; null before the first. */
+  /** Result of the last reading; null before the first reading. */
   step = $state.raw<Step | null>(null);
   axes = $state.raw<readonly number[]>([]);
   /** Why control by the sticks ended; null if a person ended it. */
-  ended = $state<string | null>(null);
+  endReason = $state<string | null>(null);
   private readonly pilot = new Pilot(SCALES[0]?.scale ?? { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 }, 5);
   private host: GamepadHost | null = null;
 
@@ -38,7 +39,7 @@ export class GamepadControl {
     return this.step !== null && this.step.phase !== 'off';
   }
 
-  /** Runs only while the panel is open. */
+  /** Starts to read the gamepad. @returns a function that stops it; the panel calls it when it closes. */
   watch(host: GamepadHost): () => void {
     this.host = host;
     const poll = (): void => this.poll();
@@ -57,28 +58,29 @@ export class GamepadControl {
   }
 
   engage(): void {
-    this.ended = null;
+    this.endReason = null;
     this.pilot.engage();
     this.poll();
   }
 
-  disengage(why: string | null = null): void {
-    const last = this.pilot.disengage();
-    if (last !== null) {
-      this.host?.send({ ...last });
+  disengage(reason: string | null = null): void {
+    const stop = this.pilot.disengage();
+    if (stop !== null) {
+      this.host?.send({ ...stop });
       this.host?.release();
-      this.ended = why;
+      this.endReason = reason;
     }
     this.poll();
   }
 
   private poll(): void {
-    const found = (navigator.getGamepads?.() ?? []).filter((p): p is Gamepad => p !== null && p.connected);
-    if (found.length !== this.pads.length || found.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
-      this.pads = found.map(({ index, id }) => ({ index, id }));
+    const connected = (navigator.getGamepads?.() ?? []).filter((p): p is Gamepad => p !== null && p.connected);
+    if (connected.length !== this.pads.length || connected.some((p, i) => p.id !== this.pads[i]?.id || p.index !== this.pads[i]?.index)) {
+      this.pads = connected.map(({ index, id }) => ({ index, id }));
     }
-    if (this.chosen === null || (!this.engaged && !found.some((p) => p.index === this.chosen))) this.chosen = found[0]?.index ?? null;
-    const pad = found.find((p) => p.index === this.chosen) ?? null;
+    if (this.selectedIndex === null || (!this.engaged && !connected.some((p) => p.index === this.selectedIndex)))
+      this.selectedIndex = connected[0]?.index ?? null;
+    const pad = connected.find((p) => p.index === this.selectedIndex) ?? null;
     const snapshot: PadSnapshot | null = pad === null ? null : { index: pad.index, id: pad.id, axes: pad.axes, pressed: pad.buttons.map((b) => b.pressed) };
     this.axes = snapshot?.axes.slice(0, 4) ?? [];
     this.pilot.mode = this.mode;
@@ -92,8 +94,8 @@ export class GamepadControl {
     };
     const step = this.pilot.step(snapshot, inputs, performance.now() / 1000);
     if (step.setpoint !== null) this.host?.send({ ...step.setpoint });
-    if (step.ended !== null) {
-      this.ended = step.ended;
+    if (step.endReason !== null) {
+      this.endReason = step.endReason;
       this.host?.release();
     }
     this.step = step;

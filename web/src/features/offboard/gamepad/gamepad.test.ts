@@ -3,12 +3,12 @@ import { Pilot, type PadSnapshot, type PilotInputs } from './pilot';
 import { attitudeSetpoint, CENTRED, SCALES, STICK_CURVE, shapeAxis, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
-const HERE: PilotInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
+const READABLE: PilotInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
 const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pad', axes, pressed: [false, false, false, false, false, held] });
 const FORWARD = [0, 0, 0, -1];
 
 describe('sticks', () => {
-  it('command nothing within the dead zone, and increase from zero at its edge', () => {
+  it('command zero within the dead zone, and increase from zero at the edge of the dead zone', () => {
     expect(shapeAxis(0.1, STICK_CURVE)).toBe(0);
     expect(shapeAxis(-0.09, STICK_CURVE)).toBe(0);
     expect(shapeAxis(0.101, STICK_CURVE)).toBeLessThan(0.01);
@@ -17,19 +17,19 @@ describe('sticks', () => {
     expect(shapeAxis(Number.NaN, STICK_CURVE)).toBe(0);
   });
 
-  it('are less sensitive about the middle with expo, and monotonic', () => {
+  it('are less sensitive near the middle with expo, and monotonic', () => {
     expect(shapeAxis(0.5, { deadZone: 0, expo: 1 })).toBeCloseTo(0.125);
     expect(shapeAxis(0.5, { deadZone: 0, expo: 0 })).toBe(0.5);
     const values = Array.from({ length: 101 }, (_, i) => shapeAxis(i / 100, STICK_CURVE));
     expect(values.every((v, i) => i === 0 || v >= (values[i - 1] ?? 0))).toBe(true);
   });
 
-  it('count up as positive, although a gamepad reports down as positive', () => {
+  it('give positive values for up, although a gamepad reports down as positive', () => {
     expect(sticksOf([0.5, -1, 1, -1], { deadZone: 0, expo: 0 })).toEqual({ forward: 1, right: 1, up: 1, turn: 0.5 });
     expect(sticksOf([], STICK_CURVE)).toEqual(CENTRED);
   });
 
-  it('command a velocity in the chosen frame, not faster in a corner', () => {
+  it('command a velocity in the chosen frame, limited to full speed if deflected diagonally', () => {
     expect(velocitySetpoint({ forward: 1, right: 0, up: 0.5, turn: -1 }, 'heading', SCALE)).toEqual({
       type: 'velocity_body',
       velocity_frd_m_s: [4, 0, -1],
@@ -40,7 +40,7 @@ describe('sticks', () => {
     expect(corner.type).toBe('velocity');
   });
 
-  it('command an attitude: forward is nose down, the middle is the hover thrust', () => {
+  it('command an attitude in Attitude mode: nose down for forward, hover thrust in the middle', () => {
     const setpoint = attitudeSetpoint({ forward: 1, right: 0, up: 0, turn: 0 }, 1, 0.6, SCALE);
     expect(setpoint.pitch_rad).toBeCloseTo(-20 * (Math.PI / 180));
     expect(setpoint.thrust).toBe(0.6);
@@ -48,7 +48,7 @@ describe('sticks', () => {
     expect(attitudeSetpoint({ ...CENTRED, up: -1 }, 1, 0.6, SCALE).thrust).toBe(0);
   });
 
-  it('command zero without a negative zero', () => {
+  it('command 0, not -0, in the middle', () => {
     expect(Object.is(velocitySetpoint(CENTRED, 'heading', SCALES[0]?.scale ?? SCALE).velocity_frd_m_s?.[2], 0)).toBe(true);
   });
 });
@@ -58,52 +58,52 @@ describe('the deadman button', () => {
     const pilot = new Pilot(SCALE, 5);
     pilot.mode = mode;
     pilot.engage();
-    pilot.step(pad(FORWARD, false), HERE, 0);
-    expect(pilot.step(pad(FORWARD, true), HERE, 0.04).phase).toBe('flying');
+    pilot.step(pad(FORWARD, false), READABLE, 0);
+    expect(pilot.step(pad(FORWARD, true), READABLE, 0.04).phase).toBe('flying');
     return pilot;
   }
 
-  it('must be held: sticks alone command nothing', () => {
+  it('must be held, or the sticks command zero velocity', () => {
     const pilot = new Pilot(SCALE, 5);
-    expect(pilot.step(pad(FORWARD, true), HERE, 0).setpoint).toBeNull();
+    expect(pilot.step(pad(FORWARD, true), READABLE, 0).setpoint).toBeNull();
     pilot.engage();
-    expect(pilot.step(pad(FORWARD, false), HERE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP });
-    expect(pilot.step(pad(FORWARD, true), HERE, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
+    expect(pilot.step(pad(FORWARD, false), READABLE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP });
+    expect(pilot.step(pad(FORWARD, true), READABLE, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
   });
 
-  it('does not count if it was already held, until it is released once', () => {
+  it('has no effect if it was already held, until it is released once', () => {
     const pilot = new Pilot(SCALE, 5);
     pilot.engage();
-    expect(pilot.step(pad(FORWARD, true), HERE, 0)).toMatchObject({ phase: 'release', setpoint: STOP });
-    pilot.step(pad(FORWARD, false), HERE, 0.04);
-    expect(pilot.step(pad(FORWARD, true), HERE, 0.08).phase).toBe('flying');
+    expect(pilot.step(pad(FORWARD, true), READABLE, 0)).toMatchObject({ phase: 'release', setpoint: STOP });
+    pilot.step(pad(FORWARD, false), READABLE, 0.04);
+    expect(pilot.step(pad(FORWARD, true), READABLE, 0.08).phase).toBe('flying');
   });
 
   it.each(['heading', 'attitude'] as const)('stops the vehicle on release (%s)', (mode) => {
-    expect(flying(mode).step(pad(FORWARD, false), HERE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP, ended: null });
+    expect(flying(mode).step(pad(FORWARD, false), READABLE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP, endReason: null });
   });
 
   it.each([
-    ['unplugged', null, HERE],
-    ['tab hidden', pad(FORWARD, true), { ...HERE, visible: false }],
-    ['window left', pad(FORWARD, true), { ...HERE, focused: false }],
-  ])('%s: stops the vehicle, ends control by the sticks, and says why', (_, snapshot, inputs) => {
+    ['unplugged', null, READABLE],
+    ['tab hidden', pad(FORWARD, true), { ...READABLE, visible: false }],
+    ['window without focus', pad(FORWARD, true), { ...READABLE, focused: false }],
+  ])('does not keep the vehicle flying (%s): the vehicle stops, and control by the sticks ends with a reason', (_, snapshot, inputs) => {
     const pilot = flying();
     const step = pilot.step(snapshot, inputs, 0.08);
     expect(step).toMatchObject({ phase: 'off', setpoint: STOP });
-    expect(step.ended).toMatch(/\.$/);
-    // Visible again with the button still held: nothing is sent until it is started again.
-    expect(pilot.step(pad(FORWARD, true), HERE, 0.12).setpoint).toBeNull();
+    expect(step.endReason).toMatch(/\.$/);
+    // Readable again with the button still held: the sticks command nothing until a person engages them again.
+    expect(pilot.step(pad(FORWARD, true), READABLE, 0.12).setpoint).toBeNull();
   });
 
-  it('turns the held yaw by the stick, from the vehicle’s heading, without a jump after a pause', () => {
+  it('turns the yaw setpoint by the stick, from the vehicle’s heading, without a jump after a pause', () => {
     const pilot = flying('attitude');
-    const turned = pilot.step(pad([1, 0, 0, 0], true), HERE, 0.08).setpoint;
+    const turned = pilot.step(pad([1, 0, 0, 0], true), READABLE, 0.08).setpoint;
     expect(turned).toMatchObject({ type: 'attitude' });
     expect((turned as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
-    const later = pilot.step(pad([1, 0, 0, 0], true), HERE, 60).setpoint as { yaw_ned_rad: number };
-    expect(later.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
-    expect(pilot.step(pad(FORWARD, true), { ...HERE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP });
+    const afterPause = pilot.step(pad([1, 0, 0, 0], true), READABLE, 60).setpoint as { yaw_ned_rad: number };
+    expect(afterPause.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
+    expect(pilot.step(pad(FORWARD, true), { ...READABLE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP });
   });
 
   it('sends one stop when a person ends control by the sticks', () => {

@@ -1,13 +1,13 @@
 /**
- * Turns a gamepad's state into setpoints, 25 times a second. The sticks count only while the deadman button is held;
- * the vehicle stops as soon as the button is released. Control by the sticks ends when they cannot be read (gamepad
+ * Converts a gamepad's state to setpoints, 25 times a second. The sticks move the vehicle only while the deadman button is
+ * held; the vehicle stops as soon as the button is released. Control by the sticks ends when the page cannot read them (gamepad
  * unplugged, tab hidden, window without focus). Pure: callers pass the time.
  */
 
 import { attitudeSetpoint, STICK_CURVE, STOP, sticksOf, velocitySetpoint, type PadMode, type PadSetpoint, type Scale, type Sticks, CENTRED } from './sticks';
 
 export const RATE_HZ = 25;
-/** Longest step for integrating the yaw, so that it does not jump after a pause [s]. */
+/** Longest time step of the yaw's integration, so that the yaw does not jump after a pause [s]. */
 const MAX_STEP_S = 0.1;
 
 /** State of a gamepad at one moment. */
@@ -18,7 +18,7 @@ export interface PadSnapshot {
   pressed: readonly boolean[];
 }
 
-/** What the setpoints depend on besides the gamepad: the page must be visible and have the focus, or the sticks cannot be read. */
+/** Inputs besides the gamepad. The page can read the sticks only while it is visible and has the focus. */
 export interface PilotInputs {
   visible: boolean;
   focused: boolean;
@@ -28,8 +28,8 @@ export interface PilotInputs {
 }
 
 /**
- * `release`: the button must be released once before it counts; `ready`: stopped; `flying`: the sticks control the
- * vehicle.
+ * `release`: the pilot must release the deadman button once before it has an effect; `ready`: the vehicle stops and
+ * hovers; `flying`: the sticks control the vehicle.
  */
 export type PilotPhase = 'off' | 'release' | 'ready' | 'flying';
 
@@ -38,8 +38,9 @@ export interface Step {
   /** The setpoint to send now; null for none. */
   setpoint: PadSetpoint | null;
   /** Why control by the sticks ended; null while it continues. */
-  ended: string | null;
+  endReason: string | null;
   sticks: Sticks;
+  /** Whether the deadman button is held. */
   held: boolean;
 }
 
@@ -47,7 +48,7 @@ export class Pilot {
   phase: PilotPhase = 'off';
   mode: PadMode = 'heading';
   private yaw_ned_rad: number | null = null;
-  private last_s: number | null = null;
+  private lastStep_s: number | null = null;
 
   constructor(
     public scale: Scale,
@@ -56,25 +57,26 @@ export class Pilot {
 
   engage(): void {
     this.phase = 'release';
-    this.last_s = null;
+    this.lastStep_s = null;
   }
 
-  /** The user ends control by the sticks. @returns one stop setpoint to send; null if it had ended already. */
+  /** The user ends control by the sticks. @returns one stop setpoint to send; null if control by the sticks had ended already. */
   disengage(): PadSetpoint | null {
-    const was = this.phase;
+    const previous = this.phase;
     this.phase = 'off';
-    return was === 'off' ? null : STOP;
+    return previous === 'off' ? null : STOP;
   }
 
   step(pad: PadSnapshot | null, inputs: PilotInputs, now_s: number): Step {
     const sticks = pad === null ? CENTRED : sticksOf(pad.axes, STICK_CURVE);
     const held = pad?.pressed[this.deadman] === true;
-    const result = (setpoint: PadSetpoint | null, ended: string | null = null): Step => ({ phase: this.phase, setpoint: setpoint, ended, sticks, held });
+    const result = (setpoint: PadSetpoint | null, endReason: string | null = null): Step => ({ phase: this.phase, setpoint, endReason, sticks, held });
     if (this.phase === 'off') return result(null);
-    const why = whyUnreadable(pad, inputs) ?? (this.mode === 'attitude' && inputs.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
-    if (why !== null) {
+    const endReason =
+      reasonUnreadable(pad, inputs) ?? (this.mode === 'attitude' && inputs.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
+    if (endReason !== null) {
       this.phase = 'off';
-      return result(STOP, why);
+      return result(STOP, endReason);
     }
     if (this.phase === 'release') {
       if (!held) this.phase = 'ready';
@@ -82,26 +84,26 @@ export class Pilot {
     }
     if (!held) {
       this.phase = 'ready';
-      this.last_s = null;
+      this.lastStep_s = null;
       return result(STOP);
     }
-    const dt_s = this.phase === 'flying' && this.last_s !== null ? Math.min(MAX_STEP_S, now_s - this.last_s) : 0;
+    const dt_s = this.phase === 'flying' && this.lastStep_s !== null ? Math.min(MAX_STEP_S, now_s - this.lastStep_s) : 0;
     if (this.phase !== 'flying') this.yaw_ned_rad = inputs.yaw_ned_rad;
     this.phase = 'flying';
-    this.last_s = now_s;
+    this.lastStep_s = now_s;
     if (this.mode !== 'attitude') return result(velocitySetpoint(sticks, this.mode, this.scale));
     this.yaw_ned_rad = wrapPi((this.yaw_ned_rad ?? inputs.yaw_ned_rad ?? 0) + sticks.turn * this.scale.turn_deg_s * (Math.PI / 180) * dt_s);
     return result(attitudeSetpoint(sticks, this.yaw_ned_rad, inputs.hoverThrust, this.scale));
   }
 }
 
-function whyUnreadable(pad: PadSnapshot | null, inputs: PilotInputs): string | null {
+function reasonUnreadable(pad: PadSnapshot | null, inputs: PilotInputs): string | null {
   if (pad === null) return 'The gamepad was disconnected.';
   if (!inputs.visible) return 'The page was hidden.';
   return inputs.focused ? null : 'The window lost focus.';
 }
 
 function wrapPi(angle_rad: number): number {
-  const turn = 2 * Math.PI;
-  return ((((angle_rad + Math.PI) % turn) + turn) % turn) - Math.PI;
+  const fullTurn = 2 * Math.PI;
+  return ((((angle_rad + Math.PI) % fullTurn) + fullTurn) % fullTurn) - Math.PI;
 }

@@ -36,23 +36,23 @@ export const SCALES: readonly { name: string; scale: Scale }[] = [
   { name: 'Fast', scale: { speed_m_s: 6, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 25 } },
 ];
 
-/** The frame of the right stick's velocity, or attitude control. */
+/** Velocity along heading, velocity along north, or attitude. */
 export type PadMode = 'heading' | 'north' | 'attitude';
 
 const RAD = Math.PI / 180;
 
-/** Shapes one axis: zero within the dead zone, full at the end, without a step. NaN counts as the middle. */
+/** Applies dead zone and expo to one axis: 0 within the dead zone, ±1 at full deflection, continuous between. NaN gives 0. */
 export function shapeAxis(value: number, { deadZone, expo }: StickCurve): number {
   if (!Number.isFinite(value)) return 0;
-  const size = Math.min(1, Math.abs(value));
-  if (size <= deadZone) return 0;
-  const x = (size - deadZone) / (1 - deadZone);
+  const magnitude = Math.min(1, Math.abs(value));
+  if (magnitude <= deadZone) return 0;
+  const x = (magnitude - deadZone) / (1 - deadZone);
   return Math.sign(value) * (x * (1 - expo) + x ** 3 * expo);
 }
 
 /**
- * The standard layout's four axes: the left stick climbs and turns, the right stick moves horizontally. Gamepads
- * report down as positive.
+ * The stick positions from the four axes of the standard gamepad layout: the left stick climbs and turns, the right stick
+ * moves horizontally. Gamepads report down as positive.
  */
 export function sticksOf(axes: readonly number[], curve: StickCurve): Sticks {
   const [leftX = 0, leftY = 0, rightX = 0, rightY = 0] = axes.map((a) => shapeAxis(a, curve));
@@ -90,8 +90,8 @@ export function velocitySetpoint(sticks: Sticks, mode: 'heading' | 'north', scal
 }
 
 /**
- * Tilt and thrust. The caller keeps `yaw_ned_rad`, and the stick turns it. The middle of the left stick is the hover
- * thrust.
+ * Attitude and thrust. The middle of the left stick gives the hover thrust. The caller integrates `yaw_ned_rad` from
+ * `sticks.turn`.
  */
 export function attitudeSetpoint(sticks: Sticks, yaw_ned_rad: number, hoverThrust: number, scale: Scale): AttitudeSetpoint {
   const tilt = scale.tilt_deg * RAD;

@@ -1,4 +1,4 @@
-/** The group form's state and its buttons' actions; loaded with the offboard room. */
+/** The state of the group form and the actions of its buttons. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { page } from '../../../app/page.svelte';
@@ -24,25 +24,25 @@ import {
 } from './group-form';
 
 class GroupDraft {
-  now = $state.raw<Draft>(NEW_DRAFT);
-  /** Errors are shown after the first press of a button. */
+  fields = $state.raw<Draft>(NEW_DRAFT);
+  /** Whether a button was pressed; before, the form shows no errors. */
   tried = $state(false);
 
   edit(changed: Partial<Draft>): void {
-    this.now = { ...this.now, ...changed };
+    this.fields = { ...this.fields, ...changed };
   }
 
   choose(id: string, chosen: boolean): void {
-    this.edit({ members: chosen ? [...this.now.members, id] : this.now.members.filter((one) => one !== id) });
+    this.edit({ members: chosen ? [...this.fields.members, id] : this.fields.members.filter((member) => member !== id) });
   }
 
   problems(flying: boolean): Problems {
-    return this.tried ? problemsOf(this.now, flying) : {};
+    return this.tried ? problemsOf(this.fields, flying) : {};
   }
 
   /** Shows all errors of the form, or opens the confirmation if there are none. */
   requestStart(selected: VehicleFacts): void {
-    const draft = this.now;
+    const draft = this.fields;
     this.tried = true;
     if (Object.keys(problemsOf(draft, false)).length > 0) return;
     const names = draft.members.map((id) => page.factsOf(id)?.name ?? id);
@@ -53,7 +53,7 @@ class GroupDraft {
     );
   }
 
-  /** Offsets count from each vehicle's present position, not from the one when the confirmation was opened. */
+  /** Starts the group. Offsets are relative to each vehicle's present position, not to its position when the confirmation opened. */
   private async start(draft: Draft): Promise<Outcome<unknown>> {
     const result = setpointsFor(factsOf(draft.members), draft);
     if (!result.ok) return noPositions(result);
@@ -61,9 +61,9 @@ class GroupDraft {
     return this.sendLogged(draft.members, draft, () => groups.start(startBody(result.setpoints, draft, page.store.nowUnixS()), validityOf(draft)));
   }
 
-  /** Sends new setpoints to all members that still fly, without a confirmation, as the room's other forms do. */
+  /** Sends new setpoints to all members that still follow the group; as in the room's other forms, without confirmation. */
   async send(group: Group): Promise<void> {
-    const draft = this.now;
+    const draft = this.fields;
     this.tried = true;
     if (Object.keys(problemsOf(draft, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
@@ -73,21 +73,21 @@ class GroupDraft {
     });
   }
 
-  /** Renews the flown setpoints with the validity of their own kind; this page keeps renewing them if the form says so. */
+  /** Renews the group's present setpoints once, with the form's validity for their kind; if the form says so, this page continues to renew them. */
   async renew(group: Group): Promise<void> {
-    const flown: Draft = { ...this.now, motion: axesKindOf(group) };
+    const renewed: Draft = { ...this.fields, motion: axesKindOf(group) };
     this.tried = true;
-    if ('valid' in problemsOf(flown, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'room', () => groups.renew(group, validityOf(flown)));
+    if ('valid' in problemsOf(renewed, true)) return;
+    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'room', () => groups.renew(group, validityOf(renewed)));
   }
 
   private async sendLogged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {
     const line = editor.recordSent('group', { type: `Group of ${joinNames(members)}: ${groupText(draft)}` });
     const outcome = await send();
-    editor.recordAnswer(line, outcome, null);
+    editor.recordOutcome(line, outcome, null);
     if (outcome.ok) {
-      // The form is cleared, because an offset sent twice would be flown twice.
-      if (draft.motion === 'move') this.edit({ axes: { ...this.now.axes, move: NEW_DRAFT.axes.move } });
+      // The form is cleared: sent again, the same offset would move the vehicles again.
+      if (draft.motion === 'move') this.edit({ axes: { ...this.fields.axes, move: NEW_DRAFT.axes.move } });
       return outcome;
     }
     const { detail, remedy } = outcome.problem;
@@ -95,7 +95,7 @@ class GroupDraft {
   }
 }
 
-/** Ids of all vehicles that the server can command, connected now or not. */
+/** Ids of all vehicles that the server can command, also of vehicles that are not connected now. */
 export function commandableIds(): string[] {
   void page.tick;
   return page.ids.filter((id) => commandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY));

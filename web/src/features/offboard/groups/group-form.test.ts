@@ -6,16 +6,16 @@ import { reading, vehicle } from './vehicle.fixture';
 
 const PAIR: Draft = { ...NEW_DRAFT, members: ['1', '2'] };
 const MOVE: Draft = { ...PAIR, axes: { ...PAIR.axes, move: ['5', '-2,5', '1'] } };
-const FLY: Draft = { ...PAIR, motion: 'velocity', axes: { ...PAIR.axes, velocity: ['1', '0', '−0.5'] } };
+const VELOCITY: Draft = { ...PAIR, motion: 'velocity', axes: { ...PAIR.axes, velocity: ['1', '0', '−0.5'] } };
 
 describe('the group form', () => {
-  it('adds an offset to each vehicle’s position, up as minus down, and keeps the heading', () => {
+  it('adds an offset to each vehicle’s position, negates up for NED, and keeps the heading', () => {
     expect(setpointFor(vehicle('1', [10, 20, -8]), MOVE)).toEqual({ type: 'position', position_ned_m: [15, 17.5, -9], yaw_ned_rad: 1 });
     expect(setpointFor(vehicle('2', [0, 0, -6]), MOVE)).toMatchObject({ position_ned_m: [5, -2.5, -7] });
-    expect(setpointFor(vehicle('2', null), FLY)).toEqual({ type: 'velocity', velocity_ned_m_s: [1, 0, 0.5], yaw_ned_rad: 1 });
+    expect(setpointFor(vehicle('2', null), VELOCITY)).toEqual({ type: 'velocity', velocity_ned_m_s: [1, 0, 0.5], yaw_ned_rad: 1 });
   });
 
-  it('sends nothing if a position is not known, and names the vehicle', () => {
+  it('gives no setpoints if a position is not known, and names the vehicles', () => {
     const stale = { ...vehicle('3', [0, 0, 0]), local: reading({ position_ned_m: [0, 0, 0] }, true) } as unknown as VehicleFacts;
     expect(setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', null), stale], MOVE)).toEqual({
       ok: false,
@@ -23,7 +23,7 @@ describe('the group form', () => {
     });
   });
 
-  it('builds the API’s request; the start time uses the server’s clock', () => {
+  it('builds the API’s request with a start time by the server’s clock', () => {
     const result = setpointsFor([vehicle('1', [0, 0, 0]), vehicle('2', [1, 0, 0])], MOVE);
     if (!result.ok) throw new Error(result.detail);
     const body = startBody(result.setpoints, { ...MOVE, separation_m: '2,5', othersContinue: true }, 1000);
@@ -38,9 +38,9 @@ describe('the group form', () => {
     expect(startBody(result.setpoints, { ...MOVE, startIn_s: '20' }, 1000)).toMatchObject({ start_at_unix_s: 1020 });
   });
 
-  it('reports each invalid field; a flying group has fewer fields', () => {
+  it('reports each invalid field, for a flying group only those that can change', () => {
     expect(problemsOf(MOVE, false)).toEqual({});
-    const bad: Draft = {
+    const invalid: Draft = {
       ...MOVE,
       members: ['1'],
       axes: { ...MOVE.axes, move: ['far', '0', ''] },
@@ -48,17 +48,17 @@ describe('the group form', () => {
       startIn_s: '1',
       valid_s: { move: '601', velocity: '5' },
     };
-    expect(Object.keys(problemsOf(bad, false)).sort()).toEqual(['apart', 'axis0', 'axis2', 'members', 'start', 'valid']);
-    expect(problemsOf(bad, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
-    expect(Object.keys(problemsOf(bad, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
+    expect(Object.keys(problemsOf(invalid, false)).sort()).toEqual(['apart', 'axis0', 'axis2', 'members', 'start', 'valid']);
+    expect(problemsOf(invalid, false)['start']).toBe('From 3 to 300 s; leave empty to start immediately.');
+    expect(Object.keys(problemsOf(invalid, true)).sort()).toEqual(['axis0', 'axis2', 'valid']);
     expect(problemsOf({ ...MOVE, members: Array.from({ length: 11 }, (_, i) => String(i)) }, false)).toHaveProperty('members');
   });
 
-  it('describes vehicles, action and effect before the start', () => {
+  it('describes vehicles, action and effect in the confirmation', () => {
     expect(groupText(MOVE)).toBe('move 5.0 m north, 2.5 m west, 1.0 m up');
-    expect(groupText(FLY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
+    expect(groupText(VELOCITY)).toBe('fly 1.0 m/s north, 0.5 m/s down');
     expect(groupText(PAIR)).toBe('hold their positions');
-    const question = startQuestion(['1 Quad', '2 Quad'], { ...FLY, startIn_s: '30', othersContinue: true });
+    const question = startQuestion(['1 Quad', '2 Quad'], { ...VELOCITY, startIn_s: '30', othersContinue: true });
     expect(question.title).toBe('Group: 1 Quad and 2 Quad');
     expect(question.effect).toBe(
       'All vehicles switch to Offboard at their current positions. In 30 s all fly 1.0 m/s north, 0.5 m/s down together. If two vehicles come closer than 5.0 m, only these two hold. After 5.0 s all switch to Hold. “Hold group” switches all to Hold at any time.',

@@ -1,4 +1,4 @@
-/** The group form's values and the API request from them; every invalid field is reported. Pure. */
+/** The group form's values, their errors by field, and the API request from them. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
@@ -11,7 +11,7 @@ import { joinNames, type Group } from './group';
 export type GroupMotion = 'move' | 'velocity';
 
 export interface Draft {
-  /** Ids, in the order they were chosen. */
+  /** Vehicle ids, in the order in which the person chose them. */
   members: readonly string[];
   motion: GroupMotion;
   /** North, east, up as typed: [m] or [m/s]. */
@@ -19,12 +19,12 @@ export interface Draft {
   valid_s: Readonly<Record<GroupMotion, string>>;
   renew: Readonly<Record<GroupMotion, boolean>>;
   separation_m: string;
-  /** Empty: as soon as all members are in Offboard mode. */
+  /** Time until the group moves; empty: it moves as soon as all members are in Offboard mode. */
   startIn_s: string;
   othersContinue: boolean;
 }
 
-/** Position setpoints are renewed while the page is visible; velocities expire unless the person chooses to renew them. */
+/** By default the page renews position setpoints while it is visible, and does not renew velocities. */
 export const NEW_DRAFT: Draft = {
   members: [],
   motion: 'move',
@@ -44,23 +44,23 @@ const RANGES = { valid: [0.5, 600, 's'], apart: [1, 100, 'm'], start: [3, 300, '
 
 export type Problems = Readonly<Record<string, string>>;
 
-function rangeProblem(text: string, [least, most, unit]: readonly [number, number, string]): string | null {
+function rangeProblem(text: string, [min, max, unit]: readonly [number, number, string]): string | null {
   const value = parseTyped(text);
-  return value !== null && value >= least && value <= most ? null : `From ${least} to ${most} ${unit}.`;
+  return value !== null && value >= min && value <= max ? null : `From ${min} to ${max} ${unit}.`;
 }
 
-/** Errors by field; `flying` checks only the fields that can change a flying group. */
+/** Errors by field; if `flying`, only of the fields that can change a flying group. */
 export function problemsOf(draft: Draft, flying: boolean): Problems {
-  const found: Record<string, string> = {};
-  const add = (field: string, problem: string | null): void => void (problem !== null && (found[field] = problem));
+  const problems: Record<string, string> = {};
+  const add = (field: string, problem: string | null): void => void (problem !== null && (problems[field] = problem));
   AXES.forEach((axis, i) => add(`axis${i}`, parseTyped(draft.axes[draft.motion][i] ?? '') === null ? `${axis}: enter a number.` : null));
   add('valid', rangeProblem(draft.valid_s[draft.motion], RANGES.valid));
-  if (flying) return found;
+  if (flying) return problems;
   if (draft.members.length < 2) add('members', 'Choose two vehicles or more.');
   if (draft.members.length > MAX_MEMBERS) add('members', `A group has ${MAX_MEMBERS} vehicles at most.`);
   add('apart', rangeProblem(draft.separation_m, RANGES.apart));
   if (draft.startIn_s.trim() !== '') add('start', rangeProblem(draft.startIn_s, RANGES.start)?.replace('.', '; leave empty to start immediately.') ?? null);
-  return found;
+  return problems;
 }
 
 function vector(draft: Draft): [number, number, number] {
@@ -71,7 +71,7 @@ export function validityOf(draft: Draft): Validity {
   return { valid_for_s: parseTyped(draft.valid_s[draft.motion]) ?? 0, on_expiry: ON_EXPIRY, renew: draft.renew[draft.motion] };
 }
 
-/** The setpoint of one vehicle, from its present position in its local frame; null if its position is not known. */
+/** The setpoint of a vehicle in its local frame; null if an offset has no known position to start from. */
 export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | null {
   const [north, east, up] = vector(draft);
   const yaw = facts.attitude === null || facts.attitude.stale ? {} : { yaw_ned_rad: facts.attitude.value.yaw_ned_rad };
@@ -81,7 +81,7 @@ export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | nu
   return { type: 'position', position_ned_m: [n + north, e + east, d - up], ...yaw };
 }
 
-/** The form's kind of a flying group's setpoints, so that velocities are not renewed as positions are. */
+/** The form's motion that fits a flying group's setpoints; each motion has its own validity. */
 export function axesKindOf(group: Group): GroupMotion {
   return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
@@ -96,11 +96,11 @@ export type GroupBody = Omit<components['schemas']['StartGroup'], 'members'> & {
 
 export type SetpointsResult = { ok: true; setpoints: MemberSetpoint[] } | { ok: false; detail: string };
 
-/** The setpoints of all members, or the members without a known position. */
-export function setpointsFor(all: readonly VehicleFacts[], draft: Draft): SetpointsResult {
+/** The setpoints of all vehicles, or a text that names the vehicles without a known position. */
+export function setpointsFor(vehicles: readonly VehicleFacts[], draft: Draft): SetpointsResult {
   const setpoints: MemberSetpoint[] = [];
   const withoutPosition: string[] = [];
-  for (const facts of all) {
+  for (const facts of vehicles) {
     const setpoint = setpointFor(facts, draft);
     if (setpoint === null) withoutPosition.push(facts.name);
     else setpoints.push({ vehicle: facts.id, setpoint });
@@ -126,7 +126,7 @@ export function startBody(setpoints: readonly MemberSetpoint[], draft: Draft, no
   };
 }
 
-/** Replaces the API's field names with the form's; the rest is the server's own text. */
+/** The server's text with the form's field names instead of the API's names. */
 export function formText(text: string): string {
   return text.replaceAll('minimum_separation_m', '“Minimum separation”').replaceAll('start_at_unix_s', '“Start in”').replaceAll('valid_for_s', '“Valid for”');
 }
@@ -137,7 +137,7 @@ const DIRECTIONS: readonly (readonly [string, string])[] = [
   ['up', 'down'],
 ];
 
-/** "move 5.0 m north, 2.0 m down". */
+/** The motion as text, for example "move 5.0 m north, 2.0 m down". */
 export function groupText(draft: Draft): string {
   const unit = draft.motion === 'move' ? 'm' : 'm/s';
   const parts = vector(draft)
@@ -147,14 +147,14 @@ export function groupText(draft: Draft): string {
   return `${draft.motion === 'move' ? 'move' : 'fly'} ${parts.join(', ')}`;
 }
 
-/** Vehicles, action and effect of a start, before it is confirmed. */
+/** The confirmation's texts for the start of a group: vehicles, action and effect. */
 export function startQuestion(names: readonly string[], draft: Draft): Question {
   const start = parseTyped(draft.startIn_s) === null ? 'Then' : `In ${fixed(parseTyped(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = validityOf(draft);
-  const ends = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
+  const validity = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
   return {
     title: `Group: ${joinNames(names)}`,
-    effect: `All vehicles switch to Offboard at their current positions. ${start} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two hold' : 'all hold'}. ${ends}. “Hold group” switches all to Hold at any time.`,
+    effect: `All vehicles switch to Offboard at their current positions. ${start} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two hold' : 'all hold'}. ${validity}. “Hold group” switches all to Hold at any time.`,
     verb: 'Start',
     danger: false,
   };

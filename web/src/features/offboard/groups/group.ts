@@ -11,14 +11,14 @@ export type Group = components['schemas']['Group'];
 export type Member = Group['members'][number];
 export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'dim';
 
-/** A group and when this page received it, by its own clock, so that countdowns continue between two answers. */
+/** A group, and the time of this page's clock at which the page received it; countdowns start from this time. */
 export interface ReceivedGroup {
   group: Group;
   receivedAt_s: number;
 }
 
-/** Group numbers restart with the server; the creation time distinguishes two groups with the same number. */
-export function keyOf(group: Group): string {
+/** A unique key of a group. Group numbers begin again when the server restarts, so the key contains the creation time, too. */
+export function groupKey(group: Group): string {
   return `${group.id} ${group.created_unix_s}`;
 }
 
@@ -26,7 +26,7 @@ export function isLive(group: Group): boolean {
   return group.state !== 'ended';
 }
 
-/** The group of an event; null if it has none. */
+/** The group in an event; null if the event has no valid group. */
 export function readGroup(value: unknown): Group | null {
   const group = value as Group | null;
   return typeof group === 'object' && group !== null && typeof group.id === 'string' && Array.isArray(group.members) && Array.isArray(group.findings)
@@ -36,14 +36,14 @@ export function readGroup(value: unknown): Group | null {
 
 /** The list with one group updated, in the server's order. */
 export function withGroup(list: readonly ReceivedGroup[], received: ReceivedGroup): ReceivedGroup[] {
-  const key = keyOf(received.group);
-  const exists = list.some((one) => keyOf(one.group) === key);
-  return exists ? list.map((one) => (keyOf(one.group) === key ? received : one)) : [...list, received];
+  const key = groupKey(received.group);
+  const exists = list.some((entry) => groupKey(entry.group) === key);
+  return exists ? list.map((entry) => (groupKey(entry.group) === key ? received : entry)) : [...list, received];
 }
 
-/** The newest ended group that this page has seen flying, until it is dismissed. */
+/** The newest ended group that this page has seen flying. @param seenLive keys of the groups seen flying and not dismissed. */
 export function lastEnded(list: readonly ReceivedGroup[], seenLive: ReadonlySet<string>): Group | null {
-  const ended = list.map((one) => one.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(keyOf(g)));
+  const ended = list.map((entry) => entry.group).filter((g) => !isLive(g) && g.start_unix_s !== null && seenLive.has(groupKey(g)));
   return ended[ended.length - 1] ?? null;
 }
 
@@ -63,8 +63,8 @@ export function stateLabel(group: Group, now_unix_s: number): { text: string; to
     case 'starting':
       return { text: 'Starting: all switch to Offboard', tone: 'target' };
     case 'waiting': {
-      const left_s = group.start_unix_s === null ? null : Math.max(0, group.start_unix_s - now_unix_s);
-      return { text: `Waiting, starts in ${fixed(left_s, 1)} s`, tone: 'target' };
+      const untilStart_s = group.start_unix_s === null ? null : Math.max(0, group.start_unix_s - now_unix_s);
+      return { text: `Waiting, starts in ${fixed(untilStart_s, 1)} s`, tone: 'target' };
     }
     case 'flying':
       return { text: 'Flying', tone: 'ok' };
@@ -84,7 +84,7 @@ const STREAMS: Readonly<Record<string, string>> = {
   undoing: 'start failed: stopping',
 };
 
-/** What a member flies: its stream, then its reported mode. */
+/** Label of a member: the state of its stream and its reported mode. */
 export function memberLabel(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
   const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
@@ -93,12 +93,12 @@ export function memberLabel(member: Member, modeLabel: string | null, isStarting
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };
 }
 
-/** Remaining validity of the group's setpoints [s]; null if none are flown. */
+/** Remaining validity of the group's setpoints [s]; null if the server streams no setpoints to the group. */
 export function validLeft_s({ group, receivedAt_s }: ReceivedGroup, now_s: number): number | null {
   return group.valid_left_s === null ? null : Math.max(0, group.valid_left_s - (now_s - receivedAt_s));
 }
 
-/** Newest first, without a finding that only repeats why the group ended. */
+/** The newest findings, newest first, without a finding that only repeats why the group ended. */
 export function findingsShown(group: Group, max: number): Group['findings'] {
   return group.findings
     .slice(-max)
@@ -106,24 +106,24 @@ export function findingsShown(group: Group, max: number): Group['findings'] {
     .filter((finding) => finding.text !== group.ended);
 }
 
-/** The minimum separation that the server monitors, and its margin for uncertain positions. */
+/** The minimum separation that the server monitors, and the margin that the server adds for uncertain positions. */
 export function separationText(group: Group): string {
   const minimum = `minimum ${fixed(group.minimum_separation_m, 1)} m`;
   return group.margin_m === null ? minimum : `${minimum} + ${fixed(group.margin_m, 1)} m margin`;
 }
 
-/** Caution below 1.25 times the minimum. */
+/** The distance is shown in amber below this factor times the minimum separation. */
 const CAUTION_FACTOR = 1.25;
 
 export function distanceTone(distance_m: number, minimum_m: number): Tone {
   return distance_m < minimum_m ? 'danger' : distance_m < CAUTION_FACTOR * minimum_m ? 'caution' : 'ok';
 }
 
-/** The two vehicles nearest to each other now, by their global positions; null if fewer than two are known. */
-export function nearestNow(all: readonly VehicleFacts[]): { vehicles: [string, string]; distance_m: number } | null {
+/** The two vehicles that are closest to each other, by their global positions; null if fewer than two positions are known. */
+export function nearestPair(vehicles: readonly VehicleFacts[]): { vehicles: [string, string]; distance_m: number } | null {
   let nearest: { vehicles: [string, string]; distance_m: number } | null = null;
-  all.forEach((a, i) =>
-    all.slice(i + 1).forEach((b) => {
+  vehicles.forEach((a, i) =>
+    vehicles.slice(i + 1).forEach((b) => {
       if (a.global === null || b.global === null || a.global.stale || b.global.stale) return;
       const distance_m = Math.hypot(groundDistance_m(a.global.value, b.global.value), a.global.value.alt_amsl_m - b.global.value.alt_amsl_m);
       if (Number.isFinite(distance_m) && (nearest === null || distance_m < nearest.distance_m)) nearest = { vehicles: [a.id, b.id], distance_m };

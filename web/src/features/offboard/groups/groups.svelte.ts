@@ -1,6 +1,6 @@
 /**
- * All active groups, this page's and others'. Events update them, and they are polled once a second while there is
- * one.
+ * All active groups, of this page and of other clients. The server's events update the groups, and while a group is
+ * active this page also polls them once a second.
  */
 
 import type { ApiClient, Outcome } from '../../../api/client';
@@ -10,22 +10,22 @@ import type { WireEvent } from '../../../live/wire';
 import type { ActionController } from '../../../app/actions/controller.svelte';
 import { asBody, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import type { GroupBody, MemberSetpoint } from './group-form';
-import { isLive, keyOf, lastEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
+import { isLive, groupKey, lastEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
 import { GroupRenewer, type RenewalResult } from './renewer';
 
 const POLL_INTERVAL_S = 1;
 
 export class GroupController {
   list = $state.raw<readonly ReceivedGroup[]>([]);
-  /** Key of this page's group whose setpoints are renewed. */
+  /** Key of the group whose setpoints this page renews. */
   renewedKey = $state<string | null>(null);
   private seenLive = $state.raw<ReadonlySet<string>>(new Set());
   private readonly renewer = new GroupRenewer((group, validity) => this.sendRenewal(group, validity));
   /**
-   * This page's setpoints of the members, by group. Each renewal sends them again, except for members that got their
-   * own setpoint since.
+   * The setpoints that this page sent, by group key and vehicle. Each renewal sends them again, except to members that
+   * have got a single setpoint since.
    */
-  private readonly setpoints = new Map<string, Map<string, AnySetpoint>>();
+  private readonly sentSetpoints = new Map<string, Map<string, AnySetpoint>>();
   private polledAt_s = -Infinity;
   private polling = false;
   private connection: unknown = null;
@@ -38,14 +38,14 @@ export class GroupController {
     /** Whether the page is visible. */
     private readonly isVisible: () => boolean,
     private readonly nameOf: (vehicle: string) => string,
-    /** Stops renewing a vehicle's own setpoint, which would conflict with the group. */
+    /** Stops the renewal of a vehicle's single setpoint, which would conflict with the group. */
     private readonly stopVehicleRenewal: (vehicle: string) => void,
   ) {}
 
-  readonly live = $derived(this.list.filter((one) => isLive(one.group)));
+  readonly live = $derived(this.list.filter((entry) => isLive(entry.group)));
   readonly lastEnded = $derived(lastEnded(this.list, this.seenLive));
   /** The group that this page started or commands. */
-  readonly pageGroup = $derived.by(() => this.live.find((one) => this.isOwn(one.group)) ?? null);
+  readonly pageGroup = $derived.by(() => this.live.find((entry) => this.isOwn(entry.group)) ?? null);
 
   isOwn(group: Group): boolean {
     return this.api.key !== null && group.client_key === this.api.key;
@@ -55,14 +55,14 @@ export class GroupController {
     return group.members.map((member) => this.nameOf(member.vehicle));
   }
 
-  /** The group that a vehicle flies in. */
-  of(vehicle: string): Group | null {
-    return this.live.find((one) => one.group.members.some((m) => m.vehicle === vehicle))?.group ?? null;
+  /** The active group that contains the vehicle. */
+  groupWith(vehicle: string): Group | null {
+    return this.live.find((entry) => entry.group.members.some((m) => m.vehicle === vehicle))?.group ?? null;
   }
 
-  /** Dismisses the ended group. */
+  /** Hides the ended group. */
   dismissEnded(): void {
-    this.seenLive = new Set([...this.seenLive].filter((key) => this.live.some((one) => keyOf(one.group) === key)));
+    this.seenLive = new Set([...this.seenLive].filter((key) => this.live.some((entry) => groupKey(entry.group) === key)));
   }
 
   onEvent(event: WireEvent): void {
@@ -71,19 +71,19 @@ export class GroupController {
   }
 
   /**
-   * Called as telemetry arrives. @param connection identifies the connection; after a change, earlier groups may no
-   * longer exist.
+   * Called when telemetry arrives.
+   * @param connection identifies the connection; a new connection may be to a restarted server without these groups.
    */
   tick(connection: unknown): void {
     const now_s = this.nowS();
     const isNewConnection = connection !== this.connection;
     this.connection = connection;
     if (isNewConnection || (this.live.length > 0 && this.isVisible() && now_s - this.polledAt_s >= POLL_INTERVAL_S)) void this.poll(now_s);
-    const renewed = this.list.find((one) => this.renewer.isRenewing(one.group));
+    const renewed = this.list.find((entry) => this.renewer.isRenewing(entry.group));
     if (renewed === undefined || !this.queue.busy(vehiclesOf(renewed.group)))
       this.renewer.tick(
         now_s,
-        this.list.map((one) => one.group),
+        this.list.map((entry) => entry.group),
         this.isVisible(),
       );
     this.updateRenewedKey();
@@ -97,13 +97,13 @@ export class GroupController {
     return outcome;
   }
 
-  /** Sends new setpoints to some members and renews the others; without new ones, renews all. */
+  /** Sends new setpoints to some members. The request also renews the setpoints of the other members. */
   async send(group: Group, setpoints: readonly MemberSetpoint[], validity: Validity): Promise<Outcome<Group>> {
     for (const { vehicle } of setpoints) this.stopVehicleRenewal(vehicle);
     return this.enqueue(group, async () => {
       const outcome = await this.post(group, setpoints, validity);
       if (outcome.ok) this.onAccepted(outcome.value, setpoints, validity);
-      else if (outcome.problem.status === 0) this.stopRenewing(); // it is unknown which setpoints are flown: a renewal might undo the new ones
+      else if (outcome.problem.status === 0) this.stopRenewing(); // unknown whether the server accepted them: a renewal might replace them by the previous setpoints
       return outcome;
     });
   }
@@ -117,9 +117,9 @@ export class GroupController {
     });
   }
 
-  /** The vehicle got its own setpoint: renewals of the group leave it out. */
+  /** This page sent a single setpoint to the vehicle: renewals of the group no longer contain this vehicle. */
   onVehicleSetpoint(vehicle: string): void {
-    for (const sentSetpoints of this.setpoints.values()) sentSetpoints.delete(vehicle);
+    for (const setpoints of this.sentSetpoints.values()) setpoints.delete(vehicle);
   }
 
   async hold(group: Group): Promise<void> {
@@ -131,7 +131,7 @@ export class GroupController {
     });
   }
 
-  /** Shows a problem, for example a refused renewal, beside the buttons. */
+  /** Shows a problem, for example a refused renewal, in the room. */
   async showProblem(what: string, vehicleName: string, problem: Problem): Promise<void> {
     await this.actions.attempt(what, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
   }
@@ -149,9 +149,9 @@ export class GroupController {
 
   /** This page's setpoints of the members that still follow the group. */
   private currentSetpoints(group: Group): MemberSetpoint[] {
-    const sentSetpoints = this.setpoints.get(keyOf(group));
+    const sent = this.sentSetpoints.get(groupKey(group));
     return group.members.flatMap(({ vehicle, held }) => {
-      const setpoint = sentSetpoints?.get(vehicle);
+      const setpoint = sent?.get(vehicle);
       return held || setpoint === undefined ? [] : [{ vehicle, setpoint }];
     });
   }
@@ -170,10 +170,10 @@ export class GroupController {
 
   private onAccepted(group: Group, setpoints: readonly MemberSetpoint[], validity: Validity): void {
     this.update(group);
-    const sentSetpoints = this.setpoints.get(keyOf(group)) ?? new Map<string, AnySetpoint>();
-    for (const { vehicle, setpoint } of setpoints) sentSetpoints.set(vehicle, setpoint);
-    this.setpoints.clear(); // earlier groups have ended, so their setpoints are no longer renewed
-    this.setpoints.set(keyOf(group), sentSetpoints);
+    const sent = this.sentSetpoints.get(groupKey(group)) ?? new Map<string, AnySetpoint>();
+    for (const { vehicle, setpoint } of setpoints) sent.set(vehicle, setpoint);
+    this.sentSetpoints.clear(); // earlier groups have ended, so their setpoints are no longer renewed
+    this.sentSetpoints.set(groupKey(group), sent);
     this.renewer.start(group, validity, this.nowS());
     this.updateRenewedKey();
   }
@@ -184,8 +184,8 @@ export class GroupController {
   }
 
   private recordLive(groups: readonly Group[]): void {
-    const newLive = groups.filter((group) => isLive(group) && !this.seenLive.has(keyOf(group)));
-    if (newLive.length > 0) this.seenLive = new Set([...this.seenLive, ...newLive.map(keyOf)]);
+    const newLive = groups.filter((group) => isLive(group) && !this.seenLive.has(groupKey(group)));
+    if (newLive.length > 0) this.seenLive = new Set([...this.seenLive, ...newLive.map(groupKey)]);
   }
 
   private stopRenewing(): void {
@@ -196,21 +196,21 @@ export class GroupController {
   private updateRenewedKey(): void {
     this.renewedKey =
       this.live
-        .map((one) => one.group)
+        .map((entry) => entry.group)
         .filter((group) => this.renewer.isRenewing(group))
-        .map(keyOf)[0] ?? null;
+        .map(groupKey)[0] ?? null;
   }
 
   private async poll(now_s: number): Promise<void> {
     if (this.polling) return;
     this.polling = true;
     this.polledAt_s = now_s;
-    const answer = await this.api.get('/groups');
+    const response = await this.api.get('/groups');
     this.polling = false;
-    if (!answer.ok) return;
+    if (!response.ok) return;
     const receivedAt_s = this.nowS();
-    this.list = answer.value.groups.map((group) => ({ group, receivedAt_s })); // a restarted server has no earlier groups
-    this.recordLive(answer.value.groups);
+    this.list = response.value.groups.map((group) => ({ group, receivedAt_s })); // a restarted server has no earlier groups
+    this.recordLive(response.value.groups);
   }
 }
 

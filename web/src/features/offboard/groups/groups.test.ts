@@ -9,14 +9,14 @@ import {
   findingsShown,
   joinNames,
   memberLabel,
-  nearestNow,
+  nearestPair,
   lastEnded,
   readGroup,
   separationText,
   stateLabel,
   validLeft_s,
   withGroup,
-  keyOf,
+  groupKey,
   type Group,
   type ReceivedGroup,
 } from './group';
@@ -41,18 +41,18 @@ const GROUP: Group = {
   findings: [],
   ended: null,
 };
-const as = (more: Partial<Group>): Group => ({ ...GROUP, ...more });
+const groupWith = (more: Partial<Group>): Group => ({ ...GROUP, ...more });
 
 describe('a group’s state', () => {
-  it('counts down to the start and reduces the remaining validity with its age', () => {
-    expect(stateLabel(as({ state: 'waiting' }), 107.5).text).toBe('Waiting, starts in 2.5 s');
-    expect(stateLabel(as({ state: 'waiting', start_unix_s: null }), 107).text).toBe('Waiting, starts in – s');
+  it('counts down to the start, and subtracts the age of the data from the remaining validity', () => {
+    expect(stateLabel(groupWith({ state: 'waiting' }), 107.5).text).toBe('Waiting, starts in 2.5 s');
+    expect(stateLabel(groupWith({ state: 'waiting', start_unix_s: null }), 107).text).toBe('Waiting, starts in – s');
     expect(validLeft_s({ group: GROUP, receivedAt_s: 50 }, 51.5)).toBe(2.5);
     expect(validLeft_s({ group: GROUP, receivedAt_s: 50 }, 60)).toBe(0);
-    expect(validLeft_s({ group: as({ valid_left_s: null }), receivedAt_s: 50 }, 51)).toBeNull();
+    expect(validLeft_s({ group: groupWith({ valid_left_s: null }), receivedAt_s: 50 }, 51)).toBeNull();
   });
 
-  it('shows what a member flies, and in amber a member that does not follow', () => {
+  it('shows stream and mode of each member, in amber if the member does not follow the group', () => {
     const [member] = GROUP.members;
     if (member === undefined) throw new Error('no member');
     expect(memberLabel(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
@@ -65,35 +65,35 @@ describe('a group’s state', () => {
 
   it('shows the separation margin once the server has measured it', () => {
     expect(separationText(GROUP)).toBe('minimum 5.0 m + 1.6 m margin');
-    expect(separationText(as({ margin_m: null }))).toBe('minimum 5.0 m');
+    expect(separationText(groupWith({ margin_m: null }))).toBe('minimum 5.0 m');
   });
 
-  it('lists findings newest first, and the reason of the end once', () => {
+  it('lists findings newest first, without the finding that repeats the end reason', () => {
     const finding = (text: string): Group['findings'][number] => ({ unix_s: 1, code: 'left', vehicles: ['1'], held: [], text, distance_m: null });
-    const group = as({ findings: ['a', 'b', 'c', 'd'].map(finding) });
+    const group = groupWith({ findings: ['a', 'b', 'c', 'd'].map(finding) });
     expect(findingsShown(group, 3).map((f) => f.text)).toEqual(['d', 'c', 'b']);
     expect(findingsShown({ ...group, state: 'ended', ended: 'd' }, 3).map((f) => f.text)).toEqual(['c', 'b']);
   });
 
   it('finds the two nearest vehicles with known positions', () => {
     const [a, b, c] = [vehicle('1', null), vehicle('2', null, 47.0002), vehicle('3', null, 47.0003)];
-    expect(nearestNow([a, b, c])).toMatchObject({ vehicles: ['2', '3'], distance_m: expect.closeTo(11.1, 1) as number });
-    expect(nearestNow([a, { ...b, global: null }])).toBeNull();
+    expect(nearestPair([a, b, c])).toMatchObject({ vehicles: ['2', '3'], distance_m: expect.closeTo(11.1, 1) as number });
+    expect(nearestPair([a, { ...b, global: null }])).toBeNull();
     expect(joinNames(['a', 'b', 'c'])).toBe('a, b and c');
   });
 
-  it('distinguishes groups with the same number by their creation time, and shows only ended groups that this page saw flying', () => {
-    const old = as({ state: 'ended', created_unix_s: 1, ended: 'x' });
-    const list: ReceivedGroup[] = withGroup([{ group: old, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
+  it('distinguishes groups with the same number by their creation time, and shows an ended group only if this page saw it flying', () => {
+    const earlier = groupWith({ state: 'ended', created_unix_s: 1, ended: 'x' });
+    const list: ReceivedGroup[] = withGroup([{ group: earlier, receivedAt_s: 0 }], { group: GROUP, receivedAt_s: 1 });
     expect(list).toHaveLength(2);
-    const ended = withGroup(list, { group: as({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
+    const ended = withGroup(list, { group: groupWith({ state: 'ended', ended: 'me commanded Hold.' }), receivedAt_s: 2 });
     expect(ended).toHaveLength(2);
-    expect(lastEnded(ended, new Set([keyOf(GROUP)]))?.ended).toBe('me commanded Hold.');
+    expect(lastEnded(ended, new Set([groupKey(GROUP)]))?.ended).toBe('me commanded Hold.');
     expect(lastEnded(ended, new Set())).toBeNull();
-    expect(lastEnded([{ group: as({ state: 'ended', start_unix_s: null }), receivedAt_s: 0 }], new Set([keyOf(GROUP)]))).toBeNull();
+    expect(lastEnded([{ group: groupWith({ state: 'ended', start_unix_s: null }), receivedAt_s: 0 }], new Set([groupKey(GROUP)]))).toBeNull();
   });
 
-  it('accepts only PX4 multicopters, and only valid groups', () => {
+  it('is read only from valid data, and its members are PX4 multicopters', () => {
     const quad = { ...UNKNOWN_IDENTITY, autopilot: 12, vehicle_type: 2 };
     expect([quad, { ...quad, autopilot: 3 }, { ...quad, vehicle_type: 1 }, { ...quad, replayed: true }, UNKNOWN_IDENTITY].map(commandable)).toEqual([
       true,
@@ -107,63 +107,63 @@ describe('a group’s state', () => {
   });
 });
 
-describe('the renewer of a group', () => {
+describe('the group renewer', () => {
   const VALIDITY = { valid_for_s: 10, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: true } as const;
-  function renewer(answers: RenewalResult[] = []): { renewedAt_s: number[]; renewer: GroupRenewer; at: { now_s: number } } {
+  function setup(results: RenewalResult[] = []): { renewedAt_s: number[]; renewer: GroupRenewer; clock: { now_s: number } } {
     const renewedAt_s: number[] = [];
-    const at = { now_s: 0 };
-    const one = new GroupRenewer(() => {
-      renewedAt_s.push(at.now_s);
-      return Promise.resolve(answers.shift() ?? 'accepted');
+    const clock = { now_s: 0 };
+    const renewer = new GroupRenewer(() => {
+      renewedAt_s.push(clock.now_s);
+      return Promise.resolve(results.shift() ?? 'accepted');
     });
-    one.start(GROUP, VALIDITY, 0);
-    return { renewedAt_s, renewer: one, at };
+    renewer.start(GROUP, VALIDITY, 0);
+    return { renewedAt_s, renewer, clock };
   }
   async function run(
-    one: ReturnType<typeof renewer>,
+    { renewer, clock }: ReturnType<typeof setup>,
     until_s: number,
     groups: (s: number) => Group[],
     visible: (s: number) => boolean = () => true,
   ): Promise<void> {
-    for (; one.at.now_s < until_s; one.at.now_s += 1) {
-      one.renewer.tick(one.at.now_s, groups(one.at.now_s), visible(one.at.now_s));
+    for (; clock.now_s < until_s; clock.now_s += 1) {
+      renewer.tick(clock.now_s, groups(clock.now_s), visible(clock.now_s));
       await Promise.resolve();
       await Promise.resolve();
     }
   }
 
   it('renews in time, and only while the page is visible', async () => {
-    const one = renewer();
+    const world = setup();
     await run(
-      one,
+      world,
       20,
       () => [GROUP],
       (s) => s < 8 || s > 15,
     );
-    expect(one.renewedAt_s).toEqual([3, 6, 16, 19]);
+    expect(world.renewedAt_s).toEqual([3, 6, 16, 19]);
   });
 
-  it('does not renew a group before its start, while it stops, or after its end', async () => {
-    const one = renewer();
-    await run(one, 30, (s) => [as({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
-    expect(one.renewedAt_s).toEqual([10]);
-    const other = renewer();
-    await run(other, 10, () => [as({ created_unix_s: 999 })]);
-    expect(other.renewedAt_s).toEqual([]);
-    expect(other.renewer.isRenewing(GROUP)).toBe(false);
+  it('does not renew a group before its start, while it switches to Hold, or after its end', async () => {
+    const world = setup();
+    await run(world, 30, (s) => [groupWith({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
+    expect(world.renewedAt_s).toEqual([10]);
+    const otherGroup = setup();
+    await run(otherGroup, 10, () => [groupWith({ created_unix_s: 999 })]);
+    expect(otherGroup.renewedAt_s).toEqual([]);
+    expect(otherGroup.renewer.isRenewing(GROUP)).toBe(false);
   });
 
-  it('retries without an answer, and not after a refusal', async () => {
-    const one = renewer(['no answer', 'refused']);
-    await run(one, 30, () => [GROUP]);
-    expect(one.renewedAt_s).toEqual([3, 6]);
+  it('retries without an answer, but not after a refusal', async () => {
+    const world = setup(['no answer', 'refused']);
+    await run(world, 30, () => [GROUP]);
+    expect(world.renewedAt_s).toEqual([3, 6]);
   });
 
   it('does not renew a group for which renewal is off', async () => {
-    const one = renewer();
-    one.renewer.start(GROUP, { ...VALIDITY, renew: false }, 0);
-    await run(one, 30, () => [GROUP]);
-    expect(one.renewedAt_s).toEqual([]);
+    const world = setup();
+    world.renewer.start(GROUP, { ...VALIDITY, renew: false }, 0);
+    await run(world, 30, () => [GROUP]);
+    expect(world.renewedAt_s).toEqual([]);
   });
 });
 
@@ -174,30 +174,30 @@ describe('the group controller', () => {
   function setup(): {
     controller: GroupController;
     calls: { call: string; body: unknown }[];
-    at: { now_s: number; visible: boolean; group: Group; status: number; answer: Promise<void> };
-    dropped: string[];
+    at: { now_s: number; visible: boolean; group: Group; status: number; response: Promise<void> };
+    stoppedRenewals: string[];
     refused: Refusal[];
     settle: () => Promise<void>;
   } {
     const calls: { call: string; body: unknown }[] = [];
-    const at = { now_s: 0, visible: true, group: GROUP, status: 200, answer: Promise.resolve() };
+    const at = { now_s: 0, visible: true, group: GROUP, status: 200, response: Promise.resolve() };
     const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'me' }, undefined, (path, init) => {
       calls.push({
         call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`,
         body: init.body === undefined ? null : (JSON.parse(init.body as string) as unknown),
       });
       const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [at.group] } : at.group;
-      const response =
+      const reply =
         at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status });
-      return init.method === 'POST' ? at.answer.then(() => response) : Promise.resolve(response);
+      return init.method === 'POST' ? at.response.then(() => reply) : Promise.resolve(reply);
     });
     const refused: Refusal[] = [];
-    const dropped: string[] = [];
+    const stoppedRenewals: string[] = [];
     const actions = {
       attempt: async <T>(
         what: string,
         { name }: { name: string },
-        _place: string,
+        _pagePart: string,
         send: () => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>,
       ): Promise<boolean> => {
         const outcome = await send();
@@ -212,17 +212,22 @@ describe('the group controller', () => {
       () => at.now_s,
       () => at.visible,
       (id) => `${id} Quad`,
-      (id) => dropped.push(id),
+      (id) => stoppedRenewals.push(id),
     );
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
-    return { controller, calls, at, dropped, refused, settle };
+    return { controller, calls, at, stoppedRenewals, refused, settle };
   }
 
-  it('renews each member’s setpoint, except of members that got their own or were held', async () => {
-    const { controller, calls, at, dropped, settle } = setup();
+  it('renews each member’s setpoint, except for members that got a single setpoint', async () => {
+    const { controller, calls, at, stoppedRenewals, settle } = setup();
     expect((await controller.start({ members: MEMBERS }, VALIDITY)).ok).toBe(true);
-    expect(dropped).toEqual(['1', '2']);
-    expect([controller.pageGroup?.group.id, controller.renewedKey, controller.of('2')?.id, controller.of('3')]).toEqual(['1', keyOf(GROUP), '1', null]);
+    expect(stoppedRenewals).toEqual(['1', '2']);
+    expect([controller.pageGroup?.group.id, controller.renewedKey, controller.groupWith('2')?.id, controller.groupWith('3')]).toEqual([
+      '1',
+      groupKey(GROUP),
+      '1',
+      null,
+    ]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
     at.now_s = 3;
     controller.tick('open');
@@ -242,32 +247,32 @@ describe('the group controller', () => {
   it('sends no renewal that could overtake a new setpoint', async () => {
     const { controller, calls, at, settle } = setup();
     await controller.start({ members: MEMBERS }, VALIDITY);
-    const delayAnswer = (): (() => void) => {
-      let answered = (): void => undefined;
-      at.answer = new Promise((done) => (answered = done));
-      return answered;
+    const delayResponse = (): (() => void) => {
+      let respond = (): void => undefined;
+      at.response = new Promise((done) => (respond = done));
+      return respond;
     };
     const posts = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => c.body);
     const newSetpoints = MEMBERS.map(({ vehicle }) => ({ vehicle, setpoint: { type: 'velocity', velocity_ned_m_s: [0, 2, 0] } }));
 
-    // Sent while a renewal is under way: it is sent after the renewal's answer.
-    const answerRenewal = delayAnswer();
+    // New setpoints while the server has not answered a renewal: the request waits for the response to the renewal.
+    const respondToRenewal = delayResponse();
     at.now_s = 3;
     controller.tick('open');
     await settle();
     const sending = controller.send(GROUP, newSetpoints, { ...VALIDITY, valid_for_s: 30 });
     await settle();
     expect(posts()).toEqual([{ setpoints: MEMBERS, valid_for_s: 10, on_expiry: VALIDITY.on_expiry }]);
-    answerRenewal();
-    const answerNew = delayAnswer();
+    respondToRenewal();
+    const respondToSetpoints = delayResponse();
     await settle();
     expect(posts().slice(1)).toEqual([{ setpoints: newSetpoints, valid_for_s: 30, on_expiry: VALIDITY.on_expiry }]);
 
-    // A renewal that is due meanwhile is not sent; the next one renews the new setpoint with its validity.
+    // Until the server has accepted the new setpoints, no renewal is sent; the next renewal sends the new setpoints with their validity.
     at.now_s = 8;
     controller.tick('open');
     await settle();
-    answerNew();
+    respondToSetpoints();
     expect((await sending).ok).toBe(true);
     controller.tick('open');
     await settle();
@@ -277,10 +282,10 @@ describe('the group controller', () => {
     await settle();
     expect(posts()[2]).toEqual(posts()[1]);
 
-    // Without an answer it is unknown what is flown, and nothing is renewed.
-    at.answer = Promise.reject(new TypeError('network'));
+    // Without a response it is unknown which setpoints the server accepted, and this page renews none.
+    at.response = Promise.reject(new TypeError('network'));
     expect((await controller.send(GROUP, MEMBERS, VALIDITY)).ok).toBe(false);
-    at.answer = Promise.resolve();
+    at.response = Promise.resolve();
     at.now_s = 60;
     controller.tick('open');
     await settle();
@@ -295,7 +300,7 @@ describe('the group controller', () => {
       await settle();
     }
     expect(getCount()).toBe(3);
-    at.group = as({ state: 'ended', ended: 'me commanded Hold.' });
+    at.group = groupWith({ state: 'ended', ended: 'me commanded Hold.' });
     controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
     expect([controller.live.length, controller.lastEnded?.ended, controller.pageGroup]).toEqual([0, 'me commanded Hold.', null]);
     at.now_s = 60;
@@ -323,8 +328,8 @@ describe('the group controller', () => {
     expect(controller.renewedKey).toBeNull();
   });
 
-  it('distinguishes velocities from positions, which have different validities', () => {
+  it('reads from the setpoint types whether a group moves together or flies a velocity', () => {
     expect(axesKindOf(GROUP)).toBe('move');
-    expect(axesKindOf(as({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
+    expect(axesKindOf(groupWith({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
   });
 });

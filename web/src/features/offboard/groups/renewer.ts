@@ -1,10 +1,10 @@
 /**
- * Renews a group's setpoints before they expire, while this page is visible. If it is hidden, suspended, closed or
- * disconnected, they expire and the server switches all members to Hold. Arriving telemetry calls tick().
+ * Renews a group's setpoints before they expire, while this page is visible. If the page is hidden, suspended, closed or
+ * disconnected, the setpoints expire, and the server switches all members to Hold. Arriving telemetry calls `tick`.
  */
 
 import type { Validity } from '../../../vehicle/setpoint';
-import { keyOf, type Group } from './group';
+import { groupKey, type Group } from './group';
 
 /** Fraction of the validity after which the setpoints are renewed. */
 const REFRESH_AT = 0.3;
@@ -16,7 +16,7 @@ interface RenewedGroup {
   busy: boolean;
 }
 
-/** Result of a renewal: accepted, refused, or without an answer and therefore tried again. */
+/** Result of a renewal; after `no answer` the renewer tries again. */
 export type RenewalResult = 'accepted' | 'refused' | 'no answer';
 
 export class GroupRenewer {
@@ -25,9 +25,9 @@ export class GroupRenewer {
   /** @param send renews the setpoints of all members. */
   constructor(private readonly send: (group: Group, validity: Validity) => Promise<RenewalResult>) {}
 
-  /** Starts to renew this group if `validity.renew` is set; the caller has just sent its setpoints. */
+  /** Starts to renew this group if `validity.renew` is set. The caller has just sent the group's setpoints. */
   start(group: Group, validity: Validity, now_s: number): void {
-    this.current = validity.renew ? { key: keyOf(group), validity, sentAt_s: now_s, busy: false } : null;
+    this.current = validity.renew ? { key: groupKey(group), validity, sentAt_s: now_s, busy: false } : null;
   }
 
   stop(): void {
@@ -35,19 +35,19 @@ export class GroupRenewer {
   }
 
   isRenewing(group: Group): boolean {
-    return this.current?.key === keyOf(group);
+    return this.current?.key === groupKey(group);
   }
 
   /**
    * @param groups all known groups.
-   * @param isVisible whether somebody can see the page.
+   * @param isVisible whether the page is visible.
    */
   tick(now_s: number, groups: readonly Group[], isVisible: boolean): void {
     const current = this.current;
     if (current === null || current.busy) return;
-    const group = groups.find((one) => keyOf(one) === current.key);
+    const group = groups.find((known) => groupKey(known) === current.key);
     if (group === undefined || group.state === 'ended' || group.state === 'holding') {
-      this.stop(); // ended or being stopped: only a person may start it again
+      this.stop(); // only a person may start the group again
       return;
     }
     if (group.state !== 'flying' || !isVisible || now_s - current.sentAt_s < REFRESH_AT * current.validity.valid_for_s) return;

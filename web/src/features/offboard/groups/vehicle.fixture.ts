@@ -1,4 +1,4 @@
-/** The facts of a vehicle, for tests of groups. */
+/** Vehicle facts for the tests of groups. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 

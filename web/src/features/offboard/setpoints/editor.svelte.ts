@@ -1,4 +1,4 @@
-/** The offboard room's state: forms, available kinds, sent setpoints and their results. */
+/** The offboard room's state: forms, available setpoint types, sent setpoints and their results. */
 
 import { page } from '../../../app/page.svelte';
 import { actions } from '../../../app/vehicle-actions.svelte';
@@ -17,7 +17,7 @@ import { previewOf, previewText, type Preview } from './preview';
 import { SentLog, setpointText, type SentLine, type InputMethod } from './sent-log';
 import { SetpointStream, type Ack, type StreamState } from './stream';
 
-/** Position kinds: renewed while this page is open, unless that is switched off. */
+/** Setpoint types with a position. By default this page renews them while it is open. */
 const POSITION_KINDS: readonly SetpointKind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
 const POSITION_VALIDITY_S = 10;
 const MOTION_VALIDITY_S = 2;
@@ -25,7 +25,7 @@ const MOTION_VALIDITY_S = 2;
 const DIRECT_VALIDITY_S = 0.5;
 export const DIRECT_VALIDITY: Validity = { valid_for_s: DIRECT_VALIDITY_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
-const CLOSE_TIMEOUT_MS = 500;
+const CLOSE_DELAY_MS = 500;
 
 export interface DragTarget {
   position_ned_m: Vector3;
@@ -36,26 +36,28 @@ class SetpointEditor {
   input = $state<InputMethod>('form');
   kind = $state<SetpointKind>('position');
   private forms = $state.raw<Readonly<Record<string, Form>>>({});
-  /** Errors are shown after the first press of a button, and then while typing. */
+  /** Whether a button was pressed; before, the form shows no errors. */
   tried = $state(false);
   expiry = $state<OnExpiry['action']>('hold');
   private validForTexts = $state.raw<Readonly<Record<string, string>>>({});
   private renewChoices = $state.raw<Readonly<Record<string, boolean>>>({});
+  /** The server's view of the vehicle's offboard state: available types, limits, failsafe. */
   view = $state.raw<OffboardView | null>(null);
   lines = $state.raw<readonly SentLine[]>([]);
   drag = $state.raw<DragTarget | null>(null);
+  /** Whether setpoints are sent while a handle is dragged. */
   live = $state(false);
   private vehicle: string | null = null;
   private readonly log = new SentLog();
   private socket: { id: string; stream: SetpointStream } | null = null;
-  /** Lines of the log whose setpoints have no answer yet, by sequence number. */
-  private readonly waiting = new Map<number, number>();
+  /** Log line of each setpoint without an acknowledgement, by sequence number. */
+  private readonly unacknowledged = new Map<number, number>();
 
   /** Resets the state when another vehicle is selected. */
   show(facts: VehicleFacts): void {
     if (facts.id === this.vehicle) return;
     this.vehicle = facts.id;
-    this.leaveStream();
+    this.closeStreamLater();
     this.forms = {};
     this.view = null;
     this.drag = null;
@@ -63,14 +65,14 @@ class SetpointEditor {
     this.tried = false;
   }
 
-  /** The form of the chosen kind, filled with the vehicle's present state. */
+  /** The form of the chosen setpoint type; initially filled with the vehicle's present state. */
   form(facts: VehicleFacts): Form {
     return this.forms[this.kind] ?? formFromCurrentState(this.kind, facts, this.hoverThrust);
   }
 
-  /** Fills the form with the vehicle's state. This is done only once, so that the values do not change while a person reads them. */
-  fill(facts: VehicleFacts, again = false): void {
-    if (!again && this.forms[this.kind] !== undefined) return;
+  /** Fills the form with the vehicle's present state. A filled form stays unchanged unless `overwrite`. */
+  fill(facts: VehicleFacts, overwrite = false): void {
+    if (!overwrite && this.forms[this.kind] !== undefined) return;
     this.edit(formFromCurrentState(this.kind, facts, this.hoverThrust));
   }
 
@@ -121,31 +123,31 @@ class SetpointEditor {
   // --- server state ---
 
   async fetchView(id: string): Promise<void> {
-    const answer = await page.api.get('/vehicles/{v}/offboard', ofVehicle(id));
-    if (answer.ok && id === this.vehicle) this.view = answer.value;
+    const response = await page.api.get('/vehicles/{v}/offboard', ofVehicle(id));
+    if (response.ok && id === this.vehicle) this.view = response.value;
   }
 
   async setLimits(facts: VehicleFacts, limits: LimitsBody): Promise<boolean> {
     return actions.attempt('Limits', facts, 'room', async () => {
-      const answer = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
-      if (answer.ok && this.view !== null) this.view = { ...this.view, limits: answer.value };
-      return answer;
+      const response = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
+      if (response.ok && this.view !== null) this.view = { ...this.view, limits: response.value };
+      return response;
     });
   }
 
   async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
     return actions.attempt('Failsafe', facts, 'room', async () => {
-      const answer = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
-      if (answer.ok && this.view !== null) this.view = { ...this.view, failsafe: answer.value };
-      return answer;
+      const response = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
+      if (response.ok && this.view !== null) this.view = { ...this.view, failsafe: response.value };
+      return response;
     });
   }
 
   // --- sending ---
 
-  /** Starts the stream, or sends to a running one. */
+  /** Sends the setpoint of form or drag to the running stream, or starts the stream with it. */
   go(facts: VehicleFacts, streaming: boolean): void {
-    const setpoint = this.input === 'drag' ? this.dragSetpoint() : this.built(facts);
+    const setpoint = this.input === 'drag' ? this.dragSetpoint() : this.formSetpoint(facts);
     const validity = this.input === 'drag' ? { ...this.validity, valid_for_s: POSITION_VALIDITY_S, renew: true } : this.validity;
     if (setpoint === null || (this.input === 'form' && this.validForProblem !== null)) return;
     if (streaming) void this.send(facts, setpoint, validity);
@@ -154,19 +156,21 @@ class SetpointEditor {
 
   start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
-    const where = target === null ? '' : ` (${previewText(target, facts)})`;
-    const howLong = validity.renew ? 'for as long as this page is open' : `for ${fixed(validity.valid_for_s, 1)} s, then ${expiryText(validity.on_expiry)}`;
-    const sent = this.input;
+    const targetText = target === null ? '' : ` (${previewText(target, facts)})`;
+    const validityText = validity.renew
+      ? 'for as long as this page is open'
+      : `for ${fixed(validity.valid_for_s, 1)} s, then ${expiryText(validity.on_expiry)}`;
+    const input = this.input;
     actions.request('offboard_start', facts, 'room', null, {
       setpoint,
       validity,
       rate_hz: 50,
-      text: `${setpointText(setpoint)}${where}, ${howLong}`,
-      onOutcome: (outcome) => this.recordAnswer(this.recordSent(sent, setpoint), outcome, null),
+      text: `${setpointText(setpoint)}${targetText}, ${validityText}`,
+      onOutcome: (outcome) => this.recordOutcome(this.recordSent(input, setpoint), outcome, null),
     });
   }
 
-  private built(facts: VehicleFacts): AnySetpoint | null {
+  private formSetpoint(facts: VehicleFacts): AnySetpoint | null {
     this.tried = true;
     const built = build(this.form(facts));
     return built.ok ? built.setpoint : null;
@@ -178,16 +182,16 @@ class SetpointEditor {
 
   private async send(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): Promise<void> {
     const line = this.recordSent(this.input, setpoint);
-    const began_s = performance.now() / 1000;
+    const sent_s = performance.now() / 1000;
     let outcome: Outcome<unknown> | null = null;
     await actions.attempt('Setpoint', facts, 'room', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
-    const answer = outcome as Outcome<unknown> | null;
-    if (answer !== null) this.recordAnswer(line, answer, performance.now() / 1000 - began_s);
+    const received = outcome as Outcome<unknown> | null;
+    if (received !== null) this.recordOutcome(line, received, performance.now() / 1000 - sent_s);
   }
 
-  recordAnswer(line: number, answer: Outcome<unknown>, took_s: number | null): void {
-    const limited = answer.ok ? (readOffboard(answer.value)?.limited ?? []) : [];
-    this.log.answer(line, { note: answer.ok ? limited.join(' ') || null : answer.problem.detail, refused: !answer.ok, took_s });
+  recordOutcome(line: number, outcome: Outcome<unknown>, took_s: number | null): void {
+    const limited = outcome.ok ? (readOffboard(outcome.value)?.limited ?? []) : [];
+    this.log.addResult(line, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, took_s });
     this.lines = this.log.lines;
   }
 
@@ -200,11 +204,11 @@ class SetpointEditor {
   // --- the stream of gamepad and drag ---
 
   /** Opens the stream for gamepad or drag; `onEnd` is called with the reason when it ends. */
-  openStream(id: string, onEnd: (why: string) => void): void {
+  openStream(id: string, onEnd: (reason: string) => void): void {
     this.closeStream();
     const url = page.socketUrl(`/vehicles/${encodeURIComponent(id)}/offboard/stream`);
-    const ended = (state: StreamState, why: string | null): void => {
-      if (state === 'closed' && why !== null) onEnd(why);
+    const onState = (state: StreamState, reason: string | null): void => {
+      if (state === 'closed' && reason !== null) onEnd(reason);
     };
     this.socket = {
       id,
@@ -212,54 +216,54 @@ class SetpointEditor {
         url,
         () => performance.now() / 1000,
         (ack) => this.onAck(ack, onEnd),
-        ended,
+        onState,
       ),
     };
   }
 
-  /** Ends the connection once the last setpoint has been answered, or after a timeout. */
-  leaveStream(): void {
-    const leaving = this.socket;
+  /** Closes the stream after a short time, in which the server acknowledges the last setpoint. */
+  closeStreamLater(): void {
+    const closing = this.socket;
     setTimeout(() => {
-      if (leaving !== null && this.socket === leaving) this.closeStream();
-    }, CLOSE_TIMEOUT_MS);
+      if (closing !== null && this.socket === closing) this.closeStream();
+    }, CLOSE_DELAY_MS);
   }
 
   closeStream(): void {
     this.socket?.stream.close();
     this.socket = null;
-    this.waiting.clear();
+    this.unacknowledged.clear();
   }
 
-  /** Sends one setpoint of gamepad or drag. */
+  /** Sends one setpoint of gamepad or drag over the open stream. */
   sendDirect(input: InputMethod, setpoint: AnySetpoint, validity: Validity = DIRECT_VALIDITY): void {
     if (this.socket === null) return;
     const { valid_for_s, on_expiry } = validity;
     const seq = this.socket.stream.send({ setpoint, valid_for_s, on_expiry });
     if (seq === null) return;
     offboard.onDirectControl(this.socket.id);
-    this.waiting.set(seq, this.recordSent(input, setpoint));
+    this.unacknowledged.set(seq, this.recordSent(input, setpoint));
   }
 
-  private onAck(ack: Ack, onEnd: (why: string) => void): void {
-    const line = this.waiting.get(ack.seq);
-    this.waiting.delete(ack.seq);
+  private onAck(ack: Ack, onEnd: (reason: string) => void): void {
+    const line = this.unacknowledged.get(ack.seq);
+    this.unacknowledged.delete(ack.seq);
     if (line === undefined) return;
-    this.log.answer(line, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, took_s: ack.took_s });
+    this.log.addResult(line, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, took_s: ack.took_s });
     this.lines = this.log.lines;
     if (ack.problem !== null) onEnd(ack.problem.detail);
   }
 
   // --- drag ---
 
-  /** Starts at the vehicle's position; null if it is not known. */
-  dragHere(facts: VehicleFacts): void {
-    const at = facts.local?.value.position_ned_m;
+  /** Sets the drag's target to the vehicle's position and yaw; to null if they are not known. */
+  dragFromVehicle(facts: VehicleFacts): void {
+    const position_ned_m = facts.local?.value.position_ned_m;
     const yaw = facts.attitude?.value.yaw_ned_rad;
-    this.drag = at === undefined || yaw === undefined ? null : { position_ned_m: [...at] as Vector3, yaw_ned_rad: yaw };
+    this.drag = position_ned_m === undefined || yaw === undefined ? null : { position_ned_m: [...position_ned_m] as Vector3, yaw_ned_rad: yaw };
   }
 
-  /** A handle in 3D was moved, in this page's own view. */
+  /** A person moved a handle in this page's 3D view. */
   dragged(event: WireEvent): void {
     const position = event['position_ned_m'];
     const yaw = event['yaw_ned_rad'];
@@ -268,7 +272,7 @@ class SetpointEditor {
     if (this.live) this.sendLive(event['released'] === true);
   }
 
-  /** While a handle is held, a setpoint is valid for 2 s; after its release it is an ordinary position setpoint. */
+  /** Sends the drag's target: valid for 2 s while the handle is dragged, and renewed after the handle's release. */
   sendLive(released: boolean): void {
     const setpoint = this.dragSetpoint();
     if (setpoint === null || this.socket === null) return;

@@ -1,11 +1,11 @@
-/** The form's values and the setpoint from them; every invalid field is reported. Pure. */
+/** The values of the setpoint form, their errors by field, and the setpoint from them. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { specOf, type Axis, type Group, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 
 export interface Field {
   text: string;
-  /** Not controlled by this field: null in the API, NaN in MAVLink. */
+  /** The axis is not controlled: null in the API, NaN in MAVLink. */
   off: boolean;
 }
 
@@ -16,9 +16,10 @@ export type FollowYaw = 'keep' | 'same' | 'face';
 export interface Form {
   kind: SetpointKind;
   fields: Readonly<Record<string, Field>>;
-  /** Optional groups that are left out. */
+  /** Field names of the optional groups that the setpoint does not contain. */
   omitted: readonly string[];
   yawChoice: YawChoice;
+  /** As typed: [°] or [°/s]. */
   yaw: string;
   altReference: AltReference;
   /** The vehicle to follow; empty: not chosen. */
@@ -45,19 +46,19 @@ function numberText(value: number, step: number): string {
   return Number(text) === 0 ? (0).toFixed(decimals) : text;
 }
 
-/** Default offset when following: behind and above. */
-const BEHIND = { o0: -5, o1: 0, o2: 2 };
+/** Default offset when following [m]: behind and above the other vehicle. */
+const FOLLOW_OFFSET = { o0: -5, o1: 0, o2: 2 };
 /** Smallest offset when following [m]. */
 const FOLLOW_MIN_M = 2;
 
-/** A form filled with the vehicle's present state, so that sending it unchanged holds the vehicle where possible. `hoverThrust` null: not known. */
+/** A form filled with the vehicle's present state: sent unchanged, it keeps the vehicle where it is, if the type can. `hoverThrust` null: not known. */
 export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;
   const yaw_rad = facts.attitude?.value.yaw_ned_rad ?? null;
   const global = facts.global?.value ?? null;
   const heading = yaw_rad === null ? '' : numberText((((yaw_rad / RAD) % 360) + 360) % 360, 1);
-  const now: Record<string, number | null> = {
+  const values: Record<string, number | null> = {
     p0: local?.[0] ?? null,
     p1: local?.[1] ?? null,
     p2: local === null ? null : -local[2],
@@ -66,11 +67,11 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
     alt: global?.alt_home_m ?? null,
     yaw: heading === '' ? null : Number(heading),
     thrust: hoverThrust,
-    ...(kind === 'follow' ? BEHIND : {}),
+    ...(kind === 'follow' ? FOLLOW_OFFSET : {}),
   };
   const fields: Record<string, Field> = {};
   for (const axis of spec.groups.flatMap((g) => g.axes)) {
-    const value = axis.key in now ? (now[axis.key] ?? null) : 0;
+    const value = axis.key in values ? (values[axis.key] ?? null) : 0;
     fields[axis.key] = {
       text: value === null ? '' : numberText(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step),
       off: false,
@@ -88,7 +89,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
   };
 }
 
-/** The API value of a typed axis, or its error. */
+/** The API value of an axis from its typed text, or the error. */
 function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
   if (nullable && field?.off === true) return { value: null };
   const value = parseTyped(field?.text ?? '');
@@ -107,6 +108,7 @@ function readGroup(group: Group, form: Form, errors: Record<string, string>): un
   return group.scalar === true ? values[0] : values;
 }
 
+/** The setpoint of the form in the API's format, or the errors by field. */
 export function build(form: Form): Built {
   const spec = specOf(form.kind);
   const errors: Record<string, string> = {};
@@ -134,7 +136,7 @@ export function build(form: Form): Built {
   return Object.keys(errors).length > 0 ? { ok: false, errors } : { ok: true, setpoint };
 }
 
-/** Every axis must be controlled by some quantity, because the vehicle does not move along an uncontrolled axis. */
+/** Adds an error for each axis that neither position nor velocity nor acceleration controls: the vehicle would not move along it. */
 function checkControlled(groups: readonly Group[], form: Form, errors: Record<string, string>): void {
   const controlledGroups = groups.filter((g) => !form.omitted.includes(g.field));
   ['North', 'East', 'Up'].forEach((name, i) => {
@@ -145,7 +147,7 @@ function checkControlled(groups: readonly Group[], form: Form, errors: Record<st
   });
 }
 
-/** North and east of a quantity must both be controlled, because the vehicle ignores one without the other. */
+/** Sets whether an axis is controlled. North and east of a quantity change together: the vehicle ignores one without the other. */
 export function setUncontrolled(form: Form, key: string, off: boolean): Form {
   const quantity = /^([pva])[01]$/.exec(key)?.[1];
   const keys = quantity === undefined ? [key] : [`${quantity}0`, `${quantity}1`];
@@ -155,6 +157,6 @@ export function setUncontrolled(form: Form, key: string, off: boolean): Form {
 }
 
 function wrapPi(angle_rad: number): number {
-  const turn = 2 * Math.PI;
-  return ((((angle_rad + Math.PI) % turn) + turn) % turn) - Math.PI;
+  const fullTurn = 2 * Math.PI;
+  return ((((angle_rad + Math.PI) % fullTurn) + fullTurn) % fullTurn) - Math.PI;
 }

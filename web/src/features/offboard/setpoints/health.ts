@@ -1,12 +1,14 @@
-/** The stream's health from the topic `offboard`, advanced to the present time between two samples. */
+/** The stream's health from the topic `offboard`; the ages are those of the present time, not of the last sample. */
 
 import type { components } from '../../../api/schema';
 
-type Wire = components['schemas']['OffboardStatus']['health'];
+type WireHealth = components['schemas']['OffboardStatus']['health'];
 
 export interface HealthNow {
   setpoint_age_s: number | null;
+  /** Time until PX4's failsafe acts if no further setpoint arrives. */
   failsafe_in_s: number | null;
+  /** Age of the target that the vehicle reported back. */
   echo_age_s: number | null;
   position_error_m: number | null;
   velocity_error_m_s: number | null;
@@ -16,14 +18,14 @@ export interface HealthNow {
 
 /** @param age_s age of the sample. */
 export function readHealth(topic: unknown, age_s: number): HealthNow {
-  const health = (topic as { health?: Partial<Wire> | null } | null)?.health ?? null;
+  const health = (topic as { health?: Partial<WireHealth> | null } | null)?.health ?? null;
   const number = (value: unknown): number | null => (typeof value === 'number' && Number.isFinite(value) ? value : null);
-  const older = (value: unknown): number | null => (number(value) === null ? null : (value as number) + age_s);
+  const withSampleAge = (value: unknown): number | null => (number(value) === null ? null : (value as number) + age_s);
   return {
-    setpoint_age_s: older(health?.setpoint_age_s),
-    // The stream continues while the sample ages, so the remaining times stay unchanged until the sample is stale.
+    setpoint_age_s: withSampleAge(health?.setpoint_age_s),
+    // Not reduced by the sample's age: the server continues to send setpoints, and each setpoint restarts this time.
     failsafe_in_s: number(health?.failsafe_in_s),
-    echo_age_s: older(health?.echo?.age_s),
+    echo_age_s: withSampleAge(health?.echo?.age_s),
     position_error_m: number(health?.position_error_m),
     velocity_error_m_s: number(health?.velocity_error_m_s),
     attitude_error_rad: number(health?.attitude_error_rad),

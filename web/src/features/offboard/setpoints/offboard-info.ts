@@ -1,4 +1,4 @@
-/** The server's data about offboard on a vehicle besides the stream: possible kinds, limits, failsafe. Pure. */
+/** Texts about a vehicle's available setpoint types, limits and failsafe, from the server's data. Pure. */
 
 import type { components } from '../../../api/schema';
 import { fixed } from '../../../ui/format';
@@ -12,18 +12,18 @@ export type OperatorLimits = OffboardLimits['operator'];
 export type LimitsBody = Schemas['LimitsRequest'];
 export type FailsafeAction = NonNullable<Schemas['FailsafeRequest']['action']>;
 
-/** The server's text with the form's names of kinds: "thrust and torque" instead of "thrust_torque". */
+/** The server's text with the form's names of setpoint types: "thrust and torque" instead of "thrust_torque". */
 export function displayText(text: string): string {
   return KINDS.reduce(
-    (text, one) => (one.kind.includes('_') || one.kind === 'actuators' ? text.replace(new RegExp(`\\b${one.kind}\\b`, 'g'), one.name.toLowerCase()) : text),
+    (text, { kind, name }) => (kind.includes('_') || kind === 'actuators' ? text.replace(new RegExp(`\\b${kind}\\b`, 'g'), name.toLowerCase()) : text),
     text,
   );
 }
 
-/** Why a kind is not possible now; null if it is, or if the server has not reported it. */
-export function whyNot(view: OffboardView | null, kind: SetpointKind): string | null {
+/** Why the vehicle cannot fly a setpoint type now; null if it can, or if the server has not reported it. */
+export function reasonNotFlyable(view: OffboardView | null, kind: SetpointKind): string | null {
   const availability = view?.available[kind];
-  return availability === undefined || availability.can ? null : displayText(availability.why_not ?? 'Not on this vehicle.');
+  return availability === undefined || availability.can ? null : displayText(availability.why_not ?? 'Not available on this vehicle.');
 }
 
 export const FAILSAFE_ACTIONS: readonly { value: FailsafeAction; text: string }[] = [
@@ -39,31 +39,31 @@ export interface LimitField {
   name: Exclude<keyof OperatorLimits, 'fence' | 'obstacle_brake'>;
   label: string;
   unit: string;
-  /** API value = typed × scale. */
+  /** API value = typed value × scale. */
   scale: number;
-  /** The vehicle's own limit, if it has one. */
-  own: keyof OffboardLimits['vehicle'] | null;
+  /** Name of the vehicle's own limit; null if it has none. */
+  vehicleLimit: keyof OffboardLimits['vehicle'] | null;
 }
 
 const RAD = Math.PI / 180;
 
 export const LIMIT_FIELDS: readonly LimitField[] = [
-  { name: 'speed_max_m_s', label: 'Ground speed', unit: 'm/s', scale: 1, own: 'speed_max_m_s' },
-  { name: 'climb_max_m_s', label: 'Climb', unit: 'm/s', scale: 1, own: 'climb_max_m_s' },
-  { name: 'sink_max_m_s', label: 'Descent', unit: 'm/s', scale: 1, own: 'sink_max_m_s' },
-  { name: 'tilt_max_rad', label: 'Tilt', unit: '°', scale: RAD, own: 'tilt_max_rad' },
-  { name: 'height_min_m', label: 'Minimum altitude above home', unit: 'm', scale: 1, own: null },
-  { name: 'height_max_m', label: 'Maximum altitude above home', unit: 'm', scale: 1, own: 'height_max_m' },
-  { name: 'distance_max_m', label: 'Distance from home', unit: 'm', scale: 1, own: 'distance_max_m' },
-  { name: 'slew_velocity_m_s2', label: 'Velocity slew rate', unit: 'm/s²', scale: 1, own: null },
+  { name: 'speed_max_m_s', label: 'Ground speed', unit: 'm/s', scale: 1, vehicleLimit: 'speed_max_m_s' },
+  { name: 'climb_max_m_s', label: 'Climb', unit: 'm/s', scale: 1, vehicleLimit: 'climb_max_m_s' },
+  { name: 'sink_max_m_s', label: 'Descent', unit: 'm/s', scale: 1, vehicleLimit: 'sink_max_m_s' },
+  { name: 'tilt_max_rad', label: 'Tilt', unit: '°', scale: RAD, vehicleLimit: 'tilt_max_rad' },
+  { name: 'height_min_m', label: 'Minimum altitude above home', unit: 'm', scale: 1, vehicleLimit: null },
+  { name: 'height_max_m', label: 'Maximum altitude above home', unit: 'm', scale: 1, vehicleLimit: 'height_max_m' },
+  { name: 'distance_max_m', label: 'Distance from home', unit: 'm', scale: 1, vehicleLimit: 'distance_max_m' },
+  { name: 'slew_velocity_m_s2', label: 'Velocity slew rate', unit: 'm/s²', scale: 1, vehicleLimit: null },
 ];
 
-/** A limit as text: "5", "45". */
+/** A limit as text in the field's unit, without the unit: "5", "45". */
 export function limitText(value: number | null | undefined, field: LimitField): string {
   return value == null ? '' : String(Number((value / field.scale).toFixed(2)));
 }
 
-/** The operator's limits in one line; unlimited values are left out. */
+/** The operator's limits in one line. */
 export function limitsText(limits: OffboardLimits | null): string {
   if (limits === null) return 'not known yet';
   const parts = LIMIT_FIELDS.filter((f) => limits.operator[f.name] != null).map(
@@ -74,8 +74,8 @@ export function limitsText(limits: OffboardLimits | null): string {
   return parts.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : parts.join(', ');
 }
 
-/** The vehicle's own limit for the field's placeholder, for example "5.0 m/s". */
-export function ownLimit(limits: OffboardLimits | null, field: LimitField): string {
-  const own = field.own === null ? null : limits?.vehicle[field.own];
-  return own == null ? 'no limit' : fixed(own / field.scale, 1);
+/** The vehicle's own limit as placeholder of the field, without the unit: "5.0". */
+export function vehicleLimitText(limits: OffboardLimits | null, field: LimitField): string {
+  const limit = field.vehicleLimit === null ? null : limits?.vehicle[field.vehicleLimit];
+  return limit == null ? 'no limit' : fixed(limit / field.scale, 1);
 }

@@ -1,4 +1,4 @@
-/** The only module that uses uPlot: one axis, target against actual, over the last minute. */
+/** Plot of target and actual value of one axis over the last minute. Only this module uses uPlot. */
 
 import uPlot from 'uplot';
 import 'uplot/dist/uPlot.min.css';
@@ -12,20 +12,20 @@ export interface PlotColours {
   stroke: number;
 }
 
-/** Smallest range of the vertical axis, so that noise is not magnified. */
+/** Smallest range of the vertical axis, by unit, so that the plot does not magnify noise. */
 const MIN_RANGES: Readonly<Record<string, number>> = { m: 1, 'm/s': 0.5, '°': 4 };
 
 export class AxisPlot {
   private readonly plot: uPlot;
 
-  constructor(holder: HTMLElement, unit: string, colours: PlotColours) {
+  constructor(container: HTMLElement, unit: string, colours: PlotColours) {
     const font = '11px Inter, system-ui, sans-serif';
     const grid = { stroke: colours.line, width: 1 };
     const minRange = MIN_RANGES[unit] ?? 1;
     this.plot = new uPlot(
       {
-        width: Math.max(60, holder.clientWidth),
-        height: Math.max(60, holder.clientHeight),
+        width: Math.max(60, container.clientWidth),
+        height: Math.max(60, container.clientHeight),
         pxAlign: 1,
         padding: [6, 16, 0, 0],
         legend: { show: false },
@@ -63,7 +63,7 @@ export class AxisPlot {
         ],
       },
       [[], [], []],
-      holder,
+      container,
     );
   }
 

@@ -1,4 +1,4 @@
-/** Preview of an unsent setpoint: its position, yaw, and a description. Pure. */
+/** Preview of an unsent setpoint: position, yaw and description. Pure. */
 
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Vector3 } from '../../../live/topics';
@@ -12,7 +12,7 @@ const PREDICTION_S = 3;
 export interface Preview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
-  /** The position is reached by a velocity after `PREDICTION_S`; it is not a position setpoint. */
+  /** True: a velocity setpoint reaches this position after `PREDICTION_S`. False: the setpoint contains the position. */
   isExtrapolated: boolean;
 }
 
@@ -28,61 +28,61 @@ function yawOf(setpoint: SetpointJson, heading_rad: number | null): number | nul
   return heading_rad;
 }
 
-/** Rotates an offset along the heading to north: [n, e, d]. */
-export function fromHeading([forward, right, down]: Vector3, yaw_rad: number): Vector3 {
+/** Rotates a vector from FRD (along the heading) to NED. */
+export function bodyToNed([forward, right, down]: Vector3, yaw_rad: number): Vector3 {
   const [cos, sin] = [Math.cos(yaw_rad), Math.sin(yaw_rad)];
   return [forward * cos - right * sin, forward * sin + right * cos, down];
 }
 
-/** Null for setpoint types without a position, such as attitude and rates. */
+/** The preview of a setpoint; null for types without a position, such as attitude and rates, and if the vehicle's position is not known. */
 export function previewOf(setpoint: SetpointJson, facts: VehicleFacts): Preview | null {
-  const at = facts.local?.value.position_ned_m;
+  const vehicle_ned_m = facts.local?.value.position_ned_m;
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;
-  if (at === undefined) return null;
+  if (vehicle_ned_m === undefined) return null;
   const yaw_ned_rad = yawOf(setpoint, yaw);
-  const shifted = (by: MaybeTriple, times: number, isExtrapolated: boolean): Preview => ({
-    position_ned_m: at.map((v, i) => v + (by?.[i] ?? 0) * times) as Vector3,
+  const shifted = (vector: MaybeTriple, factor: number, isExtrapolated: boolean): Preview => ({
+    position_ned_m: vehicle_ned_m.map((v, i) => v + (vector?.[i] ?? 0) * factor) as Vector3,
     yaw_ned_rad,
     isExtrapolated,
   });
   const position = triple(setpoint['position_ned_m']);
-  if (position !== undefined) return { position_ned_m: at.map((v, i) => position[i] ?? v) as Vector3, yaw_ned_rad, isExtrapolated: false };
-  if (setpoint.type === 'position_global') return globalPreview(setpoint, facts, at, yaw_ned_rad);
+  if (position !== undefined) return { position_ned_m: vehicle_ned_m.map((v, i) => position[i] ?? v) as Vector3, yaw_ned_rad, isExtrapolated: false };
+  if (setpoint.type === 'position_global') return globalPreview(setpoint, facts, vehicle_ned_m, yaw_ned_rad);
   const offset = setpoint.type === 'follow' ? undefined : triple(setpoint['offset_frd_m']);
-  if (offset !== undefined) return yaw === null ? null : shifted(fromHeading(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
+  if (offset !== undefined) return yaw === null ? null : shifted(bodyToNed(offset.map((v) => v ?? 0) as Vector3, yaw), 1, false);
   const velocity = triple(setpoint['velocity_ned_m_s']);
   if (velocity !== undefined) return shifted(velocity, PREDICTION_S, true);
   const bodyVelocity = triple(setpoint['velocity_frd_m_s']);
-  if (bodyVelocity !== undefined) return yaw === null ? null : shifted(fromHeading(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), PREDICTION_S, true);
+  if (bodyVelocity !== undefined) return yaw === null ? null : shifted(bodyToNed(bodyVelocity.map((v) => v ?? 0) as Vector3, yaw), PREDICTION_S, true);
   return null;
 }
 
-function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, at: Readonly<Vector3>, yaw_ned_rad: number | null): Preview | null {
-  const here = facts.global?.value;
-  if (here === undefined) return null;
-  const { east_m, north_m } = eastNorth(here, { lat_deg: setpoint['lat_deg'] as number, lon_deg: setpoint['lon_deg'] as number });
+function globalPreview(setpoint: SetpointJson, facts: VehicleFacts, vehicle_ned_m: Readonly<Vector3>, yaw_ned_rad: number | null): Preview | null {
+  const vehicle = facts.global?.value;
+  if (vehicle === undefined) return null;
+  const { east_m, north_m } = eastNorth(vehicle, { lat_deg: setpoint['lat_deg'] as number, lon_deg: setpoint['lon_deg'] as number });
   const [home, amsl] = [setpoint['alt_home_m'], setpoint['alt_amsl_m']];
-  const up_m = typeof home === 'number' ? home - here.alt_home_m : typeof amsl === 'number' ? amsl - here.alt_amsl_m : 0;
-  return { position_ned_m: [at[0] + north_m, at[1] + east_m, at[2] - up_m], yaw_ned_rad, isExtrapolated: false };
+  const up_m = typeof home === 'number' ? home - vehicle.alt_home_m : typeof amsl === 'number' ? amsl - vehicle.alt_amsl_m : 0;
+  return { position_ned_m: [vehicle_ned_m[0] + north_m, vehicle_ned_m[1] + east_m, vehicle_ned_m[2] - up_m], yaw_ned_rad, isExtrapolated: false };
 }
 
 /** The preview's latitude and longitude, computed from the vehicle's global position and the distance to the preview. */
 export function previewOnMap(preview: Preview, facts: VehicleFacts): GeoPosition | null {
-  const at = facts.local?.value.position_ned_m;
-  const here = facts.global?.value;
-  if (at === undefined || here === undefined) return null;
-  return positionAt(here, { north_m: preview.position_ned_m[0] - at[0], east_m: preview.position_ned_m[1] - at[1] });
+  const vehicle_ned_m = facts.local?.value.position_ned_m;
+  const vehicle = facts.global?.value;
+  if (vehicle_ned_m === undefined || vehicle === undefined) return null;
+  return positionAt(vehicle, { north_m: preview.position_ned_m[0] - vehicle_ned_m[0], east_m: preview.position_ned_m[1] - vehicle_ned_m[1] });
 }
 
-/** "12.4 m away, 3.0 m above the vehicle, turns 40° right". */
+/** Description relative to the vehicle, for example "12.4 m away, 3.0 m above the vehicle, turns 40° right". */
 export function previewText(preview: Preview, facts: VehicleFacts): string {
-  const at = facts.local?.value.position_ned_m;
-  if (at === undefined) return 'The vehicle’s position is not known.';
-  const [n, e, d] = preview.position_ned_m.map((v, i) => v - (at[i] ?? 0)) as Vector3;
-  const away = Math.hypot(n, e);
-  const { text, unit } = metres(away);
+  const vehicle_ned_m = facts.local?.value.position_ned_m;
+  if (vehicle_ned_m === undefined) return 'The vehicle’s position is not known.';
+  const [n, e, d] = preview.position_ned_m.map((v, i) => v - (vehicle_ned_m[i] ?? 0)) as Vector3;
+  const distance_m = Math.hypot(n, e);
+  const { text, unit } = metres(distance_m);
   const parts = [
-    away < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `away after ${PREDICTION_S} s at this velocity` : 'away'}`,
+    distance_m < 0.05 ? 'at the current position' : `${text} ${unit} ${preview.isExtrapolated ? `away after ${PREDICTION_S} s at this velocity` : 'away'}`,
   ];
   if (Math.abs(d) >= 0.05) parts.push(`${fixed(Math.abs(d), 1)} m ${d < 0 ? 'above' : 'below'} the vehicle`);
   const yaw = facts.attitude?.value.yaw_ned_rad ?? null;

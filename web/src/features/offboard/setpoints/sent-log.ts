@@ -1,6 +1,6 @@
 /**
- * The log of sent setpoints, newest first, each with the server's answer. Setpoints repeated 25 times a second share a
- * line. Pure.
+ * The log of sent setpoints, newest first, with the server's result for each line. The setpoints that gamepad or drag
+ * send 25 times a second share a line. Pure.
  */
 
 import { fixed } from '../../../ui/format';
@@ -16,37 +16,38 @@ export interface SentLine {
   text: string;
   /** Number of setpoints in this line. */
   count: number;
+  /** Number of setpoints in this line for which the server has sent a result. */
   answered: number;
   /** The server's changes or its refusal; null if all setpoints were accepted unchanged. */
   note: string | null;
   refused: boolean;
-  /** Round-trip time of the newest answer [s]. */
+  /** Time from sending to the newest result [s]. */
   took_s: number | null;
 }
 
 const MAX_LINES = 60;
-/** Setpoints of one kind closer together than this share a line [s]. */
+/** Setpoints of the same type and input share a line if the time between them is shorter [s]. */
 const MERGE_S = 1;
 
 export class SentLog {
   lines: readonly SentLine[] = [];
   private nextId = 1;
-  private last_unix_s = 0;
+  private lastAdded_unix_s = 0;
 
-  /** Adds a setpoint; returns the id of its line, for the answer. */
+  /** Adds a setpoint. @returns the id of its line, for `addResult`. */
   add(input: InputMethod, setpoint: Readonly<Record<string, unknown>>, unix_s: number): number {
     const [newest, ...rest] = this.lines;
     const text = setpointText(setpoint);
-    const joins =
+    const sharesLine =
       newest !== undefined &&
       input !== 'form' &&
       input !== 'group' &&
       newest.input === input &&
-      unix_s - this.last_unix_s < MERGE_S &&
+      unix_s - this.lastAdded_unix_s < MERGE_S &&
       !newest.refused &&
       newest.text.split(' ')[0] === text.split(' ')[0];
-    this.last_unix_s = unix_s;
-    if (joins) {
+    this.lastAdded_unix_s = unix_s;
+    if (sharesLine) {
       this.lines = [{ ...newest, text, count: newest.count + 1 }, ...rest];
       return newest.id;
     }
@@ -55,9 +56,10 @@ export class SentLog {
     return line.id;
   }
 
-  answer(id: number, answer: { note: string | null; refused: boolean; took_s: number | null }): void {
+  /** Adds the server's result to a line. */
+  addResult(id: number, result: { note: string | null; refused: boolean; took_s: number | null }): void {
     this.lines = this.lines.map((l) =>
-      l.id === id ? { ...l, ...answer, answered: l.answered + 1, note: answer.note ?? l.note, refused: answer.refused || l.refused } : l,
+      l.id === id ? { ...l, ...result, answered: l.answered + 1, note: result.note ?? l.note, refused: result.refused || l.refused } : l,
     );
   }
 }
@@ -67,7 +69,7 @@ const DEG = 180 / Math.PI;
 const NED = ['N', 'E', 'up'] as const;
 const FRD = ['forward', 'right', 'up'] as const;
 
-/** Three values with their axes; the third, which is down in MAVLink, is shown as up. */
+/** Three values with the names of their axes. An axis named `up` shows the negative of the given value, which is down. */
 function triple(value: unknown, unit: string, [first, second, third]: readonly [string, string, string]): string | null {
   if (!Array.isArray(value)) return null;
   const [x, y, z] = value as (number | null)[];
@@ -79,7 +81,7 @@ function number(value: unknown, format: (v: number) => string): string | null {
   return typeof value === 'number' ? format(value) : null;
 }
 
-/** A setpoint in one short line, with the form's conventions: up positive, degrees. */
+/** A setpoint as a short line, in the form's units: altitudes and climb positive up, angles in degrees. */
 export function setpointText(s: Readonly<Record<string, unknown>>): string {
   const parts = [
     triple(s['position_ned_m'], 'm', NED),

@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import { build, formFromCurrentState, setUncontrolled, parseTyped, type Form } from './form';
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
-import { fromHeading, previewOf, previewOnMap, previewText } from './preview';
+import { bodyToNed, previewOf, previewOnMap, previewText } from './preview';
 import { SentLog, setpointText } from './sent-log';
 import { SetpointStream, type Ack, type SocketLike } from './stream';
 import { targetOf, eulerOf, Traces, WINDOW_S } from './traces';
@@ -15,25 +15,25 @@ const FACTS = {
   global: reading({ lat_deg: 47, lon_deg: 8, alt_amsl_m: 505, alt_home_m: 5 }),
 } as unknown as VehicleFacts;
 
-function good(form: Form): Record<string, unknown> {
+function validSetpoint(form: Form): Record<string, unknown> {
   const built = build(form);
   if (!built.ok) throw new Error(JSON.stringify(built.errors));
   return { ...built.setpoint };
 }
 
-function bad(form: Form): Readonly<Record<string, string>> {
+function errorsOf(form: Form): Readonly<Record<string, string>> {
   const built = build(form);
   return built.ok ? {} : built.errors;
 }
 
-const put = (form: Form, key: string, text: string, off = false): Form => ({ ...form, fields: { ...form.fields, [key]: { text, off } } });
+const withField = (form: Form, key: string, text: string, off = false): Form => ({ ...form, fields: { ...form.fields, [key]: { text, off } } });
 
 describe('forms', () => {
-  it('start with the present state, so that they hold the vehicle if sent unchanged', () => {
-    expect(good(formFromCurrentState('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
-    expect(good(formFromCurrentState('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
-    expect(good(formFromCurrentState('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
-    expect(good(formFromCurrentState('attitude', FACTS, 0.55))).toEqual({
+  it('start with the vehicle’s present state', () => {
+    expect(validSetpoint(formFromCurrentState('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
+    expect(validSetpoint(formFromCurrentState('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
+    expect(validSetpoint(formFromCurrentState('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
+    expect(validSetpoint(formFromCurrentState('attitude', FACTS, 0.55))).toEqual({
       type: 'attitude',
       roll_rad: 0,
       pitch_rad: 0,
@@ -42,59 +42,61 @@ describe('forms', () => {
     });
   });
 
-  it('build every kind of setpoint once its numbers are filled in', () => {
+  it('build a setpoint of every type from complete numbers', () => {
     for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
-      const built = good({ ...formFromCurrentState(kind, FACTS, 0.5), other: '2' });
+      const built = validSetpoint({ ...formFromCurrentState(kind, FACTS, 0.5), other: '2' });
       expect(built['type']).toBe(kind);
       for (const g of groups) if (!g.optional && g.field !== 'alt') expect(built).toHaveProperty(g.field);
     }
-    expect(bad(formFromCurrentState('actuators', FACTS, 0.5))).toHaveProperty('kind');
+    expect(errorsOf(formFromCurrentState('actuators', FACTS, 0.5))).toHaveProperty('kind');
   });
 
   it('negate up values for NED, and convert degrees to radians', () => {
-    expect(good(put(formFromCurrentState('position', FACTS, null), 'p2', '12,5'))['position_ned_m']).toEqual([10, 20, -12.5]);
-    expect(good(put(formFromCurrentState('rates', FACTS, 0.5), 'r2', '−90'))['rates_frd_rad_s']).toEqual([0, 0, -Math.PI / 2]);
-    expect(good({ ...formFromCurrentState('position', FACTS, null), yaw: '270' })['yaw_ned_rad']).toBeCloseTo(-Math.PI / 2);
-    expect(good({ ...formFromCurrentState('velocity', FACTS, null), yawChoice: 'rate', yaw: '90' })).toMatchObject({ yaw_rate_ned_rad_s: Math.PI / 2 });
-    expect(good({ ...formFromCurrentState('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
+    expect(validSetpoint(withField(formFromCurrentState('position', FACTS, null), 'p2', '12,5'))['position_ned_m']).toEqual([10, 20, -12.5]);
+    expect(validSetpoint(withField(formFromCurrentState('rates', FACTS, 0.5), 'r2', '−90'))['rates_frd_rad_s']).toEqual([0, 0, -Math.PI / 2]);
+    expect(validSetpoint({ ...formFromCurrentState('position', FACTS, null), yaw: '270' })['yaw_ned_rad']).toBeCloseTo(-Math.PI / 2);
+    expect(validSetpoint({ ...formFromCurrentState('velocity', FACTS, null), yawChoice: 'rate', yaw: '90' })).toMatchObject({
+      yaw_rate_ned_rad_s: Math.PI / 2,
+    });
+    expect(validSetpoint({ ...formFromCurrentState('velocity', FACTS, null), yawChoice: 'none' })).not.toHaveProperty('yaw_ned_rad');
   });
 
-  it('allow to omit an axis that another quantity still controls, north and east only together', () => {
+  it('allow an uncontrolled axis if another quantity controls it; north and east change together', () => {
     const mixed = setUncontrolled({ ...formFromCurrentState('trajectory', FACTS, null), omitted: ['acceleration_ned_m_s2'] }, 'p1', true);
-    expect(good(setUncontrolled(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
-    expect(bad({ ...mixed, omitted: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
+    expect(validSetpoint(setUncontrolled(mixed, 'v2', true))).toMatchObject({ position_ned_m: [null, null, -5], velocity_ned_m_s: [0, 0, null] });
+    expect(errorsOf({ ...mixed, omitted: ['velocity_ned_m_s', 'acceleration_ned_m_s2'] })).toMatchObject({
       p0: expect.stringMatching(/^North is not controlled/) as string,
       p1: expect.any(String) as string,
     });
-    expect(good(put(formFromCurrentState('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
+    expect(validSetpoint(withField(formFromCurrentState('velocity', FACTS, null), 'v2', '1', true))['velocity_ned_m_s']).toEqual([0, 0, -1]);
   });
 
-  it('report the invalid field, and do not fill in unknown values', () => {
-    expect(bad(put(formFromCurrentState('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
-    expect(bad(put(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
-    expect(bad(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
-    expect(bad(formFromCurrentState('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
+  it('report the invalid field, and leave fields of unknown values empty', () => {
+    expect(errorsOf(withField(formFromCurrentState('position', FACTS, null), 'p1', 'far'))).toEqual({ p1: 'East: enter a number.' });
+    expect(errorsOf(withField(formFromCurrentState('attitude', FACTS, 0.5), 'thrust', '1.2'))).toEqual({ thrust: 'Thrust: at most 1.' });
+    expect(errorsOf(formFromCurrentState('attitude', FACTS, null))).toEqual({ thrust: 'Thrust: enter a number.' });
+    expect(errorsOf(formFromCurrentState('position', { ...FACTS, local: null }, null))).toHaveProperty('p0');
     expect(parseTyped(' 1e400 ')).toBeNull();
   });
 
-  it('require a vehicle to follow, and a minimum offset', () => {
+  it('require for follow a vehicle and an offset of at least 2 m', () => {
     const form = formFromCurrentState('follow', FACTS, null);
-    expect(bad(form)).toEqual({ other: 'Choose the vehicle to follow.' });
-    expect(good({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
-    expect(bad({ ...put(put(form, 'o0', '1'), 'o2', '1'), other: '2' })).toHaveProperty('o0');
+    expect(errorsOf(form)).toEqual({ other: 'Choose the vehicle to follow.' });
+    expect(validSetpoint({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
+    expect(errorsOf({ ...withField(withField(form, 'o0', '1'), 'o2', '1'), other: '2' })).toHaveProperty('o0');
     expect(previewOf({ type: 'follow', offset_frd_m: [-5, 0, -2] }, FACTS)).toBeNull();
   });
 
-  it('add feedforward only if chosen', () => {
+  it('contain feedforward only if the person chooses it', () => {
     const form = formFromCurrentState('trajectory', FACTS, null);
-    expect(good(form)).not.toHaveProperty('velocity_ned_m_s');
-    expect(good({ ...form, omitted: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
+    expect(validSetpoint(form)).not.toHaveProperty('velocity_ned_m_s');
+    expect(validSetpoint({ ...form, omitted: ['acceleration_ned_m_s2'] })['velocity_ned_m_s']).toEqual([0, 0, 0]);
   });
 });
 
 describe('preview', () => {
   it('rotates an offset along the heading', () => {
-    expect(fromHeading([1, 0, -2], Math.PI / 2).map((v) => v + 0)).toEqual([expect.closeTo(0), expect.closeTo(1), -2]);
+    expect(bodyToNed([1, 0, -2], Math.PI / 2).map((v) => v + 0)).toEqual([expect.closeTo(0), expect.closeTo(1), -2]);
     const preview = previewOf({ type: 'position_body', offset_frd_m: [3, 0, -1], yaw_offset_rad: 0.5 }, FACTS);
     expect(preview?.position_ned_m).toEqual([expect.closeTo(10), expect.closeTo(23), -6]);
     expect(preview?.yaw_ned_rad).toBeCloseTo(Math.PI / 2 + 0.5);
@@ -111,12 +113,12 @@ describe('preview', () => {
     expect(previewOf({ type: 'position', position_ned_m: [0, 0, 0] }, { ...FACTS, local: null })).toBeNull();
   });
 
-  it('converts a global position to the local frame and back', () => {
+  it('shows a global position setpoint in the local frame and on the map', () => {
     const preview = previewOf({ type: 'position_global', lat_deg: 47.0001, lon_deg: 8, alt_amsl_m: 515, yaw_ned_rad: 0 }, FACTS);
     expect(preview?.position_ned_m[0]).toBeCloseTo(10 + 11.12, 1);
     expect(preview?.position_ned_m[2]).toBeCloseTo(-15);
-    const place = preview && previewOnMap(preview, FACTS);
-    expect(place?.lat_deg).toBeCloseTo(47.0001, 6);
+    const mapPosition = preview && previewOnMap(preview, FACTS);
+    expect(mapPosition?.lat_deg).toBeCloseTo(47.0001, 6);
     expect(preview && previewText(preview, FACTS)).toBe('11.1 m away, 10.0 m above the vehicle, turns 90° left');
   });
 });
@@ -140,17 +142,17 @@ class FakeSocket implements SocketLike {
 }
 
 describe('the stream', () => {
-  function opened(): { stream: SetpointStream; socket: FakeSocket; acks: Ack[]; ended: (string | null)[]; later: (s: number) => void } {
+  function openStream(): { stream: SetpointStream; socket: FakeSocket; acks: Ack[]; endReasons: (string | null)[]; wait: (s: number) => void } {
     const socket = new FakeSocket();
     const acks: Ack[] = [];
-    const ended: (string | null)[] = [];
+    const endReasons: (string | null)[] = [];
     let now = 0;
     const stream = new SetpointStream(
       'ws://x',
       () => now,
       (a) => acks.push(a),
-      (state, why) => {
-        if (state === 'closed') ended.push(why);
+      (state, reason) => {
+        if (state === 'closed') endReasons.push(reason);
       },
       () => socket,
     );
@@ -158,17 +160,17 @@ describe('the stream', () => {
       stream,
       socket,
       acks,
-      ended,
-      later: (s) => {
+      endReasons,
+      wait: (s) => {
         now += s;
       },
     };
   }
 
   it('numbers its setpoints and matches each acknowledgement to its setpoint by seq', () => {
-    const { stream, socket, acks, later } = opened();
+    const { stream, socket, acks, wait } = openStream();
     expect(stream.send({ type: 'velocity' })).toBe(1);
-    later(0.02);
+    wait(0.02);
     socket.receive({ seq: 1, applied: { type: 'velocity' }, limited: ['slower'] });
     socket.receive({ seq: 1, applied: {} });
     socket.receive('{');
@@ -176,8 +178,8 @@ describe('the stream', () => {
     expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, took_s: 0.02 }]);
   });
 
-  it('returns a refusal with the server’s text', () => {
-    const { stream, socket, acks } = opened();
+  it('reports a refusal with the server’s text', () => {
+    const { stream, socket, acks } = openStream();
     stream.send({});
     socket.receive({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is controlled by tablet.', code: 'not_in_control' } });
     expect(acks[0]?.problem).toMatchObject({ detail: 'Vehicle 1 is controlled by tablet.' });
@@ -185,7 +187,7 @@ describe('the stream', () => {
   });
 
   it('drops setpoints that the network cannot send in time', () => {
-    const { stream, socket } = opened();
+    const { stream, socket } = openStream();
     socket.bufferedAmount = 5000;
     expect(stream.send({})).toBeNull();
     expect(stream.dropped).toBe(1);
@@ -196,20 +198,20 @@ describe('the stream', () => {
   });
 
   it('reports its end once, with the reason', () => {
-    const { stream, socket, ended } = opened();
+    const { stream, socket, endReasons } = openStream();
     socket.onclose?.({ reason: '' } as CloseEvent);
     stream.close();
-    expect(ended).toEqual(['The connection to the server ended.']);
+    expect(endReasons).toEqual(['The connection to the server ended.']);
   });
 });
 
-describe('the log', () => {
-  it('merges the repeated setpoints of a gamepad and keeps limited ones', () => {
+describe('the log of sent setpoints', () => {
+  it('merges the repeated setpoints of a gamepad into one line, and keeps the note that one was limited', () => {
     const log = new SentLog();
     const first = log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [1, 0, 0] }, 100);
-    log.answer(first, { note: 'slowed to 2 m/s', refused: false, took_s: 0.01 });
+    log.addResult(first, { note: 'slowed to 2 m/s', refused: false, took_s: 0.01 });
     expect(log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [2, 0, 0] }, 100.04)).toBe(first);
-    log.answer(first, { note: null, refused: false, took_s: 0.02 });
+    log.addResult(first, { note: null, refused: false, took_s: 0.02 });
     expect(log.lines).toHaveLength(1);
     expect(log.lines[0]).toMatchObject({ count: 2, answered: 2, note: 'slowed to 2 m/s', took_s: 0.02 });
     log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0] }, 102);
@@ -217,13 +219,13 @@ describe('the log', () => {
     expect(log.lines.map((l) => l.count)).toEqual([1, 1, 2]);
   });
 
-  it('describes a setpoint as the form does', () => {
+  it('describes a setpoint in the form’s units', () => {
     expect(setpointText({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  N 1.0 E – up 3.0 m  yaw 270°');
     expect(setpointText({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  roll 0.0 pitch 0.0 yaw 180.0 °/s  thrust 0.50');
     expect(kindName('orbit')).toBe('orbit');
   });
 
-  it('is bounded', () => {
+  it('keeps the newest 60 lines', () => {
     const log = new SentLog();
     for (let i = 0; i < 100; i += 1) log.add('form', { type: 'position' }, i);
     expect(log.lines).toHaveLength(60);
@@ -231,19 +233,19 @@ describe('the log', () => {
 });
 
 describe('traces', () => {
-  const seen = (unix_s: number, up: number, target: number | null): Parameters<Traces['add']>[0] => ({
+  const sample = (unix_s: number, up_m: number, targetUp_m: number | null): Parameters<Traces['add']>[0] => ({
     unix_s,
-    local: { position_ned_m: [0, 0, -up], velocity_ned_m_s: [0, 0, 0] } as never,
+    local: { position_ned_m: [0, 0, -up_m], velocity_ned_m_s: [0, 0, 0] } as never,
     attitude: null,
-    target: target === null ? null : { position_ned_m: [0, 0, -target], velocity_ned_m_s: null, attitude_rad: null },
+    target: targetUp_m === null ? null : { position_ned_m: [0, 0, -targetUp_m], velocity_ned_m_s: null, attitude_rad: null },
   });
 
-  it('keep a minute, oldest first, up positive, with gaps without a setpoint', () => {
+  it('keep one minute, oldest first, up positive, with a gap while there is no target', () => {
     const traces = new Traces();
-    traces.add(seen(0, 1, null));
-    traces.add(seen(50, 2, 3));
-    traces.add(seen(50, 9, 9));
-    traces.add(seen(100, 4, null));
+    traces.add(sample(0, 1, null));
+    traces.add(sample(50, 2, 3));
+    traces.add(sample(50, 9, 9));
+    traces.add(sample(100, 4, null));
     expect(traces.columns('position', 2, 100)).toEqual([
       [-50, -49, 0],
       [3, null, null],
@@ -254,10 +256,10 @@ describe('traces', () => {
     expect(traces.columns('position', 2, 100)[0]).toEqual([]);
   });
 
-  it('draw no line across the plot when a heading passes south', () => {
+  it('have a gap where the yaw jumps from 180° to −180°', () => {
     const traces = new Traces();
     [170, 179, -179].forEach((deg, i) =>
-      traces.add({ ...seen(i, 0, null), attitude: { roll_rad: 0, pitch_rad: 0, yaw_ned_rad: deg * (Math.PI / 180) } as never }),
+      traces.add({ ...sample(i, 0, null), attitude: { roll_rad: 0, pitch_rad: 0, yaw_ned_rad: deg * (Math.PI / 180) } as never }),
     );
     expect(traces.columns('attitude', 2, 2)[2].map((v) => v && Math.round(v))).toEqual([170, 179, null]);
   });
@@ -267,7 +269,7 @@ describe('traces', () => {
     expect(targetOf(null, null)).toBeNull();
     const stream = { streaming: true, position_ned_m: null, velocity_ned_m_s: null, yaw_ned_rad: 1 } as never;
     expect(targetOf(stream, { type: 'position' })?.attitude_rad).toEqual([null, null, 1]);
-    const along = targetOf({ ...(stream as object), velocity_frd_m_s: [2, 0, -1] } as never, null, Math.PI / 2);
-    expect(along?.velocity_ned_m_s).toEqual([expect.closeTo(0), 2, -1]);
+    const rotated = targetOf({ ...(stream as object), velocity_frd_m_s: [2, 0, -1] } as never, null, Math.PI / 2);
+    expect(rotated?.velocity_ned_m_s).toEqual([expect.closeTo(0), 2, -1]);
   });
 });

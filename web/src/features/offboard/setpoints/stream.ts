@@ -1,6 +1,6 @@
 /**
- * Sends setpoints over one WebSocket, each with a number and an answer. A setpoint that cannot be sent now is dropped,
- * not queued: an old setpoint that arrives late is worse than none. Pure except for the given socket.
+ * Sends setpoints over one WebSocket; the server acknowledges each by its sequence number. A setpoint that cannot be sent
+ * now is dropped, not queued: an old setpoint that arrives late is worse than no setpoint. Pure except for the socket.
  */
 
 import type { Problem } from '../../../api/problems';
@@ -10,18 +10,18 @@ export interface Ack {
   seq: number;
   /** The setpoint after the limits; null if it was refused. */
   applied: Readonly<Record<string, unknown>> | null;
-  /** What was changed and why, as the server's text. */
+  /** The server's texts about what the limits changed, and why. */
   limited: readonly string[];
   problem: Problem | null;
   /** True if a newer setpoint replaced this one before the server sent it to the vehicle. */
   superseded: boolean;
-  /** From sending to its answer [s]. */
+  /** Time from sending to the acknowledgement [s]. */
   took_s: number;
 }
 
 export type StreamState = 'connecting' | 'open' | 'closed';
 
-/** The part of a WebSocket that is used. */
+/** The members of a WebSocket that the stream uses. */
 export interface SocketLike {
   readyState: number;
   bufferedAmount: number;
@@ -42,23 +42,24 @@ export class SetpointStream {
   /** Number of setpoints not sent because the network was too slow. */
   dropped = 0;
   private seq = 0;
-  private readonly sent = new Map<number, number>();
+  /** Sending time of each setpoint without an acknowledgement, by sequence number [s]. */
+  private readonly sentTimes = new Map<number, number>();
   private readonly socket: SocketLike;
 
   constructor(
     url: string,
     private readonly nowS: () => number,
     private readonly onAck: (ack: Ack) => void,
-    private readonly onState: (state: StreamState, why: string | null) => void,
-    make: (url: string) => SocketLike = (to) => new WebSocket(to),
+    private readonly onState: (state: StreamState, reason: string | null) => void,
+    openSocket: (url: string) => SocketLike = (address) => new WebSocket(address),
   ) {
-    this.socket = make(url);
+    this.socket = openSocket(url);
     this.socket.onopen = () => this.setState('open', null);
     this.socket.onclose = (event) => this.setState('closed', event.reason === '' ? 'The connection to the server ended.' : event.reason);
     this.socket.onmessage = (event) => this.onMessage(event.data);
   }
 
-  /** Sends the request now; returns its sequence number, or null if it could not be sent. */
+  /** Sends the request now. @returns its sequence number; null if the request could not be sent. */
   send(request: object): number | null {
     if (this.socket.readyState !== OPEN) return null;
     if (this.socket.bufferedAmount > MAX_BUFFERED_BYTES) {
@@ -66,8 +67,8 @@ export class SetpointStream {
       return null;
     }
     const seq = ++this.seq;
-    this.sent.set(seq, this.nowS());
-    if (this.sent.size > MAX_PENDING) this.sent.delete(this.sent.keys().next().value ?? seq);
+    this.sentTimes.set(seq, this.nowS());
+    if (this.sentTimes.size > MAX_PENDING) this.sentTimes.delete(this.sentTimes.keys().next().value ?? seq);
     this.socket.send(JSON.stringify({ ...request, seq }));
     return seq;
   }
@@ -78,20 +79,20 @@ export class SetpointStream {
     this.setState('closed', null);
   }
 
-  private setState(state: StreamState, why: string | null): void {
+  private setState(state: StreamState, reason: string | null): void {
     if (this.state === 'closed') return;
     this.state = state;
-    if (state === 'closed') this.sent.clear();
-    this.onState(state, why);
+    if (state === 'closed') this.sentTimes.clear();
+    this.onState(state, reason);
   }
 
   private onMessage(data: unknown): void {
     const raw = parse(data);
     if (raw === null || typeof raw['seq'] !== 'number') return;
-    const sent_s = this.sent.get(raw['seq']);
+    const sent_s = this.sentTimes.get(raw['seq']);
     if (sent_s === undefined) return;
-    this.sent.delete(raw['seq']);
-    this.onAck({ seq: raw['seq'], took_s: this.nowS() - sent_s, ...readAnswer(raw) });
+    this.sentTimes.delete(raw['seq']);
+    this.onAck({ seq: raw['seq'], took_s: this.nowS() - sent_s, ...readAck(raw) });
   }
 }
 
@@ -105,8 +106,8 @@ function parse(data: unknown): Record<string, unknown> | null {
   }
 }
 
-/** Reads an answer of the stream or of a POST. */
-function readAnswer(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem' | 'superseded'> {
+/** Reads the server's acknowledgement of a setpoint. */
+function readAck(raw: Readonly<Record<string, unknown>>): Pick<Ack, 'applied' | 'limited' | 'problem' | 'superseded'> {
   if (raw['error'] !== undefined && raw['error'] !== null) {
     const error = typeof raw['error'] === 'string' ? { detail: raw['error'] } : raw['error'];
     return { applied: null, limited: [], problem: parseProblem(409, error), superseded: false };

@@ -1,16 +1,16 @@
 /**
- * The last minute of target and actual, axis by axis, for the plots. The times are those of the vehicle's samples.
- * Pure.
+ * Target and actual values of the last minute for the plots, by quantity and axis. Times are the times at which samples
+ * were received. Pure.
  */
 
 import type { Attitude, LocalPosition, MaybeVector3, Vector3 } from '../../../live/topics';
 import type { OffboardStatus } from '../../../vehicle/offboard';
-import { fromHeading } from './preview';
+import { bodyToNed } from './preview';
 
 export const WINDOW_S = 60;
 /** A longer time without a sample [s] is drawn as a gap. */
 const GAP_S = 2;
-/** Capacity for one minute at the page's telemetry rate. */
+/** Capacity for one minute at the page's telemetry rate (30 Hz). */
 const MAX_ROWS = 60 * 30;
 const DEG = 180 / Math.PI;
 
@@ -61,7 +61,7 @@ export interface TelemetrySample {
   unix_s: number;
   local: LocalPosition | null;
   attitude: Attitude | null;
-  /** The present target; null while nothing is streamed. */
+  /** The present target; null while the server streams no setpoints. */
   target: Target | null;
 }
 
@@ -72,10 +72,10 @@ export interface Target {
   attitude_rad: MaybeVector3 | null;
 }
 
-const NOTHING: MaybeVector3 = [null, null, null];
+const NO_VALUES: MaybeVector3 = [null, null, null];
 
-function upwards(v: Readonly<MaybeVector3> | null): MaybeVector3 {
-  return v === null ? NOTHING : [v[0], v[1], v[2] === null ? null : 0 - v[2]];
+function downToUp(v: Readonly<MaybeVector3> | null): MaybeVector3 {
+  return v === null ? NO_VALUES : [v[0], v[1], v[2] === null ? null : 0 - v[2]];
 }
 
 function degrees(v: MaybeVector3): MaybeVector3 {
@@ -83,7 +83,7 @@ function degrees(v: MaybeVector3): MaybeVector3 {
 }
 
 export class Traces {
-  /** Incremented by each added sample; painters compare it. */
+  /** Incremented by each change, so that the plots are drawn again only after a change. */
   revision = 0;
   private rows: Readonly<Record<Quantity, Row[]>> = { position: [], velocity: [], attitude: [] };
 
@@ -94,27 +94,27 @@ export class Traces {
 
   add(sample: TelemetrySample): void {
     const { local, attitude, target, unix_s } = sample;
-    this.push('position', unix_s, upwards(target?.position_ned_m ?? null), upwards(local?.position_ned_m ?? null));
-    this.push('velocity', unix_s, upwards(target?.velocity_ned_m_s ?? null), upwards(local?.velocity_ned_m_s ?? null));
-    const now: MaybeVector3 = attitude === null ? NOTHING : [attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad];
-    this.push('attitude', unix_s, degrees(target?.attitude_rad ?? NOTHING), degrees(now));
+    this.push('position', unix_s, downToUp(target?.position_ned_m ?? null), downToUp(local?.position_ned_m ?? null));
+    this.push('velocity', unix_s, downToUp(target?.velocity_ned_m_s ?? null), downToUp(local?.velocity_ned_m_s ?? null));
+    const actual_rad: MaybeVector3 = attitude === null ? NO_VALUES : [attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad];
+    this.push('attitude', unix_s, degrees(target?.attitude_rad ?? NO_VALUES), degrees(actual_rad));
     this.revision += 1;
   }
 
-  /** One axis, seconds before `now`: −60 … 0. */
+  /** The columns of one axis; the times are relative to `now_unix_s`: −60 to 0 s. */
   columns(quantity: Quantity, axis: 0 | 1 | 2, now_unix_s: number): Columns {
-    const from = now_unix_s - WINDOW_S;
-    const rows = this.rows[quantity].filter((r) => r.t_s >= from);
-    const isHeading = quantity === 'attitude' && axis === 2;
+    const begin_unix_s = now_unix_s - WINDOW_S;
+    const rows = this.rows[quantity].filter((r) => r.t_s >= begin_unix_s);
+    const isYaw = quantity === 'attitude' && axis === 2;
     return [
       rows.map((r) => r.t_s - now_unix_s),
       column(
         rows.map((r) => r.target[axis]),
-        isHeading,
+        isYaw,
       ),
       column(
         rows.map((r) => r.actual[axis]),
-        isHeading,
+        isYaw,
       ),
     ];
   }
@@ -123,22 +123,22 @@ export class Traces {
     const rows = this.rows[quantity];
     const last = rows.at(-1);
     if (last !== undefined && t_s <= last.t_s) return;
-    if (last !== undefined && t_s - last.t_s > GAP_S) rows.push({ t_s: last.t_s + GAP_S / 2, target: NOTHING, actual: NOTHING });
+    if (last !== undefined && t_s - last.t_s > GAP_S) rows.push({ t_s: last.t_s + GAP_S / 2, target: NO_VALUES, actual: NO_VALUES });
     rows.push({ t_s, target, actual });
     if (rows.length > MAX_ROWS) rows.splice(0, rows.length - MAX_ROWS);
   }
 }
 
-/** A heading that wraps leaves a gap instead of a line across the plot. */
-function column(values: (number | null)[], isHeading: boolean): (number | null)[] {
-  if (!isHeading) return values;
+/** The values, with a gap where a yaw jumps between 180° and −180°. */
+function column(values: (number | null)[], isYaw: boolean): (number | null)[] {
+  if (!isYaw) return values;
   return values.map((v, i) => {
     const before = values[i - 1];
     return v !== null && before != null && Math.abs(v - before) > 180 ? null : v;
   });
 }
 
-/** Roll, pitch and yaw of a quaternion from FRD to NED. */
+/** Roll, pitch and yaw [rad] of an attitude quaternion (FRD to NED). */
 export function eulerOf(q: readonly number[]): MaybeVector3 {
   const [w = 1, x = 0, y = 0, z = 0] = q;
   return [
@@ -148,15 +148,15 @@ export function eulerOf(q: readonly number[]): MaybeVector3 {
   ];
 }
 
-/** The part of the target that the plots show; values along the heading are rotated to north. */
+/** The target for the plots: position and velocity in NED, attitude. @param yaw_rad the vehicle's yaw, to rotate a body velocity to NED. */
 export function targetOf(stream: OffboardStatus | null, setpoint: Readonly<Record<string, unknown>> | null, yaw_rad: number | null = null): Target | null {
   if (stream === null || !stream.streaming) return null;
   const q = setpoint?.['q_ned_frd'];
   const attitude_rad: MaybeVector3 = Array.isArray(q) && q.length === 4 ? eulerOf(q as number[]) : [null, null, stream.yaw_ned_rad];
   const bodyVelocity_m_s = stream.velocity_frd_m_s;
-  const rotated_ned_m_s =
+  const rotatedVelocity_ned_m_s =
     bodyVelocity_m_s === null || bodyVelocity_m_s === undefined || yaw_rad === null || bodyVelocity_m_s.some((v) => v === null)
       ? null
-      : fromHeading(bodyVelocity_m_s as Vector3, yaw_rad);
-  return { position_ned_m: stream.position_ned_m, velocity_ned_m_s: stream.velocity_ned_m_s ?? rotated_ned_m_s, attitude_rad };
+      : bodyToNed(bodyVelocity_m_s as Vector3, yaw_rad);
+  return { position_ned_m: stream.position_ned_m, velocity_ned_m_s: stream.velocity_ned_m_s ?? rotatedVelocity_ned_m_s, attitude_rad };
 }
