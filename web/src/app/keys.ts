@@ -13,9 +13,9 @@ import { shortcuts } from './shortcuts.svelte';
 import { theme } from './theme.svelte';
 
 registry.addKeys([
-  { order: 110, keys: 'Space held', what: 'Confirm, while the slider of the confirmation is focused', inScene: true },
-  { order: 120, keys: 'Esc', what: 'Cancel, close', inScene: true },
-  { order: 230, keys: 'Shift D', what: 'Light or dark theme', inScene: false, on: { 'Shift D': () => theme.toggle() } },
+  { order: 110, keys: 'Space held', description: 'Confirm, while the slider of the confirmation is focused', inScene: true },
+  { order: 120, keys: 'Esc', description: 'Cancel, close', inScene: true },
+  { order: 230, keys: 'Shift D', description: 'Light or dark theme', inScene: false, on: { 'Shift D': () => theme.toggle() } },
 ]);
 
 function closeTopmost(): boolean {

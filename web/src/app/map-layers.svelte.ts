@@ -89,7 +89,7 @@ export interface MapLayer {
 class MapLayers {
   private layers = $state.raw<readonly MapLayer[]>([]);
 
-  /** Adds a layer on top of the others. @returns a function that removes it. */
+  /** Adds a layer on top of the other layers. @returns a function that removes it. */
   show(layer: MapLayer): () => void {
     this.layers = [...this.layers, layer];
     return () => (this.layers = this.layers.filter((other) => other !== layer));

@@ -52,8 +52,8 @@ class Page {
   /** Topics of the values on the grid, in addition to the topics that the page always reads. */
   private chosenTopics: readonly string[] = [];
   /**
-   * Vehicles besides the selected one whose topics a feature needs completely, for example those with renewed
-   * setpoints.
+   * Vehicles, besides the selected vehicle, of which a feature needs all topics; for example vehicles whose setpoints this
+   * page renews.
    */
   readonly neededVehicles: (() => Iterable<string>)[] = [];
   /** Called once per painted animation frame. */

@@ -1,6 +1,6 @@
 /**
  * The registry of features. Each feature's folder has one `register.ts` that registers its rooms, panels, parts of
- * the frame, keys and services for other features. The frame (`app/frame`) draws what is registered and does not
+ * the frame, keys and services for other features. The frame (`app/frame`) draws the registered parts and does not
  * depend on features.
  */
 
@@ -13,7 +13,7 @@ export interface VehicleProps {
   facts: VehicleFacts;
 }
 
-/** A room replaces the cards beside the map with its own parts; its code is loaded when it is first opened. */
+/** A room replaces the cards beside the map with its own parts. The page loads the room's code when a person first opens it. */
 export interface Room {
   id: string;
   /** Title on the rail. */
@@ -92,7 +92,7 @@ export interface KeyLine {
   /** Text of the keys on the sheet. */
   keys: string;
   /** What the keys do. */
-  what: string;
+  description: string;
   /** The keys also work while the 3D view has the focus (it moves its camera with W A S D Q E). */
   inScene: boolean;
   order: number;

@@ -49,7 +49,7 @@ describe('a vehicle with two gimbals', () => {
     const actions = {
       pending: null,
       dismiss: () => undefined,
-      attempt: async (_what: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
+      attempt: async (_commandName: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
     } as unknown as ActionController;
     gimbal = new GimbalControl(api, actions);
     provide('gimbal', gimbal);

@@ -63,7 +63,7 @@ export class TelemetryStore {
   apply(frame: Frame): void {
     if (frame.type === 'hello') {
       this.offset_s = frame.server_time_unix_s - this.localUnixS();
-      this.replays = []; // the server sends the present replays after its hello
+      this.replays = []; // the replays of the earlier connection
     } else if (frame.type === 'samples') for (const sample of frame.samples) this.applySample(sample);
     else if (frame.type === 'event') this.applyEvent(frame.event);
     else if (frame.type === 'replays') this.replays = frame.replays;

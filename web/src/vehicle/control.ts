@@ -80,7 +80,7 @@ const MODE_SOURCES: Readonly<Record<string, string>> = {
   failsafe: 'the failsafe',
 };
 
-/** Who outside this server has set the vehicle's mode, as text; null if this server has set it or the source is not known. */
+/** Who outside this server has set the vehicle's mode, as text; null if this server has set the mode, or if nothing is known about it. */
 export function outsideText(control: Control | null): string | null {
   const cause = control?.mode_cause ?? null;
   if (cause === null) return null;

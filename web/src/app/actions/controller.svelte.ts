@@ -15,7 +15,7 @@ export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'con
 /** A confirmation for several vehicles: its present texts, and the call after confirmation. */
 export interface GroupConfirmation {
   /** The command's name. */
-  what: string;
+  commandName: string;
   /** Names of the vehicles, for the result. */
   names: string;
   question: () => Question;
@@ -42,7 +42,7 @@ export interface Running {
   id: number;
   action: ActionName;
   /** The command's name, for the progress text. */
-  what: string;
+  commandName: string;
   pagePart: PagePart;
   vehicle: string;
   vehicleName: string;
@@ -54,7 +54,7 @@ export interface Running {
 
 export interface Refusal {
   /** The command's name. */
-  what: string;
+  commandName: string;
   vehicleName: string;
   problem: Problem;
 }
@@ -97,27 +97,27 @@ export class ActionController {
   /** The confirmation's texts with the vehicle's present altitude. */
   questionFor(pending: PendingConfirmation): Question {
     const { action, facts, goal, start } = pending;
-    return pending.group?.question() ?? question(action, this.facts(this.now(facts)), goal, start) ?? pending.question;
+    return pending.group?.question() ?? question(action, this.factsFor(this.currentFacts(facts)), goal, start) ?? pending.question;
   }
 
   /** Handles a button or key: opens the confirmation, or acts immediately if none is needed. */
   request(action: ActionName, facts: VehicleFacts | null, pagePart: PagePart = 'bar', goal: Goal | null = null, start: StreamStart | null = null): void {
     if (facts === null || (action === 'goto' && goal === null)) return;
     this.dismiss(pagePart);
-    const reason = reasonUnavailable(action, { ...this.facts(facts), lost: facts.lost, replayed: facts.replayed });
+    const reason = reasonUnavailable(action, { ...this.factsFor(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
       this.pending = null;
-      this.refusals = { ...this.refusals, [pagePart]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
+      this.refusals = { ...this.refusals, [pagePart]: { commandName: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
       return;
     }
-    const withoutControl = controlProblem(action, this.facts(facts).controlHolder ?? null);
+    const withoutControl = controlProblem(action, this.factsFor(facts).controlHolder ?? null);
     if (withoutControl !== null) {
       this.pending = null;
       const problem: Problem = { ...notPossibleNow(withoutControl.detail), title: 'Not in control', code: 'not_in_control', remedy: withoutControl.remedy };
-      this.refusals = { ...this.refusals, [pagePart]: { what: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
+      this.refusals = { ...this.refusals, [pagePart]: { commandName: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
       return;
     }
-    const texts = question(action, this.facts(facts), goal, start);
+    const texts = question(action, this.factsFor(facts), goal, start);
     if (texts === null) {
       this.pending = null;
       void this.run(action, facts, pagePart);
@@ -195,17 +195,17 @@ export class ActionController {
   }
 
   /** Shows a problem that was not caused by a button, as a refusal in `pagePart`. */
-  showProblem(what: string, vehicleName: string, pagePart: PagePart, problem: Problem): void {
-    this.refusals = { ...this.refusals, [pagePart]: { what, vehicleName, problem } };
+  showProblem(commandName: string, vehicleName: string, pagePart: PagePart, problem: Problem): void {
+    this.refusals = { ...this.refusals, [pagePart]: { commandName, vehicleName, problem } };
   }
 
   /**
    * Sends a request without confirmation, for example a gimbal command, and shows its refusal in `pagePart`.
    * @returns whether the server accepted the request.
    */
-  async attempt<T>(what: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
+  async attempt<T>(commandName: string, facts: Pick<VehicleFacts, 'name'>, pagePart: PagePart, send: () => Promise<Outcome<T>>): Promise<boolean> {
     const outcome = await send();
-    const refusal = outcome.ok ? undefined : { what, vehicleName: facts.name, problem: outcome.problem };
+    const refusal = outcome.ok ? undefined : { commandName, vehicleName: facts.name, problem: outcome.problem };
     this.refusals = { ...this.refusals, [pagePart]: refusal };
     return outcome.ok;
   }
@@ -214,7 +214,7 @@ export class ActionController {
     const entry: Running = {
       id: this.nextId++,
       action,
-      what: PROGRESS_TEXTS[action],
+      commandName: PROGRESS_TEXTS[action],
       pagePart,
       vehicle: facts.id,
       vehicleName: facts.name,
@@ -222,17 +222,17 @@ export class ActionController {
       fraction: null,
     };
     this.running = [...this.running, entry];
-    const now = this.now(facts);
-    const accepted = await this.attempt(entry.what, now, pagePart, () => this.send(action, now, goal, start));
+    const current = this.currentFacts(facts);
+    const accepted = await this.attempt(entry.commandName, current, pagePart, () => this.send(action, current, goal, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
     goal?.onResult?.(accepted);
   }
 
-  private async runForGroup({ what, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
+  private async runForGroup({ commandName, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
     const entry: Running = {
       id: this.nextId++,
       action: 'offboard_start',
-      what,
+      commandName,
       pagePart,
       vehicle: SEVERAL_VEHICLES,
       vehicleName: names,
@@ -240,20 +240,20 @@ export class ActionController {
       fraction: null,
     };
     this.running = [...this.running, entry];
-    await this.attempt(what, { name: names }, pagePart, run);
+    await this.attempt(commandName, { name: names }, pagePart, run);
     this.running = this.running.filter((r) => r.id !== entry.id);
   }
 
   private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StreamStart | null): Promise<Outcome<unknown>> {
     if (action === 'offboard_start') return this.startOffboard(facts, start);
-    return send(this.api, action, this.facts(facts), goal);
+    return send(this.api, action, this.factsFor(facts), goal);
   }
 
-  private now(facts: VehicleFacts): VehicleFacts {
+  private currentFacts(facts: VehicleFacts): VehicleFacts {
     return this.current(facts.id) ?? facts;
   }
 
-  private facts(facts: VehicleFacts): ActionFacts {
+  private factsFor(facts: VehicleFacts): ActionFacts {
     const controlHolder = otherHolder(facts.control, this.api.key);
     return { ...actionFacts(facts, this.takeoffAlt_home_m), controlHolder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
   }

@@ -25,7 +25,7 @@ describe('the cameras of a vehicle', () => {
     };
     const actions = {
       dismiss: () => undefined,
-      attempt: async (_what: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
+      attempt: async (_commandName: string, _facts: unknown, _pagePart: string, send: () => Promise<{ ok: boolean }>) => (await send()).ok,
     } as unknown as ActionController;
     control = new CameraControl({ post } as unknown as ApiClient, actions);
   });

@@ -70,7 +70,7 @@ export class ControlController {
     if (event['previous_key'] !== null && event['previous_key'] !== undefined) this.denials[event.vehicle] = false;
   }
 
-  private async attempt(what: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
-    await this.actions.attempt(what, facts, 'control', send);
+  private async attempt(commandName: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
+    await this.actions.attempt(commandName, facts, 'control', send);
   }
 }

@@ -5,7 +5,7 @@ import { severityName, type SeverityName } from '../../ui/severity';
 
 export type Filter = 'errors' | 'warnings' | 'all' | 'debug';
 
-/** The largest MAV_SEVERITY (least severe) that each filter shows. */
+/** The least severe MAV_SEVERITY (largest number) that each filter shows. */
 const LEAST_SEVERE_SHOWN: Readonly<Record<Filter, number>> = { errors: 3, warnings: 4, all: 6, debug: 7 };
 
 export const FILTERS: readonly { value: Filter; text: string }[] = [
@@ -27,14 +27,14 @@ export function filterMessages(messages: readonly Message[], count: number, filt
 
 export interface Unread {
   count: number;
-  /** Severity of the most severe one. */
+  /** Tone of the most severe message. */
   tone: SeverityName['tone'];
 }
 
-/** Messages since a time, without debug ones. */
+/** Number and tone of the messages since a time, without debug messages. */
 export function unread(messages: readonly Message[], since_unix_s: number): Unread {
-  const fresh = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST_SEVERE_SHOWN.all);
-  return { count: fresh.length, tone: severityName(Math.min(7, ...fresh.map((m) => m.severity))).tone };
+  const newMessages = messages.filter((m) => m.unix_s > since_unix_s && m.severity <= LEAST_SEVERE_SHOWN.all);
+  return { count: newMessages.length, tone: severityName(Math.min(7, ...newMessages.map((m) => m.severity))).tone };
 }
 
 const KINDS: Readonly<Record<string, string>> = {
@@ -56,7 +56,7 @@ export function kindText(kind: string): string {
 /** Date and time with tenths of a second, for the details. */
 export function fullTime(unix_s: number): string {
   const date = new Date(unix_s * 1000);
-  const two = (n: number): string => String(n).padStart(2, '0');
+  const twoDigits = (n: number): string => String(n).padStart(2, '0');
   const tenth = Math.floor((unix_s % 1) * 10);
-  return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}.${tenth}`;
+  return `${date.getFullYear()}-${twoDigits(date.getMonth() + 1)}-${twoDigits(date.getDate())} ${twoDigits(date.getHours())}:${twoDigits(date.getMinutes())}:${twoDigits(date.getSeconds())}.${tenth}`;
 }

@@ -3,4 +3,6 @@ import Messages from './Messages.svelte';
 import { panel } from './panel.svelte';
 
 registry.addTo('notices', { order: 30, component: Messages });
-registry.addKeys([{ order: 170, keys: 'N', what: 'Show all messages, or only the newest', inScene: true, on: { n: () => void (panel.open = !panel.open) } }]);
+registry.addKeys([
+  { order: 170, keys: 'N', description: 'Show all messages, or only the newest', inScene: true, on: { n: () => void (panel.open = !panel.open) } },
+]);

@@ -26,9 +26,9 @@ registry.addKeys([
   {
     order: 130,
     keys: 'O',
-    what: 'Start offboard at the current position',
+    description: 'Start offboard at the current position',
     inScene: true,
     on: { o: (facts) => actions.request('offboard_start', facts, 'offboard') },
   },
-  { order: 140, keys: 'P', what: 'Offboard room: setpoints, plots, gamepad', inScene: true, on: { p: () => rooms.toggle(ROOM) } },
+  { order: 140, keys: 'P', description: 'Offboard room: setpoints, plots, gamepad', inScene: true, on: { p: () => rooms.toggle(ROOM) } },
 ]);

@@ -13,4 +13,6 @@ registry.addPanel({
   toggle: () => params.toggle(),
   close: () => params.close(),
 });
-registry.addKeys([{ order: 160, keys: 'I', what: 'Parameters: search, read, set', inScene: true, on: { i: (facts) => registry.toggle('params', facts) } }]);
+registry.addKeys([
+  { order: 160, keys: 'I', description: 'Parameters: search, read, set', inScene: true, on: { i: (facts) => registry.toggle('params', facts) } },
+]);

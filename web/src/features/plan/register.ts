@@ -16,4 +16,6 @@ registry.addRoom({
 });
 registry.addTo('cards', { order: 25, vehicleComponent: FlightCard });
 registry.addTo('cards', { order: 26, vehicleComponent: OffboardFlightCard });
-registry.addKeys([{ order: 138, keys: 'W', what: 'Plan room: waypoint plans and offboard missions', inScene: false, on: { w: () => rooms.toggle(ROOM) } }]);
+registry.addKeys([
+  { order: 138, keys: 'W', description: 'Plan room: waypoint plans and offboard missions', inScene: false, on: { w: () => rooms.toggle(ROOM) } },
+]);

@@ -20,6 +20,6 @@ registry.addPanel({
 registry.addTo('bottom', { order: 10, component: ReplayBar, when: () => replay.shown !== null });
 registry.addTo('indicators', { order: 40, component: FlightsButton });
 registry.addKeys([
-  { order: 240, keys: 'Space', what: 'Replay: play or pause', inScene: false },
-  { order: 250, keys: '← →', what: 'Replay: 5 s back or forward, 30 s with Shift', inScene: false },
+  { order: 240, keys: 'Space', description: 'Replay: play or pause', inScene: false },
+  { order: 250, keys: '← →', description: 'Replay: 5 s back or forward, 30 s with Shift', inScene: false },
 ]);

@@ -120,9 +120,9 @@ export class MapPointMenu {
     return { go: this.activeTargets.get(facts.id) ?? null, look };
   }
 
-  private async send(what: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
+  private async send(commandName: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
     this.busy = true;
-    const accepted = await this.actions.attempt(what, facts, 'stage', send);
+    const accepted = await this.actions.attempt(commandName, facts, 'stage', send);
     this.busy = false;
     await service('gimbal').fetchControlAndRoi(facts);
     if (accepted) this.close();

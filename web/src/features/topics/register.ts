@@ -14,5 +14,5 @@ registry.addPanel({
   close: () => topics.close(),
 });
 registry.addKeys([
-  { order: 165, keys: 'X', what: 'ROS 2 topics: rate, age and last message', inScene: true, on: { x: (facts) => registry.toggle('topics', facts) } },
+  { order: 165, keys: 'X', description: 'ROS 2 topics: rate, age and last message', inScene: true, on: { x: (facts) => registry.toggle('topics', facts) } },
 ]);

@@ -21,11 +21,11 @@ registry.addPanel({
 });
 registry.addTo('vehicles', { order: 10, component: VehicleBar });
 registry.addKeys([
-  { order: 218, keys: 'J', what: 'List of vehicles: find, select, hold all', inScene: true, on: { j: () => list.toggle() } },
+  { order: 218, keys: 'J', description: 'List of vehicles: find, select, hold all', inScene: true, on: { j: () => list.toggle() } },
   {
     order: 220,
     keys: '1 … 9',
-    what: 'Select a vehicle (0: the tenth)',
+    description: 'Select a vehicle (0: the tenth)',
     inScene: true,
     on: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => selectByDigit(digit)])),
   },

@@ -47,7 +47,7 @@ class GroupDraft {
     if (Object.keys(problemsOf(draft, false)).length > 0) return;
     const names = draft.members.map((id) => page.factsOf(id)?.name ?? id);
     actions.requestForGroup(
-      { what: 'Group', names: joinNames(names), question: () => startQuestion(names, draft), run: () => this.start(draft) },
+      { commandName: 'Group', names: joinNames(names), question: () => startQuestion(names, draft), run: () => this.start(draft) },
       selected,
       'room',
     );

@@ -132,8 +132,8 @@ export class GroupController {
   }
 
   /** Shows a problem, for example a refused renewal, in the room. */
-  async showProblem(what: string, vehicleName: string, problem: Problem): Promise<void> {
-    await this.actions.attempt(what, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
+  async showProblem(commandName: string, vehicleName: string, problem: Problem): Promise<void> {
+    await this.actions.attempt(commandName, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
   }
 
   private async sendRenewal(group: Group, validity: Validity): Promise<RenewalResult> {

@@ -195,13 +195,13 @@ describe('the group controller', () => {
     const stoppedRenewals: string[] = [];
     const actions = {
       attempt: async <T>(
-        what: string,
+        commandName: string,
         { name }: { name: string },
         _pagePart: string,
         send: () => Promise<{ ok: true; value: T } | { ok: false; problem: Refusal['problem'] }>,
       ): Promise<boolean> => {
         const outcome = await send();
-        if (!outcome.ok) refused.push({ what, vehicleName: name, problem: outcome.problem });
+        if (!outcome.ok) refused.push({ commandName, vehicleName: name, problem: outcome.problem });
         return outcome.ok;
       },
     };
@@ -323,7 +323,9 @@ describe('the group controller', () => {
       controller.tick('open');
       await settle();
     }
-    expect(refused.map((r) => [r.what, r.vehicleName, r.problem.detail])).toEqual([['Renewing group 1', '1 Quad, 2 Quad', 'x has control of vehicle 1.']]);
+    expect(refused.map((r) => [r.commandName, r.vehicleName, r.problem.detail])).toEqual([
+      ['Renewing group 1', '1 Quad, 2 Quad', 'x has control of vehicle 1.'],
+    ]);
     expect(calls.filter((c) => c.call.endsWith('setpoints'))).toHaveLength(1);
     expect(controller.renewedKey).toBeNull();
   });

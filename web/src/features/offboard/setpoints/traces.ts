@@ -10,7 +10,7 @@ import { bodyToNed } from './preview';
 export const WINDOW_S = 60;
 /** A longer time without a sample [s] is drawn as a gap. */
 const GAP_S = 2;
-/** Capacity for one minute at the page's telemetry rate (30 Hz). */
+/** Capacity for one minute at up to 30 samples a second. */
 const MAX_ROWS = 60 * 30;
 const DEG = 180 / Math.PI;
 
