@@ -1,13 +1,13 @@
 /**
  * One request per vehicle at a time. Parallel requests can overtake each other: a renewal sent just before a new setpoint may
- * arrive after that setpoint and replace it. So each request waits for the answer to the previous request, but not for
+ * arrive after that setpoint and replace it. So each request waits for the response to the previous request, but not for
  * long: an old request must not move the vehicle unexpectedly.
  */
 
 import type { Outcome } from './client';
 import { unreachable } from './problems';
 
-/** Longest wait for the answer to earlier requests [ms]. */
+/** Longest wait for the responses to earlier requests [ms]. */
 const MAX_WAIT_MS = 3000;
 
 export class CommandQueue {

@@ -4,6 +4,7 @@ import { ofVehicle, type ApiClient } from '../api/client';
 import type { TelemetryStore } from '../live/store';
 import type { WireEvent, WireSample } from '../live/wire';
 
+/** Length of the loaded telemetry [s]. */
 const BACKFILL_S = 300;
 
 type Raw = Record<string, unknown>;
@@ -38,8 +39,8 @@ function vehicleSamples(vehicle: Raw): WireSample[] {
   const add = (topic: string, value: unknown, received_unix_s: unknown): void => {
     if (typeof value !== 'object' || value === null) return;
     // A value without a time counts as older than any sample from the socket, which sends some values only once.
-    const at = typeof received_unix_s === 'number' ? received_unix_s : 0;
-    samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s: at, value });
+    const time_unix_s = typeof received_unix_s === 'number' ? received_unix_s : 0;
+    samples.push({ vehicle: id, topic, vehicle_time_boot_s: null, received_unix_s: time_unix_s, value });
   };
   add('identity', vehicle['identity'], null);
   const topics = vehicle['topics'];

@@ -7,7 +7,7 @@ import { widest, type Edge } from './free-area';
 
 let panels = $state.raw<ReadonlyMap<HTMLElement, { edge: Edge; px: number }>>(new Map());
 
-/** The widest panel at each edge [px]. */
+/** Width or height that panels cover at each edge [px]. */
 export function covered(): Record<Edge, number> {
   return widest(panels.values());
 }
@@ -19,14 +19,14 @@ export function covers(panel: HTMLElement, edge: Edge): { destroy: () => void } 
     const others = [...panels].filter(([other]) => other !== panel);
     panels = new Map(px > 0 ? [...others, [panel, { edge, px }]] : others);
   };
-  const sizes = new ResizeObserver(() => {
+  const observer = new ResizeObserver(() => {
     const box = panel.getBoundingClientRect(); // includes the panels' magnification on large screens
     setCovered(Math.round(edge === 'bottom' || edge === 'top' ? box.height : box.width));
   });
-  sizes.observe(panel);
+  observer.observe(panel);
   return {
     destroy: () => {
-      sizes.disconnect();
+      observer.disconnect();
       setCovered(0);
     },
   };

@@ -19,10 +19,10 @@ export interface Identity {
   key: string | null;
 }
 
-type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
+type KeyValueStorage = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
 
 /** The browser's storage; if it is disabled, values are kept until the page closes. */
-export function memory(storage: () => Memory): Memory {
+export function availableStorage(storage: () => KeyValueStorage): KeyValueStorage {
   try {
     const available = storage();
     available.getItem(ID); // throws if storage is disabled
@@ -34,7 +34,7 @@ export function memory(storage: () => Memory): Memory {
 }
 
 /** The stored identity of this tab; a new identity if none is stored, or if the stored id belongs to another tab. */
-export function identity(tab: Memory, browser: Memory, random: () => number = Math.random): Identity {
+export function loadIdentity(tab: KeyValueStorage, browser: KeyValueStorage, random: () => number = Math.random): Identity {
   const known = tab.getItem(UNLOADED) === null ? null : tab.getItem(ID);
   tab.removeItem(UNLOADED);
   const id =
@@ -49,12 +49,12 @@ export function identity(tab: Memory, browser: Memory, random: () => number = Ma
 }
 
 /** Called when the page unloads, so that the next page in this tab is the same client. */
-export function markUnloaded(tab: Memory): void {
+export function markUnloaded(tab: KeyValueStorage): void {
   tab.setItem(UNLOADED, '1');
 }
 
 /** Sets the person's name for this browser's pages; empty restores the default name. */
-export function rename(identity: Identity, name: string, browser: Memory): void {
+export function rename(identity: Identity, name: string, browser: KeyValueStorage): void {
   const chosen = name.trim().slice(0, MAX_NAME_LENGTH);
   if (chosen === '') browser.removeItem(NAME);
   else browser.setItem(NAME, chosen);

@@ -20,7 +20,7 @@ export class KeyGuard<T = EventTarget> {
   constructor(private readonly hasJustClosed: () => boolean = () => false) {}
 
   /** A key was pressed. @returns true: the page must ignore the event. */
-  down(event: PressedKey<T>): boolean {
+  blocksDown(event: PressedKey<T>): boolean {
     if (!PRESS_KEYS.has(event.key)) return false;
     if (event.repeat !== true && this.hasJustClosed()) {
       this.pressedOn.delete(event.key);
@@ -32,7 +32,7 @@ export class KeyGuard<T = EventTarget> {
   }
 
   /** A key was released. @returns true: the page must ignore the event. */
-  up(event: PressedKey<T>): boolean {
+  blocksUp(event: PressedKey<T>): boolean {
     if (!PRESS_KEYS.has(event.key)) return false;
     const isSameControl = this.pressedOn.has(event.key) && this.pressedOn.get(event.key) === event.target;
     this.pressedOn.delete(event.key);

@@ -84,37 +84,37 @@ describe('a pressed character', () => {
 describe('a key pressed on one control', () => {
   it('acts on this control while it is held', () => {
     const guard = new KeyGuard<string>();
-    expect(guard.down({ key: ' ', target: 'slider' })).toBe(false);
-    expect(guard.down({ key: ' ', target: 'slider', repeat: true })).toBe(false);
-    expect(guard.up({ key: ' ', target: 'slider' })).toBe(false);
+    expect(guard.blocksDown({ key: ' ', target: 'slider' })).toBe(false);
+    expect(guard.blocksDown({ key: ' ', target: 'slider', repeat: true })).toBe(false);
+    expect(guard.blocksUp({ key: ' ', target: 'slider' })).toBe(false);
   });
   it.each([' ', 'Enter'])('acts on no other control while it is held (%j)', (key) => {
     const guard = new KeyGuard<string>();
-    guard.down({ key, target: 'slider' });
-    expect(guard.down({ key, target: 'Stop motors', repeat: true })).toBe(true);
-    expect(guard.up({ key, target: 'Stop motors' })).toBe(true);
-    expect(guard.down({ key, target: 'Stop motors' })).toBe(false); // a new press acts
+    guard.blocksDown({ key, target: 'slider' });
+    expect(guard.blocksDown({ key, target: 'Stop motors', repeat: true })).toBe(true);
+    expect(guard.blocksUp({ key, target: 'Stop motors' })).toBe(true);
+    expect(guard.blocksDown({ key, target: 'Stop motors' })).toBe(false); // a new press acts
   });
   it('acts on nothing in this window if it was pressed in another window', () => {
     const guard = new KeyGuard<string>();
-    expect(guard.down({ key: 'Enter', target: 'slider', repeat: true })).toBe(true);
-    guard.down({ key: ' ', target: 'slider' });
+    expect(guard.blocksDown({ key: 'Enter', target: 'slider', repeat: true })).toBe(true);
+    guard.blocksDown({ key: ' ', target: 'slider' });
     guard.clear();
-    expect(guard.up({ key: ' ', target: 'slider' })).toBe(true);
+    expect(guard.blocksUp({ key: ' ', target: 'slider' })).toBe(true);
   });
   it('acts on nothing just after a confirmation closed without a key press', () => {
     let hasJustClosed = true;
     const guard = new KeyGuard<string>(() => hasJustClosed);
-    expect(guard.down({ key: ' ', target: 'Up 1 m more' })).toBe(true);
+    expect(guard.blocksDown({ key: ' ', target: 'Up 1 m more' })).toBe(true);
     hasJustClosed = false;
-    expect(guard.down({ key: ' ', target: 'Up 1 m more', repeat: true })).toBe(true);
-    expect(guard.up({ key: ' ', target: 'Up 1 m more' })).toBe(true);
-    expect(guard.down({ key: ' ', target: 'Up 1 m more' })).toBe(false);
+    expect(guard.blocksDown({ key: ' ', target: 'Up 1 m more', repeat: true })).toBe(true);
+    expect(guard.blocksUp({ key: ' ', target: 'Up 1 m more' })).toBe(true);
+    expect(guard.blocksDown({ key: ' ', target: 'Up 1 m more' })).toBe(false);
   });
   it('does not affect other keys', () => {
     const guard = new KeyGuard<string>();
-    expect(guard.down({ key: 'h', target: 'a', repeat: true })).toBe(false);
-    expect(guard.up({ key: 'h', target: 'b' })).toBe(false);
+    expect(guard.blocksDown({ key: 'h', target: 'a', repeat: true })).toBe(false);
+    expect(guard.blocksUp({ key: 'h', target: 'b' })).toBe(false);
   });
 });
 
@@ -127,10 +127,10 @@ describe('single-key shortcuts', () => {
       removeItem: (key: string) => void stored.delete(key),
     };
     const first = new Shortcuts(storage);
-    expect(first.on).toBe(true);
+    expect(first.enabled).toBe(true);
     first.set(false);
-    expect(new Shortcuts(storage).on).toBe(false);
+    expect(new Shortcuts(storage).enabled).toBe(false);
     new Shortcuts(storage).set(true);
-    expect(new Shortcuts(storage).on).toBe(true);
+    expect(new Shortcuts(storage).enabled).toBe(true);
   });
 });

@@ -15,7 +15,7 @@ import { theme } from './theme.svelte';
 registry.addKeys([
   { order: 110, keys: 'Space held', description: 'Confirm, while the slider of the confirmation is focused', inScene: true },
   { order: 120, keys: 'Esc', description: 'Cancel, close', inScene: true },
-  { order: 230, keys: 'Shift D', description: 'Light or dark theme', inScene: false, on: { 'Shift D': () => theme.toggle() } },
+  { order: 230, keys: 'Shift D', description: 'Light or dark theme', inScene: false, handlers: { 'Shift D': () => theme.toggle() } },
 ]);
 
 function closeTopmost(): boolean {
@@ -33,9 +33,9 @@ function handleShortcut(event: KeyboardEvent): boolean {
   if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return false;
   if (event.key === 'Escape') return event.repeat || closeTopmost();
   const key = characterOf(event);
-  if (event.repeat || !shortcuts.on || !isShortcut(key, event.target as KeyTarget | null)) return false;
+  if (event.repeat || !shortcuts.enabled || !isShortcut(key, event.target as KeyTarget | null)) return false;
   const name = nameOfKey(key, event.shiftKey);
-  const handler = registry.keys.find((line) => line.on !== undefined && name in line.on)?.on?.[name];
+  const handler = registry.keys.find((line) => line.handlers !== undefined && name in line.handlers)?.handlers?.[name];
   return handler !== undefined && handler(page.facts) !== false;
 }
 
@@ -49,10 +49,10 @@ export function listenToKeys(target: Window): () => void {
   };
   // Runs before any control handles the event: a key pressed on one control must not act on another control.
   const guardDown = (event: KeyboardEvent): void => {
-    if (guard.down(event)) stop(event);
+    if (guard.blocksDown(event)) stop(event);
   };
   const guardUp = (event: KeyboardEvent): void => {
-    if (guard.up(event)) event.preventDefault(); // the event is not stopped: a control that waits for the release still gets it
+    if (guard.blocksUp(event)) event.preventDefault(); // the event is not stopped: a control that waits for the release still gets it
   };
   const handleDown = (event: KeyboardEvent): void => {
     if (inScene && /^[wasdqe]$/i.test(event.key)) return; // these keys move the 3D view's camera

@@ -12,7 +12,7 @@ import type { VehicleState } from '../live/vehicle-state';
 import { readOffboard } from '../vehicle/offboard';
 import { vehicleFacts, type VehicleFacts } from '../vehicle/facts';
 import { loadFleet, loadHistory } from './backfill';
-import { identity, markUnloaded, memory, rename } from './identity';
+import { availableStorage, loadIdentity, markUnloaded, rename } from './identity';
 
 /** Repaint interval without new data [ms], so that ages and remaining times advance. */
 const QUIET_REPAINT_MS = 200;
@@ -21,11 +21,11 @@ const FLEET_REPAINT_MS = 500;
 
 class Page {
   readonly store = new TelemetryStore();
-  private readonly tab = memory(() => sessionStorage);
+  private readonly tab = availableStorage(() => sessionStorage);
   readonly identity = $state(
-    identity(
+    loadIdentity(
       this.tab,
-      memory(() => localStorage),
+      availableStorage(() => localStorage),
     ),
   );
   /** The API client. If the server rejects the token, the client reloads the page, and the server shows its sign-in page. */
@@ -103,7 +103,7 @@ class Page {
     rename(
       this.identity,
       name,
-      memory(() => localStorage),
+      availableStorage(() => localStorage),
     );
   }
 
@@ -176,7 +176,7 @@ class Page {
   }
 
   /** Whether the server streams setpoints to a vehicle now. */
-  streaming(id: string): boolean {
+  isStreaming(id: string): boolean {
     return readOffboard(this.store.vehicles.get(id)?.raw('offboard')?.value)?.streaming ?? false;
   }
 

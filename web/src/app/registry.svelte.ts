@@ -97,10 +97,10 @@ export interface KeyLine {
   inScene: boolean;
   order: number;
   /**
-   * Handlers by key: `h`, `Shift L`, `?`, `0`–`9`. They return false if the key had no effect. Missing: a control
-   * handles its keys itself.
+   * Handlers by key: `h`, `Shift L`, `?`, `0`–`9`. A handler returns false if the key had no effect. Missing: a control
+   * handles its keys without the registry.
    */
-  on?: Readonly<Record<string, (facts: VehicleFacts | null) => boolean | void>>;
+  handlers?: Readonly<Record<string, (facts: VehicleFacts | null) => boolean | void>>;
 }
 
 /** A part of the page that Escape closes. */

@@ -47,7 +47,7 @@ export interface Services {
     /** More positions of the shown plan are known: the 3D view fits the plan again, unless a person has moved the camera. */
     refitPlan: () => void;
     /** The middle of the part of the large view that no panel covers, and the distance from there to the edge of this part; null: no ground in the middle. */
-    visibleMiddle: () => { readonly at: GeoPosition; readonly reach_m: number } | null;
+    visibleMiddle: () => { readonly at: GeoPosition; readonly edgeDistance_m: number } | null;
   };
 }
 

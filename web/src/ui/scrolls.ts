@@ -8,14 +8,14 @@ export function scrolls(box: HTMLElement): { destroy: () => void } {
     if (overflows) box.tabIndex = 0;
     else box.removeAttribute('tabindex');
   };
-  const sizes = new ResizeObserver(update);
-  const content = new MutationObserver(update);
-  sizes.observe(box);
-  content.observe(box, { childList: true, subtree: true, characterData: true });
+  const sizeObserver = new ResizeObserver(update);
+  const contentObserver = new MutationObserver(update);
+  sizeObserver.observe(box);
+  contentObserver.observe(box, { childList: true, subtree: true, characterData: true });
   return {
     destroy: () => {
-      sizes.disconnect();
-      content.disconnect();
+      sizeObserver.disconnect();
+      contentObserver.disconnect();
     },
   };
 }

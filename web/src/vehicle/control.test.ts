@@ -1,6 +1,17 @@
 import { describe, expect, it } from 'vitest';
-import { identity, markUnloaded, rename } from '../app/identity';
-import { chipText, forceHint, controlProblem, otherHolder, outsideText, ownRequest, readControl, controlState, requestToAnswer, type Control } from './control';
+import { loadIdentity, markUnloaded, rename } from '../app/identity';
+import {
+  chipText,
+  forceHint,
+  controlProblem,
+  otherControlHolder,
+  externalModeText,
+  requestOfThisPage,
+  readControl,
+  controlState,
+  requestToAnswer,
+  type Control,
+} from './control';
 
 const FREE: Control = {
   holder: null,
@@ -37,7 +48,7 @@ describe('control', () => {
       'Anna has control',
       'Control is free',
     ]);
-    expect(otherHolder(ANNA_CONTROLS, 'a')).toBeNull();
+    expect(otherControlHolder(ANNA_CONTROLS, 'a')).toBeNull();
     expect(readControl({ holder: 'x' })).toBeNull();
   });
   it('blocks commands that need control, but never Hold, Land now and Stop motors', () => {
@@ -49,7 +60,7 @@ describe('control', () => {
     const requested = { ...ANNA_CONTROLS, requests: [REQUEST] };
     expect(requestToAnswer(requested, 'a')).toEqual(REQUEST);
     expect(requestToAnswer(requested, 'b')).toBeNull();
-    expect(ownRequest(requested, 'b')).toEqual(REQUEST);
+    expect(requestOfThisPage(requested, 'b')).toEqual(REQUEST);
   });
   it('can be taken by force only after a request that was denied or not answered', () => {
     expect(forceHint(ANNA_CONTROLS, 'b', false)).toBe('Anna is connected, so request control first. If Anna does not answer, you can take control by force.');
@@ -63,10 +74,10 @@ describe('control', () => {
       ...FREE,
       mode_cause: { source, who, text: '', since_unix_s: 1 } as Control['mode_cause'],
     });
-    expect(outsideText(cause('pilot'))).toBe('mode set by the RC pilot');
-    expect(outsideText(cause('station', 'station 245/190'))).toBe('mode set by station 245/190');
-    expect(outsideText(cause('command', 'Anna'))).toBeNull();
-    expect(outsideText(FREE)).toBeNull();
+    expect(externalModeText(cause('pilot'))).toBe('mode set by the RC pilot');
+    expect(externalModeText(cause('station', 'station 245/190'))).toBe('mode set by station 245/190');
+    expect(externalModeText(cause('command', 'Anna'))).toBeNull();
+    expect(externalModeText(FREE)).toBeNull();
   });
 });
 
@@ -74,18 +85,18 @@ describe('the page’s identity', () => {
   it('stays the same after a reload, and differs in a duplicated tab', () => {
     const tab = memory();
     const browser = memory();
-    const first = identity(tab, browser);
-    expect(identity(tab, browser).id).not.toBe(first.id); // a duplicated tab: the original is still open
-    const second = identity(tab, browser);
+    const first = loadIdentity(tab, browser);
+    expect(loadIdentity(tab, browser).id).not.toBe(first.id); // a duplicated tab: the original is still open
+    const second = loadIdentity(tab, browser);
     markUnloaded(tab);
-    expect(identity(tab, browser).id).toBe(second.id);
+    expect(loadIdentity(tab, browser).id).toBe(second.id);
   });
   it('stores a person’s name in the browser', () => {
     const browser = memory();
-    const own = identity(memory(), browser);
+    const own = loadIdentity(memory(), browser);
     expect(own.name).toMatch(/^page-[0-9a-f]{4}$/);
     rename(own, '  Anna ', browser);
-    expect([own.name, identity(memory(), browser).name]).toEqual(['Anna', 'Anna']);
+    expect([own.name, loadIdentity(memory(), browser).name]).toEqual(['Anna', 'Anna']);
     rename(own, '', browser);
     expect(own.name).toMatch(/^page-/);
   });

@@ -22,7 +22,7 @@ export function controlState(control: Control | null, key: string | null): Contr
 }
 
 /** Name of another client that has control; null: this page may send commands. */
-export function otherHolder(control: Control | null, key: string | null): string | null {
+export function otherControlHolder(control: Control | null, key: string | null): string | null {
   return controlState(control, key) === 'others' ? (control?.holder ?? null) : null;
 }
 
@@ -54,7 +54,7 @@ export function sinceText(control: Control): string {
 }
 
 /** This page's request that waits for an answer; null if there is none. */
-export function ownRequest(control: Control | null, key: string | null): ControlRequest | null {
+export function requestOfThisPage(control: Control | null, key: string | null): ControlRequest | null {
   return control?.requests.find((request) => request.key === key) ?? null;
 }
 
@@ -65,7 +65,7 @@ export function requestToAnswer(control: Control | null, key: string | null): Co
 
 /** Why this page cannot take control by force yet; null if it can. */
 export function forceHint(control: Control, key: string | null, denied: boolean): string | null {
-  const request = ownRequest(control, key);
+  const request = requestOfThisPage(control, key);
   const holder = control.holder ?? 'The controlling client';
   if (!control.can_be_asked || denied) return null;
   if (request === null)
@@ -81,7 +81,7 @@ const MODE_SOURCES: Readonly<Record<string, string>> = {
 };
 
 /** Who outside this server has set the vehicle's mode, as text; null if this server has set the mode, or if nothing is known about it. */
-export function outsideText(control: Control | null): string | null {
+export function externalModeText(control: Control | null): string | null {
   const cause = control?.mode_cause ?? null;
   if (cause === null) return null;
   const source = MODE_SOURCES[cause.source];

@@ -34,7 +34,7 @@ export interface VehicleFacts {
   /** Who may command the vehicle; null for a replay, and before the server has sent it. */
   control: Control | null;
   /** Horizontal distance from home. */
-  fromHome_m: number | null;
+  homeDistance_m: number | null;
   /** Components that have sent a heartbeat: autopilot, gimbals, cameras, companion computers. */
   components: readonly Component[];
   /** Protocols of the vehicle's links; null before the server has sent them. */
@@ -72,6 +72,6 @@ export function vehicleFacts(vehicle: VehicleState, now_unix_s: number, connecte
     control: readControl(vehicle.raw('control')?.value),
     components: vehicle.readAs<readonly Component[]>('components', now_unix_s)?.value ?? [],
     reach: vehicle.readAs<Reach>('reach', now_unix_s)?.value ?? null,
-    fromHome_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
+    homeDistance_m: global === null || home === null ? null : groundDistance_m(home.value, global.value),
   };
 }

@@ -117,12 +117,12 @@ export function lengthText(length_m: number): string {
 }
 
 /**
- * The point that is nearest to the pixel `at`, within `reach_px`; null if there is none.
+ * The point that is nearest to the pixel `at`, within `maxDistance_px`; null if there is none.
  * @param pixelOf a point's pixel; null: it is not visible.
  */
-export function nearestWithin<T>(pixelOf: (point: T) => Pixel | null, at: Pixel, points: readonly T[], reach_px: number): T | null {
+export function nearestWithin<T>(pixelOf: (point: T) => Pixel | null, at: Pixel, points: readonly T[], maxDistance_px: number): T | null {
   let best: T | null = null;
-  let bestDistance = reach_px;
+  let bestDistance = maxDistance_px;
   for (const point of points) {
     const pixel = pixelOf(point);
     const distance = pixel === null ? Infinity : Math.hypot(pixel.x - at.x, pixel.y - at.y);
@@ -140,7 +140,7 @@ export function isSameStart(position: GeoPosition, start: GeoPosition): boolean 
 }
 
 /** The position at `offset` from the map's middle, and the distance from there to the nearest edge of the map. */
-export function offsetMiddle(view: MapView, { x, y }: Pixel): { at: GeoPosition; reach_m: number } {
-  const reach_px = Math.min(view.width / 2 - Math.abs(x), view.height / 2 - Math.abs(y));
-  return { at: fromPixel(view, { x: view.width / 2 + x, y: view.height / 2 + y }), reach_m: reach_px / pixelsPerMetre(view) };
+export function offsetMiddle(view: MapView, { x, y }: Pixel): { at: GeoPosition; edgeDistance_m: number } {
+  const edgeDistance_px = Math.min(view.width / 2 - Math.abs(x), view.height / 2 - Math.abs(y));
+  return { at: fromPixel(view, { x: view.width / 2 + x, y: view.height / 2 + y }), edgeDistance_m: edgeDistance_px / pixelsPerMetre(view) };
 }

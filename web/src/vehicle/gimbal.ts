@@ -19,7 +19,7 @@ export interface Angles {
 }
 
 /** The reported limits, or default values. */
-export function limits(gimbal: Gimbal | null): AngleLimits {
+export function angleLimits(gimbal: Gimbal | null): AngleLimits {
   const pitchMin = toDeg(gimbal?.pitch_min_rad ?? null);
   const pitchMax = toDeg(gimbal?.pitch_max_rad ?? null);
   const yawMin = toDeg(gimbal?.yaw_min_rad ?? null);
@@ -54,7 +54,7 @@ export function gimbalsOf(facts: VehicleFacts): VehicleFacts[] {
 }
 
 /** Path and query parameters of a call to a gimbal; a vehicle with one gimbal needs no gimbal id. */
-export function ofGimbal(facts: VehicleFacts): { params: { path: { v: string }; query?: { component: number; device?: number } } } {
+export function gimbalParams(facts: VehicleFacts): { params: { path: { v: string }; query?: { component: number; device?: number } } } {
   const path = { v: facts.id };
   const gimbal = facts.gimbal?.value;
   if (gimbal === undefined || gimbal.gimbals.length === 0) return { params: { path } };

@@ -3,7 +3,7 @@
 import type { DistanceSensors, ObstacleDistance } from '../live/topics';
 import { positionAt, type GeoPosition } from './geo';
 
-/** Older measurements are not shown [s]. PX4 sends DISTANCE_SENSOR every two seconds by default. */
+/** Measurements older than this are not shown [s]. PX4 sends DISTANCE_SENSOR every two seconds by default. */
 export const MAX_AGE_S = 2.5;
 /** Sensors that look more than 45° up or down are ignored, because they detect no obstacle beside the vehicle (sine of 45°). */
 const MAX_SLOPE = 0.7;

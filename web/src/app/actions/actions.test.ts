@@ -9,7 +9,7 @@ const facts: ActionFacts = {
   armed: true,
   inAir: true,
   alt_home_m: 12.44,
-  fromHome_m: 48.2,
+  homeDistance_m: 48.2,
   mode: 'offboard',
   streaming: true,
   takeoffAlt_home_m: 10,
@@ -21,7 +21,7 @@ describe('actions', () => {
     expect(question('rtl', facts)).toMatchObject({ title: 'Return 1 Quad', effect: expect.stringContaining('48.2 m back') });
     expect(question('rtl', facts)?.effect).toContain('Offboard ends.');
     expect(question('takeoff', { ...facts, armed: false })?.effect).toBe('Arms, climbs to 10.0 m above home and holds there. Battery 82 %.');
-    expect(question('land', { ...facts, fromHome_m: null })?.effect).toContain('an unknown distance');
+    expect(question('land', { ...facts, homeDistance_m: null })?.effect).toContain('an unknown distance');
   });
   it('state that the vehicle falls, and send the confirmation text that the server requires', () => {
     expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });

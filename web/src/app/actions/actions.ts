@@ -14,7 +14,7 @@ export interface ActionFacts {
   armed: boolean;
   inAir: boolean;
   alt_home_m: number | null;
-  fromHome_m: number | null;
+  homeDistance_m: number | null;
   mode: string;
   streaming: boolean;
   takeoffAlt_home_m: number;
@@ -59,10 +59,10 @@ function altitudeNow(facts: ActionFacts): string {
 /** The altitude and distance of the return flight, as far as known. */
 function returnText(facts: ActionFacts): string {
   const alt_m = facts.returnAlt_home_m ?? null;
-  if (alt_m === null) return `Climbs to the return altitude, flies ${distanceText(facts.fromHome_m)} back`;
+  if (alt_m === null) return `Climbs to the return altitude, flies ${distanceText(facts.homeDistance_m)} back`;
   if (facts.alt_home_m !== null && facts.alt_home_m >= alt_m)
-    return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${distanceText(facts.fromHome_m)} back`;
-  return `Climbs to the return altitude, ${fixed(alt_m, 0)} m above home (lower near home), flies ${distanceText(facts.fromHome_m)} back`;
+    return `Stays at ${fixed(facts.alt_home_m, 1)} m above home, flies ${distanceText(facts.homeDistance_m)} back`;
+  return `Climbs to the return altitude, ${fixed(alt_m, 0)} m above home (lower near home), flies ${distanceText(facts.homeDistance_m)} back`;
 }
 
 /** The confirmation's texts; null if the action needs no confirmation, as Hold. */
@@ -96,7 +96,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land':
       return {
         title: `Land ${name}`,
-        effect: `Descends from ${altitudeNow(facts)} at its current position, ${distanceText(facts.fromHome_m)} from home, and disarms.${offboardEnds}`,
+        effect: `Descends from ${altitudeNow(facts)} at its current position, ${distanceText(facts.homeDistance_m)} from home, and disarms.${offboardEnds}`,
         verb: 'Land',
         danger: false,
       };
@@ -186,7 +186,7 @@ export function reasonUnavailable(action: ActionName, facts: ActionFacts & { los
 }
 
 /** Name of each action for progress texts and refusals. */
-export const PROGRESS_TEXTS: Readonly<Record<ActionName, string>> = {
+export const ACTION_NAMES: Readonly<Record<ActionName, string>> = {
   arm: 'Arming',
   disarm: 'Disarming',
   takeoff: 'Take-off',
@@ -208,7 +208,7 @@ export function actionFacts(facts: VehicleFacts, takeoffAlt_home_m: number): Act
     armed: facts.status?.value.armed ?? false,
     inAir: facts.inAir,
     alt_home_m: facts.global?.value.alt_home_m ?? null,
-    fromHome_m: facts.fromHome_m,
+    homeDistance_m: facts.homeDistance_m,
     mode: facts.status?.value.mode ?? '',
     streaming: facts.offboard?.streaming ?? false,
     takeoffAlt_home_m,

@@ -26,7 +26,7 @@ export class Confirmation {
   private held_s = 0;
   /** Position of the knob, 0–1, set by a pointer or by arrow keys. */
   private knobPosition = 0;
-  private sliding = false;
+  private isSliding = false;
 
   constructor(
     readonly danger: boolean,
@@ -48,7 +48,7 @@ export class Confirmation {
   /** Space or Enter was pressed on the knob; the keyboard's repeats have no effect. */
   press(now_s: number): void {
     if (this.blocked) this.touch(now_s);
-    else if (this.phase === 'asking' && this.lastTick_s === null && !this.sliding) {
+    else if (this.phase === 'asking' && this.lastTick_s === null && !this.isSliding) {
       this.lastTick_s = now_s;
       this.held_s = 0;
     }
@@ -64,7 +64,7 @@ export class Confirmation {
   /** An arrow key moved the knob by this many steps. The knob stays there until it is moved again or loses the focus. */
   step(steps: number, now_s: number): void {
     this.touch(now_s);
-    if (this.phase !== 'asking' || this.blocked || this.sliding || this.lastTick_s !== null) return;
+    if (this.phase !== 'asking' || this.blocked || this.isSliding || this.lastTick_s !== null) return;
     this.knobPosition = Math.min(1, Math.max(0, Math.round(this.knobPosition * KNOB_STEPS + steps) / KNOB_STEPS));
     if (this.knobPosition >= 1) this.phase = 'confirmed';
   }
@@ -73,7 +73,7 @@ export class Confirmation {
   slide(fraction: number, now_s: number): void {
     if (this.blocked) this.touch(now_s);
     if (this.phase !== 'asking' || this.blocked || this.lastTick_s !== null) return;
-    this.sliding = true;
+    this.isSliding = true;
     this.knobPosition = Math.min(1, Math.max(0, fraction));
     if (this.knobPosition >= 1) this.phase = 'confirmed';
     this.touch(now_s);
@@ -81,7 +81,7 @@ export class Confirmation {
 
   /** The pointer released the knob: the knob returns to its start. */
   letGo(now_s: number): void {
-    this.sliding = false;
+    this.isSliding = false;
     this.knobPosition = 0;
     this.touch(now_s);
   }
@@ -107,7 +107,7 @@ export class Confirmation {
   }
 
   private isHeld(): boolean {
-    return this.lastTick_s !== null || this.sliding;
+    return this.lastTick_s !== null || this.isSliding;
   }
 
   private holdTime_s(): number {

@@ -4,8 +4,8 @@ import type { VehicleFacts } from '../../vehicle/facts';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import { controlProblem, otherHolder } from '../../vehicle/control';
-import { actionFacts, PROGRESS_TEXTS, question, send, reasonUnavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
+import { controlProblem, otherControlHolder } from '../../vehicle/control';
+import { actionFacts, ACTION_NAMES, question, send, reasonUnavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
@@ -23,7 +23,7 @@ export interface GroupConfirmation {
 }
 
 /** Used as the vehicle id of a command to several vehicles. */
-export const SEVERAL_VEHICLES = 'together';
+export const SEVERAL_VEHICLES = 'several';
 
 export interface PendingConfirmation {
   action: ActionName;
@@ -107,14 +107,14 @@ export class ActionController {
     const reason = reasonUnavailable(action, { ...this.factsFor(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
       this.pending = null;
-      this.refusals = { ...this.refusals, [pagePart]: { commandName: PROGRESS_TEXTS[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
+      this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
       return;
     }
     const withoutControl = controlProblem(action, this.factsFor(facts).controlHolder ?? null);
     if (withoutControl !== null) {
       this.pending = null;
       const problem: Problem = { ...notPossibleNow(withoutControl.detail), title: 'Not in control', code: 'not_in_control', remedy: withoutControl.remedy };
-      this.refusals = { ...this.refusals, [pagePart]: { commandName: PROGRESS_TEXTS[action], vehicleName: facts.name, problem } };
+      this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem } };
       return;
     }
     const texts = question(action, this.factsFor(facts), goal, start);
@@ -214,7 +214,7 @@ export class ActionController {
     const entry: Running = {
       id: this.nextId++,
       action,
-      commandName: PROGRESS_TEXTS[action],
+      commandName: ACTION_NAMES[action],
       pagePart,
       vehicle: facts.id,
       vehicleName: facts.name,
@@ -254,7 +254,7 @@ export class ActionController {
   }
 
   private factsFor(facts: VehicleFacts): ActionFacts {
-    const controlHolder = otherHolder(facts.control, this.api.key);
+    const controlHolder = otherControlHolder(facts.control, this.api.key);
     return { ...actionFacts(facts, this.takeoffAlt_home_m), controlHolder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };
   }
 

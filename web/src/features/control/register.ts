@@ -11,12 +11,12 @@ registry.addTo('indicators', { order: 20, vehicleComponent: ControlChip, when: i
 registry.addTo('notices', { order: 20, vehicleComponent: ControlPrompt });
 registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (control.open = false) });
 registry.addKeys([
-  { order: 60, keys: 'C', description: 'Who has control: take it, request it, release it', inScene: true, on: { c: () => control.toggle() } },
+  { order: 60, keys: 'C', description: 'Who has control: take it, request it, release it', inScene: true, handlers: { c: () => control.toggle() } },
   {
     order: 70,
     keys: 'G',
     description: 'Give control to the client that requests it; Shift G keeps it',
     inScene: false,
-    on: { g: (facts) => control.answer(facts, true), 'Shift G': (facts) => control.answer(facts, false) },
+    handlers: { g: (facts) => control.answer(facts, true), 'Shift G': (facts) => control.answer(facts, false) },
   },
 ]);

@@ -5,7 +5,7 @@ import type { components } from '../../api/schema';
 import type { ApiClient, Outcome } from '../../api/client';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { LatestSender } from './latest-sender';
-import { gimbalKey, limits, ofGimbal, withGimbal, type Angles } from '../../vehicle/gimbal';
+import { gimbalKey, angleLimits, gimbalParams, withGimbal, type Angles } from '../../vehicle/gimbal';
 import { clamp } from './pad';
 
 /**
@@ -36,8 +36,8 @@ export class GimbalControl {
   private settleTimer: ReturnType<typeof setTimeout> | undefined;
   /** Number of commands sent so far. */
   private sentCount = 0;
-  /** The server's latest response for each gimbal: whether the server was in control of the gimbal (`mine`), and the ROI. */
-  private responses = $state.raw<Readonly<Record<string, { holder: string; mine: boolean; roi: Roi | null }>>>({});
+  /** The server's latest response for each gimbal: whether the server was in control of the gimbal (`inControl`), and the ROI. */
+  private responses = $state.raw<Readonly<Record<string, { holder: string; inControl: boolean; roi: Roi | null }>>>({});
   private readonly sender: LatestSender<QueuedCommand>;
   /** The gimbal that a held arrow turns. On release this gimbal stops, even if the card shows another gimbal by then. */
   private turnedGimbal: VehicleFacts | null = null;
@@ -52,15 +52,15 @@ export class GimbalControl {
   /** Whether this server controls the gimbal; false until the server has confirmed that. */
   inControl(facts: VehicleFacts): boolean {
     const response = this.responses[gimbalKey(facts)];
-    return response !== undefined && response.mine && response.holder === holderKey(facts);
+    return response !== undefined && response.inControl && response.holder === holderKey(facts);
   }
 
   /** Reads from the server whether it controls the gimbal, and the ROI; called also when the gimbal reports another controller. */
   async fetchControlAndRoi(facts: VehicleFacts): Promise<void> {
     const [key, holder] = [gimbalKey(facts), holderKey(facts)];
-    const response = await this.api.get('/vehicles/{v}/gimbal', ofGimbal(facts));
+    const response = await this.api.get('/vehicles/{v}/gimbal', gimbalParams(facts));
     if (!response.ok) return;
-    this.responses = { ...this.responses, [key]: { holder, mine: response.value.in_control, roi: response.value.roi } };
+    this.responses = { ...this.responses, [key]: { holder, inControl: response.value.in_control, roi: response.value.roi } };
   }
 
   /**
@@ -72,7 +72,7 @@ export class GimbalControl {
 
   async clearRoi(facts: VehicleFacts): Promise<void> {
     this.busy = true;
-    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', ofGimbal(facts)));
+    await this.actions.attempt('Clear ROI', facts, 'gimbal', () => this.api.post('/vehicles/{v}/gimbal/roi/clear', gimbalParams(facts)));
     this.busy = false;
     await this.fetchControlAndRoi(facts);
   }
@@ -88,21 +88,21 @@ export class GimbalControl {
     clearTimeout(this.settleTimer);
     this.limit = null;
     await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () =>
-      this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, ofGimbal(facts)),
+      this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, gimbalParams(facts)),
     );
     this.busy = false;
   }
 
   /** Points the camera. The yaw in `angles` is relative to the vehicle's nose. */
   point(facts: VehicleFacts, angles: Angles): void {
-    const clamped = clamp(angles, limits(facts.gimbal?.value ?? null));
+    const clamped = clamp(angles, angleLimits(facts.gimbal?.value ?? null));
     this.target = clamped;
     const lock = this.yawLock(facts);
     const vehicleYaw = facts.attitude?.value.yaw_ned_rad ?? null;
     // With yaw lock the API's yaw is relative to north.
     const yaw_deg = lock && vehicleYaw !== null ? wrap180(clamped.yaw_deg + (vehicleYaw * 180) / Math.PI) : clamped.yaw_deg;
     const body = { pitch_deg: round(clamped.pitch_deg), yaw_deg: round(yaw_deg), yaw_lock: lock };
-    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body: { ...body, wait: false } }) });
+    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body: { ...body, wait: false } }) });
     this.settleTimer = setTimeout(() => void this.settle(facts, body), SETTLE_MS);
   }
 
@@ -114,7 +114,7 @@ export class GimbalControl {
   /** Sends the last angles again and waits until the camera stops; other commands do not wait. */
   private async settle(facts: VehicleFacts, body: { pitch_deg: number; yaw_deg: number; yaw_lock: boolean }): Promise<void> {
     const sentBefore = this.sentCount;
-    const response = await this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body: { ...body, wait: true } });
+    const response = await this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body: { ...body, wait: true } });
     if (sentBefore === this.sentCount && response.ok && response.value.limited != null)
       this.limit = { id: gimbalKey(facts), text: response.value.limited.text };
   }
@@ -160,7 +160,7 @@ export class GimbalControl {
 
   private sendRates(facts: VehicleFacts, pitch: number, yaw: number): void {
     const body = { pitch_rate_deg_s: pitch, yaw_rate_deg_s: yaw, yaw_lock: this.yawLock(facts) };
-    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/rates', { ...ofGimbal(facts), body }) });
+    this.push({ facts, send: () => this.api.post('/vehicles/{v}/gimbal/rates', { ...gimbalParams(facts), body }) });
   }
 }
 

@@ -1,13 +1,13 @@
 import { describe, expect, it } from 'vitest';
 import { LatestSender } from './latest-sender';
 import { controlHolder } from './control-holder';
-import { gimbalKey, gimbalsOf, limits, ofGimbal, withGimbal } from '../../vehicle/gimbal';
+import { gimbalKey, gimbalsOf, angleLimits, gimbalParams, withGimbal } from '../../vehicle/gimbal';
 import type { VehicleFacts } from '../../vehicle/facts';
 import type { Gimbal } from '../../live/topics';
 import { angleText, clamp, anglesAfterKey, toAngles, toPoint } from './pad';
 
 describe('gimbal', () => {
-  const bounds = limits(null);
+  const bounds = angleLimits(null);
   it('converts between pad and angles within the limits', () => {
     const back = toAngles(toPoint({ pitch_deg: -32, yaw_deg: 34 }, bounds), bounds);
     expect(back.pitch_deg).toBeCloseTo(-32);
@@ -16,13 +16,13 @@ describe('gimbal', () => {
     expect(toAngles({ x: -50, y: 999 }, bounds)).toEqual({ pitch_deg: -90, yaw_deg: -180 });
   });
   it('turns by keys within the limits, and gives a text in whole degrees for screen readers', () => {
-    const from = { pitch_deg: -10, yaw_deg: 178 };
-    expect(anglesAfterKey(from, 'ArrowUp', false, bounds)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
-    expect(anglesAfterKey(from, 'ArrowRight', true, bounds)).toEqual({ pitch_deg: -10, yaw_deg: bounds.yawMax_deg });
-    expect(anglesAfterKey(from, 'PageDown', false, bounds)).toEqual({ pitch_deg: -20, yaw_deg: 178 });
-    expect(anglesAfterKey(from, 'Home', false, bounds)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
-    expect(anglesAfterKey(from, 'End', false, bounds)).toEqual({ pitch_deg: bounds.pitchMin_deg, yaw_deg: 0 });
-    for (const key of [' ', 'Enter', 'h', 'Tab']) expect(anglesAfterKey(from, key, false, bounds)).toBeNull();
+    const start = { pitch_deg: -10, yaw_deg: 178 };
+    expect(anglesAfterKey(start, 'ArrowUp', false, bounds)).toEqual({ pitch_deg: -9, yaw_deg: 178 });
+    expect(anglesAfterKey(start, 'ArrowRight', true, bounds)).toEqual({ pitch_deg: -10, yaw_deg: bounds.yawMax_deg });
+    expect(anglesAfterKey(start, 'PageDown', false, bounds)).toEqual({ pitch_deg: -20, yaw_deg: 178 });
+    expect(anglesAfterKey(start, 'Home', false, bounds)).toEqual({ pitch_deg: 0, yaw_deg: 0 });
+    expect(anglesAfterKey(start, 'End', false, bounds)).toEqual({ pitch_deg: bounds.pitchMin_deg, yaw_deg: 0 });
+    for (const key of [' ', 'Enter', 'h', 'Tab']) expect(anglesAfterKey(start, key, false, bounds)).toBeNull();
     expect(angleText({ pitch_deg: -12.4, yaw_deg: 3.3 })).toBe('12° down, 3° right');
   });
   it('shows who controls the gimbal', () => {
@@ -49,12 +49,12 @@ describe('gimbal', () => {
     const second = { ...first, component_id: 171, gimbal_device_id: 0, pitch_rad: -1 };
     const facts = (gimbals: Gimbal[]): VehicleFacts => ({ id: '7', gimbal: { value: { ...first, gimbals } } }) as unknown as VehicleFacts;
     expect(gimbalsOf(facts([]))).toEqual([]);
-    expect(ofGimbal(facts([]))).toEqual({ params: { path: { v: '7' } } });
+    expect(gimbalParams(facts([]))).toEqual({ params: { path: { v: '7' } } });
     const both = facts([first, second] as Gimbal[]);
     expect(gimbalsOf(both).map(gimbalKey)).toEqual(['7/1.1', '7/171.0']);
     const selected = withGimbal(both, '7/171.0');
     expect(selected.gimbal?.value.pitch_rad).toBe(-1);
-    expect(ofGimbal(selected)).toEqual({ params: { path: { v: '7' }, query: { component: 171 } } });
-    expect(ofGimbal(withGimbal(both, 'gone'))).toEqual({ params: { path: { v: '7' }, query: { component: 1, device: 1 } } });
+    expect(gimbalParams(selected)).toEqual({ params: { path: { v: '7' }, query: { component: 171 } } });
+    expect(gimbalParams(withGimbal(both, 'gone'))).toEqual({ params: { path: { v: '7' }, query: { component: 1, device: 1 } } });
   });
 });

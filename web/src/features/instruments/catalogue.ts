@@ -203,7 +203,7 @@ const DERIVED: readonly Quantity[] = [
     group: 'In flight',
     unit: 'm',
     topic: null,
-    read: ({ facts }) => ({ ...metres(facts.fromHome_m), stale: facts.global?.stale ?? false, age_s: facts.global?.age_s ?? null }),
+    read: ({ facts }) => ({ ...metres(facts.homeDistance_m), stale: facts.global?.stale ?? false, age_s: facts.global?.age_s ?? null }),
   },
   {
     id: 'flown.time',

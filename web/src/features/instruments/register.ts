@@ -6,4 +6,6 @@ import ValueGrid from './ValueGrid.svelte';
 registry.addTo('cards', { order: 10, vehicleComponent: Instrument, inEveryRoom: true });
 registry.addTo('cards', { order: 20, vehicleComponent: ValueGrid });
 registry.addCloser({ order: 60, isOpen: () => choice.editing, close: () => (choice.editing = false) });
-registry.addKeys([{ order: 180, keys: 'V', description: 'Choose the values shown', inScene: true, on: { v: () => void (choice.editing = !choice.editing) } }]);
+registry.addKeys([
+  { order: 180, keys: 'V', description: 'Choose the values shown', inScene: true, handlers: { v: () => void (choice.editing = !choice.editing) } },
+]);

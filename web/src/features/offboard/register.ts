@@ -9,7 +9,7 @@ import { ROOM } from './room.svelte';
 provide('offboard', { start: (facts, streamStart) => offboard.start(facts, streamStart) });
 page.neededVehicles.push(() => offboard.renewedVehicles());
 page.neededVehicles.push(() => groups.live.flatMap(({ group }) => (groups.isOwn(group) ? group.members.map((member) => member.vehicle) : [])));
-page.onTelemetry.push(() => offboard.tick((id) => page.streaming(id)));
+page.onTelemetry.push(() => offboard.tick((id) => page.isStreaming(id)));
 page.onTelemetry.push(() => groups.tick(page.connection));
 page.onEvent.push((event) => groups.onEvent(event));
 
@@ -28,7 +28,7 @@ registry.addKeys([
     keys: 'O',
     description: 'Start offboard at the current position',
     inScene: true,
-    on: { o: (facts) => actions.request('offboard_start', facts, 'offboard') },
+    handlers: { o: (facts) => actions.request('offboard_start', facts, 'offboard') },
   },
-  { order: 140, keys: 'P', description: 'Offboard room: setpoints, plots, gamepad', inScene: true, on: { p: () => rooms.toggle(ROOM) } },
+  { order: 140, keys: 'P', description: 'Offboard room: setpoints, plots, gamepad', inScene: true, handlers: { p: () => rooms.toggle(ROOM) } },
 ]);

@@ -14,5 +14,5 @@ registry.addPanel({
   close: () => params.close(),
 });
 registry.addKeys([
-  { order: 160, keys: 'I', description: 'Parameters: search, read, set', inScene: true, on: { i: (facts) => registry.toggle('params', facts) } },
+  { order: 160, keys: 'I', description: 'Parameters: search, read, set', inScene: true, handlers: { i: (facts) => registry.toggle('params', facts) } },
 ]);

@@ -13,5 +13,11 @@ registry.addPanel({
   close: () => readiness.close(),
 });
 registry.addKeys([
-  { order: 150, keys: 'Y', description: 'Why the vehicle cannot arm or fly a mode', inScene: true, on: { y: (facts) => registry.toggle('readiness', facts) } },
+  {
+    order: 150,
+    keys: 'Y',
+    description: 'Why the vehicle cannot arm or fly a mode',
+    inScene: true,
+    handlers: { y: (facts) => registry.toggle('readiness', facts) },
+  },
 ]);

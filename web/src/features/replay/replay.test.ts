@@ -14,7 +14,7 @@ import {
   recordingText,
   fractionAt,
   shownReplay,
-  size,
+  sizeText,
   textAt,
   type RecordingIndex,
 } from './replays';
@@ -67,7 +67,7 @@ describe('the time bar', () => {
       ['Hold', 0.01, 0.39],
       ['Offboard', 0.4, 0.6],
     ]);
-    expect(messageTicks(marks, 100, 200).map((t) => [t.at.toFixed(3), t.tone])).toEqual([
+    expect(messageTicks(marks, 100, 200).map((t) => [t.left.toFixed(3), t.tone])).toEqual([
       ['0.300', 'neutral'],
       ['0.600', 'caution'],
       ['0.602', 'danger'],
@@ -94,7 +94,7 @@ describe('the time bar', () => {
   });
   it('formats dates, sizes and durations', () => {
     expect(dateTime(0)).toMatch(/^19(69|70)-\d\d-\d\d \d\d:\d\d:00$/);
-    expect([size(12), size(1_500), size(12_400_000), size(2e9)]).toEqual(['12 B', '1.5 kB', '12 MB', '2.0 GB']);
+    expect([sizeText(12), sizeText(1_500), sizeText(12_400_000), sizeText(2e9)]).toEqual(['12 B', '1.5 kB', '12 MB', '2.0 GB']);
     const text = recordingText({
       name: 'x.tlog',
       bytes: 2e6,

@@ -40,6 +40,7 @@ export function marksOf(index: RecordingIndex | null, vehicleId: string | null):
 }
 
 export interface Span {
+  /** Position and width on the bar, 0 to 1. */
   left: number;
   width: number;
   label: string;
@@ -55,13 +56,14 @@ export function modeSpans(marks: VehicleMarks | null, begin_s: number, end_s: nu
 }
 
 export interface Tick {
-  at: number;
+  /** Position on the bar, 0 to 1. */
+  left: number;
   tone: 'danger' | 'caution' | 'neutral';
   text: string;
 }
 
 export function messageTicks(marks: VehicleMarks | null, begin_s: number, end_s: number): Tick[] {
-  return (marks?.messages ?? []).map((m) => ({ at: fractionAt(m.unix_s, begin_s, end_s), tone: tone(m.severity), text: m.text }));
+  return (marks?.messages ?? []).map((m) => ({ left: fractionAt(m.unix_s, begin_s, end_s), tone: tone(m.severity), text: m.text }));
 }
 
 export function tone(severity: number): Tick['tone'] {
@@ -131,7 +133,7 @@ export function dateTime(unix_s: number): string {
 }
 
 /** A file size as text, for example 12 MB. */
-export function size(bytes: number): string {
+export function sizeText(bytes: number): string {
   if (bytes < 1000) return `${bytes} B`;
   const units = ['kB', 'MB', 'GB'];
   let value = bytes / 1000;
@@ -149,7 +151,7 @@ function vehicleText(vehicles: readonly number[]): string {
 
 /** Duration, vehicles, size and link of a recording in one line. */
 export function recordingText(r: Recording): string {
-  return [duration(r.duration_s), vehicleText(r.vehicles), size(r.bytes), r.link ?? r.name].join(' · ');
+  return [duration(r.duration_s), vehicleText(r.vehicles), sizeText(r.bytes), r.link ?? r.name].join(' · ');
 }
 
 /** The replay that the time bar shows: the selected vehicle's replay, else the expected replay, else (nothing selected) a replay without a vehicle. */

@@ -47,12 +47,12 @@ export interface GrabTarget {
 }
 
 /** The point or handle under a pointer; handles have priority over points, and points of the plan over midpoints. */
-export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint[], reach_px: number): GrabTarget | null {
-  const handle = view.handleOf === undefined ? null : nearestWithin(view.handleOf, at, withHandles(points), reach_px);
+export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint[], edgeDistance_px: number): GrabTarget | null {
+  const handle = view.handleOf === undefined ? null : nearestWithin(view.handleOf, at, withHandles(points), edgeDistance_px);
   if (handle !== null) return { point: handle, of: 'handle' };
   const planPoints = points.filter((point) => point.mark !== 'middle');
   const midpoints = points.filter((point) => point.mark === 'middle');
-  const point = nearestWithin(view.pixelOf, at, planPoints, reach_px) ?? nearestWithin(view.pixelOf, at, midpoints, reach_px * MIDDLE_REACH);
+  const point = nearestWithin(view.pixelOf, at, planPoints, edgeDistance_px) ?? nearestWithin(view.pixelOf, at, midpoints, edgeDistance_px * MIDDLE_REACH);
   return point === null ? null : { point, of: 'point' };
 }
 

@@ -6,7 +6,7 @@ import type { WireEvent } from '../../live/wire';
 import type { ActionController } from '../../app/actions/controller.svelte';
 import { service } from '../../app/services';
 import type { Pixel } from '../../vehicle/geo';
-import { ofGimbal } from '../../vehicle/gimbal';
+import { gimbalParams } from '../../vehicle/gimbal';
 import { isTargetActive, type RequestedTarget, type RequestedTargets } from './map-model';
 import { distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_SPEEDS, type Speeds, type MapPoint } from './map-point';
 
@@ -98,7 +98,7 @@ export class MapPointMenu {
     if (angles === null) return;
     const lock = service('gimbal').yawLock(facts);
     const body = { pitch_deg: tenths(angles.pitch_deg), yaw_deg: tenths(lock ? angles.yaw_ned_deg : angles.yaw_deg), yaw_lock: lock };
-    await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...ofGimbal(facts), body }));
+    await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body }));
   }
 
   /** Sets the point as the region of interest of the facts' gimbal: the camera keeps pointing at it while the vehicle moves. */
@@ -107,7 +107,7 @@ export class MapPointMenu {
     if (this.mapPoint === null || home === null) return;
     const { lat_deg, lon_deg } = this.mapPoint;
     const body = { lat_deg, lon_deg, alt_amsl_m: home + this.point_home_m };
-    await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...ofGimbal(facts), body }));
+    await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...gimbalParams(facts), body }));
   }
 
   /** The vehicle's targets for the map to draw. */

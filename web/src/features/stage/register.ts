@@ -21,8 +21,8 @@ registry.addWarnings(() => maps.unreadable);
 registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.why}. The page tries again; the map shows the flight.`] : []));
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
 registry.addKeys([
-  { order: 190, keys: 'M', description: 'Swap map and 3D', inScene: true, on: { m: () => stage.swap() } },
-  { order: 200, keys: 'F', description: 'Map follows the vehicle: on or off', inScene: true, on: { f: () => stage.map?.follow() } },
-  { order: 210, keys: 'Z', description: 'Zoom the map to the vehicle', inScene: true, on: { z: () => stage.map?.near() } },
-  { order: 215, keys: 'U', description: 'Map north up', inScene: true, on: { u: () => stage.map?.northUp() } },
+  { order: 190, keys: 'M', description: 'Swap map and 3D', inScene: true, handlers: { m: () => stage.swap() } },
+  { order: 200, keys: 'F', description: 'Map follows the vehicle: on or off', inScene: true, handlers: { f: () => stage.map?.follow() } },
+  { order: 210, keys: 'Z', description: 'Zoom the map to the vehicle', inScene: true, handlers: { z: () => stage.map?.near() } },
+  { order: 215, keys: 'U', description: 'Map north up', inScene: true, handlers: { u: () => stage.map?.northUp() } },
 ]);

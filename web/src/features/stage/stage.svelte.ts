@@ -28,7 +28,7 @@ export interface MapCommands {
   /** Fits positions into the uncovered area. */
   show: (positions: readonly GeoPosition[]) => void;
   /** The middle of the uncovered area and the distance to its edge; null: the map is not drawn, or is the inset. */
-  middle: () => { at: GeoPosition; reach_m: number } | null;
+  middle: () => { at: GeoPosition; edgeDistance_m: number } | null;
 }
 
 const RETRY_MS = 5000;
@@ -88,7 +88,7 @@ class StageState {
     this.overview.grow();
   }
 
-  visibleMiddle(): { at: GeoPosition; reach_m: number } | null {
+  visibleMiddle(): { at: GeoPosition; edgeDistance_m: number } | null {
     return this.main === 'scene' ? (this.sceneMiddle?.() ?? null) : (this.map?.middle() ?? null);
   }
 

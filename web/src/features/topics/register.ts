@@ -14,5 +14,11 @@ registry.addPanel({
   close: () => topics.close(),
 });
 registry.addKeys([
-  { order: 165, keys: 'X', description: 'ROS 2 topics: rate, age and last message', inScene: true, on: { x: (facts) => registry.toggle('topics', facts) } },
+  {
+    order: 165,
+    keys: 'X',
+    description: 'ROS 2 topics: rate, age and last message',
+    inScene: true,
+    handlers: { x: (facts) => registry.toggle('topics', facts) },
+  },
 ]);

@@ -21,12 +21,12 @@ registry.addPanel({
 });
 registry.addTo('vehicles', { order: 10, component: VehicleBar });
 registry.addKeys([
-  { order: 218, keys: 'J', description: 'List of vehicles: find, select, hold all', inScene: true, on: { j: () => list.toggle() } },
+  { order: 218, keys: 'J', description: 'List of vehicles: find, select, hold all', inScene: true, handlers: { j: () => list.toggle() } },
   {
     order: 220,
     keys: '1 … 9',
     description: 'Select a vehicle (0: the tenth)',
     inScene: true,
-    on: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => selectByDigit(digit)])),
+    handlers: Object.fromEntries(Array.from({ length: 10 }, (_, digit) => [String(digit), () => selectByDigit(digit)])),
   },
 ]);

@@ -189,9 +189,9 @@ class SetpointEditor {
     if (received !== null) this.recordOutcome(line, received, performance.now() / 1000 - sent_s);
   }
 
-  recordOutcome(line: number, outcome: Outcome<unknown>, took_s: number | null): void {
+  recordOutcome(line: number, outcome: Outcome<unknown>, roundTrip_s: number | null): void {
     const limited = outcome.ok ? (readOffboard(outcome.value)?.limited ?? []) : [];
-    this.log.addResult(line, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, took_s });
+    this.log.addResult(line, { note: outcome.ok ? limited.join(' ') || null : outcome.problem.detail, refused: !outcome.ok, roundTrip_s });
     this.lines = this.log.lines;
   }
 
@@ -249,7 +249,7 @@ class SetpointEditor {
     const line = this.unacknowledged.get(ack.seq);
     this.unacknowledged.delete(ack.seq);
     if (line === undefined) return;
-    this.log.addResult(line, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, took_s: ack.took_s });
+    this.log.addResult(line, { note: ack.problem?.detail ?? (ack.limited.join(' ') || null), refused: ack.problem !== null, roundTrip_s: ack.roundTrip_s });
     this.lines = this.log.lines;
     if (ack.problem !== null) onEnd(ack.problem.detail);
   }

@@ -17,12 +17,12 @@ export interface SentLine {
   /** Number of setpoints in this line. */
   count: number;
   /** Number of setpoints in this line for which the server has sent a result. */
-  answered: number;
+  resultCount: number;
   /** The server's changes or its refusal; null if all setpoints were accepted unchanged. */
   note: string | null;
   refused: boolean;
   /** Time from sending to the newest result [s]. */
-  took_s: number | null;
+  roundTrip_s: number | null;
 }
 
 const MAX_LINES = 60;
@@ -51,15 +51,15 @@ export class SentLog {
       this.lines = [{ ...newest, text, count: newest.count + 1 }, ...rest];
       return newest.id;
     }
-    const line: SentLine = { id: this.nextId++, input, unix_s, text, count: 1, answered: 0, note: null, refused: false, took_s: null };
+    const line: SentLine = { id: this.nextId++, input, unix_s, text, count: 1, resultCount: 0, note: null, refused: false, roundTrip_s: null };
     this.lines = [line, ...this.lines].slice(0, MAX_LINES);
     return line.id;
   }
 
   /** Adds the server's result to a line. */
-  addResult(id: number, result: { note: string | null; refused: boolean; took_s: number | null }): void {
+  addResult(id: number, result: { note: string | null; refused: boolean; roundTrip_s: number | null }): void {
     this.lines = this.lines.map((l) =>
-      l.id === id ? { ...l, ...result, answered: l.answered + 1, note: result.note ?? l.note, refused: result.refused || l.refused } : l,
+      l.id === id ? { ...l, ...result, resultCount: l.resultCount + 1, note: result.note ?? l.note, refused: result.refused || l.refused } : l,
     );
   }
 }

@@ -175,7 +175,7 @@ describe('the stream', () => {
     socket.receive({ seq: 1, applied: {} });
     socket.receive('{');
     expect(socket.sent).toEqual([{ type: 'velocity', seq: 1 }]);
-    expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, took_s: 0.02 }]);
+    expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, roundTrip_s: 0.02 }]);
   });
 
   it('reports a refusal with the server’s text', () => {
@@ -190,7 +190,7 @@ describe('the stream', () => {
     const { stream, socket } = openStream();
     socket.bufferedAmount = 5000;
     expect(stream.send({})).toBeNull();
-    expect(stream.dropped).toBe(1);
+    expect(stream.droppedCount).toBe(1);
     socket.bufferedAmount = 0;
     socket.readyState = 0;
     expect(stream.send({})).toBeNull();
@@ -209,11 +209,11 @@ describe('the log of sent setpoints', () => {
   it('merges the repeated setpoints of a gamepad into one line, and keeps the note that one was limited', () => {
     const log = new SentLog();
     const first = log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [1, 0, 0] }, 100);
-    log.addResult(first, { note: 'slowed to 2 m/s', refused: false, took_s: 0.01 });
+    log.addResult(first, { note: 'slowed to 2 m/s', refused: false, roundTrip_s: 0.01 });
     expect(log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [2, 0, 0] }, 100.04)).toBe(first);
-    log.addResult(first, { note: null, refused: false, took_s: 0.02 });
+    log.addResult(first, { note: null, refused: false, roundTrip_s: 0.02 });
     expect(log.lines).toHaveLength(1);
-    expect(log.lines[0]).toMatchObject({ count: 2, answered: 2, note: 'slowed to 2 m/s', took_s: 0.02 });
+    expect(log.lines[0]).toMatchObject({ count: 2, resultCount: 2, note: 'slowed to 2 m/s', roundTrip_s: 0.02 });
     log.add('gamepad', { type: 'velocity_body', velocity_frd_m_s: [0, 0, 0] }, 102);
     log.add('form', { type: 'position' }, 102.1);
     expect(log.lines.map((l) => l.count)).toEqual([1, 1, 2]);

@@ -16,7 +16,7 @@ export interface Ack {
   /** True if a newer setpoint replaced this one before the server sent it to the vehicle. */
   superseded: boolean;
   /** Time from sending to the acknowledgement [s]. */
-  took_s: number;
+  roundTrip_s: number;
 }
 
 export type StreamState = 'connecting' | 'open' | 'closed';
@@ -40,7 +40,7 @@ const MAX_PENDING = 256;
 export class SetpointStream {
   state: StreamState = 'connecting';
   /** Number of setpoints not sent because the network was too slow. */
-  dropped = 0;
+  droppedCount = 0;
   private seq = 0;
   /** Sending time of each setpoint without an acknowledgement, by sequence number [s]. */
   private readonly sentTimes = new Map<number, number>();
@@ -63,7 +63,7 @@ export class SetpointStream {
   send(request: object): number | null {
     if (this.socket.readyState !== OPEN) return null;
     if (this.socket.bufferedAmount > MAX_BUFFERED_BYTES) {
-      this.dropped += 1;
+      this.droppedCount += 1;
       return null;
     }
     const seq = ++this.seq;
@@ -92,7 +92,7 @@ export class SetpointStream {
     const sent_s = this.sentTimes.get(raw['seq']);
     if (sent_s === undefined) return;
     this.sentTimes.delete(raw['seq']);
-    this.onAck({ seq: raw['seq'], took_s: this.nowS() - sent_s, ...readAck(raw) });
+    this.onAck({ seq: raw['seq'], roundTrip_s: this.nowS() - sent_s, ...readAck(raw) });
   }
 }
 
