@@ -1,7 +1,7 @@
 /** Calls to the server's API, with types from the server's OpenAPI description. A call returns its outcome and never throws. */
 
 import createClient, { type Client, type ClientPathsWithMethod, type MaybeOptionalInit, type MethodResponse } from 'openapi-fetch';
-import { parseProblem, unreachable, type Problem } from './problems';
+import { parseProblem, unreachableProblem, type Problem } from './problems';
 import type { paths } from './schema';
 
 export type Outcome<T> = { ok: true; value: T } | { ok: false; problem: Problem };
@@ -79,7 +79,7 @@ export class ApiClient {
       if (response.status === 401) this.onSignedOut();
       return response.ok ? { ok: true, value: read(data, response) } : { ok: false, problem: parseProblem(response.status, error) };
     } catch {
-      return { ok: false, problem: unreachable() };
+      return { ok: false, problem: unreachableProblem() };
     }
   }
 

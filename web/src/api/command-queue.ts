@@ -5,7 +5,7 @@
  */
 
 import type { Outcome } from './client';
-import { unreachable } from './problems';
+import { unreachableProblem } from './problems';
 
 /** Longest wait for the responses to earlier requests [ms]. */
 const MAX_WAIT_MS = 3000;
@@ -43,6 +43,6 @@ function endsInTime(requests: Promise<unknown>): Promise<boolean> {
   });
 }
 
-function notSent(): ReturnType<typeof unreachable> {
-  return { ...unreachable(), title: 'Not sent', detail: 'An earlier request to this vehicle has not been answered yet, so this one was not sent.' };
+function notSent(): ReturnType<typeof unreachableProblem> {
+  return { ...unreachableProblem(), title: 'Not sent', detail: 'An earlier request to this vehicle has not been answered yet, so this one was not sent.' };
 }

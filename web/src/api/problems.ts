@@ -34,7 +34,7 @@ function text(value: unknown): string | null {
 const texts = (value: unknown): string[] => (Array.isArray(value) ? value.filter((item): item is string => text(item) !== null) : []);
 
 /** FastAPI's own validation errors: `[{loc: ["body", "alt_home_m"], msg}]`. */
-function validation(value: unknown): { detail: string; field: string | null } | null {
+function validationErrors(value: unknown): { detail: string; field: string | null } | null {
   if (!Array.isArray(value) || value.length === 0) return null;
   const lines: string[] = [];
   let field: string | null = null;
@@ -51,7 +51,7 @@ function validation(value: unknown): { detail: string; field: string | null } | 
 /** The problem in a response's body; if the body has no problem, a problem made from the status. */
 export function parseProblem(status: number, body: unknown): Problem {
   const raw = typeof body === 'object' && body !== null ? (body as Record<string, unknown>) : {};
-  const invalid = validation(raw['errors']) ?? validation(raw['detail']);
+  const invalid = validationErrors(raw['errors']) ?? validationErrors(raw['detail']);
   const code = text(raw['code']) ?? (status === 422 ? 'invalid_request' : `http_${status}`);
   const reasons = texts(raw['reasons']);
   const codes = texts(raw['codes']);
@@ -68,7 +68,7 @@ export function parseProblem(status: number, body: unknown): Problem {
 }
 
 /** The problem shown when the server sent no answer. */
-export function unreachable(): Problem {
+export function unreachableProblem(): Problem {
   return {
     title: 'The server did not answer',
     detail: 'The command may or may not have reached the vehicle: check what the vehicle does.',

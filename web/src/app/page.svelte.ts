@@ -1,5 +1,5 @@
 /**
- * The page's state: selected vehicle, theme, repaint counters. Telemetry stays outside (`live/`): `tick`
+ * The page's state: selected vehicle, connection, repaint counters. Telemetry stays outside (`live/`): `tick`
  * changes at most once per animation frame; then Svelte repaints the components that read `facts`.
  */
 
@@ -50,7 +50,7 @@ class Page {
   /** Called for each event of any vehicle. */
   readonly onEvent: ((event: WireEvent) => void)[] = [];
   /** Topics of the values on the grid, in addition to the topics that the page always reads. */
-  private chosenTopics: readonly string[] = [];
+  private gridTopics: readonly string[] = [];
   /**
    * Vehicles, besides the selected vehicle, of which a feature needs all topics; for example vehicles whose setpoints this
    * page renews.
@@ -118,16 +118,16 @@ class Page {
     window.addEventListener('pagehide', () => markUnloaded(this.tab));
     window.addEventListener('online', () => this.socket.retryNow());
     document.addEventListener('visibilitychange', () => this.socket.retryNow());
-    let painted = -1;
+    let paintedRevision = -1;
     let paintedAt_ms = 0;
-    let fleetAt_ms = 0;
+    let fleetPaintedAt_ms = 0;
     const frame = (now_ms: number): void => {
-      if (this.store.revision !== painted || now_ms - paintedAt_ms > QUIET_REPAINT_MS) {
-        painted = this.store.revision;
+      if (this.store.revision !== paintedRevision || now_ms - paintedAt_ms > QUIET_REPAINT_MS) {
+        paintedRevision = this.store.revision;
         paintedAt_ms = now_ms;
         this.tick += 1;
-        if (!isLarge(this.store.vehicles.size) || now_ms - fleetAt_ms > FLEET_REPAINT_MS) {
-          fleetAt_ms = now_ms;
+        if (!isLarge(this.store.vehicles.size) || now_ms - fleetPaintedAt_ms > FLEET_REPAINT_MS) {
+          fleetPaintedAt_ms = now_ms;
           this.fleetTick += 1;
         }
         this.updateSubscription();
@@ -182,17 +182,17 @@ class Page {
 
   /** Subscribes also to the topics of the values on the grid. */
   subscribeTopics(topics: readonly string[]): void {
-    this.chosenTopics = topics;
+    this.gridTopics = topics;
     this.updateSubscription();
   }
 
   private fleetSubscription(): Subscription {
-    return fleetSubscription(this.store.vehicles.size, this.chosenTopics, this.store.isArmed(this.store.ids()));
+    return fleetSubscription(this.store.vehicles.size, this.gridTopics, this.store.isArmed(this.store.ids()));
   }
 
   private detailSubscription(): Subscription | null {
     const ids = [...(this.selectedId === null ? [] : [this.selectedId]), ...this.neededVehicles.flatMap((read) => [...read()])];
-    return detailSubscription(this.store.vehicles.size, ids, this.chosenTopics, this.store.isArmed(ids));
+    return detailSubscription(this.store.vehicles.size, ids, this.gridTopics, this.store.isArmed(ids));
   }
 
   /** Changes the subscription if other vehicles are needed now. */

@@ -36,7 +36,7 @@ class Preview {
   /** Null: no dry run is shown. */
   dryRun = $state.raw<SceneDryRun | null>(null);
   /** The dry run that the 3D view compares with the flight; shown while `dryRun` is null. */
-  flight = $state.raw<SceneDryRun | null>(null);
+  comparedDryRun = $state.raw<SceneDryRun | null>(null);
   /** Set by the open room: called when a person has dragged a handle in the 3D view. */
   onDrag: ((event: WireEvent) => void) | null = null;
 

@@ -82,7 +82,7 @@ export interface Part {
 export interface SlotPart extends Part {
   order: number;
   /** Whether the part applies now; missing: always. */
-  when?: () => boolean;
+  applies?: () => boolean;
   /** Set for a card that stays while a room is open. */
   inEveryRoom?: boolean;
 }

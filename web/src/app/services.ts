@@ -33,7 +33,7 @@ export interface Services {
   };
   stage: {
     readonly sceneAvailable: boolean;
-    /** Whether map or 3D view is large. */
+    /** Which of map and 3D view is large. */
     readonly main: 'map' | 'scene';
     camera: Camera;
     /** Swaps map and 3D view. */

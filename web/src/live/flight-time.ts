@@ -38,7 +38,7 @@ function isFlying(status: Status): boolean | null {
 }
 
 /** The clock after one more status sample; samples older than the newest sample are ignored. */
-export function advance(clock: FlightClock, status: Status, unix_s: number): FlightClock {
+export function updatedClock(clock: FlightClock, status: Status, unix_s: number): FlightClock {
   if (unix_s <= clock.updated_unix_s) return clock;
   const inFlight = isFlying(status);
   const next = { ...clock, updated_unix_s: unix_s };

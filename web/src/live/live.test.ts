@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { vehicleFacts } from '../vehicle/facts';
 import { ageText, updatedPeriod, staleAfterS } from './age';
-import { advance, NO_FLIGHT } from './flight-time';
+import { updatedClock, NO_FLIGHT } from './flight-time';
 import { TelemetryStore } from './store';
 import type { Status } from './topics';
 import { Trail } from './trail';
@@ -62,16 +62,16 @@ describe('age', () => {
 
 describe('flight time', () => {
   it('runs from take-off to landing, and keeps the duration of the last flight', () => {
-    let clock = advance(NO_FLIGHT, status(), 10);
-    clock = advance(clock, status({ armed: true, landed_state: 'taking_off' }), 20);
+    let clock = updatedClock(NO_FLIGHT, status(), 10);
+    clock = updatedClock(clock, status({ armed: true, landed_state: 'taking_off' }), 20);
     expect(clock.airborneSince_unix_s).toBeNull();
-    clock = advance(clock, status({ armed: true, landed_state: 'in_air' }), 22);
+    clock = updatedClock(clock, status({ armed: true, landed_state: 'in_air' }), 22);
     expect(clock).toMatchObject({ airborneSince_unix_s: 22, exact: true });
-    clock = advance(clock, status({ armed: true, landed_state: 'on_ground' }), 82);
+    clock = updatedClock(clock, status({ armed: true, landed_state: 'on_ground' }), 82);
     expect(clock).toMatchObject({ airborneSince_unix_s: null, lastFlight_s: 60 });
   });
   it('is a lower bound if the page connected during the flight', () => {
-    expect(advance(NO_FLIGHT, status({ armed: true, landed_state: 'in_air' }), 5).exact).toBe(false);
+    expect(updatedClock(NO_FLIGHT, status({ armed: true, landed_state: 'in_air' }), 5).exact).toBe(false);
   });
 });
 

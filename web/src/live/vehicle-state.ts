@@ -1,7 +1,7 @@
 /** All data about a vehicle: the newest sample of each topic, trail, flight time and messages. */
 
 import { updatedPeriod, staleAfterS } from './age';
-import { advance, NO_FLIGHT, type FlightClock } from './flight-time';
+import { updatedClock, NO_FLIGHT, type FlightClock } from './flight-time';
 import { Trail } from './trail';
 import type { GlobalPosition, Status, TopicName, Topics } from './topics';
 import type { WireEvent, WireSample } from './wire';
@@ -80,7 +80,7 @@ export class VehicleState {
       period_s: updatedPeriod(previous?.period_s ?? null, gap),
     });
     if (sample.topic === 'identity') this.identity = toIdentity(sample.value);
-    if (sample.topic === 'status') this.flight = advance(this.flight, sample.value as Status, sample.received_unix_s);
+    if (sample.topic === 'status') this.flight = updatedClock(this.flight, sample.value as Status, sample.received_unix_s);
     if (sample.topic === 'global_position') this.trail.add(sample.value as GlobalPosition);
     return true;
   }
@@ -90,12 +90,12 @@ export class VehicleState {
     let clock = NO_FLIGHT;
     const positions: GlobalPosition[] = [];
     for (const sample of samples) {
-      if (sample.topic === 'status') clock = advance(clock, sample.value as Status, sample.received_unix_s);
+      if (sample.topic === 'status') clock = updatedClock(clock, sample.value as Status, sample.received_unix_s);
       if (sample.topic === 'global_position') positions.push(sample.value as GlobalPosition);
     }
     this.trail.prepend(positions);
     const status = this.samples.get('status');
-    if (status !== undefined) clock = advance(clock, status.value as Status, status.received_unix_s);
+    if (status !== undefined) clock = updatedClock(clock, status.value as Status, status.received_unix_s);
     if (clock.updated_unix_s > 0) this.flight = clock;
   }
 

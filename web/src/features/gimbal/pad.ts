@@ -14,7 +14,7 @@ export const PAD = { width: 152, height: 116, margin: 8 } as const;
 /** Smallest range that the pad shows [deg]; also for a gimbal without reported limits. */
 const RANGE = { pitchMin: -100, pitchMax: 40, yawMin: -180, yawMax: 180 };
 
-function range(limits: AngleLimits): { top: number; bottom: number; left: number; right: number } {
+function padRange(limits: AngleLimits): { top: number; bottom: number; left: number; right: number } {
   return {
     top: Math.max(RANGE.pitchMax, limits.pitchMax_deg + 10),
     bottom: Math.min(RANGE.pitchMin, limits.pitchMin_deg - 10),
@@ -24,7 +24,7 @@ function range(limits: AngleLimits): { top: number; bottom: number; left: number
 }
 
 export function toPoint(angles: Angles, limits: AngleLimits): Point {
-  const r = range(limits);
+  const r = padRange(limits);
   return {
     x: ((angles.yaw_deg - r.left) / (r.right - r.left)) * PAD.width,
     y: ((r.top - angles.pitch_deg) / (r.top - r.bottom)) * PAD.height,
@@ -33,7 +33,7 @@ export function toPoint(angles: Angles, limits: AngleLimits): Point {
 
 /** The angles at a point of the pad, clamped to the limits. */
 export function toAngles(point: Point, limits: AngleLimits): Angles {
-  const r = range(limits);
+  const r = padRange(limits);
   const yaw = r.left + (point.x / PAD.width) * (r.right - r.left);
   const pitch = r.top - (point.y / PAD.height) * (r.top - r.bottom);
   return clamp({ pitch_deg: pitch, yaw_deg: yaw }, limits);
@@ -82,7 +82,7 @@ export function angleText(angles: Angles): string {
 }
 
 /** Direction of the camera relative to the vehicle's nose; null if the gimbal does not report it. */
-export function pointing(gimbal: Gimbal, yaw_ned_rad: number | null): Angles | null {
+export function cameraDirection(gimbal: Gimbal, yaw_ned_rad: number | null): Angles | null {
   let yaw = toDeg(gimbal.yaw_frd_rad);
   if (yaw === null && gimbal.yaw_ned_rad !== null && yaw_ned_rad !== null) {
     yaw = toDeg(gimbal.yaw_ned_rad - yaw_ned_rad);

@@ -27,7 +27,7 @@ class ParamPanel {
     this.pollCount += 1; // ends the polling
   }
 
-  /** Shows the parameters that the server has read. If needed (or `again`), the server reads them from the vehicle; this polls until all are read. */
+  /** Shows the parameters that the server has read. If needed (or `again`), the server reads them from the vehicle, and this function polls until all are read. */
   async show(api: ApiClient, vehicle: string, again = false): Promise<void> {
     const pollNumber = ++this.pollCount;
     this.problem = null;

@@ -1,6 +1,6 @@
 import { expect, test } from 'vitest';
 import {
-  filtered,
+  matchingParameters,
   groupsOf,
   NO_FILTER,
   numberText,
@@ -46,11 +46,11 @@ const all = [
 ];
 
 test('a search finds words in names and descriptions, and lists names that begin with the text first', () => {
-  expect(filtered(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
-  expect(filtered(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
-  expect(filtered(all, { ...NO_FILTER, nonDefaultOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
-  expect(filtered(all, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
-  expect(filtered(all, NO_FILTER)).toHaveLength(3);
+  expect(matchingParameters(all, { ...NO_FILTER, text: 'mpc' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX', 'A_MPC']);
+  expect(matchingParameters(all, { ...NO_FILTER, text: 'speed max' }).map((p) => p.name)).toEqual(['MPC_XY_VEL_MAX']);
+  expect(matchingParameters(all, { ...NO_FILTER, nonDefaultOnly: true }).map((p) => p.name)).toEqual(['COM_OBL_RC_ACT']);
+  expect(matchingParameters(all, { ...NO_FILTER, group: 'Position' })).toHaveLength(1);
+  expect(matchingParameters(all, NO_FILTER)).toHaveLength(3);
   expect(groupsOf(all)).toEqual(['Commander', 'Position']);
 });
 

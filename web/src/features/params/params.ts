@@ -23,7 +23,7 @@ export function groupsOf(params: readonly Parameter[]): string[] {
 }
 
 /** The parameters that match the filter; each typed word occurs in name or description. Names that begin with the first word come first. */
-export function filtered(params: readonly Parameter[], filter: Filter): Parameter[] {
+export function matchingParameters(params: readonly Parameter[], filter: Filter): Parameter[] {
   const words = filter.text
     .toLowerCase()
     .split(/\s+/)

@@ -6,7 +6,7 @@
 import type { ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { Replay } from '../../live/wire';
-import { bounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
+import { replayBounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
 
 /**
  * A seek times out when both this time [ms] since the server's response and this number of frames have passed: a busy
@@ -104,7 +104,7 @@ export class ReplayControl {
     }
     const shown = this.shown;
     if (shown !== null) this.expectedName = shown.name;
-    const key = shown === null || bounds(shown) === null ? null : shown.name;
+    const key = shown === null || replayBounds(shown) === null ? null : shown.name;
     if (key !== this.indexedName) void this.readIndex(key);
   }
 

@@ -17,7 +17,7 @@ const LONG_STEP_S = 30;
 const WARNING = 4;
 
 /** Begin and end of a replay; null while the server is reading the recording; the time cannot be set then. */
-export function bounds(replay: Replay): { begin_s: number; end_s: number } | null {
+export function replayBounds(replay: Replay): { begin_s: number; end_s: number } | null {
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }
 
@@ -63,10 +63,10 @@ export interface Tick {
 }
 
 export function messageTicks(marks: VehicleMarks | null, begin_s: number, end_s: number): Tick[] {
-  return (marks?.messages ?? []).map((m) => ({ left: fractionAt(m.unix_s, begin_s, end_s), tone: tone(m.severity), text: m.text }));
+  return (marks?.messages ?? []).map((m) => ({ left: fractionAt(m.unix_s, begin_s, end_s), tone: severityTone(m.severity), text: m.text }));
 }
 
-export function tone(severity: number): Tick['tone'] {
+export function severityTone(severity: number): Tick['tone'] {
   return severity <= 3 ? 'danger' : severity === WARNING ? 'caution' : 'neutral';
 }
 

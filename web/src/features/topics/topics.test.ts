@@ -3,7 +3,7 @@ import { isOffered, type Panel } from '../../app/registry.svelte';
 import type { TelemetrySocket } from '../../live/socket';
 import type { VehicleFacts } from '../../vehicle/facts';
 import { topics as panel } from './panel.svelte';
-import { filtered, lastText, NO_FILTER, endpointsText, rateText, readInspection, stateText, valueText, type Inspection, type Topic } from './topics';
+import { matchingTopics, lastText, NO_FILTER, endpointsText, rateText, readInspection, stateText, valueText, type Inspection, type Topic } from './topics';
 
 const topic = (name: string, more: Partial<Topic> = {}): Topic => ({
   name,
@@ -31,12 +31,12 @@ const inspection = (topics: Topic[], more: Partial<Inspection> = {}): Inspection
 });
 
 describe('the list of topics', () => {
-  it('is filtered by words of name and type, and by whether a topic has messages', () => {
+  it('is matchingTopics by words of name and type, and by whether a topic has messages', () => {
     const all = [topic('/px4_1/fmu/out/vehicle_status_v1'), topic('/camera/image', { type: 'sensor_msgs/msg/Image', age_s: null })];
-    expect(filtered(all, NO_FILTER)).toHaveLength(2);
-    expect(filtered(all, { text: 'OUT status', withMessages: false })).toEqual([all[0]]);
-    expect(filtered(all, { text: 'sensor_msgs', withMessages: false })).toEqual([all[1]]);
-    expect(filtered(all, { text: '', withMessages: true })).toEqual([all[0]]);
+    expect(matchingTopics(all, NO_FILTER)).toHaveLength(2);
+    expect(matchingTopics(all, { text: 'OUT status', withMessages: false })).toEqual([all[0]]);
+    expect(matchingTopics(all, { text: 'sensor_msgs', withMessages: false })).toEqual([all[1]]);
+    expect(matchingTopics(all, { text: '', withMessages: true })).toEqual([all[0]]);
   });
 
   it('shows rate, age, publishers and subscribers', () => {

@@ -22,7 +22,7 @@ export function readInspection(value: unknown): Inspection | null {
 }
 
 /** Topics whose name or type contains each word of the filter. */
-export function filtered(topics: readonly Topic[], filter: Filter): Topic[] {
+export function matchingTopics(topics: readonly Topic[], filter: Filter): Topic[] {
   const words = filter.text.toLowerCase().split(/\s+/).filter(Boolean);
   return topics.filter((topic) => {
     const text = `${topic.name} ${topic.type}`.toLowerCase();

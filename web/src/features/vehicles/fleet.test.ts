@@ -2,7 +2,7 @@ import { describe, expect, it, vi } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { TelemetryStore } from '../../live/store';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
-import { holdText, filtered, canRemove, rowOf, stateLabel, rowAfterKey } from './fleet';
+import { holdText, matchingRows, canRemove, rowOf, stateLabel, rowAfterKey } from './fleet';
 import { list } from './list.svelte';
 
 function facts(id: string, more: Partial<VehicleFacts> = {}): VehicleFacts {
@@ -21,7 +21,7 @@ describe('list of vehicles', () => {
 
   it('finds vehicles by number, type and state, and filters vehicles that are flying or need attention', () => {
     const rows = [facts('1'), facts('12', { inAir: true }), facts('21', { lost: true })].map(rowOf);
-    const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => filtered(rows, text, filter).map((row) => row.facts.id);
+    const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => matchingRows(rows, text, filter).map((row) => row.facts.id);
     expect(ids('')).toEqual(['1', '12', '21']);
     expect(ids('12')).toEqual(['12']);
     expect(ids('no link')).toEqual(['21']);

@@ -48,7 +48,7 @@ export function canRemove(facts: VehicleFacts): boolean {
 }
 
 /** The rows that match text and filter, in their order. */
-export function filtered(rows: readonly Row[], text: string, filter: Filter): Row[] {
+export function matchingRows(rows: readonly Row[], text: string, filter: Filter): Row[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
   return rows.filter((row) => {
     if (filter === 'flying' && !row.flying) return false;

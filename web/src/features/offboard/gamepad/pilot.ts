@@ -60,7 +60,7 @@ export class Pilot {
     this.lastStep_s = null;
   }
 
-  /** The user ends control by the sticks. @returns one stop setpoint to send; null if control by the sticks had ended already. */
+  /** The pilot ends control by the sticks. @returns one stop setpoint to send; null if control by the sticks had ended already. */
   disengage(): PadSetpoint | null {
     const previous = this.phase;
     this.phase = 'off';

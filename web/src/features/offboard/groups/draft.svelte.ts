@@ -7,7 +7,7 @@ import { groups } from '../controllers';
 import type { Outcome } from '../../../api/client';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { editor } from '../setpoints/editor.svelte';
-import { commandable, joinNames, type Group } from './group';
+import { isCommandable, joinNames, type Group } from './group';
 import {
   axesKindOf,
   formText,
@@ -73,7 +73,7 @@ class GroupDraft {
     });
   }
 
-  /** Renews the group's present setpoints once, with the form's validity for their kind; if the form says so, this page continues to renew them. */
+  /** Renews the group's present setpoints once, with the form's validity for their motion; if the form says so, this page continues to renew them. */
   async renew(group: Group): Promise<void> {
     const renewed: Draft = { ...this.fields, motion: axesKindOf(group) };
     this.tried = true;
@@ -98,7 +98,7 @@ class GroupDraft {
 /** Ids of all vehicles that the server can command, also of vehicles that are not connected now. */
 export function commandableIds(): string[] {
   void page.tick;
-  return page.ids.filter((id) => commandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY));
+  return page.ids.filter((id) => isCommandable(page.store.vehicles.get(id)?.identity ?? UNKNOWN_IDENTITY));
 }
 
 function factsOf(ids: readonly string[]): VehicleFacts[] {

@@ -72,7 +72,7 @@ describe('the server’s texts', () => {
     expect(formText('Place them farther apart, or lower minimum_separation_m.')).toBe('Place them farther apart, or lower “Minimum separation”.');
   });
 
-  it('use the form’s names of setpoint kinds', () => {
+  it('use the form’s names of setpoint types', () => {
     expect(displayText('A MAVLink link carries no thrust_torque setpoints: it carries attitude, position, position_body, velocity_body.')).toBe(
       'A MAVLink link carries no thrust and torque setpoints: it carries attitude, position, offset, velocity along heading.',
     );

@@ -54,7 +54,7 @@ export function lastEnded(list: readonly ReceivedGroup[], seenLive: ReadonlySet<
 const MULTICOPTERS: readonly (number | null)[] = [2, 3, 13, 14, 15, 29, 35];
 const PX4 = 12;
 
-export function commandable(identity: Identity): boolean {
+export function isCommandable(identity: Identity): boolean {
   return !identity.replayed && identity.autopilot === PX4 && MULTICOPTERS.includes(identity.vehicle_type);
 }
 

@@ -4,7 +4,7 @@ import { CommandQueue } from '../../../api/command-queue';
 import type { Refusal } from '../../../app/actions/controller.svelte';
 import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import {
-  commandable,
+  isCommandable,
   distanceTone,
   findingsShown,
   joinNames,
@@ -95,7 +95,7 @@ describe('a group’s state', () => {
 
   it('is read only from valid data, and its members are PX4 multicopters', () => {
     const quad = { ...UNKNOWN_IDENTITY, autopilot: 12, vehicle_type: 2 };
-    expect([quad, { ...quad, autopilot: 3 }, { ...quad, vehicle_type: 1 }, { ...quad, replayed: true }, UNKNOWN_IDENTITY].map(commandable)).toEqual([
+    expect([quad, { ...quad, autopilot: 3 }, { ...quad, vehicle_type: 1 }, { ...quad, replayed: true }, UNKNOWN_IDENTITY].map(isCommandable)).toEqual([
       true,
       false,
       false,
@@ -132,21 +132,21 @@ describe('the group renewer', () => {
     }
   }
 
-  it('renews in time, and only while the page is visible', async () => {
-    const world = setup();
+  it('renews after 0.3 of the validity, and only while the page is visible', async () => {
+    const harness = setup();
     await run(
-      world,
+      harness,
       20,
       () => [GROUP],
       (s) => s < 8 || s > 15,
     );
-    expect(world.renewedAt_s).toEqual([3, 6, 16, 19]);
+    expect(harness.renewedAt_s).toEqual([3, 6, 16, 19]);
   });
 
   it('does not renew a group before its start, while it switches to Hold, or after its end', async () => {
-    const world = setup();
-    await run(world, 30, (s) => [groupWith({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
-    expect(world.renewedAt_s).toEqual([10]);
+    const harness = setup();
+    await run(harness, 30, (s) => [groupWith({ state: s < 10 ? 'waiting' : s < 12 ? 'flying' : s < 14 ? 'holding' : 'flying' })]);
+    expect(harness.renewedAt_s).toEqual([10]);
     const otherGroup = setup();
     await run(otherGroup, 10, () => [groupWith({ created_unix_s: 999 })]);
     expect(otherGroup.renewedAt_s).toEqual([]);
@@ -154,16 +154,16 @@ describe('the group renewer', () => {
   });
 
   it('retries without an answer, but not after a refusal', async () => {
-    const world = setup(['no answer', 'refused']);
-    await run(world, 30, () => [GROUP]);
-    expect(world.renewedAt_s).toEqual([3, 6]);
+    const harness = setup(['no answer', 'refused']);
+    await run(harness, 30, () => [GROUP]);
+    expect(harness.renewedAt_s).toEqual([3, 6]);
   });
 
   it('does not renew a group for which renewal is off', async () => {
-    const world = setup();
-    world.renewer.start(GROUP, { ...VALIDITY, renew: false }, 0);
-    await run(world, 30, () => [GROUP]);
-    expect(world.renewedAt_s).toEqual([]);
+    const harness = setup();
+    harness.renewer.start(GROUP, { ...VALIDITY, renew: false }, 0);
+    await run(harness, 30, () => [GROUP]);
+    expect(harness.renewedAt_s).toEqual([]);
   });
 });
 
@@ -174,22 +174,22 @@ describe('the group controller', () => {
   function setup(): {
     controller: GroupController;
     calls: { call: string; body: unknown }[];
-    at: { now_s: number; visible: boolean; group: Group; status: number; response: Promise<void> };
+    world: { now_s: number; visible: boolean; group: Group; status: number; response: Promise<void> };
     stoppedRenewals: string[];
     refused: Refusal[];
     settle: () => Promise<void>;
   } {
     const calls: { call: string; body: unknown }[] = [];
-    const at = { now_s: 0, visible: true, group: GROUP, status: 200, response: Promise.resolve() };
+    const world = { now_s: 0, visible: true, group: GROUP, status: 200, response: Promise.resolve() };
     const api = new ApiClient({ name: 'Anna', id: 'tab', key: 'me' }, undefined, (path, init) => {
       calls.push({
         call: `${init.method ?? ''} ${path.replace('/api/v1', '')}`,
         body: init.body === undefined ? null : (JSON.parse(init.body as string) as unknown),
       });
-      const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [at.group] } : at.group;
+      const body = path.endsWith('/groups') && init.method === 'GET' ? { groups: [world.group] } : world.group;
       const reply =
-        at.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: at.status });
-      return init.method === 'POST' ? at.response.then(() => reply) : Promise.resolve(reply);
+        world.status === 200 ? Response.json(body) : Response.json({ code: 'not_in_control', detail: 'x has control of vehicle 1.' }, { status: world.status });
+      return init.method === 'POST' ? world.response.then(() => reply) : Promise.resolve(reply);
     });
     const refused: Refusal[] = [];
     const stoppedRenewals: string[] = [];
@@ -209,17 +209,17 @@ describe('the group controller', () => {
       api,
       new CommandQueue(),
       actions,
-      () => at.now_s,
-      () => at.visible,
+      () => world.now_s,
+      () => world.visible,
       (id) => `${id} Quad`,
       (id) => stoppedRenewals.push(id),
     );
     const settle = async (): Promise<void> => void (await new Promise((done) => setTimeout(done, 0)));
-    return { controller, calls, at, stoppedRenewals, refused, settle };
+    return { controller, calls, world, stoppedRenewals, refused, settle };
   }
 
   it('renews each member’s setpoint, except for members that got a single setpoint', async () => {
-    const { controller, calls, at, stoppedRenewals, settle } = setup();
+    const { controller, calls, world, stoppedRenewals, settle } = setup();
     expect((await controller.start({ members: MEMBERS }, VALIDITY)).ok).toBe(true);
     expect(stoppedRenewals).toEqual(['1', '2']);
     expect([controller.pageGroup?.group.id, controller.renewedKey, controller.groupWith('2')?.id, controller.groupWith('3')]).toEqual([
@@ -229,27 +229,27 @@ describe('the group controller', () => {
       null,
     ]);
     const renewals = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => (c.body as { setpoints: unknown }).setpoints);
-    at.now_s = 3;
+    world.now_s = 3;
     controller.tick('open');
     await settle();
     controller.onVehicleSetpoint('1');
-    at.now_s = 6;
+    world.now_s = 6;
     controller.tick('open');
     await settle();
     expect(renewals()).toEqual([MEMBERS, [MEMBERS[1]]]);
-    at.visible = false;
-    at.now_s = 20;
+    world.visible = false;
+    world.now_s = 20;
     controller.tick('open');
     await settle();
     expect(renewals()).toHaveLength(2);
   });
 
   it('sends no renewal that could overtake a new setpoint', async () => {
-    const { controller, calls, at, settle } = setup();
+    const { controller, calls, world, settle } = setup();
     await controller.start({ members: MEMBERS }, VALIDITY);
     const delayResponse = (): (() => void) => {
       let respond = (): void => undefined;
-      at.response = new Promise((done) => (respond = done));
+      world.response = new Promise((done) => (respond = done));
       return respond;
     };
     const posts = (): unknown[] => calls.filter((c) => c.call === 'POST /groups/1/setpoints').map((c) => c.body);
@@ -257,7 +257,7 @@ describe('the group controller', () => {
 
     // New setpoints while the server has not answered a renewal: the request waits for the response to the renewal.
     const respondToRenewal = delayResponse();
-    at.now_s = 3;
+    world.now_s = 3;
     controller.tick('open');
     await settle();
     const sending = controller.send(GROUP, newSetpoints, { ...VALIDITY, valid_for_s: 30 });
@@ -269,7 +269,7 @@ describe('the group controller', () => {
     expect(posts().slice(1)).toEqual([{ setpoints: newSetpoints, valid_for_s: 30, on_expiry: VALIDITY.on_expiry }]);
 
     // Until the server has accepted the new setpoints, no renewal is sent; the next renewal sends the new setpoints with their validity.
-    at.now_s = 8;
+    world.now_s = 8;
     controller.tick('open');
     await settle();
     respondToSetpoints();
@@ -277,33 +277,33 @@ describe('the group controller', () => {
     controller.tick('open');
     await settle();
     expect(posts()).toHaveLength(2);
-    at.now_s = 17.5;
+    world.now_s = 17.5;
     controller.tick('open');
     await settle();
     expect(posts()[2]).toEqual(posts()[1]);
 
     // Without a response it is unknown which setpoints the server accepted, and this page renews none.
-    at.response = Promise.reject(new TypeError('network'));
+    world.response = Promise.reject(new TypeError('network'));
     expect((await controller.send(GROUP, MEMBERS, VALIDITY)).ok).toBe(false);
-    at.response = Promise.resolve();
-    at.now_s = 60;
+    world.response = Promise.resolve();
+    world.now_s = 60;
     controller.tick('open');
     await settle();
     expect([posts().length, controller.renewedKey]).toEqual([4, null]);
   });
 
   it('polls once a second while there is a group and the page is visible, and after each new connection', async () => {
-    const { controller, calls, at, settle } = setup();
+    const { controller, calls, world, settle } = setup();
     const getCount = (): number => calls.filter((c) => c.call === 'GET /groups').length;
-    for (; at.now_s < 2.95; at.now_s += 0.1) {
+    for (; world.now_s < 2.95; world.now_s += 0.1) {
       controller.tick('open');
       await settle();
     }
     expect(getCount()).toBe(3);
-    at.group = groupWith({ state: 'ended', ended: 'me commanded Hold.' });
-    controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: at.group });
+    world.group = groupWith({ state: 'ended', ended: 'me commanded Hold.' });
+    controller.onEvent({ kind: 'group', vehicle: null, unix_s: 0, severity: 6, text: '', group: world.group });
     expect([controller.live.length, controller.lastEnded?.ended, controller.pageGroup]).toEqual([0, 'me commanded Hold.', null]);
-    at.now_s = 60;
+    world.now_s = 60;
     controller.tick('open');
     await settle();
     expect(getCount()).toBe(3);
@@ -315,11 +315,11 @@ describe('the group controller', () => {
   });
 
   it('shows why a renewal was refused, and stops renewing', async () => {
-    const { controller, at, refused, calls, settle } = setup();
+    const { controller, world, refused, calls, settle } = setup();
     await controller.start({ members: MEMBERS }, VALIDITY);
-    at.status = 409;
+    world.status = 409;
     for (const now_s of [3, 6, 9]) {
-      at.now_s = now_s;
+      world.now_s = now_s;
       controller.tick('open');
       await settle();
     }
