@@ -50,35 +50,35 @@ describe('actions', () => {
 });
 
 /** Calls `tick` once per frame, as the page does. */
-function tickFrames(c: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
-  for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) c.tick(at_s);
-  return c.tick(to_s);
+function tickFrames(confirmation: Confirmation, from_s: number, to_s: number): Confirmation['phase'] {
+  for (let at_s = from_s; at_s < to_s; at_s += 1 / 50) confirmation.tick(at_s);
+  return confirmation.tick(to_s);
 }
 
 describe('confirmation', () => {
   it('expires five seconds after the last input', () => {
-    const c = new Confirmation(false, 100);
-    expect(c.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
-    expect(c.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
+    const confirmation = new Confirmation(false, 100);
+    expect(confirmation.tick(100 + EXPIRES_AFTER_S - 0.01)).toBe('asking');
+    expect(confirmation.tick(100 + EXPIRES_AFTER_S)).toBe('expired');
   });
   it('needs the key held for the whole time, longer for dangerous actions', () => {
-    const c = new Confirmation(false, 0);
-    c.press(1);
-    c.press(1.5); // the keyboard repeats
-    expect(tickFrames(c, 1, 1 + HOLD_S - 0.01)).toBe('asking');
-    expect(tickFrames(c, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
+    const confirmation = new Confirmation(false, 0);
+    confirmation.press(1);
+    confirmation.press(1.5); // the keyboard repeats
+    expect(tickFrames(confirmation, 1, 1 + HOLD_S - 0.01)).toBe('asking');
+    expect(tickFrames(confirmation, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
     const kill = new Confirmation(true, 0);
     kill.press(0);
     expect(tickFrames(kill, 0, HOLD_S)).toBe('asking');
     expect(tickFrames(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
   });
   it('starts over after an early release, and does not expire while the knob is held', () => {
-    const c = new Confirmation(true, 0);
-    c.press(4.5);
-    expect(tickFrames(c, 4.5, 5.5)).toBe('asking');
-    c.release(5.6);
-    expect(c.progress()).toBe(0);
-    expect(c.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
+    const confirmation = new Confirmation(true, 0);
+    confirmation.press(4.5);
+    expect(tickFrames(confirmation, 4.5, 5.5)).toBe('asking');
+    confirmation.release(5.6);
+    expect(confirmation.progress()).toBe(0);
+    expect(confirmation.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
     const releasedLate = new Confirmation(false, 0);
     releasedLate.press(0);
     releasedLate.release(10);
@@ -93,31 +93,31 @@ describe('confirmation', () => {
     expect(tickFrames(kill, 4.02, 6)).toBe('asking');
   });
   it('counts each arrow key press as a step, and returns to zero when the knob loses the focus', () => {
-    const c = new Confirmation(true, 0);
-    for (let i = 1; i < KNOB_STEPS; i++) c.step(1, i * 0.2);
-    expect([c.tick(2), c.progress()]).toEqual(['asking', 0.9]);
-    c.step(-1, 2);
-    expect(c.progress()).toBe(0.8);
-    c.release(2.1);
-    expect(c.progress()).toBe(0);
-    for (let i = 0; i < 3; i++) c.step(1, 3);
-    c.step(-Infinity, 3);
-    expect(c.progress()).toBe(0);
-    for (let i = 0; i < KNOB_STEPS; i++) c.step(1, 4);
-    expect(c.tick(4)).toBe('confirmed');
+    const confirmation = new Confirmation(true, 0);
+    for (let i = 1; i < KNOB_STEPS; i++) confirmation.step(1, i * 0.2);
+    expect([confirmation.tick(2), confirmation.progress()]).toEqual(['asking', 0.9]);
+    confirmation.step(-1, 2);
+    expect(confirmation.progress()).toBe(0.8);
+    confirmation.release(2.1);
+    expect(confirmation.progress()).toBe(0);
+    for (let i = 0; i < 3; i++) confirmation.step(1, 3);
+    confirmation.step(-Infinity, 3);
+    expect(confirmation.progress()).toBe(0);
+    for (let i = 0; i < KNOB_STEPS; i++) confirmation.step(1, 4);
+    expect(confirmation.tick(4)).toBe('confirmed');
     const halfway = new Confirmation(true, 0);
     halfway.step(1, 1);
     expect(halfway.tick(1 + EXPIRES_AFTER_S)).toBe('expired');
   });
   it('needs the knob at the end of its track', () => {
-    const c = new Confirmation(false, 0);
-    c.slide(0.98, 1);
-    c.letGo(1.1);
-    expect(c.tick(1.2)).toBe('asking');
-    expect(c.progress()).toBe(0);
-    c.slide(1.2, 2);
-    expect(c.tick(2)).toBe('confirmed');
-    c.cancel();
-    expect(c.phase).toBe('confirmed');
+    const confirmation = new Confirmation(false, 0);
+    confirmation.slide(0.98, 1);
+    confirmation.letGo(1.1);
+    expect(confirmation.tick(1.2)).toBe('asking');
+    expect(confirmation.progress()).toBe(0);
+    confirmation.slide(1.2, 2);
+    expect(confirmation.tick(2)).toBe('confirmed');
+    confirmation.cancel();
+    expect(confirmation.phase).toBe('confirmed');
   });
 });

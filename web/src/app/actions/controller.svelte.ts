@@ -9,7 +9,7 @@ import { actionFacts, ACTION_NAMES, question, send, reasonUnavailable, type Acti
 import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
-/** The part of the page where a button is, so that its result appears there. */
+/** The part of the page that contains the pressed button; it also shows the refusal. */
 export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'room';
 
 /** A confirmation for several vehicles: its present texts, and the call after confirmation. */
@@ -38,7 +38,7 @@ export interface PendingConfirmation {
   confirmation: Confirmation;
 }
 
-export interface Running {
+export interface RunningCommand {
   id: number;
   action: ActionName;
   /** The command's name, for the progress text. */
@@ -64,7 +64,7 @@ const TAKEOFF_DEFAULT_M = 10;
 const IGNORE_KEYS_S = 0.6;
 /** PX4's parameter for the return altitude [m above home]. */
 const RETURN_ALT = 'RTL_RETURN_ALT';
-/** The API's limits [m]. */
+/** The API's limits of the take-off altitude [m above home]. */
 export const TAKEOFF_RANGE_M = { min: 1, max: 120 } as const;
 
 function notPossibleNow(detail: string): Problem {
@@ -73,7 +73,7 @@ function notPossibleNow(detail: string): Problem {
 
 export class ActionController {
   pending = $state.raw<PendingConfirmation | null>(null);
-  running = $state.raw<Running[]>([]);
+  running = $state.raw<RunningCommand[]>([]);
   refusals = $state.raw<Partial<Record<PagePart, Refusal>>>({});
   takeoffAlt_home_m = $state(TAKEOFF_DEFAULT_M);
   /** Error of the typed altitude; null if it is valid. */
@@ -83,15 +83,16 @@ export class ActionController {
   progress = $state(0);
   remaining_s = $state(0);
   private nextId = 1;
+  /** When the last confirmation closed without a key press [s]. */
   private closedWithoutKey_s = -Infinity;
 
   constructor(
     private readonly api: ApiClient,
     private readonly nowS: () => number,
-    /** Starts the stream at the vehicle's position; the offboard feature provides it. */
+    /** Starts the setpoint stream; the offboard feature provides this function. */
     private readonly startOffboard: (facts: VehicleFacts, streamStart: StreamStart | null) => Promise<Outcome<unknown>>,
-    /** The vehicle's present state, because it has moved since the confirmation was opened. */
-    private readonly current: (id: string) => VehicleFacts | null,
+    /** Reads the vehicle's present state; the vehicle may have moved since the confirmation was opened. */
+    private readonly readFacts: (id: string) => VehicleFacts | null,
   ) {}
 
   /** The confirmation's texts with the vehicle's present altitude. */
@@ -110,10 +111,10 @@ export class ActionController {
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem: notPossibleNow(reason) } };
       return;
     }
-    const withoutControl = controlProblem(action, this.factsFor(facts).controlHolder ?? null);
-    if (withoutControl !== null) {
+    const controlRefusal = controlProblem(action, this.factsFor(facts).controlHolder ?? null);
+    if (controlRefusal !== null) {
       this.pending = null;
-      const problem: Problem = { ...notPossibleNow(withoutControl.detail), title: 'Not in control', code: 'not_in_control', remedy: withoutControl.remedy };
+      const problem: Problem = { ...notPossibleNow(controlRefusal.detail), title: 'Not in control', code: 'not_in_control', remedy: controlRefusal.remedy };
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem } };
       return;
     }
@@ -154,7 +155,7 @@ export class ActionController {
     this.pending.confirmation.touch(this.nowS());
   }
 
-  /** One step up or down, within the API's limits. */
+  /** Changes the take-off altitude by `by_m`, within the API's limits. */
   stepTakeoffAltitude(by_m: number): void {
     this.enterTakeoffAltitude(Math.min(TAKEOFF_RANGE_M.max, Math.max(TAKEOFF_RANGE_M.min, this.takeoffAlt_home_m + by_m)));
   }
@@ -211,7 +212,7 @@ export class ActionController {
   }
 
   private async run(action: ActionName, facts: VehicleFacts, pagePart: PagePart, goal: Goal | null = null, start: StreamStart | null = null): Promise<void> {
-    const entry: Running = {
+    const entry: RunningCommand = {
       id: this.nextId++,
       action,
       commandName: ACTION_NAMES[action],
@@ -229,7 +230,7 @@ export class ActionController {
   }
 
   private async runForGroup({ commandName, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
-    const entry: Running = {
+    const entry: RunningCommand = {
       id: this.nextId++,
       action: 'offboard_start',
       commandName,
@@ -249,10 +250,12 @@ export class ActionController {
     return send(this.api, action, this.factsFor(facts), goal);
   }
 
+  /** The vehicle's present state; if the vehicle was removed, the last known state. */
   private currentFacts(facts: VehicleFacts): VehicleFacts {
-    return this.current(facts.id) ?? facts;
+    return this.readFacts(facts.id) ?? facts;
   }
 
+  /** The values for the confirmation texts. */
   private factsFor(facts: VehicleFacts): ActionFacts {
     const controlHolder = otherControlHolder(facts.control, this.api.key);
     return { ...actionFacts(facts, this.takeoffAlt_home_m), controlHolder, returnAlt_home_m: this.returnAlt_home_m.get(facts.id) ?? null };

@@ -7,14 +7,14 @@ import ReplayBar from './ReplayBar.svelte';
 
 const close = (): void => void (replay.listOpen = false);
 
-page.onTelemetry.push(() => replay.follow());
+page.onTelemetry.push(() => replay.onTelemetry());
 registry.addPanel({
   id: 'recordings',
   order: 40,
   place: 'over',
   component: RecordingList,
   isOpen: () => replay.listOpen,
-  toggle: () => (replay.listOpen ? close() : void replay.list()),
+  toggle: () => (replay.listOpen ? close() : void replay.openList()),
   close,
 });
 registry.addTo('bottom', { order: 10, component: ReplayBar, applies: () => replay.shown !== null });

@@ -49,7 +49,7 @@ export class ReplayControl {
   private indexedName: string | null = null;
   private pendingCommand: ReplayCommand | null = null;
   private isSending = false;
-  private responded_ms = 0;
+  private respondedAt_ms = 0;
   private framesSinceResponse = 0;
 
   constructor(private readonly deps: ReplayDeps) {}
@@ -58,7 +58,7 @@ export class ReplayControl {
     return shownReplay(this.deps.replays(), this.deps.selectedId(), this.expectedName);
   }
 
-  async list(): Promise<void> {
+  async openList(): Promise<void> {
     this.listOpen = true;
     const response = await this.deps.api.get('/recordings');
     if (response.ok) this.recordings = response.value.recordings;
@@ -78,7 +78,7 @@ export class ReplayControl {
     this.waitsForVehicle = true;
     this.listOpen = false;
     this.focusRequested = true;
-    this.follow();
+    this.onTelemetry();
   }
 
   async close(): Promise<void> {
@@ -90,7 +90,7 @@ export class ReplayControl {
   }
 
   /** Called for each frame of telemetry: selects the vehicle of the expected replay, and loads the marks of the shown replay. */
-  follow(): void {
+  onTelemetry(): void {
     this.checkSeek();
     const replays = this.deps.replays();
     const expected = replays.find((r) => r.name === this.expectedName);
@@ -137,7 +137,7 @@ export class ReplayControl {
       this.problem = response.ok ? null : response.problem;
     }
     if (this.problem !== null) this.requested_unix_s = null;
-    this.responded_ms = performance.now();
+    this.respondedAt_ms = performance.now();
     this.framesSinceResponse = 0;
     this.isSending = false;
   }
@@ -151,7 +151,7 @@ export class ReplayControl {
     const shown = this.shown;
     const arrived = shown !== null && hasArrived(shown, this.requested_unix_s);
     this.framesSinceResponse += 1;
-    const hasTimedOut = this.framesSinceResponse > SEEK_TIMEOUT_FRAMES && performance.now() - this.responded_ms > SEEK_TIMEOUT_MS;
+    const hasTimedOut = this.framesSinceResponse > SEEK_TIMEOUT_FRAMES && performance.now() - this.respondedAt_ms > SEEK_TIMEOUT_MS;
     if (arrived || hasTimedOut) this.requested_unix_s = null;
   }
 

@@ -165,10 +165,10 @@ describe('replay control', () => {
     await vi.waitFor(() => expect(requests).toHaveLength(2));
     await new Promise((done) => setTimeout(done, 0));
     replays[0] = replay({ position_unix_s: 50, playing: false });
-    control.follow();
+    control.onTelemetry();
     expect(control.requested_unix_s).toBe(130); // a frame from before the seek
     replays[0] = replay({ position_unix_s: 130, playing: false });
-    control.follow();
+    control.onTelemetry();
     expect(control.requested_unix_s).toBeNull();
     expect(requests.filter((a) => a.method === 'POST').map((a) => a.body)).toEqual([{ position_unix_s: 110 }, { position_unix_s: 130, speed: 4 }]);
     expect(requests[0]?.path).toBe('/api/v1/replays/replay-a.tlog');
@@ -182,9 +182,9 @@ describe('replay control', () => {
     respond();
     await new Promise((done) => setTimeout(done, 0));
     now.mockReturnValue(60_000); // the browser was busy for a minute
-    for (let i = 0; i < 20; i++) control.follow();
+    for (let i = 0; i < 20; i++) control.onTelemetry();
     expect(control.requested_unix_s).toBe(130);
-    control.follow();
+    control.onTelemetry();
     expect(control.requested_unix_s).toBeNull(); // another client may have changed the time, or the connection is lost
     now.mockRestore();
   });

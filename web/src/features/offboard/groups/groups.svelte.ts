@@ -19,6 +19,7 @@ export class GroupController {
   list = $state.raw<readonly ReceivedGroup[]>([]);
   /** Key of the group whose setpoints this page renews. */
   renewedKey = $state<string | null>(null);
+  /** Keys of the groups that this page has seen active and that are not dismissed. */
   private seenLive = $state.raw<ReadonlySet<string>>(new Set());
   private readonly renewer = new GroupRenewer((group, validity) => this.sendRenewal(group, validity));
   /**
@@ -125,7 +126,7 @@ export class GroupController {
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
     await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'room', async () => {
-      const outcome = await this.api.post('/groups/{g}/hold', pathOf(group));
+      const outcome = await this.api.post('/groups/{g}/hold', groupPath(group));
       if (outcome.ok) this.update(outcome.value);
       return outcome;
     });
@@ -163,7 +164,7 @@ export class GroupController {
 
   private post(group: Group, setpoints: readonly MemberSetpoint[], { valid_for_s, on_expiry }: Validity): Promise<Outcome<Group>> {
     return this.api.post('/groups/{g}/setpoints', {
-      ...pathOf(group),
+      ...groupPath(group),
       body: { setpoints: setpoints.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) })), valid_for_s, on_expiry },
     });
   }
@@ -218,4 +219,4 @@ function vehiclesOf(group: Group): string[] {
   return group.members.map((member) => member.vehicle);
 }
 
-const pathOf = (group: Group): { params: { path: { g: string } } } => ({ params: { path: { g: group.id } } });
+const groupPath = (group: Group): { params: { path: { g: string } } } => ({ params: { path: { g: group.id } } });

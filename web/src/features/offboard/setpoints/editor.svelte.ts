@@ -10,7 +10,7 @@ import type { WireEvent } from '../../../live/wire';
 import { fixed } from '../../../ui/format';
 import type { AnySetpoint, Validity, OnExpiry } from '../../../vehicle/setpoint';
 import { expiryText, readOffboard } from '../../../vehicle/offboard';
-import { build, formFromCurrentState, type Form } from './form';
+import { buildSetpoint, formFromCurrentState, type Form } from './form';
 import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
@@ -116,7 +116,7 @@ class SetpointEditor {
   preview(facts: VehicleFacts): Preview | null {
     if (this.input === 'gamepad' || this.input === 'group') return null;
     if (this.input === 'drag') return this.drag === null ? null : { ...this.drag, isExtrapolated: false };
-    const built = build(this.form(facts));
+    const built = buildSetpoint(this.form(facts));
     return built.ok ? previewOf(built.setpoint, facts) : null;
   }
 
@@ -172,7 +172,7 @@ class SetpointEditor {
 
   private formSetpoint(facts: VehicleFacts): AnySetpoint | null {
     this.tried = true;
-    const built = build(this.form(facts));
+    const built = buildSetpoint(this.form(facts));
     return built.ok ? built.setpoint : null;
   }
 

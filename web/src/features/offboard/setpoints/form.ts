@@ -6,7 +6,7 @@ import { specOf, type Axis, type Group, type SetpointKind } from '../../../vehic
 export interface Field {
   text: string;
   /** The axis is not controlled: null in the API, NaN in MAVLink. */
-  off: boolean;
+  isUncontrolled: boolean;
 }
 
 export type AltReference = 'alt_home_m' | 'alt_amsl_m';
@@ -23,7 +23,7 @@ export interface Form {
   yaw: string;
   altReference: AltReference;
   /** The vehicle to follow; empty: not chosen. */
-  other: string;
+  followedVehicle: string;
   followYaw: FollowYaw;
 }
 
@@ -40,13 +40,14 @@ export function parseTyped(text: string): number | null {
   return plain === '' || !Number.isFinite(value) ? null : value;
 }
 
+/** A number with the decimals of its step. */
 function numberText(value: number, step: number): string {
   const decimals = step >= 1 ? 0 : Math.min(7, Math.ceil(-Math.log10(step) - 1e-9));
   const text = value.toFixed(Math.max(decimals, step === 0.00001 ? 7 : decimals));
   return Number(text) === 0 ? (0).toFixed(decimals) : text;
 }
 
-/** Default offset when following [m]: behind and above the other vehicle. */
+/** Default offset when following [m]: forward, right, up along the other vehicle's heading. */
 const FOLLOW_OFFSET = { o0: -5, o1: 0, o2: 2 };
 /** Smallest offset when following [m]. */
 const FOLLOW_MIN_M = 2;
@@ -74,7 +75,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
     const value = axis.key in values ? (values[axis.key] ?? null) : 0;
     fields[axis.key] = {
       text: value === null ? '' : numberText(value, axis.key[0] === 'p' && axis.step === 0.5 ? 0.1 : axis.key === 'alt' ? 0.1 : axis.step),
-      off: false,
+      isUncontrolled: false,
     };
   }
   return {
@@ -82,7 +83,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
     fields,
     omitted: spec.groups.filter((g) => g.optional).map((g) => g.field),
     altReference: 'alt_home_m',
-    other: '',
+    followedVehicle: '',
     followYaw: 'keep',
     yawChoice: spec.yaw === 'none' ? 'none' : 'angle',
     yaw: spec.yaw === 'offset' ? '0' : heading,
@@ -91,7 +92,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
 
 /** The API value of an axis from its typed text, or the error. */
 function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
-  if (nullable && field?.off === true) return { value: null };
+  if (nullable && field?.isUncontrolled === true) return { value: null };
   const value = parseTyped(field?.text ?? '');
   if (value === null) return { error: nullable ? `${axis.label}: enter a number, or choose “not controlled”.` : `${axis.label}: enter a number.` };
   if (axis.min !== undefined && value < axis.min) return { error: `${axis.label}: at least ${axis.min}${axis.unit && ` ${axis.unit}`}.` };
@@ -109,7 +110,7 @@ function readGroup(group: Group, form: Form, errors: Record<string, string>): un
 }
 
 /** The setpoint of the form in the API's format, or the errors by field. */
-export function build(form: Form): Built {
+export function buildSetpoint(form: Form): Built {
   const spec = specOf(form.kind);
   const errors: Record<string, string> = {};
   const setpoint: Record<string, unknown> & { type: SetpointKind } = { type: form.kind };
@@ -119,11 +120,11 @@ export function build(form: Form): Built {
   }
   if (form.kind === 'trajectory') checkControlled(spec.groups, form, errors);
   if (form.kind === 'follow') {
-    if (form.other === '') errors['other'] = 'Choose the vehicle to follow.';
+    if (form.followedVehicle === '') errors['followedVehicle'] = 'Choose the vehicle to follow.';
     const offset = setpoint['offset_frd_m'] as (number | null)[];
     if (offset.every((v) => v !== null) && Math.hypot(...(offset as number[])) < FOLLOW_MIN_M)
       errors['o0'] = `The offset must be at least ${FOLLOW_MIN_M} m long.`;
-    Object.assign(setpoint, { vehicle: form.other, yaw: form.followYaw });
+    Object.assign(setpoint, { vehicle: form.followedVehicle, yaw: form.followYaw });
   } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = parseTyped(form.yaw);
     if (value === null) errors['yaw'] = 'Yaw: enter a number, or choose “Keep”.';
@@ -142,17 +143,17 @@ function checkControlled(groups: readonly Group[], form: Form, errors: Record<st
   ['North', 'East', 'Up'].forEach((name, i) => {
     const axes = controlledGroups.map((g) => g.axes[i]).filter((a) => a !== undefined);
     const [first] = axes;
-    if (first !== undefined && axes.every((a) => form.fields[a.key]?.off === true))
+    if (first !== undefined && axes.every((a) => form.fields[a.key]?.isUncontrolled === true))
       errors[first.key] = `${name} is not controlled: give a position, a velocity or an acceleration.`;
   });
 }
 
 /** Sets whether an axis is controlled. North and east of a quantity change together: the vehicle ignores one without the other. */
-export function setUncontrolled(form: Form, key: string, off: boolean): Form {
+export function setUncontrolled(form: Form, key: string, isUncontrolled: boolean): Form {
   const quantity = /^([pva])[01]$/.exec(key)?.[1];
   const keys = quantity === undefined ? [key] : [`${quantity}0`, `${quantity}1`];
   const fields = { ...form.fields };
-  for (const k of keys) fields[k] = { text: fields[k]?.text ?? '', off };
+  for (const k of keys) fields[k] = { text: fields[k]?.text ?? '', isUncontrolled };
   return { ...form, fields };
 }
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { VehicleFacts } from '../../../vehicle/facts';
-import { build, formFromCurrentState, setUncontrolled, parseTyped, type Form } from './form';
+import { buildSetpoint, formFromCurrentState, setUncontrolled, parseTyped, type Form } from './form';
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
 import { bodyToNed, previewOf, previewOnMap, previewText } from './preview';
 import { SentLog, setpointText } from './sent-log';
@@ -16,17 +16,20 @@ const FACTS = {
 } as unknown as VehicleFacts;
 
 function validSetpoint(form: Form): Record<string, unknown> {
-  const built = build(form);
+  const built = buildSetpoint(form);
   if (!built.ok) throw new Error(JSON.stringify(built.errors));
   return { ...built.setpoint };
 }
 
 function errorsOf(form: Form): Readonly<Record<string, string>> {
-  const built = build(form);
+  const built = buildSetpoint(form);
   return built.ok ? {} : built.errors;
 }
 
-const withField = (form: Form, key: string, text: string, off = false): Form => ({ ...form, fields: { ...form.fields, [key]: { text, off } } });
+const withField = (form: Form, key: string, text: string, isUncontrolled = false): Form => ({
+  ...form,
+  fields: { ...form.fields, [key]: { text, isUncontrolled } },
+});
 
 describe('forms', () => {
   it('start with the vehicle’s present state', () => {
@@ -44,7 +47,7 @@ describe('forms', () => {
 
   it('build a setpoint of every type from complete numbers', () => {
     for (const { kind, groups } of KINDS.filter((k) => k.groups.length > 0)) {
-      const built = validSetpoint({ ...formFromCurrentState(kind, FACTS, 0.5), other: '2' });
+      const built = validSetpoint({ ...formFromCurrentState(kind, FACTS, 0.5), followedVehicle: '2' });
       expect(built['type']).toBe(kind);
       for (const g of groups) if (!g.optional && g.field !== 'alt') expect(built).toHaveProperty(g.field);
     }
@@ -81,9 +84,14 @@ describe('forms', () => {
 
   it('require for follow a vehicle and an offset of at least 2 m', () => {
     const form = formFromCurrentState('follow', FACTS, null);
-    expect(errorsOf(form)).toEqual({ other: 'Choose the vehicle to follow.' });
-    expect(validSetpoint({ ...form, other: '2', followYaw: 'face' })).toEqual({ type: 'follow', offset_frd_m: [-5, 0, -2], vehicle: '2', yaw: 'face' });
-    expect(errorsOf({ ...withField(withField(form, 'o0', '1'), 'o2', '1'), other: '2' })).toHaveProperty('o0');
+    expect(errorsOf(form)).toEqual({ followedVehicle: 'Choose the vehicle to follow.' });
+    expect(validSetpoint({ ...form, followedVehicle: '2', followYaw: 'face' })).toEqual({
+      type: 'follow',
+      offset_frd_m: [-5, 0, -2],
+      vehicle: '2',
+      yaw: 'face',
+    });
+    expect(errorsOf({ ...withField(withField(form, 'o0', '1'), 'o2', '1'), followedVehicle: '2' })).toHaveProperty('o0');
     expect(previewOf({ type: 'follow', offset_frd_m: [-5, 0, -2] }, FACTS)).toBeNull();
   });
 
