@@ -20,14 +20,14 @@ function list(body: unknown, name: string): Raw[] {
  * the data that the socket sent for the vehicle meanwhile is removed, too.
  */
 export async function loadFleet(api: ApiClient, store: TelemetryStore): Promise<{ ids: readonly string[]; removed: boolean }> {
-  const before = new Map(store.vehicles);
+  const storedBefore = new Map(store.vehicles);
   const response = await api.get('/vehicles');
   if (!response.ok) return { ids: store.ids(), removed: false };
   const vehicles = list(response.value, 'vehicles').filter((v) => typeof v['id'] === 'string');
   const ids = vehicles.map((v) => v['id'] as string);
   // A replay may have jumped to another time meanwhile. The store then has a new vehicle with the same id, and the
   // response is outdated for it.
-  const unchanged = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === before.get(v['id'] as string));
+  const unchanged = vehicles.filter((v) => store.vehicles.get(v['id'] as string) === storedBefore.get(v['id'] as string));
   const removed = store.keepOnly(ids);
   store.apply({ type: 'samples', samples: unchanged.flatMap(vehicleSamples) });
   return { ids, removed };

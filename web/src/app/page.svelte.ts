@@ -199,10 +199,10 @@ class Page {
   private updateSubscription(): void {
     const details = this.detailSubscription();
     const all = JSON.stringify(this.fleetSubscription());
-    const both = all + JSON.stringify(details);
-    if (both === this.subscribed) return;
+    const combined = all + JSON.stringify(details);
+    if (combined === this.subscribed) return;
     if (!this.subscribed.startsWith(all)) this.socket.resubscribe();
-    this.subscribed = both;
+    this.subscribed = combined;
     if (details === null) {
       this.detailSocket.stop();
       this.detailOpen = false;

@@ -20,7 +20,7 @@ function setup() {
   const sockets: FakeSocket[] = [];
   const frames: Frame[] = [];
   const states: SocketState[] = [];
-  let timers: { at: number; run: () => void }[] = [];
+  let timers: { due_ms: number; run: () => void }[] = [];
   let now = 0;
   const server = { hasVehicles: true };
   const socket = new TelemetrySocket(
@@ -37,7 +37,7 @@ function setup() {
       },
       nowMs: () => now,
       setTimer: (run, ms) => {
-        const timer = { at: now + ms, run };
+        const timer = { due_ms: now + ms, run };
         timers.push(timer);
         return timer;
       },
@@ -46,8 +46,8 @@ function setup() {
   );
   const passTime = (ms: number): void => {
     now += ms;
-    const due = timers.filter((t) => t.at <= now);
-    timers = timers.filter((t) => t.at > now);
+    const due = timers.filter((t) => t.due_ms <= now);
+    timers = timers.filter((t) => t.due_ms > now);
     for (const timer of due) timer.run();
   };
   return { socket, sockets, frames, states, passTime, server };

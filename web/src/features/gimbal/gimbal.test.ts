@@ -50,11 +50,11 @@ describe('gimbal', () => {
     const facts = (gimbals: Gimbal[]): VehicleFacts => ({ id: '7', gimbal: { value: { ...first, gimbals } } }) as unknown as VehicleFacts;
     expect(gimbalsOf(facts([]))).toEqual([]);
     expect(gimbalParams(facts([]))).toEqual({ params: { path: { v: '7' } } });
-    const both = facts([first, second] as Gimbal[]);
-    expect(gimbalsOf(both).map(gimbalKey)).toEqual(['7/1.1', '7/171.0']);
-    const selected = withGimbal(both, '7/171.0');
+    const twoGimbals = facts([first, second] as Gimbal[]);
+    expect(gimbalsOf(twoGimbals).map(gimbalKey)).toEqual(['7/1.1', '7/171.0']);
+    const selected = withGimbal(twoGimbals, '7/171.0');
     expect(selected.gimbal?.value.pitch_rad).toBe(-1);
     expect(gimbalParams(selected)).toEqual({ params: { path: { v: '7' }, query: { component: 171 } } });
-    expect(gimbalParams(withGimbal(both, 'gone'))).toEqual({ params: { path: { v: '7' }, query: { component: 1, device: 1 } } });
+    expect(gimbalParams(withGimbal(twoGimbals, 'gone'))).toEqual({ params: { path: { v: '7' }, query: { component: 1, device: 1 } } });
   });
 });

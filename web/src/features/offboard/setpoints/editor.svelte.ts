@@ -146,7 +146,7 @@ class SetpointEditor {
   // --- sending ---
 
   /** Sends the setpoint of form or drag to the running stream, or starts the stream with it. */
-  go(facts: VehicleFacts, streaming: boolean): void {
+  sendOrStart(facts: VehicleFacts, streaming: boolean): void {
     const setpoint = this.input === 'drag' ? this.dragSetpoint() : this.formSetpoint(facts);
     const validity = this.input === 'drag' ? { ...this.validity, valid_for_s: POSITION_VALIDITY_S, renew: true } : this.validity;
     if (setpoint === null || (this.input === 'form' && this.validForProblem !== null)) return;

@@ -133,8 +133,8 @@ export class Traces {
 function column(values: (number | null)[], isYaw: boolean): (number | null)[] {
   if (!isYaw) return values;
   return values.map((v, i) => {
-    const before = values[i - 1];
-    return v !== null && before != null && Math.abs(v - before) > 180 ? null : v;
+    const previous = values[i - 1];
+    return v !== null && previous != null && Math.abs(v - previous) > 180 ? null : v;
   });
 }
 
