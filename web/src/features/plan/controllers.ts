@@ -1,7 +1,7 @@
 /** The plan room's controllers, one of each on this page. */
 
 import { page } from '../../app/page.svelte';
-import { memory } from '../../app/identity';
+import { availableStorage } from '../../app/identity';
 import { AcceptedErrors } from './flight/accepted-errors.svelte';
 import { RoleAssignment } from './flight/role-assignment.svelte';
 import type { PlannedHome } from './document/document';
@@ -15,7 +15,7 @@ import { Plans } from './plans.svelte';
 
 export const editor = new PlanEditor();
 const planApi = new PlanApi(page.api);
-const browserMemory = memory(() => localStorage);
+const browserMemory = availableStorage(() => localStorage);
 export const plans = new Plans(planApi, editor, browserMemory);
 export const drawing = new PatternDrawing(planApi, editor, browserMemory);
 

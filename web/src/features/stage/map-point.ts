@@ -4,7 +4,7 @@
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import { fixed, metres, toDeg, wrap180 } from '../../ui/format';
-import { limits, type Angles } from '../../vehicle/gimbal';
+import { angleLimits, type Angles } from '../../vehicle/gimbal';
 import { bearing_rad, groundDistance_m, type Pixel, type GeoPosition } from '../../vehicle/geo';
 
 export interface MapPoint extends GeoPosition {
@@ -91,7 +91,7 @@ export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_hom
   if (!inControl) return 'Take control of the gimbal first, on its card.';
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
-  const reach = limits(facts.gimbal?.value ?? null);
+  const reach = angleLimits(facts.gimbal?.value ?? null);
   const beyond = (value: number, min: number, max: number): boolean => reach.isReported && (value < min - 0.05 || value > max + 0.05);
   if (beyond(angles.pitch_deg, reach.pitchMin_deg, reach.pitchMax_deg)) return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
   if (beyond(angles.yaw_deg, reach.yawMin_deg, reach.yawMax_deg)) return `Outside the gimbal’s range: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;

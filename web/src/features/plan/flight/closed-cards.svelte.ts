@@ -1,6 +1,6 @@
 /** Which ended flights' cards a person has closed. Kept in this browser tab, also when the page is reloaded. */
 
-import { memory } from '../../../app/identity';
+import { availableStorage } from '../../../app/identity';
 
 const PREFIX = 'gcs.closed-flight.';
 /** An offboard mission, or a waypoint plan. */
@@ -24,4 +24,4 @@ export class ClosedCards {
   }
 }
 
-export const closedCards = new ClosedCards(memory(() => sessionStorage));
+export const closedCards = new ClosedCards(availableStorage(() => sessionStorage));
