@@ -123,7 +123,7 @@ describe('actions at a map point', () => {
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/range: pitch 71°/);
     for (const [over, word] of [
-      [{ replayed: true }, /recording/],
+      [{ replayed: true }, /replayed/],
       [{ lost: true }, /No connection/],
       [{ global: null }, /position/],
       [{ global: reading({ ...HERE, alt_amsl_m: 1, alt_home_m: 1 }, true) }, /position/],
