@@ -76,8 +76,8 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
         page.keyboard.press("h")
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
         waypoints.nth(2).click()
-        room.get_by_role("button", name=re.compile(r"^Fly from step \d+…$")).click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("Fly the mission of 101 Quad from step")
+        room.get_by_role("button", name=re.compile(r"^Fly from item \d+…$")).click()
+        expect(page.get_by_role("alertdialog")).to_contain_text("Fly the mission of 101 Quad from item")
         page.keyboard.press("Escape")
 
 

@@ -28,8 +28,8 @@ export interface LayerPoint extends LayerPosition {
   readonly selected: boolean;
   /** Heading of a ghost, clockwise from north. */
   readonly yaw_deg?: number;
-  /** The point's altitude as text, if the editor can change the altitude. */
-  readonly height?: string;
+  /** Altitude as text; missing: the editor cannot change the altitude. */
+  readonly altitudeText?: string;
 }
 
 export interface LayerLine {
@@ -56,7 +56,10 @@ export interface LayerPicture {
   readonly lines: readonly LayerLine[];
   readonly areas: readonly LayerArea[];
   readonly solids?: readonly LayerSolid[];
-  /** A position on the ground. The 3D view draws flat ground at its altitude. Missing: the layer is not shown in the 3D view. */
+  /**
+   * A position on the ground. The 3D view draws flat ground at its altitude. Missing: the layer is not shown in the 3D
+   * view.
+   */
   readonly ground?: Required<LayerPosition>;
 }
 

@@ -7,8 +7,8 @@ import type { Plan } from './document/document';
 import type { Finding } from './document/fixes';
 import type { Power } from './dry-run/conditions';
 import type { Document, PlanKind } from './document-kinds';
-import type { Flight } from './offboard/compiled-path';
-import type { Mission, Path } from './offboard/mission';
+import type { CompiledFlight } from './offboard/compiled-path';
+import type { Mission, JsonPath } from './offboard/mission';
 import type { Pattern } from './patterns/shape';
 
 type Schemas = components['schemas'];
@@ -20,9 +20,9 @@ export type Estimates = Readonly<Schemas['PlanEstimates']>;
 export interface Check {
   readonly findings: readonly Finding[];
   readonly estimates: Estimates;
-  /** Of an offboard mission: its path and the duration of each step; null for a waypoint plan. */
-  readonly flight: Flight | null;
-  /** Terrain below the path: distance along the path [m], terrain height above home or above the start [m]. */
+  /** Path and step durations of an offboard mission; null for a waypoint plan. */
+  readonly flight: CompiledFlight | null;
+  /** Terrain below the path: distance along the path [m], altitude of the terrain above home or above the start [m]. */
   readonly ground: readonly (readonly [number, number | null])[];
   readonly not_known: readonly string[];
 }
@@ -32,14 +32,15 @@ export interface Area {
   readonly outer: readonly GeoPosition[];
 }
 
-export interface Imported {
+/** A plan from a file, and the areas of the file, which can become geofences. */
+export interface ImportedFile {
   readonly plan: Document;
   readonly areas: readonly Area[];
   readonly notes: readonly string[];
 }
 
-/** A pattern with its items or steps; `path` and `lines` are drawn on the map. */
-export interface MadePattern {
+/** The items or steps of a pattern in `plan`; `path` and `lines` are drawn on the map. */
+export interface GeneratedPattern {
   readonly plan: Document;
   readonly path: readonly Readonly<Schemas['PatternPosition']>[];
   readonly lines: readonly (readonly [GeoPosition, GeoPosition])[];
@@ -56,15 +57,15 @@ export interface ResolvedPlan {
   readonly notes: readonly string[];
 }
 
-/** A mission with a stored one inserted. */
+/** The edited mission after a stored mission was inserted. */
 export interface InsertedMission {
   readonly plan: Mission;
   /** Name of the list of steps that the call step flies. */
   readonly called: string;
   readonly notes: readonly string[];
 }
-/** How positions relative to start or home are inserted if the planned starts of two missions differ. */
-export type Positions = NonNullable<Schemas['MissionToInsert']['positions']>;
+/** How positions relative to start or home are inserted if the planned starts of the two missions differ. */
+export type PositionHandling = NonNullable<Schemas['MissionToInsert']['positions']>;
 
 /** A trajectory as CSV text. */
 export type ImportedTable = Readonly<Schemas['ImportedTable']>;
@@ -72,7 +73,7 @@ export type ImportedTable = Readonly<Schemas['ImportedTable']>;
 type Format = Schemas['ImportedPlan']['format'];
 export type { Format };
 
-/** File formats for export, with their displayed names. */
+/** Export formats of waypoint plans, with their displayed names. */
 const WAYPOINT_FORMATS = [
   { value: 'plan', text: 'QGroundControl .plan' },
   { value: 'waypoints', text: '.waypoints' },
@@ -92,9 +93,9 @@ export const FORMATS: Readonly<Record<PlanKind, readonly { readonly value: Forma
 
 export const IMPORTABLE = '.plan,.waypoints,.csv,.txt,.json,.geojson,.kml,.kmz,.yaml,.yml';
 
-/** Casts between the API's types and the editor's, which also keep unknown kinds of items and steps. */
+/** Casts between the API's types and the editor's types, which also keep unknown kinds of items and steps. */
 export const toApi = <D extends Document>(plan: D) => plan as unknown as D extends Mission ? Schemas['OffboardMission'] : Schemas['Plan'];
-const fromApi = <T>(answer: Promise<Outcome<unknown>>) => answer as Promise<Outcome<T>>;
+const fromApi = <T>(response: Promise<Outcome<unknown>>) => response as Promise<Outcome<T>>;
 
 export class PlanApi {
   constructor(private readonly api: ApiClient) {}
@@ -103,7 +104,7 @@ export class PlanApi {
     return this.api.get('/plans');
   }
 
-  /** @param version null: the newest. */
+  /** @param version null: the newest version. */
   open(id: string, version: number | null = null): Promise<Outcome<PlanVersion & { plan: Document }>> {
     return fromApi(this.api.get('/plans/{plan}', { params: { path: { plan: id }, query: version === null ? {} : { version } } }));
   }
@@ -129,7 +130,7 @@ export class PlanApi {
     return fromApi(this.api.post('/plans/check', { body: { plan: toApi(plan), vehicle, power } }));
   }
 
-  /** Reads the vehicle's parameters, which the checks need; answers at the end. */
+  /** Reads the vehicle's parameters, which the checks need; the server responds when all are read. */
   readParameters(vehicle: string): Promise<Outcome<unknown>> {
     return this.api.post('/vehicles/{v}/params/refresh', { params: { path: { v: vehicle } }, body: { wait: true } });
   }
@@ -140,15 +141,16 @@ export class PlanApi {
   }
 
   /**
-   * @param tolerance_m largest deviation of the lines from their height above ground; waypoints are added to meet it.
-   * Null: none are added.
+   * Computes the AMSL altitudes of items above terrain.
+   * @param tolerance_m largest deviation of a leg from its height above ground; the server adds waypoints to keep
+   * within it. Null: the server adds no waypoints.
    */
   followGround(plan: Plan, tolerance_m: number | null): Promise<Outcome<ResolvedPlan>> {
     return fromApi(this.api.post('/plans/ground', { body: { plan: toApi(plan), tolerance_m } }));
   }
 
   /** @param altitude_m altitude above home for points without an altitude. */
-  import(file: File, altitude_m: number | null): Promise<Outcome<Imported>> {
+  import(file: File, altitude_m: number | null): Promise<Outcome<ImportedFile>> {
     const query = { filename: file.name, ...(altitude_m === null ? {} : { altitude_m }) };
     const headers = { 'Content-Type': 'application/octet-stream' };
     return fromApi(this.api.post('/plans/import', { params: { query }, body: file, bodySerializer: (body) => body, headers }));
@@ -156,10 +158,11 @@ export class PlanApi {
 
   /**
    * Inserts a stored mission: its steps become a list of the mission, and a call step at the path `at` flies this list.
-   * @param in_air leave out the take-off and the last landing of the stored mission.
-   * @param positions null: the server refuses (field `positions`) if the planned starts differ and this changes the path.
+   * @param in_air true: the take-off and the last landing of the stored mission are left out.
+   * @param positions null: the server refuses with an error on the field `positions` if the planned starts differ and
+   * the path depends on them.
    */
-  insert(plan: Mission, at: Path, plan_id: string, in_air: boolean, positions: Positions | null): Promise<Outcome<InsertedMission>> {
+  insert(plan: Mission, at: JsonPath, plan_id: string, in_air: boolean, positions: PositionHandling | null): Promise<Outcome<InsertedMission>> {
     return fromApi(this.api.post('/plans/insert', { body: { plan: toApi(plan), at: [...at], plan_id, in_air, positions } }));
   }
 
@@ -175,10 +178,10 @@ export class PlanApi {
 
   /**
    * Generates a pattern as items or steps.
-   * @param tolerance_m largest deviation of the lines from their height above the ground; null: altitudes above the
-   * ground stay unresolved.
+   * @param tolerance_m largest deviation of the lines from their height above ground; null: the server does not compute
+   * the AMSL altitudes of items above terrain.
    */
-  pattern(pattern: Pattern, document: PlanKind, vehicle: string | null, tolerance_m: number | null): Promise<Outcome<MadePattern>> {
+  pattern(pattern: Pattern, document: PlanKind, vehicle: string | null, tolerance_m: number | null): Promise<Outcome<GeneratedPattern>> {
     const query = { document, ...(vehicle === null ? {} : { vehicle }), ...(tolerance_m === null ? {} : { tolerance_m }) };
     return fromApi(this.api.post('/plans/pattern', { params: { query }, body: pattern }));
   }

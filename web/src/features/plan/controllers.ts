@@ -1,4 +1,4 @@
-/** The plan room's controllers, one of each on this page. */
+/** The controllers of the plan room; the page has one instance of each. */
 
 import { page } from '../../app/page.svelte';
 import { availableStorage } from '../../app/identity';
@@ -21,11 +21,11 @@ export const drawing = new PatternDrawing(planApi, editor, browserMemory);
 
 export const insertion = new MissionInsertion(planApi, editor);
 
-export const mission = new VehicleMission(page.api);
+export const vehicleMission = new VehicleMission(page.api);
 export const dryRun = new DryRun(page.api);
-// Also while another room is open, because a dry run continues.
+// Registered for the whole page: a dry run continues while another room is open.
 page.onEvent.push((event) => void dryRun.onEvent(event));
-export const accepted = new AcceptedErrors();
+export const acceptedErrors = new AcceptedErrors();
 export const roleAssignment = new RoleAssignment();
 
 /** Home of the selected vehicle; null if it is not known or the vehicle is a replay. */

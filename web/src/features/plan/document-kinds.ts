@@ -7,7 +7,7 @@ import * as edit from './document/edit';
 import { newItem } from './document/items';
 import { insertionOf, picture, type Sketch } from './document/layer';
 import * as offboard from './offboard/edit';
-import type { Flight } from './offboard/compiled-path';
+import type { CompiledFlight } from './offboard/compiled-path';
 import { isMission, nodesOf, pathOf, positionsOf, pointId, pointOf, stepId, valueAt, type Mission, type MissionPosition } from './offboard/mission';
 import * as missionPicture from './offboard/mission-layer';
 import { geoPointOf, type Frame } from './offboard/positions';
@@ -30,7 +30,7 @@ export function withHome<D extends Document>(document: D, home: PlannedHome): D 
   return isMission(document) ? { ...document, home } : { ...document, planned_home: home };
 }
 
-/** Position of a selectable part; null if it has none or no longer exists. */
+/** Position of a selectable part; null if the part has no position or no longer exists. */
 export function positionIn(document: Document, id: string, frame: Frame): GeoPosition | null {
   if (!isMission(document)) return positionOf(document, id);
   const ref = pointOf(id);
@@ -62,7 +62,7 @@ export function move<D extends Document>(document: D, from: ReadonlyMap<string, 
   return moved as D;
 }
 
-/** Raises several points by the same height [m]. */
+/** Changes the altitudes of several points by `by_m`; negative: down. */
 export function raise<D extends Document>(document: D, ids: Iterable<string>, by_m: number): D {
   let raised: Document = document;
   for (const id of ids) raised = isMission(raised) ? offboard.raisePoint(raised, id, by_m) : edit.raisePoint(raised, id, by_m);
@@ -73,30 +73,34 @@ export function remove(document: Document, ids: readonly string[]): Document {
   return isMission(document) ? offboard.remove(document, ids) : edit.remove(document, ids);
 }
 
-/** Inserts a point between two others. @returns null: the id is not an insertion point. */
+/** Inserts a point at a midpoint. @returns null: the id is not that of a midpoint. */
 export function insertAt(document: Document, id: string, at: GeoPosition, frame: Frame): { document: Document; id: string } | null {
   const between = missionPicture.betweenOf(id);
   if (between !== null && isMission(document)) {
-    const found = offboard.insertPoint(document, between.place, between.index, at, frame);
-    return found === null ? null : { document: found.mission, id: found.id };
+    const inserted = offboard.insertPoint(document, between.place, between.index, at, frame);
+    return inserted === null ? null : { document: inserted.mission, id: inserted.id };
   }
-  const where = insertionOf(id);
-  if (where === null) return null;
-  if ('zone' in where) return { document: edit.insertCorner(document, where.zone, where.corner, at), id: `corner:${where.zone}:${where.corner}` };
-  if ('obstacle' in where)
-    return { document: edit.insertObstacleCorner(document, where.obstacle, where.corner, at), id: `obstacle:${where.obstacle}:${where.corner}` };
+  const insertion = insertionOf(id);
+  if (insertion === null) return null;
+  if ('zone' in insertion)
+    return { document: edit.insertCorner(document, insertion.zone, insertion.corner, at), id: `corner:${insertion.zone}:${insertion.corner}` };
+  if ('obstacle' in insertion)
+    return {
+      document: edit.insertObstacleCorner(document, insertion.obstacle, insertion.corner, at),
+      id: `obstacle:${insertion.obstacle}:${insertion.corner}`,
+    };
   if (isMission(document)) return null;
-  return { document: edit.insertItem(document, where.row, newItem('waypoint', at, altitudeBefore(document, where.row))), id: `item:${where.row}` };
+  return { document: edit.insertItem(document, insertion.row, newItem('waypoint', at, altitudeBefore(document, insertion.row))), id: `item:${insertion.row}` };
 }
 
 /**
- * Inserts the items or steps of another document after the selection, else at the end, but before a final landing or
- * return. @returns the ids of the inserted ones.
+ * Inserts the items or steps of another document after the selection, or without a selection at the end, but before a
+ * final landing or return. @returns the ids of the inserted items or steps.
  */
 export function insertAll(document: Document, added: Document, selected: readonly string[]): { document: Document; ids: string[] } {
   if (isMission(document)) {
-    const found = offboard.addSteps(document, isMission(added) ? added.steps : [], selected);
-    return { document: found.mission, ids: found.ids };
+    const inserted = offboard.addSteps(document, isMission(added) ? added.steps : [], selected);
+    return { document: inserted.mission, ids: inserted.ids };
   }
   const items = isMission(added) ? [] : added.items;
   const row = edit.rowToInsert(document, selected);
@@ -107,15 +111,16 @@ export function isInsertion(id: string): boolean {
   return insertionOf(id) !== null || missionPicture.betweenOf(id) !== null;
 }
 
+/** The newest flight that the server has compiled from a mission. */
 export interface Compiled {
-  readonly flight: Flight | null;
+  readonly flight: CompiledFlight | null;
   /** False: the flight was compiled before the last change. */
   readonly isCurrent: boolean;
 }
 
 /**
- * Where the plan starts; for a plan without home its first point, at sea level.
- * @param drawn position of what is being drawn, for a plan without points.
+ * The position at which the plan starts, with its altitude; for a plan without home the first point, at sea level.
+ * @param drawn a position of the area that is being drawn, used for a plan without points.
  */
 export function groundOf(document: Document, frame: Frame, drawn?: GeoPosition): Required<LayerPosition> {
   const first = isMission(document) ? undefined : allPositions(document)[0];
@@ -128,16 +133,16 @@ export function pictureOf(document: Document, selected: ReadonlySet<string>, ske
   return missionPicture.picture(document, selected, sketch, frame, compiled.flight, compiled.isCurrent);
 }
 
-export function entriesOf(document: Document, flight: Flight | null): TreeEntry[] {
+export function entriesOf(document: Document, flight: CompiledFlight | null): TreeEntry[] {
   return isMission(document) ? missionPicture.treeOf(document, flight?.steps ?? []) : treeOf(document);
 }
 
 /** All positions, to fit them into the view. */
-export function allPositionsOf(document: Document, frame: Frame, flight: Flight | null = null): GeoPosition[] {
+export function allPositionsOf(document: Document, frame: Frame, flight: CompiledFlight | null = null): GeoPosition[] {
   if (!isMission(document)) return allPositions(document);
-  const own = nodesOf(document).flatMap((node) => positionsOf(node).map(({ at }) => geoPointOf(at, frame)));
-  const flown = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m })));
-  return [frame.start, ...own, ...flown, ...sharedPositions(document)];
+  const stepPositions = nodesOf(document).flatMap((node) => positionsOf(node).map(({ at }) => geoPointOf(at, frame)));
+  const pathPositions = (flight?.legs ?? []).flatMap(({ points }) => points.map(([, north_m, east_m]) => positionAt(frame.origin, { north_m, east_m })));
+  return [frame.start, ...stepPositions, ...pathPositions, ...sharedPositions(document)];
 }
 
 /** Ids of all steps, to select them. */
@@ -149,15 +154,15 @@ export function allSteps(document: Document): string[] {
 export function exists(document: Document, id: string, frame: Frame): boolean {
   if (isMission(document) && id.startsWith('step:')) return offboard.nodeOf(document, id) !== null;
   const ref = refOf(id);
-  if (ref?.of === 'item') return !isMission(document) && ref.row < document.items.length;
+  if (ref?.type === 'item') return !isMission(document) && ref.row < document.items.length;
   return positionIn(document, id, frame) !== null;
 }
 
-/** The part to select after a deletion: the one that takes its position in the list. */
+/** The part to select after a deletion: the part that is now at the position of the deleted part in the list. */
 export function neighbourOf(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
   if (!isMission(before) || !isMission(after)) return [];
-  const first = ids.find((id) => exists(after, id, frame));
-  if (first !== undefined) return [first];
+  const remaining = ids.find((id) => exists(after, id, frame));
+  if (remaining !== undefined) return [remaining];
   const point = ids.map(pointOf).find((ref) => ref !== null && ref?.field === 'points');
   if (point != null && point.index > 0) return [pointId({ ...point, index: point.index - 1 })].filter((id) => exists(after, id, frame));
   return [];

@@ -1,4 +1,4 @@
-/** The parts of the plan room, loaded together when it is first opened. */
+/** The parts of the plan room. They are loaded when the room is first opened. */
 
 import { registry, rooms, type RoomParts } from '../../app/registry.svelte';
 import { drawing, editor, insertion } from './controllers';

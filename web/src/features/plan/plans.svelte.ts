@@ -1,9 +1,9 @@
-/** Plans on the server: the edited one, its save state, the server's findings, import and export. */
+/** Plans on the server, and the edited plan: its save state, the server's findings, import and export. */
 
 import type { Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
-import type { Area, Check, Format, ResolvedPlan, Imported, PlanApi, PlanVersion } from './api';
+import type { Area, Check, Format, ResolvedPlan, ImportedFile, PlanApi, PlanVersion } from './api';
 import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './dry-run/conditions';
 import { EMPTY, type PlannedHome } from './document/document';
 import type { Draft, PlanEditor } from './editor/editor.svelte';
@@ -14,7 +14,7 @@ import { frameOf } from './offboard/positions';
 import { MAX_TABLES, withTable } from './offboard/tables';
 import { fixed } from '../../ui/format';
 
-/** A plan as it was last read or written. */
+/** A plan as it was last read from the server or saved there. */
 interface SavedPlan {
   readonly id: string;
   readonly version: number;
@@ -22,44 +22,45 @@ interface SavedPlan {
   readonly plan: Document;
 }
 
-/** A message below the plan's name, with the possible next steps. */
+/** A message below the plan's name, with what can be done next. */
 export interface Notice {
   readonly tone: 'danger' | 'caution' | 'ok';
   readonly text: string;
-  /** Another client saved the plan: the person can open that version, or save this one as a new plan. */
+  /** Another client saved the plan: the person can open the saved version, or save the edited plan as a new plan. */
   readonly conflict?: boolean;
-  /** An older version is open: saving makes it the newest. */
+  /** An older version is open. */
   readonly older?: boolean;
-  /** The imported file has points without an altitude. */
+  /** A file that was not imported, because points have no altitude. */
   readonly file?: File;
   readonly areas?: readonly Area[];
 }
 
-/** Stored in the browser, so that a reload keeps it. */
-interface Stored {
+/** The draft as it is stored in the browser for the next load of the page. */
+interface StoredDraft {
   readonly name: string;
   readonly plan: Document;
+  /** The saved version that the draft is based on; null: none. */
   readonly kept: { readonly id: string; readonly version: number } | null;
   readonly saved: boolean;
 }
 
 type Memory = Pick<Storage, 'getItem' | 'setItem' | 'removeItem'>;
-const STORED = 'gcs.plan-draft';
-const STORED_CONDITIONS = 'gcs.plan-conditions';
+const DRAFT_KEY = 'gcs.plan-draft';
+const CONDITIONS_KEY = 'gcs.plan-conditions';
 
 export class Plans {
-  /** Saved versions by document of the history, because undo can return to an earlier document. */
+  /** Saved versions by the id of the document in the history, because undo can return to an earlier document. */
   private savedPlans = $state.raw<Readonly<Record<number, SavedPlan>>>({});
   list = $state.raw<readonly PlanVersion[] | null>(null);
   notice = $state.raw<Notice | null>(null);
   busy = $state(false);
-  private answer = $state.raw<Check | null>(null);
-  /** The document that `check` belongs to. */
-  private checked = $state.raw<Document | null>(null);
-  private checkedDocument = $state.raw(-1);
+  private checkResult = $state.raw<Check | null>(null);
+  /** The document, its id and the inputs of the newest check. */
+  private checkedDocument = $state.raw<Document | null>(null);
+  private checkedDocumentId = $state.raw(-1);
   private checkedInputs = $state.raw('');
   checkProblem = $state.raw<string | null>(null);
-  /** A check is running; later changes are checked after it. */
+  /** A check is running; changes during the check are checked afterwards. */
   checking = $state(false);
   /** The vehicle whose parameters and home the check uses; null: none. */
   vehicle = $state.raw<string | null>(null);
@@ -73,7 +74,7 @@ export class Plans {
     this.restore();
   }
 
-  readonly current: SavedPlan | null = $derived.by(() => this.savedPlans[this.editor.draft.document] ?? null);
+  readonly current: SavedPlan | null = $derived.by(() => this.savedPlans[this.editor.draft.documentId] ?? null);
   readonly saved: boolean = $derived.by(() => {
     const { plan, name } = this.editor.draft;
     if (this.current === null && isMission(plan)) return plan.steps.length === 0 && roleNames(plan).length === 0;
@@ -81,11 +82,11 @@ export class Plans {
     if (this.current === null) return false;
     return this.current.plan === plan && this.current.name === name;
   });
-  /** The server's check of this document, in its present or an earlier state. */
-  readonly check: Check | null = $derived.by(() => (this.checkedDocument === this.editor.draft.document ? this.answer : null));
+  /** The newest check of the open plan; while `isChecked` is false, it is the check of an earlier state. */
+  readonly check: Check | null = $derived.by(() => (this.checkedDocumentId === this.editor.draft.documentId ? this.checkResult : null));
   /** The vehicle and the power values that the check used. */
   private readonly checkInputs: string = $derived.by(() => JSON.stringify([this.vehicle, powerOf(this.conditions)]));
-  readonly isChecked: boolean = $derived.by(() => this.checked === this.editor.document && this.checkedInputs === this.checkInputs);
+  readonly isChecked: boolean = $derived.by(() => this.checkedDocument === this.editor.document && this.checkedInputs === this.checkInputs);
 
   begin(home: PlannedHome | null): void {
     this.editor.begin(home);
@@ -100,182 +101,185 @@ export class Plans {
   /** Converts the edited waypoint plan to an offboard mission; undo restores the plan. */
   async convert(vehicle: string | null): Promise<boolean> {
     const { name } = this.editor.draft;
-    const answer = await this.call(this.api.convert(this.editor.plan, nameOf(name), vehicle));
-    if (!answer.ok) {
-      this.showProblem('The offboard mission was not created.', answer.problem);
+    const response = await this.call(this.api.convert(this.editor.plan, nameOf(name), vehicle));
+    if (!response.ok) {
+      this.showProblem('The offboard mission was not created.', response.problem);
       return false;
     }
-    this.editor.replace(name, answer.value.plan);
-    const notes = answer.value.notes.join(' ');
+    this.editor.replace(name, response.value.plan);
+    const notes = response.value.notes.join(' ');
     this.notice = { tone: notes === '' ? 'ok' : 'caution', text: `Converted to an offboard mission. It is not saved yet. ${notes}`.trim() };
     return true;
   }
 
   async refresh(): Promise<void> {
-    const answer = await this.api.list();
-    if (answer.ok) this.list = answer.value.plans;
-    else this.showProblem('The list of plans could not be read.', answer.problem);
+    const response = await this.api.list();
+    if (response.ok) this.list = response.value.plans;
+    else this.showProblem('The list of plans could not be read.', response.problem);
   }
 
   async open(id: string): Promise<boolean> {
-    const answer = await this.call(this.api.open(id));
-    if (!answer.ok) {
-      this.showProblem('The plan could not be opened.', answer.problem);
+    const response = await this.call(this.api.open(id));
+    if (!response.ok) {
+      this.showProblem('The plan could not be opened.', response.problem);
       return false;
     }
-    const { name, version, plan } = answer.value;
-    const whole = isMission(plan) ? plan : { ...EMPTY, ...plan };
-    this.setSaved(this.editor.replace(name, whole), { id, version, name, plan: whole });
+    const { name, version, plan } = response.value;
+    const complete = isMission(plan) ? plan : { ...EMPTY, ...plan };
+    this.setSaved(this.editor.replace(name, complete), { id, version, name, plan: complete });
     this.notice = null;
     return true;
   }
 
-  /** The saved versions of a plan, newest first; null: see `notice`. */
+  /** The saved versions of a plan, newest first; null: they were not read, see `notice`. */
   async versions(id: string): Promise<readonly PlanVersion[] | null> {
-    const answer = await this.call(this.api.versions(id));
-    if (answer.ok) return answer.value.versions;
-    this.showProblem('The versions of the plan could not be read.', answer.problem);
+    const response = await this.call(this.api.versions(id));
+    if (response.ok) return response.value.versions;
+    this.showProblem('The versions of the plan could not be read.', response.problem);
     return null;
   }
 
   /** Opens an older version without saving it. Saving then adds a new version after the newest one. */
   async openVersion({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
-    const answer = await this.call(this.api.open(id, version));
-    if (!answer.ok) {
-      this.showProblem(`Version ${version} could not be opened.`, answer.problem);
+    const response = await this.call(this.api.open(id, version));
+    if (!response.ok) {
+      this.showProblem(`Version ${version} could not be opened.`, response.problem);
       return false;
     }
-    const { name, plan } = answer.value;
+    const { name, plan } = response.value;
     this.setSaved(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY, ...plan }), { id, version: newest.version, name, plan: { ...EMPTY } });
     const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. If you save it, it becomes version ${newest.version + 1}.`;
     this.notice = { tone: 'caution', text, older: true };
     return true;
   }
 
-  /** @param asNew saves it as another plan. */
+  /** Saves the edited plan. @param asNew true: as a new plan. */
   async save(asNew = false): Promise<void> {
     const draft = this.editor.draft;
-    const kept = asNew ? null : this.current;
+    const base = asNew ? null : this.current;
     const name = nameOf(draft.name);
-    const answer = await this.call(kept === null ? this.api.create(name, draft.plan) : this.api.save(kept.id, name, draft.plan, kept.version));
-    if (!answer.ok) {
-      const conflict = answer.problem.code === 'conflict';
-      this.showProblem(conflict ? '' : 'Not saved.', answer.problem, conflict);
+    const response = await this.call(base === null ? this.api.create(name, draft.plan) : this.api.save(base.id, name, draft.plan, base.version));
+    if (!response.ok) {
+      const conflict = response.problem.code === 'conflict';
+      this.showProblem(conflict ? '' : 'Not saved.', response.problem, conflict);
       return;
     }
-    this.setSaved(draft.document, { id: answer.value.id, version: answer.value.version, name: draft.name, plan: draft.plan });
-    this.notice = { tone: 'ok', text: `Saved as version ${answer.value.version}.` };
+    this.setSaved(draft.documentId, { id: response.value.id, version: response.value.version, name: draft.name, plan: draft.plan });
+    this.notice = { tone: 'ok', text: `Saved as version ${response.value.version}.` };
   }
 
   async delete(plan: PlanVersion): Promise<void> {
-    const answer = await this.call(this.api.delete(plan.id, plan.version));
-    if (!answer.ok) return this.showProblem('Not deleted.', answer.problem);
-    for (const [document, kept] of Object.entries(this.savedPlans)) if (kept.id === plan.id) this.removeSaved(Number(document));
+    const response = await this.call(this.api.delete(plan.id, plan.version));
+    if (!response.ok) return this.showProblem('Not deleted.', response.problem);
+    for (const [documentId, saved] of Object.entries(this.savedPlans)) if (saved.id === plan.id) this.removeSaved(Number(documentId));
     await this.refresh();
   }
 
-  /** @param altitude_m altitude above home for points without one; null: the server refuses such a file. */
+  /**
+   * @param altitude_m altitude above home for points without an altitude; null: the server refuses a file with such
+   * points.
+   */
   async import(file: File, altitude_m: number | null = null): Promise<boolean> {
-    const answer = await this.call(this.api.import(file, altitude_m));
-    if (!answer.ok) {
-      const open = altitude_m === null && answer.problem.detail.includes('altitude');
-      this.showProblem(`“${file.name}” was not imported.`, answer.problem);
-      if (open && this.notice !== null) this.notice = { ...this.notice, file };
+    const response = await this.call(this.api.import(file, altitude_m));
+    if (!response.ok) {
+      const needsAltitude = altitude_m === null && response.problem.detail.includes('altitude');
+      this.showProblem(`“${file.name}” was not imported.`, response.problem);
+      if (needsAltitude && this.notice !== null) this.notice = { ...this.notice, file };
       return false;
     }
-    this.openImported(file.name.replace(/\.[^.]*$/, ''), answer.value);
+    this.openImported(file.name.replace(/\.[^.]*$/, ''), response.value);
     return true;
   }
 
   /** Makes a step of the mission fly the trajectory in a CSV or NumPy file, as one change. */
   async importTable(file: File, node: StepNode): Promise<boolean> {
     const [draft, mission] = [this.editor.draft, this.editor.mission];
-    const answer = await this.call(this.api.importTable(file));
-    const what = `“${file.name}” was not imported.`;
-    if (!answer.ok) {
-      this.showProblem(what, answer.problem);
+    const response = await this.call(this.api.importTable(file));
+    const failure = `“${file.name}” was not imported.`;
+    if (!response.ok) {
+      this.showProblem(failure, response.problem);
       return false;
     }
     const changed = mission === null || this.editor.draft !== draft;
-    const next = changed ? null : withTable(mission, node, answer.value);
+    const next = changed ? null : withTable(mission, node, response.value);
     if (next === null) {
       const why = changed ? 'The plan was changed during the request. Try again.' : `A mission has at most ${MAX_TABLES} tables. Split the mission.`;
-      this.notice = { tone: 'caution', text: `${what} ${why}` };
+      this.notice = { tone: 'caution', text: `${failure} ${why}` };
       return false;
     }
     this.editor.change(next);
-    const { rows, duration_s, has_yaw } = answer.value;
+    const { rows, duration_s, has_yaw } = response.value;
     this.notice = { tone: 'ok', text: `“${file.name}”: ${rows} rows, ${fixed(duration_s, 1)} s, ${has_yaw ? 'with' : 'without'} yaw.` };
     return true;
   }
 
-  /** Opens the vehicle's plan as a new plan; undo restores the edited one. */
+  /** Opens the vehicle's plan as a new plan; undo restores the previously edited plan. */
   openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: PlannedHome | null): void {
     this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
     const text = [`Opened the plan of ${vehicleName}. It is not saved on the server yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
   }
 
-  /** @returns the file; null: the server could not write it, see `notice`. */
+  /** @returns the file; null: the server did not write the file, see `notice`. */
   async export(format: Format): Promise<Blob | null> {
-    const answer = await this.call(this.api.export(this.editor.document, format));
-    if (!answer.ok) {
-      this.showProblem('Not exported.', answer.problem);
+    const response = await this.call(this.api.export(this.editor.document, format));
+    if (!response.ok) {
+      this.showProblem('Not exported.', response.problem);
       return null;
     }
-    const notes = answer.value.notes.join(' ');
+    const notes = response.value.notes.join(' ');
     this.notice = notes === '' ? null : { tone: 'caution', text: notes };
-    return answer.value.file;
+    return response.value.file;
   }
 
   /**
-   * Resolves altitudes above terrain with the server's elevation files.
-   * @param tolerance_m waypoints are added where a straight line deviates more from its height above ground; null:
-   * none are added.
+   * Computes the AMSL altitudes of items above terrain from the server's elevation files.
+   * @param tolerance_m largest deviation of a leg from its height above ground; the server adds waypoints to keep
+   * within it. Null: the server adds no waypoints.
    */
   async followGround(tolerance_m: number | null): Promise<boolean> {
     const { draft, plan } = this.editor;
-    const answer = await this.call(this.api.followGround(plan, tolerance_m));
-    if (!answer.ok) {
-      this.showProblem('The altitudes were not computed.', answer.problem);
+    const response = await this.call(this.api.followGround(plan, tolerance_m));
+    if (!response.ok) {
+      this.showProblem('The altitudes were not computed.', response.problem);
       return false;
     }
     if (this.editor.draft !== draft) {
       this.notice = { tone: 'caution', text: 'The altitudes were not computed, because the plan was changed during the request. Try again.' };
       return false;
     }
-    this.editor.change(answer.value.plan);
-    this.notice = groundNotice(answer.value);
+    this.editor.change(response.value.plan);
+    this.notice = groundNotice(response.value);
     return true;
   }
 
-  /** Checks the present plan on the server; one check at a time. */
+  /** Checks the edited plan on the server; does nothing while another check is running. */
   async runCheck(): Promise<void> {
-    const { document: number, plan } = this.editor.draft;
+    const { documentId, plan } = this.editor.draft;
     const inputs = this.checkInputs;
     if (this.checking) return;
     this.checking = true;
-    const answer = await this.api.check(plan, this.vehicle, powerOf(this.conditions));
+    const response = await this.api.check(plan, this.vehicle, powerOf(this.conditions));
     this.checking = false;
-    [this.checked, this.checkedDocument, this.checkedInputs] = [plan, number, inputs];
-    this.answer = answer.ok ? answer.value : null;
-    this.checkProblem = answer.ok ? null : problemText('Not checked.', answer.problem);
+    [this.checkedDocument, this.checkedDocumentId, this.checkedInputs] = [plan, documentId, inputs];
+    this.checkResult = response.ok ? response.value : null;
+    this.checkProblem = response.ok ? null : problemText('Not checked.', response.problem);
   }
 
-  /** Reads the parameters that a check did not know, and checks again. */
+  /** Makes the server read the vehicle's parameters, and checks the plan again. */
   async readParameters(vehicle: string): Promise<void> {
-    const answer = await this.call(this.api.readParameters(vehicle));
-    if (!answer.ok) return this.showProblem('The parameters were not read.', answer.problem);
+    const response = await this.call(this.api.readParameters(vehicle));
+    if (!response.ok) return this.showProblem('The parameters were not read.', response.problem);
     await this.runCheck();
   }
 
-  /** Stored in the browser, because they belong to the operator's aircraft. */
+  /** Sets the conditions and stores them in the browser. */
   setConditions(conditions: Conditions): void {
     this.conditions = conditions;
-    this.memory.setItem(STORED_CONDITIONS, JSON.stringify(conditions));
+    this.memory.setItem(CONDITIONS_KEY, JSON.stringify(conditions));
   }
 
-  /** Updates the mission's position and compiled path for the map; the path of another document is removed. */
+  /** Updates the mission's position and compiled path for the map, from the newest check. */
   compile(vehicleHome: PlannedHome | null): void {
     const flight = this.check?.flight ?? null;
     this.editor.compiled = { flight, isCurrent: this.isChecked };
@@ -287,11 +291,11 @@ export class Plans {
     if (event.kind !== 'plan_changed') return;
     if (this.list !== null) void this.refresh();
     const plan = event['plan'] as PlanVersion | undefined;
-    const mine = event['client_key'] === ownKey;
-    if (mine || plan === undefined || plan.id !== this.current?.id) return;
+    const isOwn = event['client_key'] === ownKey;
+    if (isOwn || plan === undefined || plan.id !== this.current?.id) return;
     const who = String(event['client']);
     if (event['action'] === 'deleted') {
-      this.removeSaved(this.editor.draft.document);
+      this.removeSaved(this.editor.draft.documentId);
       this.notice = { tone: 'caution', text: `${who} deleted this plan. Save yours to keep it as a new plan.` };
     } else
       this.notice = {
@@ -303,51 +307,52 @@ export class Plans {
 
   /** Stores the draft for the next load of the page. */
   store(draft: Draft): void {
-    const stored: Stored = { name: draft.name, plan: draft.plan, kept: this.current, saved: this.saved };
+    const stored: StoredDraft = { name: draft.name, plan: draft.plan, kept: this.current, saved: this.saved };
     try {
-      this.memory.setItem(STORED, JSON.stringify({ ...stored, kept: stored.kept === null ? null : { id: stored.kept.id, version: stored.kept.version } }));
+      this.memory.setItem(DRAFT_KEY, JSON.stringify({ ...stored, kept: stored.kept === null ? null : { id: stored.kept.id, version: stored.kept.version } }));
     } catch {
-      this.memory.removeItem(STORED); // too large for this browser: an older draft would be wrong
+      this.memory.removeItem(DRAFT_KEY); // the draft is too large for this browser; an older draft must not be restored
     }
   }
 
   private restore(): void {
     try {
-      const known = JSON.parse(this.memory.getItem(STORED_CONDITIONS) ?? '{}') as Conditions;
-      this.conditions = { ...DEFAULT_CONDITIONS, ...known };
-      const stored = JSON.parse(this.memory.getItem(STORED) ?? 'null') as Stored | null;
+      const conditions = JSON.parse(this.memory.getItem(CONDITIONS_KEY) ?? '{}') as Conditions;
+      this.conditions = { ...DEFAULT_CONDITIONS, ...conditions };
+      const stored = JSON.parse(this.memory.getItem(DRAFT_KEY) ?? 'null') as StoredDraft | null;
       if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
       const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY, ...stored.plan };
-      const document = this.editor.load(stored.name, plan);
-      if (stored.kept !== null) this.setSaved(document, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
+      const documentId = this.editor.load(stored.name, plan);
+      if (stored.kept !== null) this.setSaved(documentId, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
     } catch {
-      this.memory.removeItem(STORED);
-      this.memory.removeItem(STORED_CONDITIONS);
+      this.memory.removeItem(DRAFT_KEY);
+      this.memory.removeItem(CONDITIONS_KEY);
     }
   }
 
-  private openImported(name: string, { plan, notes, areas }: Imported): void {
+  private openImported(name: string, { plan, notes, areas }: ImportedFile): void {
     this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY, ...plan });
     this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file contains areas.', areas } : null;
   }
 
-  private setSaved(document: number, kept: SavedPlan): void {
-    this.savedPlans = { ...this.savedPlans, [document]: kept };
+  private setSaved(documentId: number, saved: SavedPlan): void {
+    this.savedPlans = { ...this.savedPlans, [documentId]: saved };
   }
 
-  private removeSaved(document: number): void {
-    this.savedPlans = Object.fromEntries(Object.entries(this.savedPlans).filter(([one]) => Number(one) !== document));
+  private removeSaved(documentId: number): void {
+    this.savedPlans = Object.fromEntries(Object.entries(this.savedPlans).filter(([id]) => Number(id) !== documentId));
   }
 
+  /** Sets `busy` during a request. */
   private async call<T>(request: Promise<Outcome<T>>): Promise<Outcome<T>> {
     this.busy = true;
-    const answer = await request;
+    const response = await request;
     this.busy = false;
-    return answer;
+    return response;
   }
 
-  private showProblem(what: string, problem: Problem, conflict = false): void {
-    this.notice = { tone: 'danger', text: problemText(what, problem), conflict };
+  private showProblem(failure: string, problem: Problem, conflict = false): void {
+    this.notice = { tone: 'danger', text: problemText(failure, problem), conflict };
   }
 }
 
@@ -369,8 +374,8 @@ function groundNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notice
   return { tone: unknown === 0 && notes.length === 0 ? 'ok' : 'caution', text };
 }
 
-function problemText(what: string, problem: Problem): string {
-  // Without an answer it is unknown whether a command was executed; a request about plans can simply be repeated.
+function problemText(failure: string, problem: Problem): string {
+  // Replaces the client's text about a command that may have been executed: a request about plans can be repeated.
   const why = problem.code === 'unreachable' ? ['The server did not answer.', 'Is it still running?'] : [problem.detail, problem.remedy];
-  return [what, ...why].filter((part) => part !== null && part !== '').join(' ');
+  return [failure, ...why].filter((part) => part !== null && part !== '').join(' ');
 }

@@ -1,4 +1,4 @@
-/** State of the readiness panel, and the request that the vehicle runs its checks again. */
+/** State and requests of the readiness panel. */
 
 import { ofVehicle, type ApiClient } from '../../api/client';
 import type { Problem } from '../../api/problems';
@@ -6,7 +6,7 @@ import type { Problem } from '../../api/problems';
 class ReadinessPanel {
   open = $state(false);
   checking = $state(false);
-  choosing = $state(false);
+  switching = $state(false);
   problem = $state.raw<Problem | null>(null);
 
   toggle(): void {
@@ -19,13 +19,13 @@ class ReadinessPanel {
     this.problem = null;
   }
 
-  /** Switches to a mode in which the vehicle can be armed. A running check does not delay it. */
-  async choose(api: ApiClient, vehicle: string, mode: string): Promise<void> {
-    if (this.choosing) return;
-    this.choosing = true;
+  /** Switches the vehicle to a mode in which it can be armed, also during a check. */
+  async switchMode(api: ApiClient, vehicle: string, mode: string): Promise<void> {
+    if (this.switching) return;
+    this.switching = true;
     this.problem = null;
     const outcome = await api.post('/vehicles/{v}/mode', { ...ofVehicle(vehicle), body: { mode } });
-    this.choosing = false;
+    this.switching = false;
     if (!outcome.ok) this.problem = outcome.problem;
   }
 

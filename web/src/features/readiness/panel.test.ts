@@ -2,19 +2,19 @@ import { expect, test } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { readiness } from './panel.svelte';
 
-test('a mode can be chosen while the check is still running', async () => {
+test('the mode can be switched while a check is running', async () => {
   const requests: string[] = [];
-  let answerCheck = (): void => undefined;
+  let endCheck = (): void => undefined;
   const api = new ApiClient('p', undefined, async (path) => {
     requests.push(path.replace('/api/v1', ''));
-    if (path.endsWith('/readiness/check')) await new Promise<void>((done) => (answerCheck = done));
+    if (path.endsWith('/readiness/check')) await new Promise<void>((resolve) => (endCheck = resolve));
     return Response.json({});
   });
   const check = readiness.check(api, '1');
-  await readiness.choose(api, '1', 'hold');
+  await readiness.switchMode(api, '1', 'hold');
   expect(requests).toEqual(['/vehicles/1/readiness/check', '/vehicles/1/mode']);
-  expect([readiness.checking, readiness.choosing]).toEqual([true, false]);
-  answerCheck();
+  expect([readiness.checking, readiness.switching]).toEqual([true, false]);
+  endCheck();
   await check;
   expect(readiness.checking).toBe(false);
 });

@@ -40,7 +40,7 @@ const report: Readiness = {
   findings: [signal, sticks, battery],
 };
 
-test('the headline is about arming while disarmed and about flying while armed', () => {
+test('the headline is about arming while the vehicle is disarmed, and about flying while it is armed', () => {
   expect(headline(report, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
   expect(headline(report, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
   expect(headline(report, 'land', false).tone).toBe('caution');
@@ -48,7 +48,7 @@ test('the headline is about arming while disarmed and about flying while armed',
   expect(headline(report, 'offboard', true).text).toBe('Offboard cannot be flown');
 });
 
-test('unknown values are not guessed', () => {
+test('the headline is "Not known" without a report, and a sample of another format is ignored', () => {
   expect(headline(null, 'hold', false).tone).toBe('neutral');
   expect(headline({ ...report, known: false }, 'hold', false).text).toBe('Not known');
   expect(headline(report, 'px4_9_0', false).text).toBe('Not known');
@@ -57,7 +57,7 @@ test('unknown values are not guessed', () => {
   expect(readReadiness(report)).toBe(report);
 });
 
-test('blocking findings come first, each with the modes that it blocks', () => {
+test('findings that block modes come first and name the modes', () => {
   const notBlocking: Cause = { ...battery, id: 4, cause: 'Wind.' };
   const rows = findings({ ...report, findings: [notBlocking, ...report.findings] });
   expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([
@@ -66,13 +66,13 @@ test('blocking findings come first, each with the modes that it blocks', () => {
     [3, 'Land'],
     [4, ''],
   ]);
-  const all = { ...report, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [signal])) };
-  expect(findings(all)[0]?.blocks).toBe('every mode');
-  all.modes.push(mode('g', 'G', []));
-  expect(findings(all)[0]?.blocks).toBe('A, B, C, D and 2 more');
+  const sixModes = { ...report, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [signal])) };
+  expect(findings(sixModes)[0]?.blocks).toBe('every mode');
+  sixModes.modes.push(mode('g', 'G', []));
+  expect(findings(sixModes)[0]?.blocks).toBe('A, B, C, D and 2 more');
 });
 
-test('the present mode is first, then the possible ones', () => {
+test('the current mode is first, followed by the possible modes', () => {
   expect(modeRows(report, 'offboard').map((r) => r.mode)).toEqual(['offboard', 'hold', 'land', 'position']);
   expect(modeRows(report, null).at(-1)?.why).not.toBe('');
   expect(modeRows(report, 'offboard')[0]).toMatchObject({ current: true, why: 'No setpoints.' });

@@ -1,4 +1,4 @@
-/** Why a vehicle cannot arm or fly, sorted for display, from the server's topic `readiness`. Pure. */
+/** Texts and rows about why a vehicle cannot arm or fly, from the server's topic `readiness`. Pure. */
 
 import type { components } from '../../api/schema';
 import type { SeverityName } from '../../ui/severity';
@@ -9,7 +9,7 @@ export type ModeReadiness = components['schemas']['ModeReadiness'];
 
 export interface Headline {
   text: string;
-  /** The blocking findings, in a few words. */
+  /** Causes of the blocking findings. */
   detail: string;
   tone: 'ok' | 'caution' | 'neutral';
 }
@@ -17,7 +17,7 @@ export interface Headline {
 export interface FindingRow {
   cause: Cause;
   severity: SeverityName;
-  /** What the finding blocks, as text; empty if nothing. */
+  /** Names of the modes that the finding blocks; empty: none. */
   blocks: string;
 }
 
@@ -27,7 +27,7 @@ export interface ModeRow {
   current: boolean;
   can_arm: boolean;
   can_run: boolean;
-  /** Short reason; empty if the mode is possible. */
+  /** Why arming or flying is not possible; empty: both are possible. */
   why: string;
 }
 
@@ -37,8 +37,8 @@ const SEVERITIES: Readonly<Record<string, SeverityName>> = {
   warning: { word: 'Warning', full: 'Warning', tone: 'caution', shape: 'triangle' },
   info: INFO,
 };
-/** Above this number, names are counted instead of listed. */
-const NAMED = 4;
+/** Maximum number of listed mode names; the others are counted. */
+const MAX_NAMES = 4;
 
 /** Reads a sample of the topic; null if it has another format. */
 export function readReadiness(value: unknown): Readiness | null {
@@ -49,15 +49,15 @@ export function readReadiness(value: unknown): Readiness | null {
 /** Whether the vehicle can be armed in the current mode (while disarmed) or can fly in it (while armed). */
 export function headline(readiness: Readiness | null, mode: string | null, armed: boolean): Headline {
   if (readiness === null || !readiness.known) return { text: 'Not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
-  const now = readiness.modes.find((m) => m.mode === mode);
-  if (now === undefined) return { text: 'Not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
-  const blocked = armed ? !now.can_run : !now.can_arm;
-  if (!blocked) return { text: armed ? `${now.label} can be flown` : `Ready to arm in ${now.label}`, detail: '', tone: 'ok' };
-  const causes = (armed ? now.running : now.arming).map((c) => c.cause).join(' ');
-  return { text: armed ? `${now.label} cannot be flown` : `Cannot arm in ${now.label}`, detail: causes, tone: 'caution' };
+  const current = readiness.modes.find((m) => m.mode === mode);
+  if (current === undefined) return { text: 'Not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
+  const blocked = armed ? !current.can_run : !current.can_arm;
+  if (!blocked) return { text: armed ? `${current.label} can be flown` : `Ready to arm in ${current.label}`, detail: '', tone: 'ok' };
+  const causes = (armed ? current.running : current.arming).map((c) => c.cause).join(' ');
+  return { text: armed ? `${current.label} cannot be flown` : `Cannot arm in ${current.label}`, detail: causes, tone: 'caution' };
 }
 
-/** All findings of the checks, the most blocking first. */
+/** All findings, those that block modes first, then by severity. */
 export function findings(readiness: Readiness): FindingRow[] {
   const rows = readiness.findings.map((cause) => ({ cause, severity: SEVERITIES[cause.severity] ?? INFO, blocked: blockedBy(readiness, cause) }));
   const rank = { error: 0, warning: 1, info: 2 } as Readonly<Record<string, number>>;
@@ -66,21 +66,21 @@ export function findings(readiness: Readiness): FindingRow[] {
 }
 
 function blockedBy(readiness: Readiness, cause: Cause): ModeReadiness[] {
-  const same = (other: Cause): boolean => other.id === cause.id && other.cause === cause.cause;
-  return readiness.modes.filter((m) => m.arming.some(same) || m.running.some(same));
+  const isSame = (other: Cause): boolean => other.id === cause.id && other.cause === cause.cause;
+  return readiness.modes.filter((m) => m.arming.some(isSame) || m.running.some(isSame));
 }
 
-function namesOf(modes: readonly ModeReadiness[], all: number): string {
+function namesOf(modes: readonly ModeReadiness[], modeCount: number): string {
   if (modes.length === 0) return '';
-  if (modes.length === all) return 'every mode';
+  if (modes.length === modeCount) return 'every mode';
   const names = modes
-    .slice(0, NAMED)
+    .slice(0, MAX_NAMES)
     .map((m) => m.label)
     .join(', ');
-  return modes.length > NAMED ? `${names} and ${modes.length - NAMED} more` : names;
+  return modes.length > MAX_NAMES ? `${names} and ${modes.length - MAX_NAMES} more` : names;
 }
 
-/** All modes, the possible ones first. */
+/** All modes: the current mode, then the modes in which the vehicle can be armed and can fly, then the others. */
 export function modeRows(readiness: Readiness, mode: string | null): ModeRow[] {
   const rows = readiness.modes.map((m) => ({
     mode: m.mode,

@@ -1,4 +1,4 @@
-/** The page's only MapPointMenu instance. */
+/** The controllers of the stage; the page has one instance of each. */
 
 import { page } from '../../app/page.svelte';
 import { actions, nowS } from '../../app/vehicle-actions.svelte';

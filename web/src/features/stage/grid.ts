@@ -1,19 +1,19 @@
-/** The metric grid about home; its spacing depends on the zoom. */
+/** The metric grid around home; its spacing depends on the zoom. */
 
 import { eastNorth, fromPixel, lengthText, pixelsPerMetre, positionAt, toPixel, type EastNorth, type MapView, type GeoPosition } from '../../vehicle/geo';
 
-/** Smallest side of a cell [px]; the largest is ten times that. */
-const SMALLEST_CELL_PX = 34;
+/** Smallest side of a cell [px]; the largest side is ten times as long. */
+const MIN_CELL_PX = 34;
 /** No grid is drawn farther from home than this [m], because a flat grid is too inaccurate there. */
 const FLAT_WITHIN_M = 500_000;
 const MAX_LINES = 400;
 
 /** Side of a small cell [m]: the smallest visible power of ten, at least 1 m. Strong lines are ten cells apart. */
 export function gridStep_m(px_per_m: number): number {
-  return Math.max(1, 10 ** Math.ceil(Math.log10(SMALLEST_CELL_PX / px_per_m) - 1e-9));
+  return Math.max(1, 10 ** Math.ceil(Math.log10(MIN_CELL_PX / px_per_m) - 1e-9));
 }
 
-/** A rectangle in metres about the reference. */
+/** A rectangle, relative to the reference position [m]. */
 export interface Box {
   west_m: number;
   east_m: number;
@@ -21,7 +21,7 @@ export interface Box {
   north_m: number;
 }
 
-/** The rectangle that the view shows; for a rotated view, with its corners. */
+/** The smallest rectangle that contains the view, also a rotated one. */
 export function viewBox(view: MapView, reference: GeoPosition): Box {
   const corners = [
     [0, 0],
@@ -34,6 +34,7 @@ export function viewBox(view: MapView, reference: GeoPosition): Box {
   return { west_m: Math.min(...east), east_m: Math.max(...east), south_m: Math.min(...north), north_m: Math.max(...north) };
 }
 
+/** The factors k for which k · `step_m` is in the range; empty if there are too many. */
 function multiples(from_m: number, to_m: number, step_m: number): number[] {
   const first = Math.ceil(from_m / step_m);
   const count = Math.max(0, Math.floor(to_m / step_m) - first + 1);
@@ -80,18 +81,18 @@ export function edgeLabels(view: MapView, reference: GeoPosition): EdgeLabel[] {
   if (Math.abs(Math.sin(view.up_rad)) > 0.005 || Math.cos(view.up_rad) < 0) return [];
   const px_per_m = pixelsPerMetre(view);
   const step_m = gridStep_m(px_per_m);
-  const every_m = step_m * px_per_m >= LABEL_PX ? step_m : step_m * 10;
+  const spacing_m = step_m * px_per_m >= LABEL_PX ? step_m : step_m * 10;
   const box = viewBox(view, reference);
-  const far = Math.max(Math.abs(box.west_m), Math.abs(box.east_m), Math.abs(box.south_m), Math.abs(box.north_m));
-  if (far > FLAT_WITHIN_M) return [];
-  const name = (metres: number, plus: string, minus: string): string =>
+  const farthest_m = Math.max(Math.abs(box.west_m), Math.abs(box.east_m), Math.abs(box.south_m), Math.abs(box.north_m));
+  if (farthest_m > FLAT_WITHIN_M) return [];
+  const labelText = (metres: number, plus: string, minus: string): string =>
     metres === 0 ? 'home' : `${lengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
   const labels: EdgeLabel[] = [];
-  for (const k of multiples(box.west_m, box.east_m, every_m)) {
-    labels.push({ x: toPixel(view, positionAt(reference, { east_m: k * every_m, north_m: 0 })).x, y: 0, text: name(k * every_m, 'E', 'W') });
+  for (const k of multiples(box.west_m, box.east_m, spacing_m)) {
+    labels.push({ x: toPixel(view, positionAt(reference, { east_m: k * spacing_m, north_m: 0 })).x, y: 0, text: labelText(k * spacing_m, 'E', 'W') });
   }
-  for (const k of multiples(box.south_m, box.north_m, every_m)) {
-    labels.push({ x: 0, y: toPixel(view, positionAt(reference, { east_m: 0, north_m: k * every_m })).y, text: name(k * every_m, 'N', 'S') });
+  for (const k of multiples(box.south_m, box.north_m, spacing_m)) {
+    labels.push({ x: 0, y: toPixel(view, positionAt(reference, { east_m: 0, north_m: k * spacing_m })).y, text: labelText(k * spacing_m, 'N', 'S') });
   }
   return labels;
 }

@@ -1,6 +1,6 @@
 /**
- * Draws editable layers with MapLibre: one GeoJSON source, lines and areas by style. Each point is an icon drawn
- * here, without glyphs or sprites.
+ * Draws editable layers with MapLibre, from one GeoJSON source. The points are icons that this module draws, without
+ * glyphs or sprites.
  */
 
 import type { Feature, FeatureCollection, Geometry } from 'geojson';
@@ -25,7 +25,7 @@ export const TONES: Readonly<Record<Tone, string>> = {
   text2: '--text-2',
 };
 
-type Drawn = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number; yaw_deg?: number }>;
+type LayerFeature = Feature<Geometry, { kind: string; tone?: Tone; icon?: string; sort?: number; yaw_deg?: number }>;
 
 const coordinates = (positions: readonly GeoPosition[]): [number, number][] => positions.map((position) => [position.lon_deg, position.lat_deg]);
 
@@ -35,28 +35,29 @@ export function iconName(point: LayerPoint): string {
 }
 
 /** All layers as GeoJSON; selected points come last, so that they are drawn on top. */
-export function features(pictures: readonly LayerPicture[]): FeatureCollection {
-  const found: Drawn[] = [];
+export function toGeoJson(pictures: readonly LayerPicture[]): FeatureCollection {
+  const features: LayerFeature[] = [];
   for (const { areas, lines, points } of pictures) {
     for (const { ring, tone } of areas) {
       const closed = [...coordinates(ring), ...coordinates(ring.slice(0, 1))];
-      found.push({ type: 'Feature', properties: { kind: 'area', tone }, geometry: { type: 'Polygon', coordinates: [closed] } });
+      features.push({ type: 'Feature', properties: { kind: 'area', tone }, geometry: { type: 'Polygon', coordinates: [closed] } });
     }
     for (const { positions, tone, style } of lines) {
-      found.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(positions) } });
+      features.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(positions) } });
     }
     for (const point of points) {
       const sort = point.selected ? 2 : point.mark === 'middle' ? 0 : 1;
       const icon = iconName(point);
       const properties = point.mark === 'ghost' ? { kind: 'ghost', icon, yaw_deg: point.yaw_deg ?? 0 } : { kind: 'point', icon, sort };
-      found.push({ type: 'Feature', properties, geometry: { type: 'Point', coordinates: [point.lon_deg, point.lat_deg] } });
+      features.push({ type: 'Feature', properties, geometry: { type: 'Point', coordinates: [point.lon_deg, point.lat_deg] } });
     }
   }
-  return { type: 'FeatureCollection', features: found };
+  return { type: 'FeatureCollection', features };
 }
 
+/** MapLibre's layers for the source. */
 export function layers(palette: Palette): LayerSpecification[] {
-  const colour = ['match', ['get', 'tone'], ...Object.entries(TONES).flatMap(([tone, name]) => [tone, palette.of(name)]), palette.text2] as never;
+  const colour = ['match', ['get', 'tone'], ...Object.entries(TONES).flatMap(([tone, name]) => [tone, palette.colour(name)]), palette.text2] as never;
   const isKind = (kind: string): never => ['==', ['get', 'kind'], kind] as never;
   const line = (kind: string, paint: object): LayerSpecification => ({
     id: `${PREFIX}${kind}`,
@@ -103,13 +104,13 @@ function imageOf(name: string, palette: Palette): ImageData | null {
 
 /** Draws the icon with this name. */
 export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | null {
-  const [, mark, tone, on, text = ''] = name.split('|');
+  const [, mark, tone, selection, text = ''] = name.split('|');
   const canvas = document.createElement('canvas');
   canvas.width = canvas.height = HALF_PX * 2 * RATIO;
   const ctx = canvas.getContext('2d');
   if (ctx === null || mark === undefined || !(tone !== undefined && tone in TONES)) return null;
-  const colour = palette.of(TONES[tone as Tone]);
-  const selected = on === 'on';
+  const colour = palette.colour(TONES[tone as Tone]);
+  const selected = selection === 'on';
   ctx.scale(RATIO, RATIO);
   ctx.translate(HALF_PX, HALF_PX);
   ctx.lineWidth = palette.stroke;
@@ -125,7 +126,7 @@ export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | nu
     disc(ctx, radius, palette.panel, colour, 1.2);
     ctx.strokeStyle = ctx.fillStyle = colour;
     ctx.stroke(new Path2D('M-6-5L6 7M6-5L-6 7'));
-    for (const at of ['M-6-5', 'M6-5', 'M-6 7', 'M6 7']) ctx.fill(new Path2D(`${at}m-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0`));
+    for (const rotor of ['M-6-5', 'M6-5', 'M-6 7', 'M6 7']) ctx.fill(new Path2D(`${rotor}m-3.5 0a3.5 3.5 0 1 0 7 0a3.5 3.5 0 1 0-7 0`));
     ctx.fill(new Path2D('M-4-9L0-15L4-9Z'));
   } else if (mark === 'home') {
     disc(ctx, radius, palette.panel, colour, palette.stroke);
@@ -169,10 +170,10 @@ export class LayerPainter {
 
   show(pictures: readonly LayerPicture[]): void {
     this.pictures = pictures;
-    (this.map.getSource(SOURCE) as GeoJSONSource | undefined)?.setData(features(pictures));
+    (this.map.getSource(SOURCE) as GeoJSONSource | undefined)?.setData(toGeoJson(pictures));
   }
 
-  /** Adds all layers again, after the map's style was loaded or its colours changed. */
+  /** Adds all layers again, after the map's style was loaded or the palette changed. */
   restyle(palette: Palette): void {
     this.palette = palette;
     const { map } = this;
@@ -180,7 +181,7 @@ export class LayerPainter {
     for (const name of map.listImages()) if (name.startsWith(PREFIX)) map.removeImage(name);
     if (map.getSource(SOURCE) === undefined) {
       // The highest zoom level with its own tiles; above it positions have a resolution of a centimetre.
-      map.addSource(SOURCE, { type: 'geojson', data: features(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
+      map.addSource(SOURCE, { type: 'geojson', data: toGeoJson(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
     }
     for (const layer of layers(palette)) map.addLayer(layer);
   }

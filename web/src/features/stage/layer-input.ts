@@ -9,16 +9,16 @@ import { LayerGesture, targetAt, type GrabTarget, type LayerView } from './layer
 
 /** Distance within which a pointer reaches a point [px]. */
 const REACH_PX = 14;
-/** The same for touch: larger, because a finger is less precise. */
+/** Distance within which a finger reaches a point [px]; larger, because a finger is less precise. */
 const TOUCH_REACH_PX = 26;
 /** Events from which MapLibre makes pans, clicks and zooms. */
 const MAP_EVENTS = ['mousedown', 'touchstart', 'click', 'dblclick', 'contextmenu'] as const;
 
 /** How the 3D view differs from the map. */
 export interface SceneOptions {
-  /** Further events that the view below must not get. */
+  /** Further events that the view below must not get while a point is dragged. */
   readonly stops: readonly string[];
-  /** Called with what an unpressed pointer is on; for the cursor. */
+  /** Called with what is under an unpressed pointer, to change the cursor. */
   readonly onhover: (target: GrabTarget | null) => void;
 }
 
@@ -26,9 +26,9 @@ export class LayerInput {
   private gesture: LayerGesture | null = null;
   private pointer: number | null = null;
   private taken = false;
-  private byKeys = false;
+  private movesByKeys = false;
 
-  /** @param view what map or 3D view show now; null: nothing, or an inset. */
+  /** @param view the current view of the map or of the 3D view; null: not drawn, or an inset. */
   constructor(
     private readonly holder: HTMLElement,
     private readonly view: () => LayerView | null,
@@ -61,11 +61,11 @@ export class LayerInput {
   }
 
   /** Whether a point is being moved by keys. */
-  get holdsByKeys(): boolean {
-    return this.byKeys;
+  get isMovingByKeys(): boolean {
+    return this.movesByKeys;
   }
 
-  /** Whether the layer handles the pointer that was last pressed; the view below gets none of its events. */
+  /** Whether the last press of a pointer was on the layer; the view below then does not get the pointer's events. */
   get isTaken(): boolean {
     return this.taken;
   }
@@ -75,10 +75,10 @@ export class LayerInput {
     return this.pointer !== null && this.gesture?.isMoving === true;
   }
 
-  /** Enter at the crosshair: grabs the point there, or drops the grabbed one. @returns false: there is no point. */
+  /** Handles Enter: grabs the point at the crosshair, or drops the grabbed point. @returns false: there is no point. */
   enter(at: Pixel, more: boolean): boolean {
-    if (this.byKeys) {
-      this.byKeys = false;
+    if (this.movesByKeys) {
+      this.movesByKeys = false;
       this.gesture?.up();
       return true;
     }
@@ -87,18 +87,18 @@ export class LayerInput {
     if (view === null || edited === null || target === null) return false;
     if (target.point.mark !== 'middle') edited.editor.pick(target.point.id, more);
     this.gesture = new LayerGesture(edited.editor);
-    this.byKeys = !more && this.gesture.grabByKeyboard(view, target.point);
+    this.movesByKeys = !more && this.gesture.grabByKeyboard(view, target.point);
     return true;
   }
 
-  /** The crosshair moved: moves the grabbed point. */
+  /** Moves the grabbed point with the crosshair. */
   moveTo(at: Pixel): void {
     const view = this.view();
-    if (this.byKeys && view !== null) this.gesture?.move(view, at);
+    if (this.movesByKeys && view !== null) this.gesture?.move(view, at);
   }
 
   cancel(): void {
-    this.byKeys = false;
+    this.movesByKeys = false;
     this.pointer = null;
     this.gesture?.cancel();
   }
@@ -116,7 +116,7 @@ export class LayerInput {
   private readonly down = (event: PointerEvent): void => {
     if (this.pointer !== null) return; // a second finger has no effect
     this.taken = false;
-    if (this.byKeys) this.cancel();
+    if (this.movesByKeys) this.cancel();
     const [view, edited] = [this.view(), mapLayers.edited];
     if (view === null || edited === null || event.button !== 0) return;
     const target = this.targetOf(view, event);

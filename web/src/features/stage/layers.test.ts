@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { LayerEditor, LayerPoint } from '../../app/map-layers.svelte';
 import { fromPixel, mercator, pixelsPerMetre, positionAt, toPixel, type GeoPosition } from '../../vehicle/geo';
-import { features, iconName } from './layer-draw';
+import { iconName, toGeoJson } from './layer-draw';
 import { LayerGesture, onMap, targetAt } from './layer-gesture';
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
@@ -9,7 +9,7 @@ const bare = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, heig
 /** Two pixels per metre. */
 const map = { ...bare, world_px: 2 / pixelsPerMetre(bare) };
 const view = onMap(map);
-const on = (one: LayerPoint) => ({ point: one, of: 'point' as const });
+const targetOn = (target: LayerPoint) => ({ point: target, part: 'point' as const });
 
 const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): LayerPoint => ({
   ...positionAt(HERE, { east_m, north_m: 0 }),
@@ -20,14 +20,15 @@ const point = (id: string, east_m: number, mark: LayerPoint['mark'] = 'disc'): L
   selected: false,
 });
 
-/** Records the editor calls. */
+/** Records the calls of the editor. */
 class RecordingEditor implements LayerEditor {
   readonly calls: unknown[] = [];
-  constructor(private readonly moves: string | null = null) {}
+  /** @param grabbed what `grab` returns. */
+  constructor(private readonly grabbed: string | null = null) {}
   pick = (id: string, more: boolean): void => void this.calls.push(['pick', id, more]);
   grab = (id: string): string | null => {
     this.calls.push(['grab', id]);
-    return this.moves;
+    return this.grabbed;
   };
   drag = (id: string, to: GeoPosition): void => void this.calls.push(['drag', id, to]);
   raise = (by_m: number): void => void this.calls.push(['raise', by_m]);
@@ -53,7 +54,7 @@ describe('a gesture', () => {
   it('selects the point if the pointer does not move', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 503, y: 402 }, on(point('a', 0)), true);
+    gesture.down(view, { x: 503, y: 402 }, targetOn(point('a', 0)), true);
     gesture.move(view, { x: 505, y: 403 });
     gesture.up();
     expect(editor.calls).toEqual([['pick', 'a', true]]);
@@ -62,7 +63,7 @@ describe('a gesture', () => {
   it('drags the point with a constant offset to the pointer', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 503, y: 402 }, on(point('a', 0)), false);
+    gesture.down(view, { x: 503, y: 402 }, targetOn(point('a', 0)), false);
     gesture.move(view, { x: 523, y: 402 });
     gesture.up();
     const [grab, drag, drop] = editor.calls as [unknown, [string, string, GeoPosition], unknown];
@@ -76,7 +77,7 @@ describe('a gesture', () => {
   it('drags the inserted point if it begins on a midpoint', () => {
     const editor = new RecordingEditor('new');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, on(point('middle', 0, 'middle')), false);
+    gesture.down(view, { x: 500, y: 400 }, targetOn(point('middle', 0, 'middle')), false);
     gesture.move(view, { x: 520, y: 400 });
     expect(editor.calls.at(-1)).toMatchObject(['drag', 'new', {}]);
   });
@@ -84,7 +85,7 @@ describe('a gesture', () => {
   it('moves all points back when it is cancelled', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, on(point('a', 0)), false);
+    gesture.down(view, { x: 500, y: 400 }, targetOn(point('a', 0)), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.cancel();
     gesture.up();
@@ -94,7 +95,7 @@ describe('a gesture', () => {
   it('only selects a point that cannot move', () => {
     const editor = new RecordingEditor(null);
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, on(point('a', 0)), false);
+    gesture.down(view, { x: 500, y: 400 }, targetOn(point('a', 0)), false);
     gesture.move(view, { x: 520, y: 400 });
     gesture.move(view, { x: 540, y: 400 });
     gesture.up();
@@ -104,7 +105,7 @@ describe('a gesture', () => {
     ]);
   });
 
-  it('moves the point from the first key press when it is made by keys', () => {
+  it('moves the point at the first key press if it is made by keys', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
     expect(gesture.grabByKeyboard(view, point('a', 0))).toBe(true);
@@ -119,23 +120,27 @@ describe('a gesture', () => {
 describe('the MapLibre data', () => {
   it('has closed areas, lines and points', () => {
     const ring = [0, 10, 20].map((east_m) => positionAt(HERE, { east_m, north_m: east_m % 20 }));
-    const drawn = features([
+    const features = toGeoJson([
       {
         points: [point('1', 0), { ...point('2', 10), selected: true }],
         lines: [{ positions: ring, tone: 'target', style: 'dotted' }],
         areas: [{ ring, tone: 'caution' }],
       },
     ]).features;
-    expect(drawn.map((one) => one.properties?.['kind'])).toEqual(['area', 'dotted', 'point', 'point']);
-    const area = drawn[0]?.geometry as { coordinates: number[][][] };
+    expect(features.map((feature) => feature.properties?.['kind'])).toEqual(['area', 'dotted', 'point', 'point']);
+    const area = features[0]?.geometry as { coordinates: number[][][] };
     expect(area.coordinates[0]).toHaveLength(4);
     expect(area.coordinates[0]?.at(-1)).toEqual(area.coordinates[0]?.[0]);
   });
-  it('has icon names that contain everything the icon shows', () => {
-    const one = point('7', 0);
-    const names = [one, { ...one, selected: true }, { ...one, text: '8' }, { ...one, mark: 'corner' as const }, { ...one, tone: 'caution' as const }].map(
-      iconName,
-    );
+  it('has different names for icons that look different', () => {
+    const plain = point('7', 0);
+    const names = [
+      plain,
+      { ...plain, selected: true },
+      { ...plain, text: '8' },
+      { ...plain, mark: 'corner' as const },
+      { ...plain, tone: 'caution' as const },
+    ].map(iconName);
     expect(new Set(names).size).toBe(5);
   });
 });

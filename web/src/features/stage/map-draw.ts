@@ -1,4 +1,4 @@
-/** Draws what moves on the map: homes, trails, vehicles, targets. Depends only on a canvas, not on the page. */
+/** Draws grid, homes, trails, vehicles and targets above the map. Depends only on a canvas, not on the page. */
 
 import type { MapTarget, MapVehicle } from './map-model';
 import type { LayerPoint } from '../../app/map-layers.svelte';
@@ -19,15 +19,15 @@ export interface Palette {
   accent: string;
   dark: boolean;
   stroke: number;
-  of: (name: string) => string;
+  colour: (name: string) => string;
 }
 
 type Ctx = CanvasRenderingContext2D;
 
-/** Width of the outline outside a point's radius. */
+/** Width of the gap in the grid lines around a point. */
 const EDGE_PX = 2;
 const OBSTACLE_RADIUS_PX = 2.5;
-/** Shortest distance of two trail points that are drawn separately [px]. */
+/** Trail points nearer to the point before than this are not drawn [px]. */
 const TRAIL_STEP_PX = 1.5;
 
 export interface Picture {
@@ -36,7 +36,7 @@ export interface Picture {
   /** Whether there are tiles below; the grid is then drawn weaker. */
   overTiles: boolean;
   labels: readonly EdgeLabel[];
-  /** Points that MapLibre draws below the canvas; grid lines leave them free. */
+  /** Points that MapLibre draws below the canvas; the grid has gaps at these points. */
   edited: readonly LayerPoint[];
   /** The point whose menu is open. */
   mapPoint: GeoPosition | null;
@@ -51,10 +51,11 @@ export function drawMap(ctx: Ctx, view: MapView, picture: Picture, palette: Pale
   if (!inset) for (const label of picture.labels) drawEdgeLabels(ctx, label, palette);
   for (const v of vehicles) drawTrail(ctx, view, v, palette);
   for (const v of vehicles) drawObstacles(ctx, view, v, palette);
-  for (const home of homes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
+  for (const home of distinctHomes(vehicles)) drawHome(ctx, toPixel(view, home), palette, inset ? 0.75 : 1);
   for (const v of vehicles) {
     const at = toPixel(view, v);
-    if (v.look_rad !== null && !v.lost && !v.stale) drawCameraDirection(ctx, at, v.look_rad - view.up_rad, palette.of(v.colour), inset ? 44 : 90);
+    if (v.camera_yaw_rad !== null && !v.lost && !v.stale)
+      drawCameraDirection(ctx, at, v.camera_yaw_rad - view.up_rad, palette.colour(v.colour), inset ? 44 : 90);
     for (const target of v.targets) drawTarget(ctx, view, at, target, palette, inset);
   }
   for (const v of vehicles) {
@@ -96,7 +97,7 @@ function clearPoints(ctx: Ctx, view: MapView, points: readonly LayerPoint[]): vo
   ctx.globalCompositeOperation = 'source-over';
 }
 
-/** Detected obstacles as small dots, in the grey that is used for neither vehicles nor targets. */
+/** Draws detected obstacles as small grey dots. */
 function drawObstacles(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette): void {
   if (v.detectedObstacles.length === 0) return;
   ctx.fillStyle = palette.text2;
@@ -108,15 +109,15 @@ function drawObstacles(ctx: Ctx, view: MapView, v: MapVehicle, palette: Palette)
   }
 }
 
-/** Homes; vehicles that started close together share one mark. */
-function homes(vehicles: readonly MapVehicle[]): GeoPosition[] {
-  const found = new Map<string, GeoPosition>();
-  for (const { home } of vehicles) if (home !== null) found.set(`${home.lat_deg.toFixed(6)},${home.lon_deg.toFixed(6)}`, home);
-  return [...found.values()];
+/** The homes of the vehicles; homes at nearly the same position count once. */
+function distinctHomes(vehicles: readonly MapVehicle[]): GeoPosition[] {
+  const homes = new Map<string, GeoPosition>();
+  for (const { home } of vehicles) if (home !== null) homes.set(`${home.lat_deg.toFixed(6)},${home.lon_deg.toFixed(6)}`, home);
+  return [...homes.values()];
 }
 
 function colourOf(v: MapVehicle, palette: Palette): string {
-  return v.stale ? palette.text3 : palette.of(v.colour);
+  return v.stale ? palette.text3 : palette.colour(v.colour);
 }
 
 function drawEdgeLabels(ctx: Ctx, label: EdgeLabel, palette: Palette): void {
@@ -157,15 +158,15 @@ function drawHome(ctx: Ctx, { x, y }: Pixel, palette: Palette, size: number): vo
   ctx.restore();
 }
 
-function drawCameraDirection(ctx: Ctx, { x, y }: Pixel, look_rad: number, colour: string, reach: number): void {
+function drawCameraDirection(ctx: Ctx, { x, y }: Pixel, camera_yaw_rad: number, colour: string, length_px: number): void {
   ctx.save();
   ctx.translate(x, y);
-  ctx.rotate(look_rad);
+  ctx.rotate(camera_yaw_rad);
   ctx.fillStyle = ctx.strokeStyle = colour;
   ctx.beginPath();
   ctx.moveTo(0, 0);
-  ctx.lineTo(-reach * 0.42, -reach);
-  ctx.lineTo(reach * 0.42, -reach);
+  ctx.lineTo(-length_px * 0.42, -length_px);
+  ctx.lineTo(length_px * 0.42, -length_px);
   ctx.closePath();
   ctx.globalAlpha = 0.13;
   ctx.fill();

@@ -26,9 +26,9 @@ addProtocol('pmtiles', archives.tile);
 export interface EngineEvents {
   /** The camera or the tiles changed, and the map was drawn. */
   drawn: () => void;
-  /** The person moved the map. */
+  /** A person moved the map. */
   moved: () => void;
-  /** The person clicked, tapped or pressed long. */
+  /** A person clicked, tapped or pressed for a long time. */
   pressed: (at: Pixel) => void;
 }
 
@@ -39,7 +39,7 @@ export class MapEngine {
 
   /**
    * Throws if the browser has no WebGL.
-   * @param editable whether it draws layers that features edit; like tiles, they need MapLibre's worker.
+   * @param editable whether the map draws editable layers, which need MapLibre's worker, as tiles do.
    */
   constructor(
     container: HTMLElement,
@@ -48,7 +48,7 @@ export class MapEngine {
     readonly editable: boolean,
     events: EngineEvents,
   ) {
-    // The worker is a file of this server, because one made from a blob would need a wider content security policy.
+    // The worker is loaded from this server: a worker from a blob would need a wider content security policy.
     setWorkerUrl(new URL(offline.length > 0 || editable ? workerUrl : idleUrl, location.href).href);
     this.map = new MapLibre({
       container,
@@ -71,7 +71,7 @@ export class MapEngine {
     });
     this.layers = editable ? new LayerPainter(this.map) : null;
     const canvas = this.map.getCanvas();
-    canvas.tabIndex = -1; // the keyboard uses the stage's own crosshair
+    canvas.tabIndex = -1; // the page's own crosshair handles the keyboard
     canvas.setAttribute('aria-hidden', 'true');
     canvas.removeAttribute('role');
     this.map.on('load', () => {
@@ -79,9 +79,9 @@ export class MapEngine {
       this.paint(this.palette);
     });
     this.map.on('render', events.drawn);
-    for (const kind of ['dragstart', 'rotatestart', 'zoomstart'] as const) {
-      this.map.on(kind, (event) => {
-        if (event.originalEvent !== undefined && (kind !== 'zoomstart' || !this.followsZoom)) events.moved();
+    for (const eventType of ['dragstart', 'rotatestart', 'zoomstart'] as const) {
+      this.map.on(eventType, (event) => {
+        if (event.originalEvent !== undefined && (eventType !== 'zoomstart' || !this.zoomsAboutMiddle)) events.moved();
       });
     }
     const pressed = (event: MapMouseEvent): void => events.pressed({ x: event.point.x, y: event.point.y });
@@ -91,16 +91,16 @@ export class MapEngine {
     this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
   }
 
-  /** While true the wheel zooms about the middle, so that the followed vehicle stays there. */
-  private followsZoom = false;
+  /** While the map follows a vehicle, the wheel zooms about the middle, so that the vehicle stays there. */
+  private zoomsAboutMiddle = false;
 
   set followed(on: boolean) {
-    if (on === this.followsZoom) return;
-    this.followsZoom = on;
-    const about = on ? ({ around: 'center' } as const) : true;
+    if (on === this.zoomsAboutMiddle) return;
+    this.zoomsAboutMiddle = on;
+    const options = on ? ({ around: 'center' } as const) : true;
     for (const handler of [this.map.scrollZoom, this.map.touchZoomRotate]) {
       handler.disable(); // enable() ignores new options while the handler is enabled
-      handler.enable(about);
+      handler.enable(options);
     }
   }
 
@@ -110,12 +110,17 @@ export class MapEngine {
     return { centre: mercator({ lat_deg: lat, lon_deg: lng }), world_px: 512 * 2 ** this.map.getZoom(), up_rad: this.map.getBearing() * RAD, width, height };
   }
 
-  /** Shows a position at an offset [px] right of and below the middle, without animation. */
-  look(at: GeoPosition, off: Pixel, zoom?: number): void {
+  /** Shows a position at an offset from the middle, right and down [px], without animation. */
+  look(at: GeoPosition, offset_px: Pixel, zoom?: number): void {
     const zoomed = zoom === undefined ? {} : { zoom };
     this.map.jumpTo({
       center: [at.lon_deg, at.lat_deg],
-      padding: { left: Math.max(0, 2 * off.x), right: Math.max(0, -2 * off.x), top: Math.max(0, 2 * off.y), bottom: Math.max(0, -2 * off.y) },
+      padding: {
+        left: Math.max(0, 2 * offset_px.x),
+        right: Math.max(0, -2 * offset_px.x),
+        top: Math.max(0, 2 * offset_px.y),
+        bottom: Math.max(0, -2 * offset_px.y),
+      },
       ...zoomed,
     });
   }
@@ -151,7 +156,7 @@ export class MapEngine {
     this.map.fitBounds(box, { maxZoom: max_zoom, padding: FIT_PX, duration: 0 });
   }
 
-  /** Shows the layers that features edit; only on an `editable` map. */
+  /** Shows the editable layers; only on an `editable` map. */
   showLayers(pictures: readonly LayerPicture[]): void {
     this.layers?.show(pictures);
   }
@@ -174,10 +179,10 @@ export class MapEngine {
 
   private showOffline(): void {
     for (const layer of this.map.getStyle().layers) if (layer.id.startsWith('tiles-')) this.map.removeLayer(layer.id);
-    this.offline.forEach((one, index) => {
+    this.offline.forEach((offlineMap, index) => {
       const name = `tiles-${index}`;
-      if (this.map.getSource(name) === undefined) this.map.addSource(name, one.source);
-      for (const layer of tileLayers(one, name, this.palette)) this.map.addLayer(layer);
+      if (this.map.getSource(name) === undefined) this.map.addSource(name, offlineMap.source);
+      for (const layer of tileLayers(offlineMap, name, this.palette)) this.map.addLayer(layer);
     });
   }
 }

@@ -1,4 +1,4 @@
-/** What the map shows of the vehicles, read from the telemetry once per frame. */
+/** What the map shows of the vehicles. The map reads it from the telemetry once per frame. */
 
 import { identityColour } from '../../vehicle/names';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
@@ -16,7 +16,7 @@ export interface MapVehicle extends GeoPosition {
   lost: boolean;
   /** The position is stale: drawn grey. */
   stale: boolean;
-  /** CSS custom property of its identity colour. */
+  /** Name of the CSS custom property with the vehicle's own colour. */
   colour: string;
   yaw_rad: number | null;
   label: string;
@@ -25,8 +25,8 @@ export interface MapVehicle extends GeoPosition {
   home: GeoPosition | null;
   targets: MapTarget[];
   /** Direction of the camera, clockwise from north [rad]. */
-  look_rad: number | null;
-  /** Obstacles that its distance sensors detected. */
+  camera_yaw_rad: number | null;
+  /** Obstacles that the vehicle's distance sensors detect now. */
   detectedObstacles: readonly GeoPosition[];
 }
 
@@ -38,23 +38,27 @@ export interface MapTarget extends GeoPosition {
   yaw_rad?: number | null;
 }
 
-/** A position that this page told a vehicle to fly to or to look at. */
+/** A position to which this page has sent a vehicle or pointed its camera. */
 export interface RequestedTarget extends GeoPosition {
   alt_home_m: number | null;
 }
 
+/** The position to fly to, and the region of interest. */
 export interface RequestedTargets {
   go: RequestedTarget | null;
   look: RequestedTarget | null;
 }
 
-/** Reference of all distances: the selected vehicle's home, else its position. */
+/** Reference of all distances: the vehicle's home, or else its position. */
 export function referencePosition(facts: VehicleFacts): GeoPosition | null {
   return facts.home?.value ?? facts.global?.value ?? null;
 }
 
-/** The streamed setpoint on the earth, by the difference between the vehicle's global and local position. */
-function setpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
+/**
+ * The streamed position setpoint on the earth, from the difference between setpoint and local position; null: none.
+ * @param here global position of the vehicle.
+ */
+function streamedSetpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
   const stream = facts.offboard;
   const at = facts.local?.value.position_ned_m;
   if (stream?.streaming !== true || stream.position_ned_m === null || at === undefined) return null;
@@ -64,18 +68,18 @@ function setpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
   return { ...position, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m above origin`}` };
 }
 
-function previewTarget(id: string, shown: MapPreview | null): MapTarget | null {
-  return shown?.vehicle === id ? { ...shown.position, kind: 'preview', label: shown.label, yaw_rad: shown.yaw_ned_rad } : null;
+function previewTarget(id: string, preview: MapPreview | null): MapTarget | null {
+  return preview?.vehicle === id ? { ...preview.position, kind: 'preview', label: preview.label, yaw_rad: preview.yaw_ned_rad } : null;
 }
 
-function requestedTarget(kind: MapTarget['kind'], what: string, requested: RequestedTarget | null): MapTarget | null {
+function requestedTarget(kind: MapTarget['kind'], name: string, requested: RequestedTarget | null): MapTarget | null {
   return requested === null
     ? null
     : {
         kind,
         lat_deg: requested.lat_deg,
         lon_deg: requested.lon_deg,
-        label: requested.alt_home_m === null ? what : `${what} ${fixed(requested.alt_home_m, 1)} m`,
+        label: requested.alt_home_m === null ? name : `${name} ${fixed(requested.alt_home_m, 1)} m`,
       };
 }
 
@@ -89,7 +93,7 @@ function cameraDirection_rad(facts: VehicleFacts): number | null {
 }
 
 /** Positions of the obstacles that the vehicle's distance sensors detect now. */
-function detectedObstacles(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
+function obstaclesAround(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
   const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
   const around = vehicle.read('obstacle_distance', facts.now_unix_s);
   if (sensors === null && around === null) return [];
@@ -111,9 +115,9 @@ export function mapVehicles(
   store: TelemetryStore,
   selectedId: string | null,
   targetsOf: (facts: VehicleFacts) => RequestedTargets,
-  shown: MapPreview | null = null,
+  preview: MapPreview | null = null,
 ): MapVehicle[] {
-  const found: MapVehicle[] = [];
+  const vehicles: MapVehicle[] = [];
   store.ids().forEach((id, index) => {
     const vehicle = store.vehicles.get(id);
     if (vehicle === undefined) return;
@@ -122,9 +126,9 @@ export function mapVehicles(
     const { lat_deg, lon_deg } = facts.global.value;
     const here = { lat_deg, lon_deg };
     const requested = targetsOf(facts);
-    const streamed = setpoint(facts, here);
-    const targets = [streamed ?? requestedTarget('go', 'go to', requested.go), requestedTarget('look', 'ROI', requested.look), previewTarget(id, shown)];
-    found.push({
+    const streamed = streamedSetpoint(facts, here);
+    const targets = [streamed ?? requestedTarget('go', 'go to', requested.go), requestedTarget('look', 'ROI', requested.look), previewTarget(id, preview)];
+    vehicles.push({
       ...here,
       id,
       selected: id === selectedId,
@@ -135,24 +139,24 @@ export function mapVehicles(
       label: label(facts),
       trail: vehicle.trail.points,
       home: facts.home?.value ?? null,
-      look_rad: cameraDirection_rad(facts),
-      detectedObstacles: facts.lost ? [] : detectedObstacles(vehicle, facts, here),
+      camera_yaw_rad: cameraDirection_rad(facts),
+      detectedObstacles: facts.lost ? [] : obstaclesAround(vehicle, facts, here),
       targets: targets.filter((t): t is MapTarget => t !== null),
     });
   });
-  return found.sort((a, b) => Number(a.selected) - Number(b.selected));
+  return vehicles.sort((a, b) => Number(a.selected) - Number(b.selected));
 }
 
 /** Distance at which a target counts as reached [m]. */
 const ARRIVED_M = 2;
-/** Time in which a vehicle must start to fly to a target [s]. */
+/** A vehicle must have started to fly to a target after this time [s]. */
 const START_TIMEOUT_S = 5;
 
-/** Whether the target of a vehicle still applies: not after it was reached, nor in another flight mode. */
+/** Whether the vehicle is still flying to a target: it has not reached the target, and is in Hold mode, armed. */
 export function isTargetActive(requested: RequestedTarget & { since_s: number }, facts: VehicleFacts, now_s: number): boolean {
   const mode = facts.status?.value.mode ?? '';
   if (now_s - requested.since_s < START_TIMEOUT_S) return true;
   if (facts.status?.value.armed !== true || mode !== 'hold' || facts.global === null) return false;
-  const climb = requested.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - requested.alt_home_m);
-  return groundDistance_m(requested, facts.global.value) > ARRIVED_M || climb > ARRIVED_M;
+  const climb_m = requested.alt_home_m === null ? 0 : Math.abs(facts.global.value.alt_home_m - requested.alt_home_m);
+  return groundDistance_m(requested, facts.global.value) > ARRIVED_M || climb_m > ARRIVED_M;
 }

@@ -12,8 +12,8 @@ import { distance_m, flightTime_s, altitudeInRange, homeAmsl_m, lookAngles, NO_S
 
 type ActiveTarget = RequestedTarget & { since_s: number };
 
-/** PX4's parameters for its speeds in automatic modes. */
-const SPEEDS = { level_m_s: 'MPC_XY_CRUISE', up_m_s: 'MPC_Z_V_AUTO_UP', down_m_s: 'MPC_Z_V_AUTO_DN' } as const;
+/** PX4's parameters for the speeds in automatic modes. */
+const SPEED_PARAMETERS = { level_m_s: 'MPC_XY_CRUISE', up_m_s: 'MPC_Z_V_AUTO_UP', down_m_s: 'MPC_Z_V_AUTO_DN' } as const;
 
 function tenths(value: number): number {
   return Math.round(value * 10) / 10;
@@ -54,7 +54,7 @@ export class MapPointMenu {
     this.actions.dismiss('stage');
   }
 
-  /** Handles the server's event that a person clicked in this page's 3D view. */
+  /** Handles the server's event about a click in this page's 3D view. @param token of this page's 3D view. */
   clickedIn3d(event: WireEvent, token: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
     const number = (name: string): number | null => (typeof event[name] === 'number' ? (event[name] as number) : null);
     const [lat_deg, lon_deg, x, y] = [number('lat_deg'), number('lon_deg'), number('view_x'), number('view_y')];
@@ -74,15 +74,15 @@ export class MapPointMenu {
   /** Opens the confirmation of "Go here". */
   go(facts: VehicleFacts): void {
     const mapPoint = this.mapPoint;
-    const way = mapPoint === null ? null : distance_m(facts, mapPoint);
-    if (mapPoint === null || way === null) return;
+    const away_m = mapPoint === null ? null : distance_m(facts, mapPoint);
+    if (mapPoint === null || away_m === null) return;
     const { lat_deg, lon_deg } = mapPoint;
     const alt_home_m = this.go_home_m;
     this.actions.request('goto', facts, 'stage', {
       lat_deg,
       lon_deg,
       alt_home_m,
-      distance_m: way,
+      distance_m: away_m,
       time_s: flightTime_s(facts, mapPoint, alt_home_m, this.speedsOf(facts.id)),
       onResult: (accepted) => {
         if (!accepted) return;
@@ -92,7 +92,7 @@ export class MapPointMenu {
     });
   }
 
-  /** Points the facts' gimbal at the point once. */
+  /** Points the selected gimbal at the point once. @param facts with the selected gimbal. */
   async lookAt(facts: VehicleFacts): Promise<void> {
     const angles = this.mapPoint === null ? null : lookAngles(facts, this.mapPoint, this.point_home_m);
     if (angles === null) return;
@@ -101,7 +101,7 @@ export class MapPointMenu {
     await this.send('Look here', facts, () => this.api.post('/vehicles/{v}/gimbal/angles', { ...gimbalParams(facts), body }));
   }
 
-  /** Sets the point as the region of interest of the facts' gimbal: the camera keeps pointing at it while the vehicle moves. */
+  /** Sets the point as the region of interest (ROI) of the selected gimbal. @param facts with the selected gimbal. */
   async setRoi(facts: VehicleFacts): Promise<void> {
     const home = homeAmsl_m(facts);
     if (this.mapPoint === null || home === null) return;
@@ -110,19 +110,19 @@ export class MapPointMenu {
     await this.send('Set ROI', facts, () => this.api.post('/vehicles/{v}/gimbal/roi', { ...gimbalParams(facts), body }));
   }
 
-  /** The vehicle's targets for the map to draw. */
+  /** The targets of a vehicle that the map draws. */
   targetsOf(facts: VehicleFacts): RequestedTargets {
-    const going = this.activeTargets.get(facts.id);
-    if (going !== undefined && !isTargetActive(going, facts, this.nowS())) this.activeTargets.delete(facts.id);
+    const target = this.activeTargets.get(facts.id);
+    if (target !== undefined && !isTargetActive(target, facts, this.nowS())) this.activeTargets.delete(facts.id);
     const roi = service('gimbal').roiOf(service('gimbal').selected(facts));
     const home = homeAmsl_m(facts);
     const look = roi === null ? null : { lat_deg: roi.lat_deg, lon_deg: roi.lon_deg, alt_home_m: home === null ? null : roi.alt_amsl_m - home };
     return { go: this.activeTargets.get(facts.id) ?? null, look };
   }
 
-  private async send(commandName: string, facts: VehicleFacts, send: () => Promise<Outcome<unknown>>): Promise<void> {
+  private async send(commandName: string, facts: VehicleFacts, request: () => Promise<Outcome<unknown>>): Promise<void> {
     this.busy = true;
-    const accepted = await this.actions.attempt(commandName, facts, 'stage', send);
+    const accepted = await this.actions.attempt(commandName, facts, 'stage', request);
     this.busy = false;
     await service('gimbal').fetchControlAndRoi(facts);
     if (accepted) this.close();
@@ -131,15 +131,15 @@ export class MapPointMenu {
   private async loadSpeeds(id: string): Promise<void> {
     if (id in this.speeds) return;
     this.speeds = { ...this.speeds, [id]: NO_SPEEDS };
-    const ask = async (name: string): Promise<number | null> => {
-      const answer = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name } } });
-      return answer.ok && typeof answer.value.value === 'number' ? answer.value.value : null;
+    const read = async (name: string): Promise<number | null> => {
+      const response = await this.api.get('/vehicles/{v}/params/{name}', { params: { path: { v: id, name } } });
+      return response.ok && typeof response.value.value === 'number' ? response.value.value : null;
     };
-    const level_m_s = await ask(SPEEDS.level_m_s);
-    const up_m_s = await ask(SPEEDS.up_m_s);
-    const down_m_s = await ask(SPEEDS.down_m_s);
+    const level_m_s = await read(SPEED_PARAMETERS.level_m_s);
+    const up_m_s = await read(SPEED_PARAMETERS.up_m_s);
+    const down_m_s = await read(SPEED_PARAMETERS.down_m_s);
     if (level_m_s === null) {
-      const { [id]: _gone, ...others } = this.speeds;
+      const { [id]: _failed, ...others } = this.speeds;
       this.speeds = others; // requested again the next time
     } else this.speeds = { ...this.speeds, [id]: { level_m_s, up_m_s, down_m_s } };
   }

@@ -1,5 +1,5 @@
 /**
- * A point on the map or in 3D: the possible actions there, reasons for unavailable ones, distances and times. Pure.
+ * A point on the map or in the 3D view: why actions are not possible there, camera angles, distances and times. Pure.
  */
 
 import type { VehicleFacts } from '../../vehicle/facts';
@@ -10,7 +10,7 @@ import { bearing_rad, groundDistance_m, type Pixel, type GeoPosition } from '../
 export interface MapPoint extends GeoPosition {
   /** Terrain altitude at the point; null if the view does not know it. */
   ground_amsl_m: number | null;
-  /** Null for a point on the map; for a point in 3D its pixel on the stage. */
+  /** Pixel on the stage for a point in the 3D view; null for a point on the map. */
   in3d: Pixel | null;
 }
 
@@ -33,7 +33,7 @@ export interface Speeds {
 
 export const NO_SPEEDS: Speeds = { level_m_s: null, up_m_s: null, down_m_s: null };
 
-/** Altitude of home above sea level [m], from home itself or from the vehicle's two reported altitudes. */
+/** Altitude of home AMSL [m]: reported, or else the difference of the vehicle's altitudes AMSL and above home. */
 export function homeAmsl_m(facts: VehicleFacts): number | null {
   if (facts.home !== null) return facts.home.value.alt_amsl_m;
   return facts.global === null ? null : facts.global.value.alt_amsl_m - facts.global.value.alt_home_m;
@@ -47,13 +47,13 @@ export function distance_m(facts: VehicleFacts, mapPoint: GeoPosition): number |
 export function flightTime_s(facts: VehicleFacts, mapPoint: GeoPosition, alt_home_m: number, speeds: Speeds): number | null {
   const away_m = distance_m(facts, mapPoint);
   if (away_m === null || facts.global === null || speeds.level_m_s === null || speeds.level_m_s <= 0) return null;
-  const climb = alt_home_m - facts.global.value.alt_home_m;
-  const rate = climb > 0 ? speeds.up_m_s : speeds.down_m_s;
-  if (Math.abs(climb) > 0.5 && (rate === null || rate <= 0)) return null;
-  return Math.max(away_m / speeds.level_m_s, rate === null ? 0 : Math.abs(climb) / rate);
+  const climb_m = alt_home_m - facts.global.value.alt_home_m;
+  const rate_m_s = climb_m > 0 ? speeds.up_m_s : speeds.down_m_s;
+  if (Math.abs(climb_m) > 0.5 && (rate_m_s === null || rate_m_s <= 0)) return null;
+  return Math.max(away_m / speeds.level_m_s, rate_m_s === null ? 0 : Math.abs(climb_m) / rate_m_s);
 }
 
-/** Why "Go here" is not possible now; null if it is. */
+/** Why "Go here" is not possible now; null: it is possible. */
 export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | null {
   if (facts.replayed) return IS_REPLAY;
   if (facts.lost) return NO_CONNECTION;
@@ -66,15 +66,16 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | n
 }
 
 /**
- * Camera angles from the vehicle's present position, yaw from the nose and from north; null if they are not known.
+ * Camera angles at which the point is seen from the vehicle's position; `yaw_deg` from the nose, `yaw_ned_deg` from
+ * north. Null: position or heading is not known.
  */
 export function lookAngles(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number): (Angles & { yaw_ned_deg: number }) | null {
   const yaw_deg = toDeg(facts.attitude?.value.yaw_ned_rad);
   if (facts.global === null || yaw_deg === null) return null;
   const away_m = groundDistance_m(facts.global.value, mapPoint);
-  const down = facts.global.value.alt_home_m - point_home_m;
+  const down_m = facts.global.value.alt_home_m - point_home_m;
   const yaw_ned_deg = wrap180((bearing_rad(facts.global.value, mapPoint) * 180) / Math.PI);
-  return { pitch_deg: (-Math.atan2(down, away_m) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
+  return { pitch_deg: (-Math.atan2(down_m, away_m) * 180) / Math.PI, yaw_deg: wrap180(yaw_ned_deg - yaw_deg), yaw_ned_deg };
 }
 
 function whyNoCamera(facts: VehicleFacts): string | null {
@@ -84,22 +85,23 @@ function whyNoCamera(facts: VehicleFacts): string | null {
   return facts.global === null || facts.global.stale ? NO_POSITION : null;
 }
 
-/** Why "Look here" is not possible now; null if it is. */
+/** Why "Look here" is not possible now; null: it is possible. */
 export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number, inControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
   if (!inControl) return 'Take control of the gimbal first, on its card.';
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
-  const reach = angleLimits(facts.gimbal?.value ?? null);
-  const beyond = (value: number, min: number, max: number): boolean => reach.isReported && (value < min - 0.05 || value > max + 0.05);
-  if (beyond(angles.pitch_deg, reach.pitchMin_deg, reach.pitchMax_deg)) return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
-  if (beyond(angles.yaw_deg, reach.yawMin_deg, reach.yawMax_deg)) return `Outside the gimbal’s range: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
+  const range = angleLimits(facts.gimbal?.value ?? null);
+  const isOutside = (value: number, min: number, max: number): boolean => range.isReported && (value < min - 0.05 || value > max + 0.05);
+  if (isOutside(angles.pitch_deg, range.pitchMin_deg, range.pitchMax_deg)) return `Outside the gimbal’s range: pitch ${fixed(angles.pitch_deg, 0)}°.`;
+  if (isOutside(angles.yaw_deg, range.yawMin_deg, range.yawMax_deg)) return `Outside the gimbal’s range: ${fixed(angles.yaw_deg, 0, true)}° from the nose.`;
   return null;
 }
 
 /**
- * Why "Set ROI" is not possible now; null if it is. It needs the altitude above sea level, but not gimbal control.
+ * Why "Set ROI" is not possible now; null: it is possible. An ROI needs the altitude of home AMSL, but not gimbal
+ * control.
  */
 export function whyNotRoi(facts: VehicleFacts): string | null {
   return whyNoCamera(facts) ?? (homeAmsl_m(facts) === null ? NO_HOME : null);
@@ -115,8 +117,8 @@ const COMPASS = ['north', 'north-east', 'east', 'south-east', 'south', 'south-we
 /** Distance and direction to a position: "34 m north-east". */
 export function distanceText(from: GeoPosition, to: GeoPosition): string {
   const { text, unit } = metres(groundDistance_m(from, to));
-  const point = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';
-  return `${text} ${unit} ${point}`;
+  const direction = COMPASS[Math.round(bearing_rad(from, to) / (Math.PI / 4) + 8) % 8] ?? 'north';
+  return `${text} ${unit} ${direction}`;
 }
 
 export interface Size {

@@ -6,7 +6,7 @@ import type { Palette } from './map-draw';
 export const GROUND = 'ground';
 
 export function mapStyle(palette: Palette): StyleSpecification {
-  // No fading: it needs frames that a slow computer does not draw.
+  // Without fading, because a slow computer draws too few frames for it.
   return {
     version: 8,
     transition: { duration: 0, delay: 0 },

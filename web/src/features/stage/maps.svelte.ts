@@ -1,4 +1,4 @@
-/** The server's offline maps, requested when the map is first shown. */
+/** The server's offline maps. The page requests them when it first shows the map. */
 
 import type { ApiClient } from '../../api/client';
 import { offlineMap, type OfflineMap } from './offline-maps';
@@ -12,11 +12,11 @@ class Maps {
   async load(api: ApiClient): Promise<void> {
     if (this.isRequested) return;
     this.isRequested = true;
-    const answer = await api.get('/maps');
-    this.isRequested = answer.ok;
-    if (!answer.ok) return;
-    this.list = answer.value.maps.map((file) => offlineMap(file, location.origin));
-    this.unreadable = answer.value.unreadable;
+    const response = await api.get('/maps');
+    this.isRequested = response.ok;
+    if (!response.ok) return;
+    this.list = response.value.maps.map((file) => offlineMap(file, location.origin));
+    this.unreadable = response.value.unreadable;
   }
 }
 

@@ -1,4 +1,4 @@
-/** The operator's map files on this server, and their layers in the page's colours. */
+/** The map files on the server as MapLibre sources and layers. */
 
 import type { LayerSpecification, SourceSpecification } from 'maplibre-gl';
 import type { components } from '../../api/schema';
@@ -11,7 +11,7 @@ export interface OfflineMap {
   source: SourceSpecification;
 }
 
-/** A file as a MapLibre source. PMTiles contain their own description; tiles of MBTiles are requested one by one. */
+/** A file as a MapLibre source. A PMTiles file contains its own description; tiles of MBTiles are requested singly. */
 export function offlineMap(file: MapFile, origin: string): OfflineMap {
   const url = `${origin}${file.url}`;
   const type = file.tiles === 'vector' ? ('vector' as const) : ('raster' as const);
@@ -22,7 +22,10 @@ export function offlineMap(file: MapFile, origin: string): OfflineMap {
   return { file, source: { type, tiles: [`${url}/{z}/{x}/{y}`], ...range, ...bounds, ...size } as SourceSpecification };
 }
 
-/** Raster maps are dimmed so that the flight stands out; vector tiles are drawn as plain shapes without names. */
+/**
+ * The layers of a map: a dimmed raster, so that paths and vehicles are clearly visible, or plain shapes of vector
+ * tiles.
+ */
 export function tileLayers(map: OfflineMap, source: string, palette: Palette): LayerSpecification[] {
   if (map.file.tiles !== 'vector') {
     const rasterPaint = palette.dark ? { 'raster-brightness-max': 0.55, 'raster-saturation': -0.45 } : { 'raster-saturation': -0.25, 'raster-opacity': 0.85 };
@@ -48,7 +51,7 @@ export function tileLayers(map: OfflineMap, source: string, palette: Palette): L
   ]);
 }
 
-/** Attribution of the maps shown, as their licences require; markup is removed. */
+/** Attribution of the maps, which their licences require, without markup. */
 export function attributionText(files: readonly MapFile[]): string {
   const attributions = files.map((f) =>
     (f.attribution ?? '')

@@ -3,22 +3,22 @@
 import { theme } from '../../app/theme.svelte';
 import type { Palette } from './map-draw';
 
-export function paletteNow(): Palette {
+export function currentPalette(): Palette {
   const dark = theme.shown === 'dark';
   const style = getComputedStyle(document.documentElement);
-  const of = (name: string): string => style.getPropertyValue(name).trim();
+  const colour = (name: string): string => style.getPropertyValue(name).trim();
   return {
-    map: of('--map'),
-    line: of('--map-line'),
-    line2: of('--map-line-2'),
-    text: of('--text'),
-    text2: of('--text-2'),
-    text3: of('--text-3'),
-    panel: of('--panel'),
-    target: of('--target'),
-    accent: of('--accent'),
+    map: colour('--map'),
+    line: colour('--map-line'),
+    line2: colour('--map-line-2'),
+    text: colour('--text'),
+    text2: colour('--text-2'),
+    text3: colour('--text-3'),
+    panel: colour('--panel'),
+    target: colour('--target'),
+    accent: colour('--accent'),
     dark,
     stroke: dark ? 2.4 : 3,
-    of,
+    colour,
   };
 }

@@ -9,7 +9,7 @@ import { stage } from './stage.svelte';
 import Stage from './Stage.svelte';
 
 page.onEvent.push((event) => {
-  // While a layer is edited, a click never opens the menu with its commands.
+  // While a layer is edited, a click must not open the menu with commands.
   if (mapLayers.edited === null) mapPointMenu.clickedIn3d(event, stage.token, stage.size, page.facts);
 });
 page.onEvent.push((event) => {
@@ -18,7 +18,7 @@ page.onEvent.push((event) => {
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
 registry.addWarnings(() => maps.unreadable);
-registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.why}. The page tries again; the map shows the flight.`] : []));
+registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${stage.scene.reason}. The page tries again; the map shows the flight.`] : []));
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
 registry.addKeys([
   { order: 190, keys: 'M', description: 'Swap map and 3D', inScene: true, handlers: { m: () => stage.swap() } },

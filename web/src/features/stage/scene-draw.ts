@@ -1,6 +1,6 @@
 /**
- * Draws layers over the 3D view: paths with their shadows on the ground, areas, solids, points with vertical lines to the
- * ground, and the handles that change heights. Depends only on a canvas, not on the page.
+ * Draws layers over the 3D view: paths with their shadows on the ground, areas, solids, points with vertical lines to
+ * the ground, and handles to change altitudes. Depends only on a canvas, not on the page.
  */
 
 import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../app/map-layers.svelte';
@@ -13,7 +13,7 @@ import { NEAR_M, type Clip, type SceneView, type Vector } from './scene-view';
 
 type Ctx = CanvasRenderingContext2D;
 
-/** Maximum number of drawn points: the nearest ones. */
+/** Maximum number of drawn points; the nearest points are drawn. */
 export const MAX_POINTS = 2000;
 /** Scale of points in the inset. */
 const INSET_SCALE = 0.55;
@@ -32,7 +32,7 @@ export function visibleParts(line: readonly Clip[]): Clip[][] {
       part = [];
     }
   });
-  return [...parts, part].filter((one) => one.length > 1);
+  return [...parts, part].filter(({ length }) => length > 1);
 }
 
 /** The part of an area in front of the camera. */
@@ -44,9 +44,10 @@ export function visibleArea(ring: readonly Clip[]): Clip[] {
   });
 }
 
+/** The point between `a` and `b` at the distance `NEAR_M` from the camera. */
 function crossing(a: Clip, b: Clip): Clip {
-  const share = (NEAR_M - a[3]) / (b[3] - a[3]);
-  const at = (i: 0 | 1 | 2): number => a[i] + share * (b[i] - a[i]);
+  const fraction = (NEAR_M - a[3]) / (b[3] - a[3]);
+  const at = (i: 0 | 1 | 2): number => a[i] + fraction * (b[i] - a[i]);
   return [at(0), at(1), at(2), NEAR_M];
 }
 
@@ -57,7 +58,7 @@ interface DrawnPoint {
   readonly away_m: number;
 }
 
-/** The visible points, the farthest first; midpoints below the others, selected points above them. */
+/** The visible points in the order of drawing: midpoints first, selected points last, and the farthest points first. */
 export function drawnPoints(view: SceneView, points: readonly LayerPoint[]): DrawnPoint[] {
   const rank = ({ point }: DrawnPoint): number => (point.selected ? 2 : point.mark === 'middle' ? 0 : 1);
   return points
@@ -105,17 +106,17 @@ export class ScenePainter {
   }
 
   private colour(tone: LayerPoint['tone']): string {
-    return this.palette.of(TONES[tone]);
+    return this.palette.colour(TONES[tone]);
   }
 
-  /** @returns false: nothing of it is in front of the camera. */
+  /** Begins a path with a line of positions. @returns false: the whole line is behind the camera. */
   private tracePath(view: SceneView, positions: readonly LayerPosition[], onGround = false): boolean {
     this.ctx.beginPath();
     const enu = positions.map((at) => view.enuOf(at));
     return this.trace(view, onGround ? enu.map(([east, north]): Vector => [east, north, view.ground_m]) : enu);
   }
 
-  /** Adds a line to the current path. @returns false: nothing of it is in front of the camera. */
+  /** Adds a line to the current path. @returns false: the whole line is behind the camera. */
   private trace(view: SceneView, line: readonly Vector[]): boolean {
     const parts = visibleParts(line.map((enu) => view.clipOf(enu)));
     for (const part of parts)
@@ -152,7 +153,7 @@ export class ScenePainter {
     ctx.globalAlpha = 1;
   }
 
-  /** One side or the top of a solid. Hidden sides and edges stay visible, but weaker. */
+  /** Draws a side or the top of a solid. Hidden sides and edges are drawn weaker. */
   private face(view: SceneView, { ring, edges, tone, inFront, shade }: Face): void {
     const colour = this.colour(tone);
     this.fill(view, ring, colour, inFront ? shade : 0.06);
@@ -161,7 +162,7 @@ export class ScenePainter {
     this.stroke(colour, inFront && !this.inset ? 1.6 : 1, inFront ? 0.9 : 0.3);
   }
 
-  /** A path above the ground has a thin line below it, so that its position can be seen from any side. */
+  /** Draws a thin line on the ground below a path, which shows the position of the path from any side. */
   private shadow(view: SceneView, { positions }: LayerLine): void {
     if (positions.some((at) => at.alt_amsl_m !== undefined) && this.tracePath(view, positions, true)) this.stroke(this.palette.text2, 1, 0.45);
   }
@@ -177,8 +178,8 @@ export class ScenePainter {
   }
 
   private plumbLines(view: SceneView, points: readonly LayerPoint[]): void {
-    const above = points.filter((point) => point.alt_amsl_m !== undefined && point.mark !== 'middle' && point.mark !== 'home');
-    for (const point of above.slice(0, MAX_POINTS)) {
+    const raised = points.filter((point) => point.alt_amsl_m !== undefined && point.mark !== 'middle' && point.mark !== 'home');
+    for (const point of raised.slice(0, MAX_POINTS)) {
       const ground = { lat_deg: point.lat_deg, lon_deg: point.lon_deg };
       const colour = point.selected ? this.palette.accent : this.palette.text2;
       if (this.tracePath(view, [point, ground])) this.stroke(colour, point.selected ? 1.6 : 1, point.selected ? 1 : 0.6);
@@ -200,31 +201,31 @@ export class ScenePainter {
     if (icon !== null) this.ctx.drawImage(icon, at.x - half, at.y - half, half * 2, half * 2);
   }
 
-  /** The handle that changes a selected point's height, and the height as text. */
+  /** Draws the altitude of a selected point as text, and the handle that changes the altitude. */
   private handle(view: SceneView, point: LayerPoint): void {
     const { ctx, palette } = this;
-    const [at, grip] = [view.pixelOf(point), view.handleOf(point)];
+    const [at, handle] = [view.pixelOf(point), view.handleOf(point)];
     if (at === null) return;
-    if (grip !== null) {
-      const away = Math.hypot(grip.x - at.x, grip.y - at.y);
-      const begin = { x: at.x + ((grip.x - at.x) / away) * 17, y: at.y + ((grip.y - at.y) / away) * 17 };
+    if (handle !== null) {
+      const length_px = Math.hypot(handle.x - at.x, handle.y - at.y);
+      const begin = { x: at.x + ((handle.x - at.x) / length_px) * 17, y: at.y + ((handle.y - at.y) / length_px) * 17 };
       ctx.beginPath();
       ctx.moveTo(begin.x, begin.y);
-      ctx.lineTo(grip.x, grip.y);
+      ctx.lineTo(handle.x, handle.y);
       this.stroke(palette.accent, 2);
       ctx.save();
-      ctx.translate(grip.x, grip.y);
+      ctx.translate(handle.x, handle.y);
       ctx.beginPath();
       ctx.arc(0, 0, HANDLE_RADIUS_PX, 0, 2 * Math.PI);
       ctx.fillStyle = palette.panel;
       ctx.fill();
       this.stroke(palette.accent, 2);
-      ctx.rotate(Math.atan2(grip.x - at.x, at.y - grip.y));
+      ctx.rotate(Math.atan2(handle.x - at.x, at.y - handle.y));
       ctx.beginPath();
       ctx.stroke(new Path2D('M0-6v12M-3-3.2L0-6.2 3-3.2M-3 3.2L0 6.2 3 3.2'));
       ctx.restore();
     }
-    this.tag({ x: at.x + 20, y: at.y }, point.height ?? '');
+    this.tag({ x: at.x + 20, y: at.y }, point.altitudeText ?? '');
   }
 
   private tag(at: Pixel, text: string): void {

@@ -1,4 +1,4 @@
-/** Access to viser's page in the iframe of the 3D view: its camera. The only file that knows viser's names. */
+/** Access to the camera of viser's page, which is in the iframe of the 3D view. Only this file uses viser's names. */
 
 import type { LayerPosition } from '../../app/map-layers.svelte';
 import type { CameraPose } from './scene-overview';
@@ -30,8 +30,8 @@ export interface SceneWindow extends Window {
 }
 
 /**
- * The camera now; null while viser starts or connects again.
- * @param origin position of the world's zero while no vehicle has reported a position.
+ * The current camera; null while viser starts or reconnects.
+ * @param origin origin of the drawn world while no vehicle has reported a position.
  */
 export function cameraOf(inside: SceneWindow, origin: Required<LayerPosition>): SceneCamera | null {
   const { camera, nodeRefFromName } = inside.__viserMutable ?? {};
@@ -47,13 +47,13 @@ export function cameraOf(inside: SceneWindow, origin: Required<LayerPosition>): 
   });
 }
 
-/** Vertical field of view of the camera; null while viser starts. */
+/** Vertical field of view of the camera [rad]; null while viser starts. */
 export function fovOf(inside: SceneWindow): number | null {
   const fov_deg = inside.__viserMutable?.camera?.fov;
   return typeof fov_deg === 'number' && fov_deg > 0 ? (fov_deg * Math.PI) / 180 : null;
 }
 
-/** The camera's pose, also before its next picture; null while viser starts. */
+/** The newest pose of the camera, even if it was not drawn yet; null while viser starts. */
 export function poseOf(inside: SceneWindow): CameraPose | null {
   const control = inside.__viserMutable?.cameraControl;
   if (control == null) return null;

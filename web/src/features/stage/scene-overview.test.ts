@@ -4,10 +4,10 @@ import { extentOf, SceneOverview, type CameraPose } from './scene-overview';
 
 const CHASE: CameraPose = { eye: [-3.1, 0, 1.25], target: [0.35, 0, -0.05] };
 const PLAN: CameraPose = { eye: [-80, -60, 90], target: [40, 30, 10] };
-const BY_HAND: CameraPose = { eye: [-80, -50, 90], target: [40, 30, 10] };
+const MOVED_BY_PERSON: CameraPose = { eye: [-80, -50, 90], target: [40, 30, 10] };
 
-/** An overview that has shown the plan. */
-function shown(): SceneOverview {
+/** An overview that has moved the camera to show the plan. */
+function shownOverview(): SceneOverview {
   const overview = new SceneOverview();
   overview.request('chase');
   expect(overview.next(CHASE, 'chase', false, false)).toBe('show');
@@ -27,57 +27,61 @@ describe('the camera of the 3D view, when a plan is opened', () => {
     expect(overview.next(CHASE, 'chase', false, false)).toBeNull();
   });
 
-  it('is not moved while a vehicle flies or the camera follows a dry run, nor afterwards', () => {
+  it('is not moved if a vehicle is flying or the camera follows a dry run at the request', () => {
     const overview = new SceneOverview();
     overview.request('chase');
     expect(overview.next(CHASE, 'chase', false, true)).toBeNull();
     expect(overview.next(CHASE, 'chase', false, false)).toBeNull();
   });
 
-  it('stays where a person has moved it, or in the mode that a person has chosen since', () => {
-    const moved = shown();
-    expect(moved.next(BY_HAND, 'chase', false, false)).toBeNull();
+  it('is not moved after a person has moved it or has chosen another camera mode', () => {
+    const moved = shownOverview();
+    expect(moved.next(MOVED_BY_PERSON, 'chase', false, false)).toBeNull();
     moved.grow();
-    expect([moved.next(BY_HAND, 'chase', false, false), moved.next(BY_HAND, 'chase', false, true), moved.release(BY_HAND)]).toEqual([null, null, null]);
-    const waiting = new SceneOverview();
-    waiting.request('chase');
-    expect(waiting.next(CHASE, 'top', false, false)).toBeNull();
-    const seen = new SceneOverview();
-    seen.request('gimbal');
-    expect(seen.next(CHASE, 'gimbal', false, false)).toBeNull();
+    expect([moved.next(MOVED_BY_PERSON, 'chase', false, false), moved.next(MOVED_BY_PERSON, 'chase', false, true), moved.release(MOVED_BY_PERSON)]).toEqual([
+      null,
+      null,
+      null,
+    ]);
+    const otherMode = new SceneOverview();
+    otherMode.request('chase');
+    expect(otherMode.next(CHASE, 'top', false, false)).toBeNull();
+    const gimbalMode = new SceneOverview();
+    gimbalMode.request('gimbal');
+    expect(gimbalMode.next(CHASE, 'gimbal', false, false)).toBeNull();
   });
 
-  it('shows the plan again when the server has sent its path', () => {
-    const overview = shown();
+  it('shows the plan again when the server has compiled the path', () => {
+    const overview = shownOverview();
     overview.grow();
     expect(overview.next(PLAN, 'chase', false, false)).toBe('show');
     expect(overview.next(PLAN, 'chase', false, false)).toBeNull();
   });
 
   it('shows the next plan, also after a person has moved the camera', () => {
-    const overview = shown();
-    overview.next(BY_HAND, 'chase', false, false);
+    const overview = shownOverview();
+    overview.next(MOVED_BY_PERSON, 'chase', false, false);
     overview.request('chase');
-    expect(overview.next(BY_HAND, 'chase', false, false)).toBe('show');
+    expect(overview.next(MOVED_BY_PERSON, 'chase', false, false)).toBe('show');
   });
 
-  it('returns to where it was, when a vehicle is armed or the room is closed', () => {
-    const armed = shown();
+  it('returns to its earlier pose when a vehicle is armed or the room is closed', () => {
+    const armed = shownOverview();
     expect(armed.next(PLAN, 'chase', false, true)).toEqual(CHASE);
     expect([armed.isActive, armed.next(CHASE, 'chase', false, true)]).toEqual([false, null]);
-    expect(shown().release(PLAN)).toEqual(CHASE);
-    const twice = shown();
+    expect(shownOverview().release(PLAN)).toEqual(CHASE);
+    const twice = shownOverview();
     twice.grow();
     twice.next(PLAN, 'chase', false, false);
-    twice.moved(PLAN, BY_HAND);
-    expect(twice.release(BY_HAND)).toEqual(CHASE);
-    const shownAll = shown();
-    shownAll.cancel();
-    expect(shownAll.release(PLAN)).toBeNull();
+    twice.moved(PLAN, MOVED_BY_PERSON);
+    expect(twice.release(MOVED_BY_PERSON)).toEqual(CHASE);
+    const cancelled = shownOverview();
+    cancelled.cancel();
+    expect(cancelled.release(PLAN)).toBeNull();
   });
 });
 
-it('shows points, lines and tops of the layers that the 3D view has', () => {
+it('the extent contains points, lines and tops of the layers with a ground', () => {
   const [point, end] = [{ id: 'a', lat_deg: 47.4, lon_deg: 8.5 } as LayerPoint, { lat_deg: 47.5, lon_deg: 8.5, alt_amsl_m: 500 }];
   const flat: LayerPicture = { points: [point], lines: [{ positions: [end], tone: 'target', style: 'solid' }], areas: [] };
   expect(extentOf([flat])).toEqual([]);

@@ -1,18 +1,18 @@
-/** When the 3D view shows a whole plan without a click, and when its camera returns to where it was. Pure. */
+/** When the camera of the 3D view moves to show an opened plan, and when it returns to its earlier pose. Pure. */
 
 import type { LayerPicture, LayerPosition } from '../../app/map-layers.svelte';
 import type { Vector } from './scene-view';
 
-/** Position of the camera and the point it looks at, in the page's scene. */
+/** Position of the camera, and the point that the camera looks at, in the coordinates of viser's scene. */
 export interface CameraPose {
   readonly eye: Vector;
   readonly target: Vector;
 }
 
-/** A camera that has moved by less than this share of its distance has not been moved by a person. */
-const SAME_SHARE = 0.001;
+/** Poses that differ by less than this fraction of the camera's distance from its target are the same. */
+const SAME_FRACTION = 0.001;
 
-/** All positions that the 3D view shows. */
+/** All positions of the layers that the 3D view shows. */
 export function extentOf(pictures: readonly LayerPicture[]): LayerPosition[] {
   return pictures.flatMap(({ ground, points, lines, solids = [] }) => {
     if (ground === undefined) return [];
@@ -21,64 +21,65 @@ export function extentOf(pictures: readonly LayerPicture[]): LayerPosition[] {
   });
 }
 
-/** A camera pose to set; `show`: the one that shows everything. */
+/** A pose to set; `show`: the pose that shows all layers; null: no move. */
 type CameraMove = CameraPose | 'show' | null;
 
 export class SceneOverview {
-  /** The camera mode at the request; null: nothing is requested. */
-  private requested: string | null = null;
-  private grows = false;
-  /** The camera before the overview, and where the overview has set it; null: a person has moved it since. */
+  /** The camera mode at the request; null: no request. */
+  private requestedMode: string | null = null;
+  /** The plan must be shown again. */
+  private isGrown = false;
+  /** The poses before the overview and in the overview; null: no overview, or a person has moved the camera. */
   private shown: { readonly before: CameraPose; readonly set: CameraPose } | null = null;
 
-  /** A plan was opened: shows it once, when the 3D view is large. */
+  /** Requests that the opened plan is shown once, as soon as the 3D view is large. */
   request(mode: string): void {
-    this.requested = mode;
+    this.requestedMode = mode;
   }
 
-  /** The plan that is shown is known completely now: shows it again, unless a person has moved the camera. */
+  /** Requests that the plan is shown again, because its path is now known, unless a person has moved the camera. */
   grow(): void {
-    this.grows = this.shown !== null;
+    this.isGrown = this.shown !== null;
   }
 
-  /** A person has moved the camera. */
+  /** Ends the overview, because a person has moved the camera. */
   cancel(): void {
-    [this.requested, this.grows, this.shown] = [null, false, null];
+    [this.requestedMode, this.isGrown, this.shown] = [null, false, null];
   }
 
   /** Whether `next` may return a move. */
   get isActive(): boolean {
-    return this.requested !== null || this.shown !== null;
+    return this.requestedMode !== null || this.shown !== null;
   }
 
   /**
    * The move of the camera in this frame; after `show`, the caller reports the new pose to `moved`.
-   * @param follows whether a vehicle is flying, or the camera follows a dry run. The overview then shows nothing, and the
-   *   camera returns to its pose before the overview.
+   * @param follows whether the camera must follow: a vehicle is flying, or the camera follows a dry run. The overview
+   *   then ends, and the camera returns to its earlier pose.
    */
   next(now: CameraPose, mode: string, inset: boolean, follows: boolean): CameraMove {
-    if (this.shown !== null && !isSame(this.shown.set, now)) [this.shown, this.grows] = [null, false];
+    if (this.shown !== null && !isSame(this.shown.set, now)) [this.shown, this.isGrown] = [null, false];
     if (follows) return this.release(now);
-    if (this.requested !== null && this.requested !== mode) this.requested = null;
-    if (inset || (this.requested === null && !this.grows)) return null;
-    [this.requested, this.grows] = [null, false];
+    if (this.requestedMode !== null && this.requestedMode !== mode) this.requestedMode = null;
+    if (inset || (this.requestedMode === null && !this.isGrown)) return null;
+    [this.requestedMode, this.isGrown] = [null, false];
     return mode === 'gimbal' ? null : 'show';
   }
 
-  /** The overview has moved the camera. */
+  /** Reports that the camera was moved to show the plan. */
   moved(before: CameraPose, set: CameraPose): void {
     this.shown = { before: this.shown?.before ?? before, set };
   }
 
-  /** The plan is not shown any more. @returns the camera's pose before the overview; null: it stays. */
+  /** Ends the overview. @returns the camera's pose before the overview; null: the camera stays. */
   release(now: CameraPose): CameraPose | null {
-    const back = this.shown !== null && isSame(this.shown.set, now) ? this.shown.before : null;
+    const earlier = this.shown !== null && isSame(this.shown.set, now) ? this.shown.before : null;
     this.cancel();
-    return back;
+    return earlier;
   }
 }
 
 function isSame(a: CameraPose, b: CameraPose): boolean {
-  const apart = (from: Vector, to: Vector): number => Math.hypot(from[0] - to[0], from[1] - to[1], from[2] - to[2]);
-  return Math.max(apart(a.eye, b.eye), apart(a.target, b.target)) <= SAME_SHARE * apart(a.eye, a.target);
+  const distance = (from: Vector, to: Vector): number => Math.hypot(from[0] - to[0], from[1] - to[1], from[2] - to[2]);
+  return Math.max(distance(a.eye, b.eye), distance(a.target, b.target)) <= SAME_FRACTION * distance(a.eye, a.target);
 }

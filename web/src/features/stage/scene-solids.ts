@@ -6,41 +6,41 @@ import type { SceneView, Vector } from './scene-view';
 export interface Face {
   /** Corners in the world's ENU [m]. */
   readonly ring: readonly Vector[];
-  /** Drawn edges: a round body, such as a mast, has no edge between two sides that are both in front or both behind. */
+  /** Edges to draw. A round body, such as a mast, has vertical edges only between a side in front and a side behind. */
   readonly edges: readonly (readonly [Vector, Vector])[];
   readonly tone: Tone;
-  /** Whether its outer side is towards the camera. */
+  /** Whether the outer side faces the camera. */
   readonly inFront: boolean;
-  /** Opacity of its outer side: sides in different directions differ, so that their edges are visible. */
+  /** Opacity; it depends on the direction of the face, so that adjacent faces differ. */
   readonly shade: number;
 }
 
-/** Lower bodies are drawn only as the area on the ground [m]. */
-const LEAST_HEIGHT_M = 0.05;
+/** Lower bodies have no faces; only their area on the ground is drawn [m]. */
+const MIN_HEIGHT_M = 0.05;
 const TOP_SHADE = 0.34;
 /** Sides that differ less in direction have no edge between them (cosine of 40°). */
 const ROUND_COS = 0.77;
-/** Opacity of the side towards south-west, and what a side towards north-east has more. */
+/** Opacity of a side that faces south-west, and the additional opacity of a side that faces north-east. */
 const [SIDE_SHADE, SIDE_CONTRAST] = [0.16, 0.14];
 
-/** The faces of all bodies: the farthest body first, of each body the faces behind it, then those in front. */
+/** The faces of all bodies, the farthest body first; of each body, first the faces behind, then the faces in front. */
 export function facesOf(view: SceneView, solids: readonly LayerSolid[]): Face[] {
   return solids
     .map((solid) => ({ solid, base: solid.ring.map((at) => view.enuOf({ lat_deg: at.lat_deg, lon_deg: at.lon_deg })), top_m: view.upOf(solid.top_amsl_m) }))
-    .filter(({ base, top_m }) => base.length > 2 && top_m - view.ground_m >= LEAST_HEIGHT_M)
-    .map((one) => ({ ...one, away_m: Math.min(...one.base.map((at) => Math.hypot(at[0] - view.eye[0], at[1] - view.eye[1]))) }))
+    .filter(({ base, top_m }) => base.length > 2 && top_m - view.ground_m >= MIN_HEIGHT_M)
+    .map((body) => ({ ...body, away_m: Math.min(...body.base.map((at) => Math.hypot(at[0] - view.eye[0], at[1] - view.eye[1]))) }))
     .sort((a, b) => b.away_m - a.away_m)
     .flatMap(({ solid, base, top_m }) => faces(base, top_m, solid.tone, view.eye));
 }
 
 function faces(base: readonly Vector[], top_m: number, tone: Tone, eye: Vector): Face[] {
-  const turn = Math.sign(area(base));
+  const orientation = Math.sign(area(base));
   const roof = base.map(([east, north]): Vector => [east, north, top_m]);
   const walls = base.map((a, i) => {
     const next = (i + 1) % base.length;
     const [b, c, d] = [base[next] ?? a, roof[next] ?? a, roof[i] ?? a];
     // Horizontal direction out of the body.
-    const [east, north] = [turn * (b[1] - a[1]), -turn * (b[0] - a[0])];
+    const [east, north] = [orientation * (b[1] - a[1]), -orientation * (b[0] - a[0])];
     const length = Math.hypot(east, north) || 1;
     const inFront = east * (eye[0] - a[0]) + north * (eye[1] - a[1]) > 0;
     return { ring: [a, b, c, d] as const, out: [east / length, north / length] as const, inFront };

@@ -10,8 +10,8 @@ const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const IDENTITY: Matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 const [WIDTH, HEIGHT, FOCAL] = [800, 600, 1.5];
 
-/** Looks north and down from a point, in a scene whose axes are those of the world. */
-function northFrom(eye: readonly [number, number, number], down_rad: number, world: Matrix = IDENTITY): SceneCamera {
+/** A camera at `eye` (ENU) that looks north and down; by default the scene has the axes of the world. */
+function cameraLookingNorth(eye: readonly [number, number, number], down_rad: number, world: Matrix = IDENTITY): SceneCamera {
   const [sin, cos] = [Math.sin(down_rad), Math.cos(down_rad)];
   // Axes of the camera: right is east, up, backwards.
   const pose = [1, 0, 0, 0, 0, sin, cos, 0, 0, -cos, sin, 0, ...eye, 1];
@@ -22,19 +22,20 @@ function northFrom(eye: readonly [number, number, number], down_rad: number, wor
   const projectionInverse = [aspect / FOCAL, 0, 0, 0, 0, 1 / FOCAL, 0, 0, 0, 0, 0, -5, 0, 0, -1, 5];
   return { projection, projectionInverse, pose, poseInverse, world, origin: ORIGIN, width: WIDTH, height: HEIGHT };
 }
-const viewFrom = (eye: readonly [number, number, number], down_rad: number, world?: Matrix): SceneView => new SceneView(northFrom(eye, down_rad, world), 480);
+const viewFrom = (eye: readonly [number, number, number], down_rad: number, world?: Matrix): SceneView =>
+  new SceneView(cameraLookingNorth(eye, down_rad, world), 480);
 const at = (east_m: number, north_m: number, up_m?: number): LayerPosition => ({
   ...positionAt(ORIGIN, { east_m, north_m }),
   ...(up_m === undefined ? {} : { alt_amsl_m: 480 + up_m }),
 });
-const point = (id: string, position: LayerPosition, more: Partial<LayerPoint> = {}): LayerPoint => ({
+const point = (id: string, position: LayerPosition, fields: Partial<LayerPoint> = {}): LayerPoint => ({
   ...position,
   id,
   mark: 'disc',
   tone: 'target',
   text: '',
   selected: false,
-  ...more,
+  ...fields,
 });
 const metres = (position: GeoPosition | null): number[] => {
   if (position === null) return [];
@@ -53,10 +54,10 @@ describe('a position in the 3D view', () => {
 
   it('is the same after projection and back, at any altitude and in a turned world', () => {
     const turned = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 5, 20, -3, 1];
-    for (const one of [view, viewFrom([0, -60, 40], 0.5, turned)])
+    for (const tested of [view, viewFrom([0, -60, 40], 0.5, turned)])
       for (const position of [at(10, 5), at(-12, 8, 20), at(3, -2, 31)]) {
-        const pixel = one.pixelOf(position);
-        expect(metres(pixel === null ? null : one.positionAt(pixel, position))).toEqual(metres(position));
+        const pixel = tested.pixelOf(position);
+        expect(metres(pixel === null ? null : tested.positionAt(pixel, position))).toEqual(metres(position));
       }
   });
 
@@ -66,15 +67,15 @@ describe('a position in the 3D view', () => {
     expect(metres(viewFrom([0, -40, 40], Math.PI / 4).groundAt({ x: 400, y: 300 }))).toEqual([0, 0]);
   });
 
-  it('moves only across the view if its level is seen from the side', () => {
+  it('is moved only across the view if the camera is at the level of the point', () => {
     const low = viewFrom([0, -60, 20], 0);
-    const like = at(0, 0, 20);
-    expect(metres(low.positionAt({ x: 500, y: 300 }, like))[1]).toBe(0);
-    expect(metres(low.positionAt({ x: 500, y: 180 }, like))).toEqual(metres(low.positionAt({ x: 500, y: 300 }, like)));
+    const reference = at(0, 0, 20);
+    expect(metres(low.positionAt({ x: 500, y: 300 }, reference))[1]).toBe(0);
+    expect(metres(low.positionAt({ x: 500, y: 180 }, reference))).toEqual(metres(low.positionAt({ x: 500, y: 300 }, reference)));
   });
 });
 
-describe('the height of a point', () => {
+describe('the altitude of a point', () => {
   const view = viewFrom([0, -60, 40], 0.5);
 
   it('follows the pointer along the vertical line', () => {
@@ -83,17 +84,17 @@ describe('the height of a point', () => {
   });
 
   it('has a handle above the selected point, but not from straight above', () => {
-    const one = point('a', at(5, 4, 20), { selected: true, height: '20 m' });
-    const [pixel, handle] = [view.pixelOf(one), view.handleOf(one)];
+    const selected = point('a', at(5, 4, 20), { selected: true, altitudeText: '20 m' });
+    const [pixel, handle] = [view.pixelOf(selected), view.handleOf(selected)];
     expect((pixel?.y ?? 0) - (handle?.y ?? 0)).toBeGreaterThan(35);
-    expect(targetAt(view, handle ?? { x: 0, y: 0 }, [one], 14)).toEqual({ point: one, of: 'handle' });
-    expect(targetAt(view, pixel ?? { x: 0, y: 0 }, [one], 14)).toEqual({ point: one, of: 'point' });
-    expect(viewFrom([5, 3, 60], Math.PI / 2 - 0.01).handleOf(one)).toBeNull();
-    expect(viewFrom([5, 4, 60], Math.PI / 2).heightAt({ x: 400, y: 300 }, one)).toBeNull();
+    expect(targetAt(view, handle ?? { x: 0, y: 0 }, [selected], 14)).toEqual({ point: selected, part: 'handle' });
+    expect(targetAt(view, pixel ?? { x: 0, y: 0 }, [selected], 14)).toEqual({ point: selected, part: 'point' });
+    expect(viewFrom([5, 3, 60], Math.PI / 2 - 0.01).handleOf(selected)).toBeNull();
+    expect(viewFrom([5, 4, 60], Math.PI / 2).heightAt({ x: 400, y: 300 }, selected)).toBeNull();
   });
 
-  it('has one handle for many selected points', () => {
-    const many = Array.from({ length: 9 }, (_, i) => point(String(i), at(i, 0, 10), { selected: true, height: '10 m' }));
+  it('has only one handle if many points are selected', () => {
+    const many = Array.from({ length: 9 }, (_, i) => point(String(i), at(i, 0, 10), { selected: true, altitudeText: '10 m' }));
     expect(withHandles(many)).toEqual([many[0]]);
     expect(withHandles([...many.slice(0, 3), point('corner', at(0, 0), { selected: true })])).toEqual(many.slice(0, 3));
   });
@@ -109,13 +110,13 @@ describe('the height of a point', () => {
       press: () => false,
       remove: () => false,
     };
-    const one = point('a', at(0, 0, 20), { selected: true, height: '20 m' });
+    const selected = point('a', at(0, 0, 20), { selected: true, altitudeText: '20 m' });
     const [begin, end] = [view.pixelOf(at(0, 0, 24)), view.pixelOf(at(0, 0, 29))];
     const gesture = new LayerGesture(editor);
-    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: one, of: 'handle' }, false);
+    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: selected, part: 'handle' }, false);
     gesture.move(view, end ?? { x: 0, y: 0 });
     gesture.up();
-    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: one, of: 'handle' }, false);
+    gesture.down(view, begin ?? { x: 0, y: 0 }, { point: selected, part: 'handle' }, false);
     gesture.up();
     expect(calls).toEqual([
       ['grab', 'a'],
@@ -128,7 +129,7 @@ describe('the height of a point', () => {
 describe('the drawing', () => {
   const clip = (x: number, w: number): Clip => [x, 0, 0, w];
 
-  it('cuts lines and areas at the camera', () => {
+  it('contains only the parts of lines and areas in front of the camera', () => {
     expect(visibleParts([clip(0, 5), clip(1, 5), clip(2, -5), clip(3, -5), clip(4, 5)])).toHaveLength(2);
     expect(visibleParts([clip(0, -5), clip(1, -1)])).toEqual([]);
     for (const part of visibleParts([clip(0, 5), clip(2, -5)])) expect(part.at(-1)?.[3]).toBe(NEAR_M);
@@ -136,7 +137,7 @@ describe('the drawing', () => {
     expect(visibleArea([clip(0, -5), clip(1, -5), clip(2, -5)])).toEqual([]);
   });
 
-  it('has the nearest points on top, midpoints below and selected points above all', () => {
+  it('has midpoints below all other points, selected points above, and near points above far points', () => {
     const view = viewFrom([0, -60, 40], 0.5);
     const points = [
       point('near', at(0, -20, 0)),
@@ -145,22 +146,22 @@ describe('the drawing', () => {
       point('selected', at(0, 50, 0), { selected: true }),
       point('behind', at(0, -200, 0)),
     ];
-    expect(drawnPoints(view, points).map((one) => one.point.id)).toEqual(['middle', 'far', 'near', 'selected']);
+    expect(drawnPoints(view, points).map((drawn) => drawn.point.id)).toEqual(['middle', 'far', 'near', 'selected']);
     const many = Array.from({ length: MAX_POINTS + 50 }, (_, i) => point(String(i), at(0, i / 10, 0)));
     const drawn = drawnPoints(view, many);
     expect(drawn).toHaveLength(MAX_POINTS);
-    expect(drawn.some((one) => one.point.id === '0')).toBe(true);
+    expect(drawn.some(({ point: { id } }) => id === '0')).toBe(true);
   });
 
-  it('has solids with their true heights, the nearest last, of each the faces in front last', () => {
+  it('has solids with their true heights, the nearest solid last and its front faces last', () => {
     const box = (north_m: number, up_m: number) => ({
       ring: [at(-5, north_m), at(5, north_m), at(5, north_m + 10), at(-5, north_m + 10)],
       top_amsl_m: 480 + up_m,
       tone: 'danger' as const,
     });
-    const found = facesOf(viewFrom([0, -60, 40], 0.5), [box(0, 12), box(100, 60), box(50, 0)]);
-    expect(found).toHaveLength(10);
-    const rounded = found.map(({ ring, inFront }) => ({ inFront, ring: ring.map((corner) => corner.map((metre) => Math.round(metre) + 0)) }));
+    const faces = facesOf(viewFrom([0, -60, 40], 0.5), [box(0, 12), box(100, 60), box(50, 0)]);
+    expect(faces).toHaveLength(10);
+    const rounded = faces.map(({ ring, inFront }) => ({ inFront, ring: ring.map((corner) => corner.map((metre) => Math.round(metre) + 0)) }));
     const front = (north_m: number, up_m: number) => ({
       inFront: true,
       ring: [
@@ -179,13 +180,13 @@ describe('the drawing', () => {
         [-5, 10, 12],
       ],
     };
-    // From below its top, the top of the far box is behind its front.
+    // The camera is below the top of the far box, so this top is not in front.
     expect([rounded.slice(0, 5).filter(({ inFront }) => inFront), rounded.slice(5).filter(({ inFront }) => inFront)]).toEqual([
       [front(100, 60)],
       [front(0, 12), top],
     ]);
     expect(rounded[4]).toEqual(front(100, 60));
-    expect(found.slice(5).flatMap(({ edges, inFront }) => (inFront ? edges : []))).toHaveLength(4);
+    expect(faces.slice(5).flatMap(({ edges, inFront }) => (inFront ? edges : []))).toHaveLength(4);
     const round = Array.from({ length: 24 }, (_, i) => at(5 * Math.cos((i * Math.PI) / 12), 5 * Math.sin((i * Math.PI) / 12)));
     const upright = facesOf(viewFrom([0, -60, 40], 0.5), [{ ring: round, top_amsl_m: 500, tone: 'danger' }]).flatMap(({ edges, inFront }) =>
       inFront ? edges.filter(([a, b]) => a[2] !== b[2]) : [],
@@ -195,15 +196,15 @@ describe('the drawing', () => {
     expect(facesOf(viewFrom([0, -60, 40], 0.5), [clockwise]).filter(({ inFront }) => inFront)).toHaveLength(2);
   });
 
-  it('shows all points from above, in the middle of the free area', () => {
+  it('has an overview pose from which all points are visible in the free area', () => {
     const view = viewFrom([0, -60, 2], 0);
     const points = [at(0, 0, 0), at(100, 0, 20), at(100, 80, 0)];
-    const found = view.overview(points, 0.9, 0.7);
-    expect(found?.target).toEqual([50, 40, 10].map((value) => expect.closeTo(value, 3)));
-    const [east, north, up] = found?.eye ?? [0, 0, 0];
-    const there = viewFrom([east, north, up], Math.atan2(up - 10, 40 - north));
+    const pose = view.overview(points, 0.9, 0.7);
+    expect(pose?.target).toEqual([50, 40, 10].map((value) => expect.closeTo(value, 3)));
+    const [east, north, up] = pose?.eye ?? [0, 0, 0];
+    const overview = viewFrom([east, north, up], Math.atan2(up - 10, 40 - north));
     for (const position of points) {
-      const pixel = there.pixelOf(position);
+      const pixel = overview.pixelOf(position);
       expect(Math.abs((pixel?.y ?? 999) - 300)).toBeLessThan(300 * 0.7);
     }
     expect(view.overview([], 0.9, 0.7)).toBeNull();
@@ -212,7 +213,7 @@ describe('the drawing', () => {
 
 describe('the camera of the frame', () => {
   it('is used only if it is complete and finite', () => {
-    const camera = northFrom([0, 0, 5], 0.3);
+    const camera = cameraLookingNorth([0, 0, 5], 0.3);
     expect(validCamera(camera)).toBe(camera);
     expect(validCamera({ ...camera, world: undefined })).toBeNull();
     expect(validCamera({ ...camera, pose: [NaN, ...Array.from(camera.pose).slice(1)] })).toBeNull();
@@ -220,7 +221,7 @@ describe('the camera of the frame', () => {
     expect(validCamera({ ...camera, width: 0 })).toBeNull();
   });
 
-  it('has its origin from the server, or none', () => {
+  it('has the origin that the page of the 3D view contains, or none', () => {
     expect(parseOrigin('47.4,8.5,480')).toEqual(ORIGIN);
     for (const text of [undefined, '', '47.4,8.5', '47.4,8.5,', '47.4,8.5,NaN', '47.4,8.5,480,1', 'a,b,c']) expect(parseOrigin(text)).toBeNull();
   });

@@ -1,4 +1,4 @@
-/** The stage: whether map or 3D view is large, and the 3D view's camera, vehicle and theme. */
+/** The stage, which contains the map and the 3D view: which of the two is large, and the state of the 3D view. */
 
 import { covered } from '../../app/covered-edges.svelte';
 import { freeMiddle } from '../../app/free-area';
@@ -8,7 +8,7 @@ import type { LayerPosition } from '../../app/map-layers.svelte';
 import type { GeoPosition } from '../../vehicle/geo';
 import { SceneOverview } from './scene-overview';
 
-export type SceneState = { phase: 'asking' } | { phase: 'available' } | { phase: 'absent'; why: string };
+export type SceneState = { phase: 'requested' } | { phase: 'available' } | { phase: 'absent'; reason: string };
 
 /** The content of the 3D view. */
 export interface SceneRequest {
@@ -35,13 +35,13 @@ const RETRY_MS = 5000;
 const SCENE_URL = '/scene/';
 
 class StageState {
-  scene = $state.raw<SceneState>({ phase: 'asking' });
+  scene = $state.raw<SceneState>({ phase: 'requested' });
   camera = $state<Camera>('chase');
-  /** Key under which the server stores the state of this page's 3D view. */
+  /** Identifies this page's 3D view on the server. */
   readonly token = `page-${Math.random().toString(36).slice(2, 12)}`;
   /** Size of the stage [px]. */
   size = $state.raw({ width: 0, height: 0 });
-  /** Pixel of the point whose menu is open; it changes when the map moves. */
+  /** Pixel on the stage of the map point whose menu is open; it changes when the map moves. */
   mapPointAt = $state.raw({ x: 0, y: 0 });
   /**
    * Offset of the middle of the uncovered area from the stage's middle, right and down [px]. Map and 3D view show the
@@ -49,27 +49,27 @@ class StageState {
    */
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
-  /** Fits positions into the 3D view; null: it shows no layer. */
+  /** Fits positions into the 3D view; null: the 3D view shows no layer. */
   scenePositions: ((positions: readonly LayerPosition[]) => void) | null = null;
-  /** The 3D view's camera while a plan is open. */
+  /** Moves of the 3D view's camera while a plan is open. */
   readonly overview = new SceneOverview();
-  /** The middle of the 3D view's uncovered ground; null: it shows no layer. */
+  /** The ground in the middle of the uncovered area of the 3D view; null: the 3D view shows no layer. */
   sceneMiddle: MapCommands['middle'] | null = null;
   private pendingView: SceneRequest | null = null;
-  private mapChosen = $state(false);
-  readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'available' && !this.mapChosen ? 'scene' : 'map');
+  private isMapChosen = $state(false);
+  readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'available' && !this.isMapChosen ? 'scene' : 'map');
 
   get sceneAvailable(): boolean {
     return this.scene.phase === 'available';
   }
 
   swap(): void {
-    if (this.scene.phase === 'available') this.mapChosen = !this.mapChosen;
+    if (this.scene.phase === 'available') this.isMapChosen = !this.isMapChosen;
   }
 
   /** Makes the map large. */
   showMap(): void {
-    this.mapChosen = true;
+    this.isMapChosen = true;
   }
 
   showPositions(positions: readonly GeoPosition[]): void {
@@ -77,13 +77,13 @@ class StageState {
     if (this.main === 'scene') this.scenePositions?.(positions);
   }
 
-  /** @param positions of the plan, for the map; the 3D view shows all its layers, once, when it is large. */
+  /** Shows an opened plan: the positions on the map, and once all layers in the 3D view, as soon as it is large. */
   showPlan(positions: readonly GeoPosition[]): void {
     if (positions.length > 0) this.map?.show(positions);
     this.overview.request(this.camera);
   }
 
-  /** The plan that was shown is known completely now. */
+  /** Shows the opened plan again in the 3D view, because its path is now known. */
   refitPlan(): void {
     this.overview.grow();
   }
@@ -92,7 +92,7 @@ class StageState {
     return this.main === 'scene' ? (this.sceneMiddle?.() ?? null) : (this.map?.middle() ?? null);
   }
 
-  /** Assigns only a changed value, because each assignment makes a new menu layout. */
+  /** Sets the pixel of the menu's point, only if it has changed, because each assignment lays out the menu again. */
   pointAt(at: { x: number; y: number }): void {
     const [x, y] = [Math.round(at.x), Math.round(at.y)];
     if (x !== this.mapPointAt.x || y !== this.mapPointAt.y) this.mapPointAt = { x, y };
@@ -106,8 +106,8 @@ class StageState {
   }
 
   /**
-   * Sends the state to the running 3D view: one request at a time, and after each request only the newest state. A
-   * failure is visible in the view and needs no message.
+   * Sends the content to the 3D view: one request at a time, and after each request only the newest content. A failure
+   * is visible in the view, so there is no message.
    */
   async show(view: SceneRequest): Promise<void> {
     const isSending = this.pendingView !== null;
@@ -126,13 +126,13 @@ class StageState {
   watch(): () => void {
     let ended = false;
     let timer: ReturnType<typeof setTimeout> | undefined;
-    const ask = async (): Promise<void> => {
-      const found = await probe();
+    const request = async (): Promise<void> => {
+      const scene = await requestScene();
       if (ended) return;
-      this.scene = found;
-      if (found.phase !== 'available') timer = setTimeout(() => void ask(), RETRY_MS);
+      this.scene = scene;
+      if (scene.phase !== 'available') timer = setTimeout(() => void request(), RETRY_MS);
     };
-    void ask();
+    void request();
     return () => {
       ended = true;
       clearTimeout(timer);
@@ -140,15 +140,15 @@ class StageState {
   }
 }
 
-async function probe(): Promise<SceneState> {
+async function requestScene(): Promise<SceneState> {
   try {
     const response = await fetch(SCENE_URL, { signal: AbortSignal.timeout(6000), headers: { Accept: 'text/html' } });
     void response.body?.cancel();
-    if (!response.ok) return { phase: 'absent', why: `the server answered ${response.status}` };
+    if (!response.ok) return { phase: 'absent', reason: `the server responded with status ${response.status}` };
     const isPage = response.headers.get('content-type')?.includes('text/html') === true;
-    return isPage ? { phase: 'available' } : { phase: 'absent', why: 'the answer is not a page' };
+    return isPage ? { phase: 'available' } : { phase: 'absent', reason: 'the response is not a page' };
   } catch {
-    return { phase: 'absent', why: 'the server does not answer' };
+    return { phase: 'absent', reason: 'the server does not respond' };
   }
 }
 

@@ -21,17 +21,17 @@ import { flightTime_s, altitudeInRange, lookAngles, menuCorner, distanceText, wh
 
 const HERE = { lat_deg: 47.4, lon_deg: 8.5 };
 const view = (px_per_m: number, over: Partial<MapView> = {}): MapView => {
-  const one = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
-  return { ...one, world_px: px_per_m / pixelsPerMetre(one), ...over };
+  const unscaled = { centre: mercator(HERE), world_px: 1, up_rad: 0, width: 1000, height: 800 };
+  return { ...unscaled, world_px: px_per_m / pixelsPerMetre(unscaled), ...over };
 };
 
 describe('positions', () => {
   it('are measured in metres, also across the date line', () => {
     expect(eastNorth(HERE, { lat_deg: 47.401, lon_deg: 8.5 }).north_m).toBeCloseTo(111.2, 0);
     expect(groundDistance_m({ lat_deg: 0, lon_deg: 179.9995 }, { lat_deg: 0, lon_deg: -179.9995 })).toBeCloseTo(111.2, 0);
-    const there = positionAt(HERE, { east_m: 300, north_m: -40 });
-    expect(eastNorth(HERE, there).east_m).toBeCloseTo(300, 6);
-    expect(eastNorth(HERE, there).north_m).toBeCloseTo(-40, 6);
+    const moved = positionAt(HERE, { east_m: 300, north_m: -40 });
+    expect(eastNorth(HERE, moved).east_m).toBeCloseTo(300, 6);
+    expect(eastNorth(HERE, moved).north_m).toBeCloseTo(-40, 6);
   });
   it('are projected to the screen, north up or rotated', () => {
     const east = positionAt(HERE, { east_m: 20, north_m: 0 });
@@ -48,19 +48,19 @@ describe('positions', () => {
       expect(back.y).toBeCloseTo(at.y, 4);
     }
   });
-  it('are found within reach, the nearest first', () => {
+  it('are found by the nearest pixel within reach', () => {
     const points = [0, 4, 30].map((east_m) => ({ ...positionAt(HERE, { east_m, north_m: 0 }), east_m }));
-    expect(nearestWithin((one) => toPixel(view(5), one), { x: 515, y: 400 }, points, 24)?.east_m).toBe(4);
-    expect(nearestWithin((one) => toPixel(view(5), one), { x: 560, y: 400 }, points, 24)).toBeNull();
+    expect(nearestWithin((position) => toPixel(view(5), position), { x: 515, y: 400 }, points, 24)?.east_m).toBe(4);
+    expect(nearestWithin((position) => toPixel(view(5), position), { x: 560, y: 400 }, points, 24)).toBeNull();
   });
-  it('have scale bars of round lengths', () => {
+  it('have a scale bar with a round length', () => {
     expect([niceLength_m(4, 110), niceLength_m(0.1, 110), niceLength_m(60, 110)]).toEqual([20, 1000, 1]);
     expect([lengthText(20), lengthText(2000), lengthText(0.5)]).toEqual(['20 m', '2 km', '0.5 m']);
   });
 });
 
 describe('grid', () => {
-  it('has visible cells of a power of ten', () => {
+  it('has cells with a side of a power of ten metres, large enough to be visible', () => {
     expect([60, 8, 1, 0.1, 0.002].map(gridStep_m)).toEqual([1, 10, 100, 1000, 100_000]);
     for (let px_per_m = 30; px_per_m > 0.001; px_per_m /= 1.3) {
       const cell = gridStep_m(px_per_m) * px_per_m;
@@ -71,7 +71,7 @@ describe('grid', () => {
   it('starts at home, with every tenth line strong', () => {
     const { thin, strong } = gridLines(HERE, { west_m: -55, east_m: 105, south_m: -5, north_m: 5 }, 10);
     expect(thin).toHaveLength(14); // 16 meridians from −50 to 100, without 0 and 100
-    expect(strong).toHaveLength(3); // these two, and the parallel through home
+    expect(strong).toHaveLength(3); // the meridians at 0 and 100, and the parallel through home
     expect(strong.some(({ from, to }) => from.lon_deg === to.lon_deg && Math.abs(from.lon_deg - HERE.lon_deg) < 1e-12)).toBe(true);
   });
   it('covers a rotated view, and is empty where a flat grid is inaccurate', () => {
@@ -131,18 +131,18 @@ describe('actions at a map point', () => {
       for (const why of [whyNotGo(facts(over), EAST_30), whyNotLook(facts(over), EAST_30, 0, true), whyNotRoi(facts(over))]) expect(why).toMatch(word);
     }
   });
-  it('allow ROI and look on the ground', () => {
+  it('include "Set ROI" and "Look here" on the ground', () => {
     expect(whyNotRoi(facts({ inAir: false }))).toBeNull();
     expect(whyNotLook(facts({ inAir: false }), EAST_30, 0, true)).toBeNull();
   });
-  it('point the camera down to a point ahead', () => {
+  it('use camera angles from the nose and from north', () => {
     const angles = lookAngles(facts(), EAST_30, 0);
     expect(angles?.yaw_deg).toBeCloseTo(0, 3); // the vehicle faces east
     expect(angles?.yaw_ned_deg).toBeCloseTo(90, 3);
     expect(angles?.pitch_deg).toBeCloseTo((-Math.atan2(12, 30) * 180) / Math.PI, 3);
     expect(lookAngles(facts({ attitude: null }), EAST_30, 0)).toBeNull();
   });
-  it('show distance and time, and no unknown time', () => {
+  it('have a distance, and a flight time if the speeds are known', () => {
     const speeds = { level_m_s: 5, up_m_s: 3, down_m_s: 1.5 };
     expect(distanceText(HERE, EAST_30)).toBe('30.0 m east');
     expect(distanceText(HERE, positionAt(HERE, { east_m: -5, north_m: 5 }))).toBe('7.1 m north-west');
@@ -153,7 +153,7 @@ describe('actions at a map point', () => {
     expect(flightTime_s(facts(), EAST_30, 42, { ...speeds, up_m_s: null })).toBeNull();
     expect([altitudeInRange(NaN), altitudeInRange(5000), altitudeInRange(12.5)]).toEqual([null, 1000, 12.5]);
   });
-  it('open beside the point, within the free area', () => {
+  it('are in a menu beside the point, within the free area', () => {
     const free = { left: 12, top: 12, right: 936, bottom: 600 };
     const menu = { width: 300, height: 270 };
     expect(menuCorner({ x: 400, y: 300 }, menu, free)).toEqual({ x: 420, y: 210 });
@@ -163,13 +163,13 @@ describe('actions at a map point', () => {
 });
 
 describe('a target of a vehicle', () => {
-  const wanted = { ...EAST_30, alt_home_m: 12, since_s: 0 };
+  const target = { ...EAST_30, alt_home_m: 12, since_s: 0 };
   it('stays on the map until it is reached or the mode changes', () => {
-    expect(isTargetActive(wanted, facts(), 60)).toBe(true);
-    expect(isTargetActive({ ...wanted, ...HERE }, facts(), 60)).toBe(false);
-    expect(isTargetActive({ ...wanted, ...HERE, alt_home_m: 30 }, facts(), 60)).toBe(true);
-    expect(isTargetActive(wanted, facts({ status: reading({ armed: true, mode: 'rtl' }) }), 60)).toBe(false);
-    expect(isTargetActive(wanted, facts({ status: reading({ armed: true, mode: 'takeoff' }) }), 2)).toBe(true); // the vehicle has not shown the new mode yet
+    expect(isTargetActive(target, facts(), 60)).toBe(true);
+    expect(isTargetActive({ ...target, ...HERE }, facts(), 60)).toBe(false);
+    expect(isTargetActive({ ...target, ...HERE, alt_home_m: 30 }, facts(), 60)).toBe(true);
+    expect(isTargetActive(target, facts({ status: reading({ armed: true, mode: 'rtl' }) }), 60)).toBe(false);
+    expect(isTargetActive(target, facts({ status: reading({ armed: true, mode: 'takeoff' }) }), 2)).toBe(true); // the vehicle has not reported the new mode yet
   });
 });
 
@@ -204,7 +204,7 @@ describe('the middle of the uncovered area', () => {
     expect(freeMiddle(stage, { left: 0, right: 0, top: 78, bottom: 56 })).toEqual({ x: 0, y: 11 });
     expect(freeMiddle(stage, { left: 0, right: 0, top: 0, bottom: 0 })).toEqual({ x: 0, y: 0 });
   });
-  it('uses the widest panel at each edge', () => {
+  it('is computed with the widest panel at each edge', () => {
     expect(
       widest([
         { edge: 'left', px: 240 },
@@ -213,7 +213,7 @@ describe('the middle of the uncovered area', () => {
       ]),
     ).toEqual({ left: 540, right: 344, top: 0, bottom: 0 });
   });
-  it('stays unchanged if nothing is uncovered', () => {
+  it('is the middle of the stage if panels cover the whole stage', () => {
     expect(freeMiddle({ width: 400, height: 50 }, { left: 240, right: 344, top: 0, bottom: 56 })).toEqual({ x: 0, y: 0 });
   });
   it('is sent to the 3D view as fractions of its size', () => {

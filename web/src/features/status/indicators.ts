@@ -1,4 +1,4 @@
-/** GPS, battery and link as one short line each, with a severity and a word for it. */
+/** The indicators of GPS, battery and link: a short text each, with a severity and a word for the severity. */
 
 import { fixed, join, UNKNOWN } from '../../ui/format';
 import { ageText } from '../../live/age';
@@ -10,7 +10,7 @@ export type Severity = 'none' | 'caution' | 'danger';
 export interface Indicator {
   label: string;
   text: string;
-  /** A word for the problem; empty if there is none. */
+  /** A word for the problem; empty: no problem. */
   word: string;
   severity: Severity;
   stale: boolean;
@@ -60,14 +60,14 @@ function cellLines(cells_v: readonly number[] | null): [string, string][] {
   ];
 }
 
-/** One line for each of several batteries. */
+/** One line for each battery, if there are several. */
 function batteryLines(batteries: Battery['batteries'] | undefined): [string, string][] {
-  return (batteries ?? []).map((one) => [
-    `Battery ${one.battery_id + 1}`,
+  return (batteries ?? []).map((battery) => [
+    `Battery ${battery.battery_id + 1}`,
     join([
-      one.remaining_percent === null ? null : `${one.remaining_percent} %`,
-      one.voltage_v === null ? null : `${fixed(one.voltage_v, 2)} V`,
-      one.current_a === null ? null : `${fixed(one.current_a, 1)} A`,
+      battery.remaining_percent === null ? null : `${battery.remaining_percent} %`,
+      battery.voltage_v === null ? null : `${fixed(battery.voltage_v, 2)} V`,
+      battery.current_a === null ? null : `${fixed(battery.current_a, 1)} A`,
     ]),
   ]);
 }
@@ -78,7 +78,7 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
   const percent = battery.remaining_percent;
   const severity: Severity = percent === null ? 'none' : percent <= 10 ? 'danger' : percent <= 25 ? 'caution' : 'none';
   const volts = battery.voltage_v === null ? null : `${fixed(battery.voltage_v, 1)} V`;
-  const left = battery.time_remaining_s;
+  const timeLeft_s = battery.time_remaining_s;
   return {
     label: 'Battery',
     stale,
@@ -91,7 +91,7 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
       ['Voltage', battery.voltage_v === null ? UNKNOWN : `${fixed(battery.voltage_v, 2)} V`],
       ['Current', battery.current_a === null ? UNKNOWN : `${fixed(battery.current_a, 1)} A`],
       ['Consumed', battery.consumed_mah === null ? UNKNOWN : `${battery.consumed_mah} mAh`],
-      ['Time left', left === null || left <= 0 ? UNKNOWN : `${Math.round(left / 60)} min`],
+      ['Time left', timeLeft_s === null || timeLeft_s <= 0 ? UNKNOWN : `${Math.round(timeLeft_s / 60)} min`],
       ...cellLines(battery.cell_voltages_v),
       ...batteryLines(battery.batteries),
     ],
@@ -101,14 +101,22 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
 /** One line for each component other than the autopilot. */
 export function componentLines(components: readonly Component[], now_unix_s: number): [string, string][] {
   return components
-    .filter((one) => one.kind !== 'autopilot')
-    .map((one) => [
-      `${one.kind === 'other' ? 'Component' : one.kind[0]?.toUpperCase() + one.kind.slice(1)} ${one.component_id}`,
-      !one.lost ? 'connected' : one.last_heard_unix_s === null ? 'connection lost' : `connection lost ${ageText(now_unix_s - one.last_heard_unix_s)} ago`,
+    .filter((component) => component.kind !== 'autopilot')
+    .map((component) => [
+      `${component.kind === 'other' ? 'Component' : component.kind[0]?.toUpperCase() + component.kind.slice(1)} ${component.component_id}`,
+      !component.lost
+        ? 'connected'
+        : component.last_heard_unix_s === null
+          ? 'connection lost'
+          : `connection lost ${ageText(now_unix_s - component.last_heard_unix_s)} ago`,
     ]);
 }
 
-/** The state of the vehicle's link, from its heartbeats; `details` are the server's counters. */
+/**
+ * The state of the vehicle's link, from the vehicle's heartbeats.
+ * @param details lines with the server's counters. @param text rates of the server's links; null: not known.
+ * @param offline the page has no connection to the server.
+ */
 export function linkIndicator(
   heartbeatAge_s: number | null,
   lost: boolean,

@@ -22,26 +22,26 @@ function bytesText(bytes: number): string {
   return `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
-/** Packet loss between two counts [%]; null if no packets came in between. */
+/** Packet loss between two counts [%]; null: no packets in between. */
 export function lossPercent(from: { received: number; lost: number }, to: { received: number; lost: number }): number | null {
   const lost = Math.max(0, to.lost - from.lost);
-  const all = to.received - from.received + lost;
-  return all <= 0 ? null : (lost / all) * 100;
+  const sent = to.received - from.received + lost;
+  return sent <= 0 ? null : (lost / sent) * 100;
 }
 
 /** Packet loss since the link was opened, from gaps in the sequence numbers, as text. */
 function lossText(link: LinkLine): string {
-  const all = link.frames_received + link.frames_lost;
-  return all === 0 ? UNKNOWN : `${fixed((link.frames_lost / all) * 100, 1)} %`;
+  const sent = link.frames_received + link.frames_lost;
+  return sent === 0 ? UNKNOWN : `${fixed((link.frames_lost / sent) * 100, 1)} %`;
 }
 
-/** Number of peers that are listed; the others are counted. */
-const PEERS_SHOWN = 4;
+/** Maximum number of listed peers; the others are counted. */
+const MAX_PEERS = 4;
 
 function peersText(peers: readonly string[]): string {
   if (peers.length === 0) return UNKNOWN;
-  const more = peers.length - PEERS_SHOWN;
-  return [...peers.slice(0, PEERS_SHOWN), ...(more > 0 ? [`and ${more} more`] : [])].join('\n');
+  const more = peers.length - MAX_PEERS;
+  return [...peers.slice(0, MAX_PEERS), ...(more > 0 ? [`and ${more} more`] : [])].join('\n');
 }
 
 /** One line for each counter of a link. */
@@ -66,8 +66,9 @@ function linkLines(link: LinkLine, several: boolean): [string, string][] {
 }
 
 /**
- * @param rate_bytes_s received data rate of all links; null until the server has answered twice.
- * @param lost_percent packet loss of the last half minute; null if no packets came.
+ * The counters of all links as lines, and a short text; the text is null without an open link.
+ * @param rate_bytes_s received data rate of all links; null: not known yet.
+ * @param lost_percent packet loss of the last half minute; null: no packets received.
  */
 export function linkDetails(
   links: readonly LinkLine[],
@@ -101,20 +102,20 @@ function recordingLine(link: LinkLine): string {
   return join([file.file, bytesText(file.bytes), file.started_unix_s === null ? null : `since ${timeOfDay(file.started_unix_s)}`]);
 }
 
-/** State of the recordings; the longest running one gives the time shown. */
+/** State of the recordings, with the duration of the longest recording that is running. */
 export function recordingIndicator(links: readonly LinkLine[], known: boolean, now_unix_s: number): Indicator {
   const base = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
   if (!known) return { ...base, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
-  const live = links.filter((l) => !l.replay && !l.forward);
-  if (live.length === 0) {
+  const recordable = links.filter((l) => !l.replay && !l.forward);
+  if (recordable.length === 0) {
     const why = links.some((l) => l.replay) ? 'A recording is replayed; nothing is recorded.' : 'There is no open link to record.';
     return { ...base, text: 'None', details: [['', why]] };
   }
-  const details = live.map((l): [string, string] => [l.name, recordingLine(l)]);
-  if (live.some((l) => l.recording !== null && l.recording.stopped !== null)) {
+  const details = recordable.map((l): [string, string] => [l.name, recordingLine(l)]);
+  if (recordable.some((l) => l.recording !== null && l.recording.stopped !== null)) {
     return { ...base, text: 'Stopped', word: 'not saved', severity: 'danger', details };
   }
-  if (live.every((l) => l.recording === null)) return { ...base, text: 'Off', word: 'not saved', severity: 'caution', details };
-  const began = live.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
-  return { ...base, text: began.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...began))), details };
+  if (recordable.every((l) => l.recording === null)) return { ...base, text: 'Off', word: 'not saved', severity: 'caution', details };
+  const starts_unix_s = recordable.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
+  return { ...base, text: starts_unix_s.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...starts_unix_s))), details };
 }

@@ -20,7 +20,7 @@ export interface StatusFacts {
   offline?: boolean;
   replayed: boolean;
   ready: boolean | null;
-  /** Who outside this server set the mode; null if nobody did. */
+  /** Who outside this server set the mode; null: nobody. */
   outside?: string | null;
   /** The active stream of this server. */
   stream: { type: string | null; rate_hz: number | null; client: string | null } | null;
@@ -64,7 +64,7 @@ function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
   return MODE_TEXTS[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
 }
 
-/** Age of the newest heartbeat [s]: the vehicle's at the time of its status, and the age of the status. */
+/** Age of the newest heartbeat [s]: its age at the time of the status, plus the age of the status. */
 export function heartbeatAge_s(status: Status, statusAge_s: number): number {
   return Math.max(0, (status.last_heartbeat_age_s ?? 0) + statusAge_s);
 }
@@ -73,7 +73,7 @@ function seconds(age_s: number): string {
   return `${Math.round(age_s)} s`;
 }
 
-/** Whether a failsafe changed the mode that was requested. */
+/** Whether the vehicle is in another mode than the requested mode, because of a failsafe. */
 function isFailsafe(status: Status): boolean {
   return status.armed && status.intended_custom_mode !== null && status.intended_custom_mode !== 0 && status.intended_custom_mode !== status.custom_mode;
 }
@@ -82,9 +82,9 @@ export function statusLabel(facts: StatusFacts): StatusLabel {
   const { status } = facts;
   if (status === null) return { title: 'No vehicle state', who: 'no telemetry yet', tone: 'neutral' };
   if (facts.lost) {
-    const last = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
-    if (facts.offline === true) return { title: 'No connection to the server', who: last, tone: 'danger' };
-    return { title: 'Connection lost', who: `${seconds(heartbeatAge_s(status, facts.age_s))} ago · ${last}`, tone: 'danger' };
+    const lastState = `last: ${status.mode_label}, ${status.armed ? 'armed' : 'disarmed'}`;
+    if (facts.offline === true) return { title: 'No connection to the server', who: lastState, tone: 'danger' };
+    return { title: 'Connection lost', who: `${seconds(heartbeatAge_s(status, facts.age_s))} ago · ${lastState}`, tone: 'danger' };
   }
   if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recording, takes no commands`, tone: 'neutral' };
   if (!status.armed) {
@@ -93,11 +93,11 @@ export function statusLabel(facts: StatusFacts): StatusLabel {
     if (facts.ready === false) return { title: 'Not ready', who: `${who} · see why`, tone: 'caution' };
     return { title: 'Disarmed', who, tone: 'neutral' };
   }
-  const now = modeText(status, facts.stream);
-  if (isFailsafe(status)) return { title: `Failsafe: ${now.title}`, who: 'failsafe: the vehicle chose this mode itself', tone: 'danger' };
+  const current = modeText(status, facts.stream);
+  if (isFailsafe(status)) return { title: `Failsafe: ${current.title}`, who: 'failsafe: the vehicle chose this mode itself', tone: 'danger' };
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
     return { title: 'Armed', who: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };
   }
-  if ((facts.outside ?? null) !== null) return { title: now.title, who: `${facts.outside} · ${now.who}`, tone: 'caution' };
-  return { ...now, tone: status.mode === 'offboard' ? 'target' : 'ok' };
+  if ((facts.outside ?? null) !== null) return { title: current.title, who: `${facts.outside} · ${current.who}`, tone: 'caution' };
+  return { ...current, tone: status.mode === 'offboard' ? 'target' : 'ok' };
 }

@@ -16,38 +16,38 @@ const status = (over: Partial<Status> = {}): Status => ({
   last_heartbeat_age_s: 0.2,
   ...over,
 });
-const words = (over: Partial<StatusFacts>) => statusLabel({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
+const label = (over: Partial<StatusFacts>) => statusLabel({ status: status(), age_s: 0.1, lost: false, replayed: false, ready: null, stream: null, ...over });
 
-describe('status words', () => {
+describe('the status label', () => {
   it('shows who commands the vehicle', () => {
-    expect(words({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
+    expect(label({ status: status({ mode: 'offboard' }), stream: { type: 'position', rate_hz: 49.8, client: 'a' } })).toEqual({
       title: 'Offboard',
       who: 'Position setpoints from a, 50 Hz',
       tone: 'target',
     });
-    expect(words({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
-    const named = status({ mode: 'external_1', mode_label: 'Short line' });
-    expect(words({ status: named })).toMatchObject({ title: 'Short line', who: 'an external flight mode of PX4' });
-    expect(words({ status: named, stream: { type: 'path', rate_hz: 50, client: 'a' } }).who).toContain('mission of this server');
-    expect(words({ status: status({ mode: 'position' }) }).who).toContain('pilot');
-    expect(words({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
+    expect(label({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
+    const externalMode = status({ mode: 'external_1', mode_label: 'Short line' });
+    expect(label({ status: externalMode })).toMatchObject({ title: 'Short line', who: 'an external flight mode of PX4' });
+    expect(label({ status: externalMode, stream: { type: 'path', rate_hz: 50, client: 'a' } }).who).toContain('mission of this server');
+    expect(label({ status: status({ mode: 'position' }) }).who).toContain('pilot');
+    expect(label({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
   });
-  it('does not show an unreported vehicle as ready', () => {
-    const down = status({ armed: false, landed_state: 'on_ground' });
-    expect(words({ status: down, ready: true }).title).toBe('Ready');
-    expect(words({ status: down, ready: false })).toMatchObject({ title: 'Not ready', tone: 'caution' });
-    expect(words({ status: down }).title).toBe('Disarmed');
-    expect(words({ status: null }).title).toBe('No vehicle state');
+  it('shows a disarmed vehicle as ready only if the vehicle reports it', () => {
+    const disarmed = status({ armed: false, landed_state: 'on_ground' });
+    expect(label({ status: disarmed, ready: true }).title).toBe('Ready');
+    expect(label({ status: disarmed, ready: false })).toMatchObject({ title: 'Not ready', tone: 'caution' });
+    expect(label({ status: disarmed }).title).toBe('Disarmed');
+    expect(label({ status: null }).title).toBe('No vehicle state');
   });
   it('shows a lost connection, a replay or a failsafe instead of the mode', () => {
-    expect(words({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', who: '7 s ago · last: Hold, armed', tone: 'danger' });
-    expect(words({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', who: 'last: Hold, armed' });
-    expect(words({ replayed: true }).title).toBe('Replay');
-    expect(words({ status: status({ mode: 'land', custom_mode: 2, intended_custom_mode: 9 }) }).title).toBe('Failsafe: Landing');
+    expect(label({ lost: true, age_s: 7 })).toMatchObject({ title: 'Connection lost', who: '7 s ago · last: Hold, armed', tone: 'danger' });
+    expect(label({ lost: true, offline: true, age_s: 7 })).toMatchObject({ title: 'No connection to the server', who: 'last: Hold, armed' });
+    expect(label({ replayed: true }).title).toBe('Replay');
+    expect(label({ status: status({ mode: 'land', custom_mode: 2, intended_custom_mode: 9 }) }).title).toBe('Failsafe: Landing');
   });
 });
 
-it('shows severity with a word, and unknown as unknown', () => {
+it('shows a severity with a word, and unknown values as unknown', () => {
   const reading = (remaining_percent: number | null) => ({
     value: {
       remaining_percent,
@@ -71,7 +71,7 @@ it('shows severity with a word, and unknown as unknown', () => {
   });
 });
 
-it('shows a stopped recording, and no recording before the server has reported one', () => {
+it('shows the state of the recordings and the counters of the links', () => {
   const link: LinkLine = {
     name: 'a',
     url: 'udpin://x',
@@ -109,27 +109,27 @@ it('shows a stopped recording, and no recording before the server has reported o
   const stopped = recordingIndicator([link, recorded({ stopped: 'disk full' })], true, 1221);
   expect(stopped).toMatchObject({ text: 'Stopped', severity: 'danger' });
   expect(stopped.details[1]?.[1]).toBe('disk full');
-  const two = linkDetails(
+  const lines = linkDetails(
     [
       { ...link, frames_received: 98, frames_lost: 2, crc_errors: 1 },
       { ...link, name: 'b', state: 'waiting', detail: 'port taken' },
     ],
     null,
   ).details;
-  expect(two.filter(([name]) => name === '').map(([, value]) => value)).toEqual(['a', 'b']);
-  expect(two).toContainEqual(['Frames', '98 in, 2 lost (2.0 %)']);
-  expect(two).toContainEqual(['CRC errors', '1']);
-  expect(two.some(([, value]) => value.includes('port taken'))).toBe(true);
-  expect(two.some(([name]) => name === 'Signing')).toBe(false);
+  expect(lines.filter(([name]) => name === '').map(([, value]) => value)).toEqual(['a', 'b']);
+  expect(lines).toContainEqual(['Frames', '98 in, 2 lost (2.0 %)']);
+  expect(lines).toContainEqual(['CRC errors', '1']);
+  expect(lines.some(([, value]) => value.includes('port taken'))).toBe(true);
+  expect(lines.some(([name]) => name === 'Signing')).toBe(false);
   const signing = { key: 'field', mode: 'required', link_id: 0, unsigned: 2, wrong_signature: 1, replayed: 0, too_old: 0, too_many_streams: 0 };
-  const signed = linkDetails(
+  const signedLines = linkDetails(
     [
       { ...link, signing, frames_refused: 3 },
       { ...link, frames_unverified: 4 },
     ],
     null,
   ).details;
-  expect(signed).toContainEqual(['Signing', 'key field, required; 3 frames refused']);
-  expect(signed).toContainEqual(['Not verified', '4 signed frames (this link has no key)']);
+  expect(signedLines).toContainEqual(['Signing', 'key field, required; 3 frames refused']);
+  expect(signedLines).toContainEqual(['Not verified', '4 signed frames (this link has no key)']);
   expect(linkDetails([link], 12_340).text).toBe('12.3 kB/s');
 });

@@ -9,7 +9,7 @@ export type Altitude = Readonly<Schemas['Altitude']>;
 export type Reference = Altitude['reference'];
 export type ItemKind = Schemas['Plan']['items'][number]['kind'];
 
-/** A mission item. Its other fields depend on `kind`; `fields.ts` finds them by name. */
+/** A mission item. The further fields depend on `kind`; `fields.ts` reads them by name. */
 export interface Item {
   readonly kind: ItemKind;
   readonly lat_deg?: number;
@@ -31,7 +31,7 @@ export type RallyPoint = Readonly<Schemas['RallyPoint']>;
 /** Properties that waypoint plans and missions share. */
 export interface SharedParts {
   readonly fence: readonly FenceZone[];
-  /** Missing in documents that were stored before plans had obstacles. */
+  /** Missing in older documents. */
   readonly obstacles?: readonly Obstacle[];
 }
 
@@ -65,10 +65,10 @@ export function isPlaced(item: Item): item is PlacedItem {
 }
 
 /** Items with a position that the camera looks at and the vehicle does not fly to. */
-export const LOOKED_AT: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
+export const ROI_KINDS: ReadonlySet<ItemKind> = new Set(['roi_location', 'roi']);
 
 export function isFlownTo(item: Item): item is PlacedItem {
-  return isPlaced(item) && !LOOKED_AT.has(item.kind);
+  return isPlaced(item) && !ROI_KINDS.has(item.kind);
 }
 
 /** A simple item with its row in the plan. All items of a pattern have the same row. */
@@ -81,9 +81,9 @@ export function simpleItems(plan: Plan): RowItem[] {
   return plan.items.flatMap((item, row) => (item.kind === 'complex' ? (item.items ?? []).map((inner) => ({ row, item: inner })) : [{ row, item }]));
 }
 
-/** The items that the vehicle flies through, in the order of their rows. Jumps are not followed. */
-export function path(plan: Plan): (RowItem & { item: PlacedItem })[] {
-  return simpleItems(plan).filter((one): one is RowItem & { item: PlacedItem } => isFlownTo(one.item));
+/** The items that the vehicle flies to, in the order of their rows, without the repetitions of jumps. */
+export function flownItems(plan: Plan): (RowItem & { item: PlacedItem })[] {
+  return simpleItems(plan).filter((entry): entry is RowItem & { item: PlacedItem } => isFlownTo(entry.item));
 }
 
 /** Altitude above home [m]; null if it cannot be computed. */
@@ -93,7 +93,7 @@ export function alt_home_m(altitude: Altitude, home: PlannedHome | null): number
   return amsl_m === null || home === null ? null : amsl_m - home.alt_amsl_m;
 }
 
-/** Altitude AMSL [m]; an altitude above terrain that is not resolved counts from home. */
+/** Altitude AMSL [m]; an altitude above terrain without a resolved altitude is taken as above home. */
 export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
   if (altitude.reference === 'amsl') return altitude.value_m;
   return (altitude.reference === 'terrain' ? altitude.resolved_amsl_m : null) ?? home_amsl_m + altitude.value_m;
@@ -104,44 +104,44 @@ export function alt_amsl_m(altitude: Altitude, home_amsl_m: number): number {
  * obstacle, a rally point, home.
  */
 export type PointRef =
-  | { readonly of: 'item'; readonly row: number }
-  | { readonly of: 'corner'; readonly zone: number; readonly corner: number }
-  | { readonly of: 'circle'; readonly zone: number }
-  | { readonly of: 'obstacle'; readonly index: number; readonly corner: number }
-  | { readonly of: 'rally'; readonly index: number }
-  | { readonly of: 'home' };
+  | { readonly type: 'item'; readonly row: number }
+  | { readonly type: 'corner'; readonly zone: number; readonly corner: number }
+  | { readonly type: 'circle'; readonly zone: number }
+  | { readonly type: 'obstacle'; readonly index: number; readonly corner: number }
+  | { readonly type: 'rally'; readonly index: number }
+  | { readonly type: 'home' };
 
-/** The part with this id, for example `item:3`, `corner:0:2` or `home`; null if it is none of these. */
+/** The part with this id, for example `item:3`, `corner:0:2` or `home`; null for any other id. */
 export function refOf(id: string): PointRef | null {
-  const [of, first, second] = id.split(':');
+  const [type, first, second] = id.split(':');
   const [a, b] = [Number(first), Number(second)];
-  if (of === 'item') return { of, row: a };
-  if (of === 'corner') return { of, zone: a, corner: b };
-  if (of === 'circle') return { of, zone: a };
-  if (of === 'obstacle') return { of, index: a, corner: b };
-  if (of === 'rally') return { of, index: a };
-  return of === 'home' ? { of } : null;
+  if (type === 'item') return { type, row: a };
+  if (type === 'corner') return { type, zone: a, corner: b };
+  if (type === 'circle') return { type, zone: a };
+  if (type === 'obstacle') return { type, index: a, corner: b };
+  if (type === 'rally') return { type, index: a };
+  return type === 'home' ? { type } : null;
 }
 
-/** Position of the point with this id; null if it has none or no longer exists. */
+/** Position of the point with this id; null if the point has no position or no longer exists. */
 export function positionOf(plan: Plan, id: string): GeoPosition | null {
   const ref = refOf(id);
   if (ref === null) return null;
-  if (ref.of === 'item') {
+  if (ref.type === 'item') {
     const item = plan.items[ref.row];
     return item !== undefined && isPlaced(item) ? item : null;
   }
-  if (ref.of === 'home') return plan.planned_home;
-  if (ref.of === 'rally') return plan.rally_points[ref.index] ?? null;
+  if (ref.type === 'home') return plan.planned_home;
+  if (ref.type === 'rally') return plan.rally_points[ref.index] ?? null;
   return sharedPositionOf(plan, ref);
 }
 
-/** Position of a part of the geofence or of an obstacle; null: it is another part, or no longer exists. */
+/** Position of a part of the geofence or of an obstacle; null for any other part, or if the part no longer exists. */
 export function sharedPositionOf(document: SharedParts, ref: PointRef | null): GeoPosition | null {
-  if (ref?.of === 'obstacle') return obstaclesOf(document)[ref.index]?.polygon[ref.corner] ?? null;
-  if (ref?.of !== 'corner' && ref?.of !== 'circle') return null;
+  if (ref?.type === 'obstacle') return obstaclesOf(document)[ref.index]?.polygon[ref.corner] ?? null;
+  if (ref?.type !== 'corner' && ref?.type !== 'circle') return null;
   const zone = document.fence[ref.zone];
-  if (ref.of === 'circle') return zone?.shape === 'circle' ? zone.center : null;
+  if (ref.type === 'circle') return zone?.shape === 'circle' ? zone.center : null;
   return zone?.shape === 'polygon' ? (zone.polygon[ref.corner] ?? null) : null;
 }
 
@@ -157,7 +157,7 @@ export function allPositions(plan: Plan): GeoPosition[] {
   return [...(plan.planned_home === null ? [] : [plan.planned_home]), ...items, ...sharedPositions(plan), ...plan.rally_points];
 }
 
-/** Altitude for a new item: that of the item before it. */
+/** Altitude for a new item: the altitude of the item before it. */
 export function altitudeBefore(plan: Plan, row: number): Altitude {
   const before = plan.items.slice(0, row).reverse().find(isFlownTo) ?? plan.items.find(isFlownTo);
   const altitude = before?.altitude ?? DEFAULT_ALTITUDE;

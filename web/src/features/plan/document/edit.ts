@@ -18,7 +18,7 @@ import {
 } from './document';
 
 function withReplaced<T>(list: readonly T[], index: number, next: T): T[] {
-  return list.map((one, i) => (i === index ? next : one));
+  return list.map((value, i) => (i === index ? next : value));
 }
 
 function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
@@ -26,8 +26,8 @@ function latLon({ lat_deg, lon_deg }: GeoPosition): GeoPosition {
 }
 
 /**
- * Changes only these fields. An imported item keeps its text (`original`) with keys that this editor does not know; when
- * the plan is written to a file, the changed values replace those in the text.
+ * Changes only these fields. An imported item keeps its text (`original`) with keys that this editor does not know;
+ * when the plan is written to a file, the changed values replace those in the text.
  */
 export function setItem(plan: Plan, row: number, fields: Readonly<Record<string, unknown>>): Plan {
   const item = plan.items[row];
@@ -53,11 +53,11 @@ export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
   const ref = refOf(id);
   const to = latLon(at);
   if (ref === null) return plan;
-  if (ref.of === 'item') {
+  if (ref.type === 'item') {
     const item = plan.items[ref.row];
     return item !== undefined && isPlaced(item) ? setItem(plan, ref.row, { ...to, altitude: unresolved(item.altitude) }) : plan;
   }
-  if (ref.of === 'rally') {
+  if (ref.type === 'rally') {
     const point = plan.rally_points[ref.index];
     return point === undefined
       ? plan
@@ -69,13 +69,13 @@ export function movePoint(plan: Plan, id: string, at: GeoPosition): Plan {
 /** Limits of an altitude [m]. */
 export const ALTITUDE_M = { min: -12_000, max: 100_000 } as const;
 
-/** Raises an item or a rally point by a height [m]; other parts have no height. */
+/** Changes the altitude of an item or a rally point by `by_m`; other parts have no altitude. */
 export function raisePoint(plan: Plan, id: string, by_m: number): Plan {
   const ref = refOf(id);
-  const item = ref?.of === 'item' ? plan.items[ref.row] : undefined;
-  if (ref?.of === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: raised(item.altitude, by_m) });
-  const point = ref?.of === 'rally' ? plan.rally_points[ref.index] : undefined;
-  if (ref?.of !== 'rally' || point === undefined) return plan;
+  const item = ref?.type === 'item' ? plan.items[ref.row] : undefined;
+  if (ref?.type === 'item' && item !== undefined && isPlaced(item)) return setItem(plan, ref.row, { altitude: raised(item.altitude, by_m) });
+  const point = ref?.type === 'rally' ? plan.rally_points[ref.index] : undefined;
+  if (ref?.type !== 'rally' || point === undefined) return plan;
   return { ...plan, rally_points: withReplaced(plan.rally_points, ref.index, { ...point, altitude: raised(point.altitude, by_m) } satisfies RallyPoint) };
 }
 
@@ -94,19 +94,19 @@ function unresolved(altitude: Altitude): Altitude {
 export function moveShared<D extends SharedParts>(plan: D, id: string, at: GeoPosition): D {
   const ref = refOf(id);
   const to = latLon(at);
-  if (ref?.of === 'home') {
+  if (ref?.type === 'home') {
     const field = 'planned_home' in plan ? 'planned_home' : 'home';
     const home = (plan as Readonly<Record<string, unknown>>)[field] as PlannedHome | null | undefined;
     return home == null ? plan : { ...plan, [field]: { ...home, ...to } };
   }
-  if (ref?.of === 'obstacle') {
+  if (ref?.type === 'obstacle') {
     const obstacle = obstaclesOf(plan)[ref.index];
     return obstacle === undefined ? plan : setObstacle(plan, ref.index, { polygon: withReplaced(obstacle.polygon, ref.corner, to) });
   }
-  if (ref?.of !== 'corner' && ref?.of !== 'circle') return plan;
+  if (ref?.type !== 'corner' && ref?.type !== 'circle') return plan;
   const zone = plan.fence[ref.zone];
-  if (zone?.shape === 'circle' && ref.of === 'circle') return setZone(plan, ref.zone, { center: to });
-  if (zone?.shape === 'polygon' && ref.of === 'corner') return setZone(plan, ref.zone, { polygon: withReplaced(zone.polygon, ref.corner, to) });
+  if (zone?.shape === 'circle' && ref.type === 'circle') return setZone(plan, ref.zone, { center: to });
+  if (zone?.shape === 'polygon' && ref.type === 'corner') return setZone(plan, ref.zone, { polygon: withReplaced(zone.polygon, ref.corner, to) });
   return plan;
 }
 
@@ -117,12 +117,14 @@ export function insertItem(plan: Plan, row: number, item: Item): Plan {
 /** Items that end the flight: no item is added after them. */
 export const FLIGHT_ENDS: ReadonlySet<Item['kind']> = new Set(['land', 'return_home']);
 
-/** The row after the selected ones, else at the end, but before a final landing or return. */
+/**
+ * The row after the selected rows, or without a selection the end of the plan, but before a final landing or return.
+ */
 export function rowToInsert(plan: Plan, selected: readonly string[]): number {
   const { items } = plan;
   const last = items.at(-1);
   const end = last !== undefined && FLIGHT_ENDS.has(last.kind) ? items.length - 1 : items.length;
-  const rows = selected.flatMap((id) => ((ref) => (ref?.of === 'item' ? [ref.row] : []))(refOf(id)));
+  const rows = selected.flatMap((id) => ((ref) => (ref?.type === 'item' ? [ref.row] : []))(refOf(id)));
   return rows.length > 0 ? Math.min(Math.max(...rows) + 1, end) : end;
 }
 
@@ -145,7 +147,7 @@ export function insertObstacleCorner<D extends SharedParts>(plan: D, index: numb
   return setObstacle(plan, index, { polygon: [...old.polygon.slice(0, corner), latLon(at), ...old.polygon.slice(corner)] });
 }
 
-/** The midpoint, for a point that is inserted there. */
+/** The midpoint of two positions, at which a point can be inserted. */
 export function midpoint(a: LayerPosition, b: LayerPosition): LayerPosition {
   const { east_m, north_m } = eastNorth(a, b);
   const at = positionAt(a, { east_m: east_m / 2, north_m: north_m / 2 });
@@ -155,31 +157,31 @@ export function midpoint(a: LayerPosition, b: LayerPosition): LayerPosition {
 /** Removes the selected parts. A polygon with fewer than three remaining corners is removed completely. */
 export function remove(plan: Plan, ids: readonly string[]): Plan {
   const refs = ids.flatMap((id) => refOf(id) ?? []);
-  const rows = new Set(refs.flatMap((ref) => (ref.of === 'item' ? [ref.row] : [])));
-  const rallies = new Set(refs.flatMap((ref) => (ref.of === 'rally' ? [ref.index] : [])));
-  const kept = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
+  const rows = new Set(refs.flatMap((ref) => (ref.type === 'item' ? [ref.row] : [])));
+  const rallies = new Set(refs.flatMap((ref) => (ref.type === 'rally' ? [ref.index] : [])));
+  const remaining = plan.items.map((_, row) => row).filter((row) => !rows.has(row));
   const next = {
     ...removeShared(plan, ids),
     items: plan.items.filter((_, row) => !rows.has(row)),
     rally_points: plan.rally_points.filter((_, index) => !rallies.has(index)),
   };
   // A jump to a removed item goes to the item after it.
-  return shiftJumps(next, (target) => (target >= plan.items.length ? target : kept.filter((row) => row < target).length));
+  return shiftJumps(next, (target) => (target >= plan.items.length ? target : remaining.filter((row) => row < target).length));
 }
 
 /** Removes home, corners and circles of the geofence, and corners of obstacles. */
 export function removeShared<D extends SharedParts>(plan: D, ids: readonly string[]): D {
   const refs = ids.flatMap((id) => refOf(id) ?? []);
-  const circles = new Set(refs.flatMap((ref) => (ref.of === 'circle' ? [ref.zone] : [])));
+  const circles = new Set(refs.flatMap((ref) => (ref.type === 'circle' ? [ref.zone] : [])));
   const fence = plan.fence.flatMap((zone, index): FenceZone[] => {
     if (circles.has(index)) return [];
     if (zone.shape === 'circle') return [zone];
-    return withoutCorners(zone, (ref, corner) => ref.of === 'corner' && ref.zone === index && ref.corner === corner, refs);
+    return withoutCorners(zone, (ref, corner) => ref.type === 'corner' && ref.zone === index && ref.corner === corner, refs);
   });
   const obstacles = obstaclesOf(plan).flatMap((obstacle, index) =>
-    withoutCorners(obstacle, (ref, corner) => ref.of === 'obstacle' && ref.index === index && ref.corner === corner, refs),
+    withoutCorners(obstacle, (ref, corner) => ref.type === 'obstacle' && ref.index === index && ref.corner === corner, refs),
   );
-  const home = refs.some((ref) => ref.of === 'home') ? { ['planned_home' in plan ? 'planned_home' : 'home']: null } : {};
+  const home = refs.some((ref) => ref.type === 'home') ? { ['planned_home' in plan ? 'planned_home' : 'home']: null } : {};
   return { ...plan, ...home, fence, ...(obstaclesOf(plan).length === 0 ? {} : { obstacles }) };
 }
 
@@ -201,7 +203,7 @@ export function removeZone<D extends SharedParts>(plan: D, zone: number): D {
   return { ...plan, fence: plan.fence.filter((_, index) => index !== zone) };
 }
 
-/** Moves the rows, in their order, before another row of the present plan. */
+/** Moves the rows, in their order, before the row `before` of the unchanged plan. @returns also the new rows. */
 export function reorder(plan: Plan, rows: readonly number[], before: number): { plan: Plan; rows: number[] } {
   const chosen = new Set(rows);
   const order = plan.items.map((_, row) => row);
@@ -215,8 +217,9 @@ export function reorder(plan: Plan, rows: readonly number[], before: number): { 
 }
 
 /**
- * Adapts the target indexes of jumps when rows are inserted, removed or moved. Plans with patterns count items
- * differently and are not changed.
+ * Adapts the target indexes of jumps when rows are inserted, removed or moved. Jumps of a plan with patterns are not
+ * changed, because their targets count the items of a pattern one by one.
+ * @param inserted row of a jump that was just inserted and keeps its target.
  */
 function shiftJumps(plan: Plan, to: (target: number) => number, inserted = -1): Plan {
   if (!plan.items.some((item) => item.kind === 'jump') || plan.items.some((item) => item.kind === 'complex')) return plan;

@@ -1,4 +1,4 @@
-/** The editor's rows of an item. The unit follows from the field's name (`acceptance_radius_m`). Pure. */
+/** The editor's rows of an item. The suffix of a field's name gives its unit (`acceptance_radius_m`). Pure. */
 
 import type { Item } from './document';
 import { optionText, specsOf, type FieldSpec } from './item-fields';
@@ -6,7 +6,7 @@ import { optionText, specsOf, type FieldSpec } from './item-fields';
 export interface Field {
   readonly name: string;
   readonly label: string;
-  readonly of: 'number' | 'choice';
+  readonly type: 'number' | 'choice';
   readonly value: number | string | null;
   readonly unit: string;
   readonly step: number;
@@ -32,38 +32,38 @@ const UNITS: readonly (readonly [string, string, number])[] = [
 ];
 
 /** Fields that count from 0 in the document and from 1 on the page. */
-const FROM_ONE: ReadonlySet<string> = new Set(['target_index']);
+const ONE_BASED: ReadonlySet<string> = new Set(['target_index']);
 
 export function fieldsOf(item: Item): Field[] {
   return specsOf(item.kind).flatMap(([name, spec]): Field[] => {
     if (spec.label === null || spec.when?.(item) === false) return [];
-    const given = item[name] === undefined ? spec.initial : item[name];
-    const value = typeof given === 'number' ? given : null;
+    const stored = item[name] === undefined ? spec.initial : item[name];
+    const value = typeof stored === 'number' ? stored : null;
     const [, unit, step] = UNITS.find(([end]) => name.endsWith(end)) ?? ['', '', 1];
     const row = { name, label: spec.label, step: spec.step ?? step, unit: spec.unit?.(item) ?? unit, min: spec.min ?? -1e9, max: spec.max ?? 1e9, decimals: 3 };
-    if (spec.options !== undefined) return [{ ...row, of: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
-    // An empty field of a file may be filled, and stays empty until then.
+    if (spec.options !== undefined) return [{ ...row, type: 'choice', value: String(value), options: optionsOf({ ...item, [name]: value }, name, spec) }];
+    // A field without a value in an imported file stays empty until it is edited.
     const placeholder = spec.placeholder ?? (value === null ? 'not set' : undefined);
     return [
-      { ...row, of: 'number', value: value === null ? null : value + (FROM_ONE.has(name) ? 1 : 0), ...(placeholder === undefined ? {} : { placeholder }) },
+      { ...row, type: 'number', value: value === null ? null : value + (ONE_BASED.has(name) ? 1 : 0), ...(placeholder === undefined ? {} : { placeholder }) },
     ];
   });
 }
 
-/** The texts of the code numbers, and the number of a file that has none. */
+/** The texts of the code numbers, and the number itself if it has no text. */
 function optionsOf(item: Item, name: string, { options = {} }: FieldSpec): { value: string; text: string }[] {
   const known = Object.entries(options).map(([value, text]) => ({ value, text }));
-  const now = String(item[name]);
-  return options[now] !== undefined ? known : [...known, { value: now, text: optionText(item, name) ?? now }];
+  const current = String(item[name]);
+  return options[current] !== undefined ? known : [...known, { value: current, text: optionText(item, name) ?? current }];
 }
 
 export type Parsed = { ok: true; value: number | null } | { ok: false; problem: string };
 
 /** Parses typed text, with a comma or a point. Empty text is null if the field is optional. */
 export function parseNumber(text: string, limits: { optional?: boolean; min?: number; max?: number } = {}): Parsed {
-  const plain = text.trim().replace(',', '.').replace('−', '-');
-  if (plain === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
-  const value = Number(plain);
+  const normalized = text.trim().replace(',', '.').replace('−', '-');
+  if (normalized === '') return limits.optional === true ? { ok: true, value: null } : { ok: false, problem: 'Enter a number.' };
+  const value = Number(normalized);
   if (!Number.isFinite(value)) return { ok: false, problem: `“${text.trim()}” is not a number.` };
   const { min = -1e9, max = 1e9 } = limits;
   if (value < min || value > max) return { ok: false, problem: `Enter a number from ${min} to ${max}.` };
@@ -74,5 +74,5 @@ export function parseNumber(text: string, limits: { optional?: boolean; min?: nu
 export function toDocument({ kind }: Pick<Item, 'kind'>, name: string, value: number | string | boolean | null): number | null {
   if (value === null || value === 'null') return null;
   const whole = specsOf(kind).find(([field]) => field === name)?.[1].whole === true;
-  return (whole ? Math.round(Number(value)) : Number(value)) - (FROM_ONE.has(name) ? 1 : 0);
+  return (whole ? Math.round(Number(value)) : Number(value)) - (ONE_BASED.has(name) ? 1 : 0);
 }

@@ -1,7 +1,7 @@
-/** Fixes that the page can make for a finding. Pure: returns a changed plan, or null if a person has to decide. */
+/** Fixes that the page can make for a finding: a changed plan, or null if a person has to decide. Pure. */
 
 import type { components } from '../../../api/schema';
-import { DEFAULT_ALTITUDE, isPlaced, path, type PlannedHome, type Plan } from './document';
+import { DEFAULT_ALTITUDE, isPlaced, flownItems, type PlannedHome, type Plan } from './document';
 import { insertItem, remove, removeObstacle, removeZone, reorder, setItem } from './edit';
 import { newItem } from './items';
 
@@ -13,8 +13,8 @@ export interface Fix<D = Plan> {
   readonly plan: D;
 }
 
-/** The speed in a speed change that means the vehicle's own. */
-const OWN_SPEED = -2;
+/** The speed in a speed change that means the vehicle's default. */
+const VEHICLE_DEFAULT_SPEED = -2;
 
 /** @param home home of the vehicle; null if it is not known. */
 export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): Fix | null {
@@ -24,40 +24,40 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
     case 'home_missing':
       return home === null ? null : { text: 'Use the vehicle’s home', plan: { ...plan, planned_home: home } };
     case 'takeoff_missing':
-      return takeoff(plan);
+      return addTakeoff(plan);
     case 'takeoff_not_first': {
-      const first = plan.items.findIndex((one) => one.kind === 'takeoff');
+      const first = plan.items.findIndex(({ kind }) => kind === 'takeoff');
       return first <= 0 ? null : { text: 'Move the take-off to the beginning', plan: reorder(plan, [first], 0).plan };
     }
     case 'landing_missing':
-      return landing(plan);
+      return addLanding(plan);
     case 'takeoff_landing_mismatch':
-      return plan.items.some((one) => one.kind === 'takeoff') ? landing(plan) : takeoff(plan);
+      return plan.items.some(({ kind }) => kind === 'takeoff') ? addLanding(plan) : addTakeoff(plan);
     case 'takeoff_too_low':
-      return height(plan, finding);
+      return setAltitude(plan, finding);
     case 'altitude_too_high':
     case 'altitude_fence':
-      return height(plan, finding);
+      return setAltitude(plan, finding);
     case 'speed_too_high':
-      return speed(plan, finding);
+      return setSpeed(plan, finding);
     case 'speed_invalid':
-      return row === null ? null : { text: 'Set the vehicle’s own speed', plan: setItem(plan, row, { speed_m_s: OWN_SPEED }) };
+      return row === null ? null : { text: 'Set the vehicle’s default speed', plan: setItem(plan, row, { speed_m_s: VEHICLE_DEFAULT_SPEED }) };
     case 'endurance_endless': {
-      const endless = plan.items.findIndex((one) => one.kind === 'jump' && Number(one['repeat']) < 0);
-      return endless < 0 ? null : { text: `Repeat step ${endless + 1} once`, plan: setItem(plan, endless, { repeat: 1 }) };
+      const endless = plan.items.findIndex(({ kind, repeat }) => kind === 'jump' && Number(repeat) < 0);
+      return endless < 0 ? null : { text: `Repeat item ${endless + 1} once`, plan: setItem(plan, endless, { repeat: 1 }) };
     }
     case 'jump_endless':
       return item?.kind === 'jump' && row !== null ? { text: 'Repeat once', plan: setItem(plan, row, { repeat: 1 }) } : null;
     case 'items_never_reached': {
       const after = row === null ? [] : plan.items.flatMap((_, i) => (i > row ? [`item:${i}`] : []));
-      return row === null || after.length === 0 ? null : { text: `Delete the steps after step ${row + 1}`, plan: remove(plan, after) };
+      return row === null || after.length === 0 ? null : { text: `Delete the items after item ${row + 1}`, plan: remove(plan, after) };
     }
     case 'complex_without_items':
     case 'command_refused':
     case 'vtol_item':
     case 'jump_target_missing':
     case 'jump_stalls':
-      return row === null || item === undefined ? null : { text: `Delete step ${row + 1}`, plan: remove(plan, [`item:${row}`]) };
+      return row === null || item === undefined ? null : { text: `Delete item ${row + 1}`, plan: remove(plan, [`item:${row}`]) };
     case 'fence_invalid':
       return zone === null ? null : { text: 'Delete this geofence', plan: removeZone(plan, zone) };
     case 'obstacle_invalid':
@@ -68,31 +68,31 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
 }
 
 /** Adds a take-off at the plan's start, to the altitude of its first point. */
-function takeoff(plan: Plan): Fix | null {
-  const first = path(plan)[0]?.item;
+function addTakeoff(plan: Plan): Fix | null {
+  const first = flownItems(plan)[0]?.item;
   const at = plan.planned_home ?? first;
   if (at === undefined || at === null) return null;
   return { text: 'Add a take-off at the beginning', plan: insertItem(plan, 0, newItem('takeoff', at, first?.altitude ?? DEFAULT_ALTITUDE)) };
 }
 
-/** Adds a landing at home, else at the last point; null if the plan already ends by a return or an unlimited loiter. */
-function landing(plan: Plan): Fix | null {
+/** Adds a landing at home, or else at the last point; null if the plan ends with a return or an unlimited loiter. */
+function addLanding(plan: Plan): Fix | null {
   const last = plan.items.at(-1);
-  const at = plan.planned_home ?? path(plan).at(-1)?.item;
+  const at = plan.planned_home ?? flownItems(plan).at(-1)?.item;
   if (at === undefined || last?.kind === 'return_home' || last?.kind === 'loiter_unlimited') return null;
   const text = plan.planned_home == null ? 'Add a landing at the last point' : 'Add a landing at home';
   return { text, plan: insertItem(plan, plan.items.length, newItem('land', at, DEFAULT_ALTITUDE)) };
 }
 
-/** Sets an item's altitude to the number that it was checked against. */
-function height(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
+/** Sets an item's altitude to the limit of the finding. */
+function setAltitude(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   const item = row === null ? undefined : plan.items[row];
   if (item === undefined || row === null || limit === null || !isPlaced(item)) return null;
   return { text: `Set the altitude to ${numberText(limit)} m above home`, plan: setItem(plan, row, { altitude: { value_m: limit, reference: 'home' } }) };
 }
 
-/** Sets a speed to the vehicle's maximum: that of an item, or the plan's. */
-function speed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
+/** Sets the speed of the item, or without an item the speed of the plan, to the limit of the finding. */
+function setSpeed(plan: Plan, { limit, place: { row } }: Finding): Fix | null {
   if (limit === null) return null;
   const text = `Set the speed to ${numberText(limit)} m/s`;
   return { text, plan: row === null ? { ...plan, hover_speed_m_s: limit } : setItem(plan, row, { speed_m_s: limit }) };

@@ -22,7 +22,7 @@ export interface FieldSpec {
   readonly step?: number;
   /** Only whole numbers. */
   readonly whole?: boolean;
-  /** The field may be empty; this text then describes what applies. */
+  /** The field may be empty; this text then describes the value that applies. */
   readonly placeholder?: string;
   /** Texts of the code numbers. */
   readonly options?: Readonly<Record<string, string>>;
@@ -32,16 +32,16 @@ export interface FieldSpec {
   readonly when?: (item: Item) => boolean;
 }
 
-type More = Omit<FieldSpec, 'initial' | 'label'>;
+type FieldDetails = Omit<FieldSpec, 'initial' | 'label'>;
 
-const field = (initial: number | null, label: string, more: More = {}): FieldSpec => ({ initial, label, ...more });
+const field = (initial: number | null, label: string, details: FieldDetails = {}): FieldSpec => ({ initial, label, ...details });
 /** Unused by PX4 on a multicopter. */
 const hidden = (initial: number | null): FieldSpec => ({ initial, label: null });
-const choice = (initial: number, label: string, options: Readonly<Record<string, string>>, more: More = {}): FieldSpec => ({
+const choice = (initial: number, label: string, options: Readonly<Record<string, string>>, details: FieldDetails = {}): FieldSpec => ({
   initial,
   label,
   options,
-  ...more,
+  ...details,
 });
 const isOneOf =
   (name: string, ...values: readonly number[]) =>
@@ -120,7 +120,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
     second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
   },
   jump: {
-    target_index: field(0, 'From step', { min: 1, max: 100_001, whole: true }),
+    target_index: field(0, 'From item', { min: 1, max: 100_001, whole: true }),
     repeat: field(1, 'Repeats (−1: endless)', { min: -1, max: 65_535, whole: true }),
   },
   change_speed: {

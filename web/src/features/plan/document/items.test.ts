@@ -8,7 +8,7 @@ import { CHOICES, detailOf, needsPosition, newItem, titleOf } from './items';
 const AT = { lat_deg: 47.4, lon_deg: 8.5 };
 const ALTITUDE = { value_m: 30, reference: 'home' } as const;
 const SHARED = ['kind', 'autocontinue', 'spare_params', 'original', 'lat_deg', 'lon_deg', 'altitude'];
-/** PX4 v1.16 ends the upload of a mission with one of these. */
+/** PX4 v1.16 refuses to upload a mission that contains one of these. */
 const REFUSED = ['set_servo', 'camera_zoom'];
 
 /** The mission items of the API: kind and fields of each schema that has `spare_params`. */
@@ -28,8 +28,8 @@ describe('the kinds of mission items', () => {
     expect(KINDS.length).toBeGreaterThanOrEqual(38);
     expect(Object.keys(ITEM_FIELDS).sort()).toEqual([...KINDS].sort());
     for (const [kind, fields] of API_ITEMS) {
-      const own = fields.filter((field) => !SHARED.includes(field));
-      expect([kind, ...specsOf(kind as ItemKind).map(([name]) => name)].sort()).toEqual([kind, ...own].sort());
+      const ownFields = fields.filter((field) => !SHARED.includes(field));
+      expect([kind, ...specsOf(kind as ItemKind).map(([name]) => name)].sort()).toEqual([kind, ...ownFields].sort());
     }
   });
   it('have different titles', () => {
@@ -37,7 +37,7 @@ describe('the kinds of mission items', () => {
     for (const title of titles) expect(title).toMatch(/^[A-Z][^_]+$/);
     expect(new Set(titles).size).toBe(titles.length);
   });
-  it('can each be added once, except those that PX4 refuses', () => {
+  it('are in the menu once, except those that PX4 refuses', () => {
     expect([...ADDED].sort()).toEqual(KINDS.filter((kind) => !REFUSED.includes(kind)).sort());
   });
   it('need a position exactly if the API requires one', () => {
@@ -53,7 +53,7 @@ describe('the kinds of mission items', () => {
       const rows = fieldsOf(added(kind));
       for (const row of rows) {
         expect(row.label).toMatch(/^[A-Z][^_]+$/);
-        if (row.of === 'choice') expect(row.options?.find(({ value }) => value === row.value)?.text).toMatch(/^(?!other|not set)/);
+        if (row.type === 'choice') expect(row.options?.find(({ value }) => value === row.value)?.text).toMatch(/^(?!other|not set)/);
       }
       expect(new Set(rows.map(({ label }) => label)).size).toBe(rows.length);
     }
@@ -64,17 +64,17 @@ describe('the fields of an item', () => {
   const labels = (item: Item) => fieldsOf(item).map(({ label, unit, placeholder }) => `${label} [${unit}]${placeholder === undefined ? '' : '?'}`);
   const field = (item: Item, name: string) => fieldsOf(item).find((row) => row.name === name);
 
-  it('have units, and may be empty if the autopilot then decides', () => {
+  it('have units, and may be empty if the autopilot has a default', () => {
     expect(labels(added('waypoint'))).toEqual(['Hold for [s]', 'Acceptance radius [m]', 'Pass radius [m]', 'Yaw from north [°]?']);
     expect(field(added('gimbal_pitch_yaw'), 'pitch_rate_deg_s')).toMatchObject({ unit: '°/s', value: null, placeholder: 'default' });
   });
   it('offer texts instead of code numbers', () => {
     const climb: Item = { ...added('change_speed'), speed_type: 2 };
-    expect(field(climb, 'speed_type')).toMatchObject({ of: 'choice', value: '2' });
+    expect(field(climb, 'speed_type')).toMatchObject({ type: 'choice', value: '2' });
     expect(detailOf(climb)).toBe('climb speed · 5.0 m/s');
     expect(toDocument(climb, 'speed_type', '3')).toBe(3);
   });
-  it('keep a code number of a file that has no text', () => {
+  it('keep a code number for which the editor has no text', () => {
     const row = field({ ...added('roi'), mode: 1 }, 'mode');
     expect(row?.value).toBe('1');
     expect(row?.options?.at(-1)).toEqual({ value: '1', text: 'other (1)' });
@@ -90,18 +90,18 @@ describe('the fields of an item', () => {
     expect(labels(added('set_home'))).toEqual([]);
     expect(labels({ ...added('set_home'), use_current: 0 })).toEqual(['New home []']);
   });
-  it('have the unit of the chosen type', () => {
+  it('have a unit that depends on the chosen type', () => {
     expect(field({ ...added('camera_focus'), focus_type: 3 }, 'value')?.unit).toBe('m');
     expect(field({ ...added('camera_focus'), focus_type: 4 }, 'value')).toBeUndefined();
     expect(field({ ...added('camera_zoom'), zoom_type: 2 }, 'value')?.unit).toBe('%');
   });
-  it('count steps from 1 on the page', () => {
+  it('count items from 1 on the page', () => {
     const jump: Item = { ...added('jump'), target_index: 2 };
     expect(field(jump, 'target_index')?.value).toBe(3);
     expect(toDocument(jump, 'target_index', 3)).toBe(2);
     expect(toDocument(jump, 'repeat', 1.6)).toBe(2);
   });
-  it('of an item of another program are kept unchanged and not shown', () => {
+  it('are not shown for an unknown command', () => {
     expect(fieldsOf({ kind: 'command', command: 17, frame: 2 })).toEqual([]);
     expect(titleOf({ kind: 'command', command: 17 })).toBe('MAV_CMD 17');
   });

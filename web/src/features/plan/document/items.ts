@@ -2,7 +2,7 @@
 
 import { fixed } from '../../../ui/format';
 import type { GeoPosition } from '../../../vehicle/geo';
-import { isPlaced, LOOKED_AT, type Altitude, type Item, type ItemKind, type Reference } from './document';
+import { isPlaced, ROI_KINDS, type Altitude, type Item, type ItemKind, type Reference } from './document';
 import { optionText, specsOf, type SimpleKind } from './item-fields';
 
 const TITLES: Readonly<Record<ItemKind, string>> = {
@@ -63,7 +63,7 @@ export function titleOf(item: Pick<Item, 'kind'> & { readonly [field: string]: u
   return TITLES[item.kind];
 }
 
-const number = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
+const numberIn = (item: Item, field: string): number | null => (typeof item[field] === 'number' ? item[field] : null);
 
 /** Choices that the text below the title states. */
 const DETAILS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
@@ -80,16 +80,16 @@ const DETAILS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
 /** Text below the title. */
 export function detailOf(item: Item): string {
   const parts: string[] = [];
-  const add = (field: string, words: (value: number) => string): void => {
-    const value = number(item, field);
-    if (value !== null && value !== 0) parts.push(words(value));
+  const add = (field: string, text: (value: number) => string): void => {
+    const value = numberIn(item, field);
+    if (value !== null && value !== 0) parts.push(text(value));
   };
   if (isPlaced(item)) parts.push(altitudeText(item.altitude));
   if (item.kind === 'complex') parts.push(`${item.items?.length ?? 0} items of another program`);
   if (item.kind === 'jump')
     parts.push(
-      `step ${(number(item, 'target_index') ?? 0) + 1}`,
-      number(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
+      `item ${(numberIn(item, 'target_index') ?? 0) + 1}`,
+      numberIn(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
     );
   if (item.kind === 'takeoff' || item.kind === 'land') return parts.join(' · ');
   parts.push(...(DETAILS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
@@ -98,7 +98,7 @@ export function detailOf(item: Item): string {
   add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
   add('distance_m', (m) => `${fixed(m, 1)} m`);
   add('interval_s', (s) => `every ${fixed(s, 1)} s`);
-  add('count', (n) => `${n} ${n === 1 ? 'picture' : 'pictures'}`);
+  add('count', (n) => `${n} ${n === 1 ? 'photo' : 'photos'}`);
   add('pitch_deg', (deg) => `pitch ${fixed(deg, 0)}°`);
   add('yaw_deg', (deg) => `yaw ${fixed(deg, 0)}°`);
   return parts.join(' · ');
@@ -121,7 +121,7 @@ export function needsPosition(kind: ItemKind): boolean {
   return PLACED.has(kind);
 }
 
-/** The kinds that can be added, in groups. Without `set_servo` and `camera_zoom`, which PX4 v1.16 refuses. */
+/** The kinds that can be added, in groups: all except `set_servo` and `camera_zoom`, which PX4 v1.16 refuses. */
 export const CHOICES: readonly { readonly label: string; readonly folded: boolean; readonly kinds: readonly SimpleKind[] }[] = [
   {
     label: 'Movement',
@@ -152,8 +152,8 @@ export const CHOICES: readonly { readonly label: string; readonly folded: boolea
 
 /** @param at position of a kind that needs one. */
 export function newItem(kind: ItemKind, at: GeoPosition | null, altitude: Altitude): Item {
-  const onGround = kind === 'land' || LOOKED_AT.has(kind);
-  const where = at === null ? {} : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: onGround ? 0 : altitude.value_m } };
+  const onGround = kind === 'land' || ROI_KINDS.has(kind);
+  const position = at === null ? {} : { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: { ...altitude, value_m: onGround ? 0 : altitude.value_m } };
   const fields = Object.fromEntries(specsOf(kind).map(([name, { initial }]) => [name, initial]));
-  return { kind, autocontinue: true, spare_params: [], original: null, ...fields, ...where };
+  return { kind, autocontinue: true, spare_params: [], original: null, ...fields, ...position };
 }

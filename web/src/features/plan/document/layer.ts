@@ -2,7 +2,7 @@
 
 import type { LayerArea, LayerLine, LayerPicture, LayerPoint, LayerPosition, LayerSolid, Tone } from '../../../app/map-layers.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
-import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, path, type Altitude, type FenceZone, type Plan, type SharedParts } from './document';
+import { alt_amsl_m, isFlownTo, isPlaced, obstaclesOf, flownItems, type Altitude, type FenceZone, type Plan, type SharedParts } from './document';
 import { midpoint } from './edit';
 import { altitudeText } from './items';
 
@@ -12,14 +12,14 @@ const CIRCLE_CORNERS = 72;
 const EARTH_M_PER_DEG = 111_194.9;
 
 /**
- * Parses the id of a midpoint. `middle:` inserts an item before this row; `side:` inserts a corner into this zone,
- * `edge:` into this obstacle.
+ * Parses the id of a midpoint: `middle:ROW` inserts an item before the row, `side:ZONE:CORNER` a corner into a geofence
+ * zone, `edge:OBSTACLE:CORNER` a corner into an obstacle.
  */
 export function insertionOf(id: string): { row: number } | { zone: number; corner: number } | { obstacle: number; corner: number } | null {
-  const [of, a, b] = id.split(':');
-  if (of === 'middle') return { row: Number(a) };
-  if (of === 'edge') return { obstacle: Number(a), corner: Number(b) };
-  return of === 'side' ? { zone: Number(a), corner: Number(b) } : null;
+  const [type, a, b] = id.split(':');
+  if (type === 'middle') return { row: Number(a) };
+  if (type === 'edge') return { obstacle: Number(a), corner: Number(b) };
+  return type === 'side' ? { zone: Number(a), corner: Number(b) } : null;
 }
 
 /** An area that is being drawn and is not yet part of the plan. */
@@ -30,36 +30,36 @@ export interface Sketch {
 
 /** @param ground position of home, to which altitudes above home are relative. */
 export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketch | null, ground: Required<LayerPosition>): LayerPicture {
-  const inSpace = (at: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
+  const withAltitude = (at: GeoPosition & { readonly altitude: Altitude }): Required<LayerPosition> => ({
     lat_deg: at.lat_deg,
     lon_deg: at.lon_deg,
     alt_amsl_m: alt_amsl_m(at.altitude, ground.alt_amsl_m),
   });
   const { points, lines: fences, areas, solids } = fencePicture(plan, selected, sketch, ground.alt_amsl_m);
-  const add = adder(points, selected);
-  const way = path(plan);
-  const showsAllMidpoints = way.length <= MAX_MIDPOINTS;
-  way.forEach(({ row, item }, i) => {
-    const before = way[i - 1];
+  const add = pointAdder(points, selected);
+  const items = flownItems(plan);
+  const showsAllMidpoints = items.length <= MAX_MIDPOINTS;
+  items.forEach(({ row, item }, i) => {
+    const before = items[i - 1];
     if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
     if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${before.row}`))
-      add(`middle:${row}`, midpoint(inSpace(before.item), inSpace(item)), 'middle', 'target');
+      add(`middle:${row}`, midpoint(withAltitude(before.item), withAltitude(item)), 'middle', 'target');
   });
-  plan.rally_points.forEach((point, index) => add(`rally:${index}`, inSpace(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
+  plan.rally_points.forEach((point, index) => add(`rally:${index}`, withAltitude(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
   if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m }, 'home', 'text2');
   plan.items.forEach((item, row) => {
     if (!isPlaced(item)) return;
-    const flown = isFlownTo(item);
-    add(`item:${row}`, inSpace(item), flown ? 'disc' : 'cross', 'target', flown ? String(row + 1) : '', altitudeText(item.altitude));
+    const isFlown = isFlownTo(item);
+    add(`item:${row}`, withAltitude(item), isFlown ? 'disc' : 'cross', 'target', isFlown ? String(row + 1) : '', altitudeText(item.altitude));
   });
-  return { points, lines: [...fences, ...lines(plan, inSpace, ground), ...sketchLines(sketch)], areas, solids, ground };
+  return { points, lines: [...fences, ...pathLines(plan, withAltitude, ground), ...sketchLines(sketch)], areas, solids, ground };
 }
 
-/** @returns a function that adds a point; one with a `height` can be raised. */
-export function adder(points: LayerPoint[], selected: ReadonlySet<string>) {
-  return (id: string, at: LayerPosition, mark: LayerPoint['mark'], tone: Tone, text = '', height?: string): void => {
+/** @returns a function that adds a point; a point with an `altitudeText` can be raised. */
+export function pointAdder(points: LayerPoint[], selected: ReadonlySet<string>) {
+  return (id: string, at: LayerPosition, mark: LayerPoint['mark'], tone: Tone, text = '', altitudeText?: string): void => {
     const position = { lat_deg: at.lat_deg, lon_deg: at.lon_deg, ...(at.alt_amsl_m === undefined ? {} : { alt_amsl_m: at.alt_amsl_m }) };
-    points.push({ id, ...position, mark, tone, text, selected: selected.has(id), ...(height === undefined ? {} : { height }) });
+    points.push({ id, ...position, mark, tone, text, selected: selected.has(id), ...(altitudeText === undefined ? {} : { altitudeText }) });
   };
 }
 
@@ -74,7 +74,7 @@ export function fencePicture(
   home_amsl_m: number,
 ): { points: LayerPoint[]; lines: LayerLine[]; areas: LayerArea[]; solids: LayerSolid[] } {
   const points: LayerPoint[] = [];
-  const add = adder(points, selected);
+  const add = pointAdder(points, selected);
   const addPolygon = (polygon: readonly GeoPosition[], corners: string, sides: string, tone: Tone): void => {
     polygon.forEach((corner, i) => add(`${corners}:${i}`, corner, 'corner', tone));
     polygon.forEach((corner, i) => add(`${sides}:${i + 1}`, midpoint(corner, polygon[(i + 1) % polygon.length] ?? corner), 'middle', tone));
@@ -95,7 +95,7 @@ export function fencePicture(
   return { points, lines: [...fences, ...walls], areas: areas(plan, sketch), solids };
 }
 
-/** An inclusion zone is a limit, an exclusion zone is forbidden. */
+/** The colour of a limit for an inclusion zone, of a forbidden area for an exclusion zone. */
 function toneOf(zone: FenceZone): Tone {
   return zone.inclusion ? 'caution' : 'danger';
 }
@@ -112,16 +112,20 @@ export function ringOf(zone: FenceZone): GeoPosition[] {
   });
 }
 
-function lines(plan: Plan, inSpace: (item: GeoPosition & { readonly altitude: Altitude }) => LayerPosition, ground: Required<LayerPosition>): LayerLine[] {
-  const way = path(plan).map(({ item }) => inSpace(item));
+function pathLines(
+  plan: Plan,
+  withAltitude: (item: GeoPosition & { readonly altitude: Altitude }) => LayerPosition,
+  ground: Required<LayerPosition>,
+): LayerLine[] {
+  const path = flownItems(plan).map(({ item }) => withAltitude(item));
   const home = plan.planned_home === null ? null : { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m };
-  const found: LayerLine[] = [];
-  if (way.length > 1) found.push({ positions: way, tone: 'target', style: 'solid' });
-  const [first, last] = [way[0], way.at(-1)];
-  if (home !== null && first !== undefined) found.push({ positions: [home, first], tone: 'target', style: 'dotted' });
+  const lines: LayerLine[] = [];
+  if (path.length > 1) lines.push({ positions: path, tone: 'target', style: 'solid' });
+  const [first, last] = [path[0], path.at(-1)];
+  if (home !== null && first !== undefined) lines.push({ positions: [home, first], tone: 'target', style: 'dotted' });
   const returns = plan.items.some((item) => item.kind === 'return_home');
-  if (home !== null && last !== undefined && returns) found.push({ positions: [last, home], tone: 'target', style: 'dotted' });
-  return found;
+  if (home !== null && last !== undefined && returns) lines.push({ positions: [last, home], tone: 'target', style: 'dotted' });
+  return lines;
 }
 
 export function sketchLines(sketch: Sketch | null): LayerLine[] {

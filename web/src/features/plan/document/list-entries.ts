@@ -1,4 +1,4 @@
-/** The plan as one list: home, steps, geofence, obstacles, rally points. Pure. */
+/** The plan as one list: home, items, geofence, obstacles, rally points. Pure. */
 
 import { fixed } from '../../../ui/format';
 import type { IconName } from '../../../ui/icons';
@@ -8,21 +8,21 @@ import { altitudeText, detailOf, titleOf } from './items';
 export interface TreeEntry {
   /** Ids of all points of the entry, such as the corners of a fence. */
   readonly ids: readonly string[];
-  /** Row of an item. */
+  /** Row of an item of a waypoint plan; null for other entries. */
   readonly row: number | null;
   readonly mark: string;
   readonly icon: IconName | null;
   readonly tone: 'target' | 'caution' | 'danger' | 'actual' | 'dim';
   readonly title: string;
   readonly detail: string;
-  /** The server's name of a mission's step. */
+  /** The server's name of a step of an offboard mission: "step 3", "step 4.2". */
   readonly step?: string;
   /** Nesting depth. */
   readonly depth?: number;
-  /** Heading of the list that begins here: `then`, `otherwise`, or the called mission. */
+  /** Heading of the list of steps that begins with this entry: `then`, `otherwise`, or the called mission. */
   readonly heading?: string;
-  /** Duration. */
-  readonly side?: string;
+  /** Duration and number of photos of a step. */
+  readonly durationText?: string;
 }
 
 /** Ids of the points of a fence zone. */
@@ -35,10 +35,10 @@ export function zoneText(zone: FenceZone): { title: string; detail: string } {
   return { title, detail: zone.shape === 'circle' ? `circle, radius ${fixed(zone.radius_m, 0)} m` : `${zone.polygon.length} corners` };
 }
 
-const entry = { row: null, mark: '', icon: null };
+const BASE_ENTRY = { row: null, mark: '', icon: null };
 
 export function homeEntry(home: PlannedHome | null): TreeEntry[] {
-  return home === null ? [] : [{ ...entry, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }];
+  return home === null ? [] : [{ ...BASE_ENTRY, ids: ['home'], icon: 'home', tone: 'dim', title: 'Home', detail: `${fixed(home.alt_amsl_m, 1)} m AMSL` }];
 }
 
 /** Ids of the corners of an obstacle. */
@@ -54,14 +54,14 @@ export function obstacleTitle(obstacle: Obstacle, index: number): string {
 export function sharedEntries(document: SharedParts): TreeEntry[] {
   return [
     ...document.fence.map((zone, index): TreeEntry => ({
-      ...entry,
+      ...BASE_ENTRY,
       ids: zoneIds(zone, index),
       mark: '▱',
       tone: zone.inclusion ? 'caution' : 'danger',
       ...zoneText(zone),
     })),
     ...obstaclesOf(document).map((obstacle, index): TreeEntry => ({
-      ...entry,
+      ...BASE_ENTRY,
       ids: obstacleIds(obstacle, index),
       mark: '▲',
       tone: 'danger',
@@ -75,7 +75,7 @@ export function treeOf(plan: Plan): TreeEntry[] {
   return [
     ...homeEntry(plan.planned_home),
     ...plan.items.map((item, row) => ({
-      ...entry,
+      ...BASE_ENTRY,
       ids: [`item:${row}`],
       row,
       mark: String(row + 1),
@@ -85,7 +85,7 @@ export function treeOf(plan: Plan): TreeEntry[] {
     })),
     ...sharedEntries(plan),
     ...plan.rally_points.map((point, index) => ({
-      ...entry,
+      ...BASE_ENTRY,
       ids: [`rally:${index}`],
       mark: 'R',
       tone: 'actual' as const,

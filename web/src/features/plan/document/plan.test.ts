@@ -18,28 +18,28 @@ const fenced: Plan = { ...planOf(waypoint(10)), fence: [{ shape: 'polygon', incl
 
 describe('history', () => {
   it('undoes and redoes each change', () => {
-    let all = history.begin(0);
-    for (const next of [1, 2]) all = history.change(all, next);
-    all = history.undo(history.undo(all));
-    expect(all.now).toBe(0);
-    expect(history.undo(all)).toBe(all);
-    expect(history.redo(history.redo(all)).now).toBe(2);
+    let edited = history.begin(0);
+    for (const next of [1, 2]) edited = history.change(edited, next);
+    edited = history.undo(history.undo(edited));
+    expect(edited.now).toBe(0);
+    expect(history.undo(edited)).toBe(edited);
+    expect(history.redo(history.redo(edited)).now).toBe(2);
   });
-  it('undoes the changes of one gesture in one step', () => {
-    let all = history.begin(0);
-    for (const next of [1, 2, 3]) all = history.change(all, next, 'drag 1');
-    all = history.change(history.endGroup(all), 4, 'drag 1');
-    expect(history.undo(all).now).toBe(3);
-    expect(history.undo(history.undo(all)).now).toBe(0);
+  it('undoes all changes of one gesture together', () => {
+    let edited = history.begin(0);
+    for (const next of [1, 2, 3]) edited = history.change(edited, next, 'drag 1');
+    edited = history.change(history.endGroup(edited), 4, 'drag 1');
+    expect(history.undo(edited).now).toBe(3);
+    expect(history.undo(history.undo(edited)).now).toBe(0);
   });
   it('removes only the changes of a cancelled gesture', () => {
-    const all = history.change(history.change(history.begin(0), 1), 2, 'drag 1');
-    expect(history.cancel(all, 'drag 1')).toMatchObject({ now: 1, future: [] });
-    expect(history.cancel(all, 'drag 2')).toBe(all);
+    const edited = history.change(history.change(history.begin(0), 1), 2, 'drag 1');
+    expect(history.cancel(edited, 'drag 1')).toMatchObject({ now: 1, future: [] });
+    expect(history.cancel(edited, 'drag 2')).toBe(edited);
   });
-  it('drops undone changes after a new one', () => {
-    const all = history.change(history.undo(history.change(history.begin(0), 1)), 5);
-    expect(history.redo(all)).toBe(all);
+  it('discards undone changes after a new change', () => {
+    const edited = history.change(history.undo(history.change(history.begin(0), 1)), 5);
+    expect(history.redo(edited)).toBe(edited);
   });
 });
 
@@ -54,13 +54,13 @@ describe('editing', () => {
   it('adapts the targets of jumps', () => {
     const jump = { ...newItem('jump', null, { value_m: 0, reference: 'home' }), target_index: 1 };
     const plan = planOf(waypoint(10), waypoint(20), jump);
-    const target = (one: Plan) => one.items.find((item) => item.kind === 'jump')?.['target_index'];
+    const target = (edited: Plan) => edited.items.find((item) => item.kind === 'jump')?.['target_index'];
     expect(target(insertItem(plan, 0, waypoint(5)))).toBe(2);
     expect(target(insertItem(plan, 2, waypoint(5)))).toBe(1);
     expect(target(remove(plan, ['item:0']))).toBe(0);
     expect(target(reorder(plan, [1], 0).plan)).toBe(0);
   });
-  it('moves steps together and returns their positions', () => {
+  it('moves items together and returns their new rows', () => {
     const plan = planOf(waypoint(1), waypoint(2), waypoint(3), waypoint(4));
     const { plan: moved, rows } = reorder(plan, [2, 3], 1);
     expect(rows).toEqual([1, 2]);
@@ -74,12 +74,12 @@ describe('editing', () => {
 });
 
 describe('the map', () => {
-  it('shows steps, midpoints, fence and home, with the selection marked', () => {
-    const shown = picture({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null, HOME);
-    const ids = shown.points.map((point) => point.id);
+  it('shows items, midpoints, fence and home, with the selection marked', () => {
+    const layer = picture({ ...fenced, items: [waypoint(10), waypoint(30)] }, new Set(['item:1']), null, HOME);
+    const ids = layer.points.map((point) => point.id);
     expect(ids).toEqual(expect.arrayContaining(['home', 'item:0', 'item:1', 'middle:1', 'corner:0:3', 'side:0:4']));
-    expect(shown.points.filter((point) => point.selected).map((point) => point.id)).toEqual(['item:1']);
-    const middle = shown.points.find((point) => point.id === 'middle:1');
+    expect(layer.points.filter((point) => point.selected).map((point) => point.id)).toEqual(['item:1']);
+    const middle = layer.points.find((point) => point.id === 'middle:1');
     expect(groundDistance_m(middle ?? HOME, at(20))).toBeLessThan(0.01);
   });
   it('shows midpoints of a long plan only beside the selection', () => {
@@ -88,23 +88,23 @@ describe('the map', () => {
     expect(middles([])).toEqual([]);
     expect(middles(['item:7']).map((point) => point.id)).toEqual(['middle:7', 'middle:8']);
   });
-  it('has the altitudes of steps, path and rally points for the 3D view', () => {
+  it('has the altitudes of items, path and rally points for the 3D view', () => {
     const high = { ...waypoint(10), altitude: { value_m: 900, reference: 'amsl' as const } };
     const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
-    const shown = picture(
+    const layer = picture(
       { ...planOf(waypoint(0), high, terrain), rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' } }] },
       new Set(),
       null,
       HOME,
     );
-    const altitudeOf = (id: string) => shown.points.find((point) => point.id === id)?.alt_amsl_m;
+    const altitudeOf = (id: string) => layer.points.find((point) => point.id === id)?.alt_amsl_m;
     expect(['item:0', 'item:1', 'item:2', 'middle:1', 'rally:0', 'home'].map(altitudeOf)).toEqual([510, 900, 507, 705, 500, 480]);
-    expect(shown.lines.find((line) => line.style === 'solid')?.positions.map((position) => position.alt_amsl_m)).toEqual([510, 900, 507]);
-    expect(shown.points.find((point) => point.id === 'item:1')?.height).toBe('900.0 m AMSL');
-    expect(shown.points.find((point) => point.id === 'home')).not.toHaveProperty('height');
-    expect(shown.ground).toEqual(HOME);
+    expect(layer.lines.find((line) => line.style === 'solid')?.positions.map((position) => position.alt_amsl_m)).toEqual([510, 900, 507]);
+    expect(layer.points.find((point) => point.id === 'item:1')?.altitudeText).toBe('900.0 m AMSL');
+    expect(layer.points.find((point) => point.id === 'home')).not.toHaveProperty('altitudeText');
+    expect(layer.ground).toEqual(HOME);
   });
-  it('raises steps and rally points within the limits of altitudes, with their resolved altitude', () => {
+  it('raises items and rally points within the altitude limits, with their resolved altitudes', () => {
     const terrain = { ...waypoint(20), altitude: { value_m: 7, reference: 'terrain' as const, resolved_amsl_m: 507 } };
     const plan = { ...fenced, items: [terrain], rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'home' as const } }] };
     expect(raisePoint(plan, 'item:0', 2.5).items[0]?.altitude).toEqual({ value_m: 9.5, reference: 'terrain', resolved_amsl_m: 509.5 });
@@ -118,14 +118,14 @@ describe('the map', () => {
   });
   it('draws no path to a point that the camera looks at', () => {
     const roi = newItem('roi_location', at(500), { value_m: 0, reference: 'home' });
-    const shown = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null, HOME);
-    expect(shown.lines.find((line) => line.style === 'solid')?.positions).toHaveLength(2);
-    expect(shown.points.find((point) => point.id === 'item:1')?.mark).toBe('cross');
+    const layer = picture(planOf(waypoint(10), roi, waypoint(20)), new Set(), null, HOME);
+    expect(layer.lines.find((line) => line.style === 'solid')?.positions).toHaveLength(2);
+    expect(layer.points.find((point) => point.id === 'item:1')?.mark).toBe('cross');
   });
 });
 
 describe('the list', () => {
-  it('has home, steps, fence and rally points', () => {
+  it('has home, items, fence and rally points', () => {
     const titles = treeOf({ ...fenced, rally_points: [{ ...at(5), altitude: { value_m: 20, reference: 'amsl' } }] }).map(
       (entry) => `${entry.title}|${entry.detail}`,
     );
@@ -163,8 +163,8 @@ describe('fixes', () => {
     expect(fixOf(plan, finding('home_missing'), null)).toBeNull();
     expect(fixOf(plan, finding('home_missing'), HOME)?.plan.planned_home).toEqual(HOME);
   });
-  it('lower points that are too high', () => {
-    expect(fixOf(planOf(waypoint(10, 500)), finding('altitude_too_high', 0), null)?.plan.items[0]?.altitude).toEqual({ value_m: 120, reference: 'home' });
+  it('set the altitude of a point that is too high to the limit', () => {
+    expect(fixOf(planOf(waypoint(10, 500)), finding('altitude_too_high', 0), null)?.plan.items[0]?.altitude).toEqual({ value_m: LIMIT, reference: 'home' });
   });
   it('return null if a person has to decide', () => {
     expect(fixOf(planOf(waypoint(10)), finding('fence_violation', 0), HOME)).toBeNull();
@@ -172,7 +172,7 @@ describe('fixes', () => {
 });
 
 describe('the altitude profile', () => {
-  it('starts at home and follows the horizontal distance', () => {
+  it('starts at home and has the horizontal distance of each point', () => {
     const shape = profile(planOf(waypoint(100, 40), waypoint(300, 20)));
     expect(shape.points.map((point) => [point.row, Math.round(point.along_m), point.alt_home_m])).toEqual([
       [-1, 0, 0],
@@ -196,7 +196,7 @@ describe('the altitude profile', () => {
 });
 
 describe('the terrain below a plan', () => {
-  it('is within the plot, with a gap where it is not known', () => {
+  it('is within the plot, with a gap where the terrain is not known', () => {
     const plan = planOf(waypoint(100));
     const ground = [
       [0, 0],
@@ -210,7 +210,7 @@ describe('the terrain below a plan', () => {
     const areas = groundAreas(shape, ground, 100, 80);
     expect(areas).toBe('M0.0 80L0.0 60.0L30.0 10.0L30.0 80ZM80.0 80L80.0 80.0L100.0 65.0L100.0 80Z');
   });
-  it('is resolved again when an item above it is moved', () => {
+  it('must be resolved again for an item that was moved', () => {
     const item = newItem('waypoint', at(0), { value_m: 30, reference: 'terrain', resolved_amsl_m: 510 });
     const moved = movePoint(planOf(item), 'item:0', at(50)).items[0];
     expect(moved).toMatchObject({ altitude: { value_m: 30, resolved_amsl_m: null } });

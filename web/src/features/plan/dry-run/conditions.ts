@@ -19,17 +19,19 @@ export interface Conditions {
   readonly noise_percent: number;
   /** Number of Monte Carlo flights; 0: one flight under exactly these conditions. */
   readonly flights: number;
-  /** Standard deviations of the Monte Carlo flights around these conditions; 0: no variation. Wind: on each axis. */
+  /**
+   * How much the conditions vary between the Monte Carlo flights (1 σ); 0: no variation. The wind varies on each axis.
+   */
   readonly spread_wind_m_s: number;
   readonly spread_gusts_percent: number;
   readonly spread_mass_percent: number;
   readonly spread_battery_percent: number;
   readonly spread_noise_percent: number;
-  /** Of the real vehicle; null if it is not known. */
+  /** Data of the real vehicle; null: not known. */
   readonly hover_power_w: number | null;
   readonly battery_wh: number | null;
   readonly mass_kg: number | null;
-  /** Battery charge to be left at the end. */
+  /** Battery charge that must be left at the end. */
   readonly reserve_percent: number;
 }
 
@@ -78,10 +80,12 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'reserve_percent', label: 'Battery reserve', unit: '%', min: 0, max: 95, step: 5 },
 ];
 
-/** The row of `ROWS` at which the data of the vehicle begin; before it are the simulated conditions. */
+/** The first row of `ROWS` with data of the vehicle; the rows before contain the simulated conditions. */
 export const FIRST_VEHICLE_ROW = 'hover_power_w';
 
-/** The rows below the number of flights: how much each condition varies, one sigma. Their bounds are those of the server. */
+/**
+ * The rows for the variation of each condition (1 σ), shown for several flights. Their bounds are those of the server.
+ */
 export const SPREAD_ROWS: readonly ConditionRow[] = [
   { name: 'spread_wind_m_s', label: 'Wind varies by', unit: 'm/s', min: 0, max: 10, step: 0.5 },
   { name: 'spread_gusts_percent', label: 'Gusts vary by', unit: '%', min: 0, max: 50, step: 5 },

@@ -9,31 +9,31 @@ import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { DryRunView } from './dry-run.svelte';
 
 type Vector = readonly number[];
-type Flight = DryRunView['nominal'];
+type SimulatedFlight = DryRunView['nominal'];
 type MonteCarlo = NonNullable<DryRunView['monte_carlo']>;
 
 export interface Ghost extends GeoPosition {
-  /** Height above the start. */
+  /** Altitude above the start. */
   readonly up_m: number;
   readonly speed_m_s: number;
   readonly step: string;
-  /** Directions of nose and camera, clockwise from north. */
+  /** Headings of vehicle and camera, clockwise from north. */
   readonly yaw_deg: number;
-  readonly look_deg: number;
+  readonly camera_yaw_deg: number;
   /** Pitch of the camera, positive up. */
-  readonly pitch_deg: number;
+  readonly camera_pitch_deg: number;
 }
 
 const DEG = 180 / Math.PI;
 /** Half the drawn field of view of the camera [deg]. */
 const HALF_VIEW_DEG = 27;
 /** Limits of the drawn length of the camera's view on the ground [m]. */
-const VIEW_LENGTH_M = { least: 4, most: 15 } as const;
-/** Shortest distance between two samples of the corridor [m], and samples per area. */
-const CORRIDOR = { step_m: 0.5, piece: 4 } as const;
+const VIEW_LENGTH_M = { min: 4, max: 15 } as const;
+/** Shortest distance between two drawn samples of the corridor [m], and number of sides in one drawn area. */
+const CORRIDOR = { step_m: 0.5, sides_per_area: 4 } as const;
 
-/** The flights of all vehicles, or the one flight. */
-const flights = (view: DryRunView): readonly Flight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
+/** The simulated flight of each vehicle under the exact conditions. */
+const nominalFlights = (view: DryRunView): readonly SimulatedFlight[] => (view.together == null ? [view.nominal] : Object.values(view.together.roles));
 
 /** The Monte Carlo flights of each vehicle with its role; the role is null for a plan with one vehicle. */
 function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [string | null, MonteCarlo])[] {
@@ -41,7 +41,7 @@ function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [str
   return together?.monte_carlo == null ? [[null, monte_carlo]] : Object.entries(together.monte_carlo.roles);
 }
 
-/** The vehicle at a time, interpolated between the samples; null if it never flew. */
+/** The simulated vehicle at a time, interpolated between the samples; null if it did not take off. */
 export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): Ghost | null {
   const { path, origin } = nominal;
   const last = (path?.t_s.length ?? 0) - 1;
@@ -63,8 +63,8 @@ export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): 
     speed_m_s: Math.hypot(...((path.velocity_ned_m_s[low] ?? []) as Vector)),
     step: path.step_places[path.step[low] ?? -1] ?? '',
     yaw_deg: yaw_deg((path.q_ned_frd[low] ?? [1, 0, 0, 0]) as Vector),
-    look_deg: (path.gimbal_rad[low]?.[1] ?? 0) * DEG,
-    pitch_deg: (path.gimbal_rad[low]?.[0] ?? 0) * DEG,
+    camera_yaw_deg: (path.gimbal_rad[low]?.[1] ?? 0) * DEG,
+    camera_pitch_deg: (path.gimbal_rad[low]?.[0] ?? 0) * DEG,
   };
 }
 
@@ -72,50 +72,54 @@ function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
   return Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) * DEG;
 }
 
-/** The camera's view on the ground, up to a maximum length; empty while the camera points straight down. */
+/** The ground that the camera sees, up to a maximum length; empty if the camera points almost straight down. */
 function cameraViewRing(ghost: Ghost): GeoPosition[] {
-  const down = Math.tan(-ghost.pitch_deg / DEG);
-  const far_m = down > 1e-3 ? Math.max(0, ghost.up_m) / down : VIEW_LENGTH_M.most;
-  if (far_m < VIEW_LENGTH_M.least) return [];
-  const length_m = Math.min(VIEW_LENGTH_M.most, far_m);
+  const slope = Math.tan(-ghost.camera_pitch_deg / DEG);
+  const far_m = slope > 1e-3 ? Math.max(0, ghost.up_m) / slope : VIEW_LENGTH_M.max;
+  if (far_m < VIEW_LENGTH_M.min) return [];
+  const length_m = Math.min(VIEW_LENGTH_M.max, far_m);
   const edge = (turn_deg: number): GeoPosition => {
-    const angle = (ghost.look_deg + turn_deg) / DEG;
+    const angle = (ghost.camera_yaw_deg + turn_deg) / DEG;
     return positionAt(ghost, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
   };
   return [{ lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
 }
 
 /**
- * The 95th percentile of the horizontal deviation, on both sides of the path. It is drawn in short pieces, because
- * one ring about a path that turns back would cross itself. Samples at the same position count once.
+ * The corridor: the 95th percentile of the horizontal deviation, to both sides of the path. It is drawn as several
+ * short areas, because a single ring around a path that turns back would cross itself. Samples at one position count
+ * once.
  */
-function corridorRings(origin: Flight['origin'], { corridor }: MonteCarlo): GeoPosition[][] {
+function corridorRings(origin: SimulatedFlight['origin'], { corridor }: MonteCarlo): GeoPosition[][] {
   if (corridor === null) return [];
-  const samples: { north_m: number; east_m: number; off_m: number }[] = [];
+  const samples: { north_m: number; east_m: number; deviation_m: number }[] = [];
   corridor.position_ned_m.forEach(([north_m = 0, east_m = 0]: Vector, i) => {
     const last = samples.at(-1);
     if (last === undefined || Math.hypot(north_m - last.north_m, east_m - last.east_m) >= CORRIDOR.step_m)
-      samples.push({ north_m, east_m, off_m: corridor.horizontal_m.p95[i] ?? 0 });
+      samples.push({ north_m, east_m, deviation_m: corridor.horizontal_m.p95[i] ?? 0 });
   });
-  const sides = samples.map((here, i) => {
-    const [before, after] = [samples[Math.max(0, i - 1)] ?? here, samples[Math.min(samples.length - 1, i + 1)] ?? here];
+  const sides = samples.map((sample, i) => {
+    const [before, after] = [samples[Math.max(0, i - 1)] ?? sample, samples[Math.min(samples.length - 1, i + 1)] ?? sample];
     const [north, east] = [after.north_m - before.north_m, after.east_m - before.east_m];
     const length = Math.hypot(north, east) || 1;
     const side = (sign: number): GeoPosition =>
-      positionAt(origin, { north_m: here.north_m - (sign * here.off_m * east) / length, east_m: here.east_m + (sign * here.off_m * north) / length });
+      positionAt(origin, {
+        north_m: sample.north_m - (sign * sample.deviation_m * east) / length,
+        east_m: sample.east_m + (sign * sample.deviation_m * north) / length,
+      });
     return { left: side(-1), right: side(1) };
   });
   const rings: GeoPosition[][] = [];
-  for (let from = 0; from < sides.length - 1; from += CORRIDOR.piece) {
-    const piece = sides.slice(from, from + CORRIDOR.piece + 1);
+  for (let from = 0; from < sides.length - 1; from += CORRIDOR.sides_per_area) {
+    const piece = sides.slice(from, from + CORRIDOR.sides_per_area + 1);
     rings.push([...piece.map(({ left }) => left), ...piece.reverse().map(({ right }) => right)]);
   }
   return rings;
 }
 
-/** The parts of the picture that do not depend on the time, all in the colour of planned things. */
+/** Paths and corridors, in the colour of planned paths. They do not depend on the time. */
 export function dryRunPicture(view: DryRunView): LayerPicture {
-  const paths = flights(view).map(({ path, origin }) =>
+  const paths = nominalFlights(view).map(({ path, origin }) =>
     ((path?.position_ned_m ?? []) as readonly Vector[]).map(([north_m = 0, east_m = 0]) => positionAt(origin, { north_m, east_m })),
   );
   return {
@@ -127,9 +131,9 @@ export function dryRunPicture(view: DryRunView): LayerPicture {
   };
 }
 
-/** The vehicles at a time, and the views of their cameras. */
+/** The simulated vehicles at a time, and the ground that their cameras see. */
 export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null {
-  const ghosts = flights(view).flatMap((nominal) => ghostAt({ nominal }, t_s) ?? []);
+  const ghosts = nominalFlights(view).flatMap((nominal) => ghostAt({ nominal }, t_s) ?? []);
   if (ghosts.length === 0) return null;
   return {
     lines: [],
@@ -150,8 +154,11 @@ export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null
   };
 }
 
-/** The position of a finding on the map; null: it has neither a position nor a time in the flight. */
-export function findingPosition(view: DryRunView, { position_ned_m, t_s }: Pick<Flight['findings'][number], 'position_ned_m' | 't_s'>): GeoPosition | null {
+/** The position of a finding on the map; null: the finding has neither a position nor a time in the flight. */
+export function findingPosition(
+  view: DryRunView,
+  { position_ned_m, t_s }: Pick<SimulatedFlight['findings'][number], 'position_ned_m' | 't_s'>,
+): GeoPosition | null {
   if (position_ned_m !== null) return positionAt(view.nominal.origin, { north_m: position_ned_m[0], east_m: position_ned_m[1] });
   const ghost = t_s === null ? null : ghostAt(view, t_s);
   return ghost === null ? null : { lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg };
@@ -159,7 +166,7 @@ export function findingPosition(view: DryRunView, { position_ned_m, t_s }: Pick<
 
 const percent = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
 
-/** The result in numbers, as sentences. */
+/** The result as sentences with numbers. */
 export function resultLines(view: DryRunView): string[] {
   const { nominal, together } = view;
   const length = metres(nominal.length_m);

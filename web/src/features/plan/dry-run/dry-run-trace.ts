@@ -9,11 +9,11 @@ export interface Trace {
   readonly unit: string;
   readonly decimals: number;
   readonly end_s: number;
-  /** Time [s] and value; null if it is not known. */
+  /** Time [s] and value. */
   readonly points: readonly (readonly [number, number])[];
   /** Time [s], lower and upper bound of 90 % of the flights. */
   readonly band: readonly (readonly [number, number, number])[];
-  /** Time [s] and height of the ground below the vehicle; only of a height above known terrain. */
+  /** Time [s] and altitude of the terrain below the vehicle; only in the altitude trace, if the terrain is known. */
   readonly ground: readonly (readonly [number, number])[];
   readonly top: number;
   readonly bottom: number;
@@ -23,26 +23,26 @@ const MAX_POINTS = 600;
 type Path = NonNullable<DryRunView['nominal']['path']>;
 
 const DEG = 180 / Math.PI;
-const SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; round: number; value: (path: Path, i: number) => number | null }>> = {
-  Altitude: { unit: 'm', decimals: 1, round: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
-  Speed: { unit: 'm/s', decimals: 1, round: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
-  Tilt: { unit: '°', decimals: 0, round: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
-  Battery: { unit: '%', decimals: 0, round: 100, value: (path, i) => (path.battery_share === null ? null : 100 * (path.battery_share[i] ?? 0)) },
+const SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; scaleStep: number; value: (path: Path, i: number) => number | null }>> = {
+  Altitude: { unit: 'm', decimals: 1, scaleStep: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
+  Speed: { unit: 'm/s', decimals: 1, scaleStep: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
+  Tilt: { unit: '°', decimals: 0, scaleStep: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
+  Battery: { unit: '%', decimals: 0, scaleStep: 100, value: (path, i) => (path.battery_share === null ? null : 100 * (path.battery_share[i] ?? 0)) },
 };
 
 function tilt_deg([, x, y]: readonly number[]): number {
   return Math.acos(Math.min(1, Math.max(-1, 1 - 2 * ((x ?? 0) ** 2 + (y ?? 0) ** 2)))) * DEG;
 }
 
-/** @returns null: the vehicle never flew, or the quantity is not known. */
+/** @returns null: the simulated vehicle did not take off, or the quantity is not known. */
 export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity): Trace | null {
   const { path } = nominal;
   if (path === null || path.t_s.length === 0) return null;
-  const { unit, decimals, round, value } = SPECS[quantity];
+  const { unit, decimals, scaleStep, value } = SPECS[quantity];
   const stride = Math.max(1, Math.floor(path.t_s.length / MAX_POINTS));
   const indices = path.t_s.flatMap((_, i) => (i % stride === 0 || i === path.t_s.length - 1 ? [i] : []));
-  const shown = indices.map((i) => [path.t_s[i] ?? 0, value(path, i)] as const);
-  const points = shown.filter((point): point is readonly [number, number] => point[1] !== null);
+  const samples = indices.map((i) => [path.t_s[i] ?? 0, value(path, i)] as const);
+  const points = samples.filter((point): point is readonly [number, number] => point[1] !== null);
   if (points.length === 0) return null;
   const corridor = quantity === 'Altitude' ? (monte_carlo?.corridor ?? null) : null;
   const band = (corridor?.t_s ?? []).map((t_s, i): [number, number, number] => {
@@ -51,23 +51,23 @@ export function traceOf({ nominal, monte_carlo }: DryRunView, quantity: Quantity
   });
   const { ground_m } = path;
   const ground = quantity !== 'Altitude' || ground_m === null ? [] : indices.map((i): [number, number] => [path.t_s[i] ?? 0, ground_m[i] ?? 0]);
-  return scaledTrace({ unit, decimals, round, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
+  return scaledTrace({ unit, decimals, scaleStep, end_s: path.t_s.at(-1) ?? 0, points, band, ground });
 }
 
 interface Unscaled extends Pick<Trace, 'unit' | 'decimals' | 'end_s' | 'points'> {
   /** The scale ends at multiples of this value. */
-  readonly round: number;
+  readonly scaleStep: number;
   readonly band?: Trace['band'];
   readonly ground?: Trace['ground'];
-  /** Other points, which the scale also contains. */
-  readonly others?: Trace['points'];
+  /** Further points that the scale must contain. */
+  readonly furtherPoints?: Trace['points'];
 }
 
 /** A trace with a scale that contains zero and all its values. */
-export function scaledTrace({ unit, decimals, round, end_s, points, band = [], ground = [], others = [] }: Unscaled): Trace {
-  const values = [...points, ...ground, ...others].map(([, one]) => one).concat(band.flatMap(([, low, high]) => [low, high]));
-  const bottom = Math.min(0, Math.floor(Math.min(...values) / round + 0.05) * round);
-  return { unit, decimals, end_s, points, band, ground, top: Math.max(round, Math.ceil(Math.max(...values) / round) * round), bottom };
+export function scaledTrace({ unit, decimals, scaleStep, end_s, points, band = [], ground = [], furtherPoints = [] }: Unscaled): Trace {
+  const values = [...points, ...ground, ...furtherPoints].map(([, value]) => value).concat(band.flatMap(([, low, high]) => [low, high]));
+  const bottom = Math.min(0, Math.floor(Math.min(...values) / scaleStep + 0.05) * scaleStep);
+  return { unit, decimals, end_s, points, band, ground, top: Math.max(scaleStep, Math.ceil(Math.max(...values) / scaleStep) * scaleStep), bottom };
 }
 
 /** The value at a time, interpolated. */
@@ -78,17 +78,17 @@ export function valueAt({ points }: Trace, t_s: number): number {
   return from[1] + ((t_s - from[0]) / (to[0] - from[0])) * (to[1] - from[1]);
 }
 
-export interface Drawing {
+export interface PlotShape {
   readonly line: string;
-  /** The band of many flights; empty if there was only one. */
+  /** The band of many flights; empty if there was only one flight. */
   readonly band: string;
-  /** The area below the ground; empty if the ground is level. */
+  /** The terrain; empty if it is not known. */
   readonly ground: string;
   readonly zero_y: number;
 }
 
 /** SVG paths in a box of this size, y downwards. */
-export function plotShape({ points, band, ground, end_s, top, bottom }: Trace, width: number, height: number): Drawing {
+export function plotShape({ points, band, ground, end_s, top, bottom }: Trace, width: number, height: number): PlotShape {
   const x = (t_s: number): string => ((end_s === 0 ? 0 : t_s / end_s) * width).toFixed(1);
   const y = (value: number): string => (((top - value) / (top - bottom)) * height).toFixed(1);
   const upper = band.map(([t_s, , high]) => `${x(t_s)} ${y(high)}`);

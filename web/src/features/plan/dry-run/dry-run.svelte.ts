@@ -1,4 +1,4 @@
-/** A dry run of a plan: starts it, follows its progress, and keeps the time that map and 3D view show. */
+/** Starts a dry run of a plan, follows its progress, and stores the time that map and 3D view show. */
 
 import type { ApiClient } from '../../../api/client';
 import type { Problem } from '../../../api/problems';
@@ -12,6 +12,7 @@ type Schemas = components['schemas'];
 type Operation = Readonly<Schemas['Operation']>;
 export type DryRunView = Readonly<Schemas['DryRunView']>;
 
+/** One vehicle, or for a mission with roles the vehicle of each role; null: none. */
 export type DryRunVehicles = { vehicle: string | null } | { vehicles: Readonly<Record<string, string>> | null };
 
 export class DryRun {
@@ -21,7 +22,7 @@ export class DryRun {
   /** The document that `view` belongs to. */
   private simulatedDocument = $state.raw<Document | null>(null);
   private requestedDocument: Document | null = null;
-  /** The time that is shown [s]. */
+  /** The time that map and 3D view show [s]. */
   t_s = $state(0);
   playing = $state(false);
 
@@ -29,21 +30,21 @@ export class DryRun {
 
   readonly running: boolean = $derived.by(() => this.operation?.state === 'running');
 
-  /** Result of the dry run of exactly this document; null if it has none. */
+  /** Result of the dry run of exactly this document; null: there is no result. */
   resultOf(document: Document): DryRunView | null {
     return this.simulatedDocument === document ? this.view : null;
   }
 
   /**
-   * With a vehicle the dry run uses its parameters, position and battery charge. A mission with roles needs a vehicle
-   * for each role; null: it uses the planned start positions.
+   * With a vehicle the dry run uses this vehicle's parameters, position and battery charge, without a vehicle the
+   * planned start position. A mission with roles has a vehicle for each role, or none.
    */
-  async start(document: Document, flownBy: DryRunVehicles, conditions: Conditions): Promise<void> {
+  async start(document: Document, vehicles: DryRunVehicles, conditions: Conditions): Promise<void> {
     this.problem = null;
     this.requestedDocument = document;
-    const answer = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...flownBy, ...asDryRun(conditions) } });
-    if (!answer.ok) this.problem = answer.problem;
-    else if (this.operation?.id !== answer.value.id) this.operation = answer.value;
+    const response = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...vehicles, ...asDryRun(conditions) } });
+    if (!response.ok) this.problem = response.problem;
+    else if (this.operation?.id !== response.value.id) this.operation = response.value;
   }
 
   /** Shows this time and stops playing. */
@@ -54,8 +55,8 @@ export class DryRun {
 
   async cancel(): Promise<void> {
     if (this.operation === null) return;
-    const answer = await this.api.delete('/operations/{o}', { params: { path: { o: this.operation.id } } });
-    if (!answer.ok) this.problem = answer.problem;
+    const response = await this.api.delete('/operations/{o}', { params: { path: { o: this.operation.id } } });
+    if (!response.ok) this.problem = response.problem;
   }
 
   /** Handles the progress event of the operation that this page started. */
@@ -66,12 +67,12 @@ export class DryRun {
     this.operation = operation;
     const id = operation.result?.['dry_run'];
     if (operation.state !== 'succeeded' || typeof id !== 'string') return;
-    const answer = await this.api.get('/dry_runs/{d}', { params: { path: { d: id } } });
-    if (!answer.ok) {
-      this.problem = answer.problem;
+    const response = await this.api.get('/dry_runs/{d}', { params: { path: { d: id } } });
+    if (!response.ok) {
+      this.problem = response.problem;
       return;
     }
-    this.view = answer.value;
+    this.view = response.value;
     this.simulatedDocument = document;
     this.showTime(0);
   }

@@ -59,7 +59,7 @@ const TOGETHER = {
     closest: [{ roles: ['lead', 'left'], distance_m: 8.96, t_s: 65 }],
   },
 } as unknown as DryRunView;
-const MANY = {
+const MONTE_CARLO = {
   ...VIEW,
   monte_carlo: {
     flights: [{}, {}],
@@ -74,12 +74,12 @@ const MANY = {
   },
 } as unknown as DryRunView;
 
-const MANY_TOGETHER = {
-  ...MANY,
+const MONTE_CARLO_TOGETHER = {
+  ...MONTE_CARLO,
   together: {
     ...TOGETHER.together,
     monte_carlo: {
-      roles: { lead: MANY.monte_carlo, left: { ...MANY.monte_carlo, battery_end_share: null } },
+      roles: { lead: MONTE_CARLO.monte_carlo, left: { ...MONTE_CARLO.monte_carlo, battery_end_share: null } },
       closest: [{ roles: ['lead', 'left'], distance_m: { least: 6.21 }, nearer_than_minimum: { count: 0, upper: 0.161 } }],
     },
   },
@@ -96,32 +96,32 @@ describe('a dry run', () => {
   });
 
   it('draws the path and the corridor of many flights', () => {
-    const shown = dryRunPicture(MANY);
-    expect(shown.lines[0]?.positions).toHaveLength(3);
-    const [ring] = shown.areas;
+    const layer = dryRunPicture(MONTE_CARLO);
+    expect(layer.lines[0]?.positions).toHaveLength(3);
+    const [ring] = layer.areas;
     expect(ring?.ring).toHaveLength(4);
     expect(groundDistance_m(ring?.ring[1] ?? ORIGIN, positionAt(ORIGIN, { north_m: 100, east_m: 0 }))).toBeCloseTo(2, 1);
     expect(dryRunPicture(VIEW).areas).toEqual([]);
-    expect(dryRunPicture(MANY_TOGETHER).areas).toHaveLength(2);
+    expect(dryRunPicture(MONTE_CARLO_TOGETHER).areas).toHaveLength(2);
   });
 
-  it('draws the corridor of a path that turns back in pieces that do not cross other parts of it', () => {
-    const there = Array.from({ length: 9 }, (_, i) => [i * 10, 0, -10]);
-    const back = Array.from({ length: 8 }, (_, i) => [80 - i * 10, 10, -10]);
-    const position_ned_m = [[0, 0, 0], [0, 0.1, -5], ...there, ...back];
+  it('draws the corridor of a path that turns back as areas that do not cross each other', () => {
+    const outbound = Array.from({ length: 9 }, (_, i) => [i * 10, 0, -10]);
+    const inbound = Array.from({ length: 8 }, (_, i) => [80 - i * 10, 10, -10]);
+    const position_ned_m = [[0, 0, 0], [0, 0.1, -5], ...outbound, ...inbound];
     const p95 = position_ned_m.map(() => 2);
     const corridor = { t_s: p95, position_ned_m, horizontal_m: { p95 }, vertical_m: { p5: p95, p95 } };
-    const { areas } = dryRunPicture({ ...MANY, monte_carlo: { ...MANY.monte_carlo, corridor } } as unknown as DryRunView);
-    expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // the samples before the start are one point
-    const east_m = (place: { lat_deg: number; lon_deg: number }) => groundDistance_m(place, { ...place, lon_deg: ORIGIN.lon_deg });
+    const { areas } = dryRunPicture({ ...MONTE_CARLO, monte_carlo: { ...MONTE_CARLO.monte_carlo, corridor } } as unknown as DryRunView);
+    expect(areas.map(({ ring }) => ring.length)).toEqual([10, 10, 10, 10]); // samples nearer than 0.5 m to each other are one point
+    const east_m = (position: { lat_deg: number; lon_deg: number }) => groundDistance_m(position, { ...position, lon_deg: ORIGIN.lon_deg });
     expect(Math.max(...(areas[0]?.ring ?? []).map(east_m))).toBeLessThan(2.1);
     expect(Math.min(...(areas[3]?.ring ?? []).map(east_m))).toBeGreaterThan(7.9);
   });
 
-  it('draws the vehicle with its heading, and its camera’s view on the ground', () => {
-    const shown = ghostPicture(VIEW, 10);
-    expect(shown?.points).toMatchObject([{ id: 'ghost', mark: 'ghost', yaw_deg: expect.closeTo(90) }]);
-    const ahead = shown?.areas[0]?.ring[2] ?? ORIGIN;
+  it('draws the vehicle with its heading, and the ground that its camera sees', () => {
+    const layer = ghostPicture(VIEW, 10);
+    expect(layer?.points).toMatchObject([{ id: 'ghost', mark: 'ghost', yaw_deg: expect.closeTo(90) }]);
+    const ahead = layer?.areas[0]?.ring[2] ?? ORIGIN;
     expect(groundDistance_m(ahead, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
     expect(ghostPicture(VIEW, 20)?.areas).toEqual([]);
     expect(ghostPicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
@@ -130,48 +130,48 @@ describe('a dry run', () => {
   });
 
   it('plots values over time, with the band of 90 % of many flights', () => {
-    const of = (one: (typeof QUANTITIES)[number], view = VIEW): Trace => traceOf(view, one) as Trace;
-    expect(QUANTITIES.map((one) => valueAt(of(one), 10))).toEqual([10, 5, 0, 90]);
-    expect(valueAt(of('Altitude'), 5)).toBe(5);
-    expect([of('Altitude').top, of('Altitude').bottom, of('Altitude').end_s, of('Altitude').band]).toEqual([10, 0, 20, []]);
-    expect(of('Altitude', MANY).band[2]).toEqual([20, 9, 12]);
-    expect(of('Altitude', MANY).top).toBe(20);
-    expect(of('Speed', MANY).band).toEqual([]);
-    expect(plotShape(of('Altitude'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
-    expect(plotShape(of('Altitude', MANY), 100, 50).band).toMatch(/^M.*Z$/);
+    const trace = (quantity: (typeof QUANTITIES)[number], view = VIEW): Trace => traceOf(view, quantity) as Trace;
+    expect(QUANTITIES.map((quantity) => valueAt(trace(quantity), 10))).toEqual([10, 5, 0, 90]);
+    expect(valueAt(trace('Altitude'), 5)).toBe(5);
+    expect([trace('Altitude').top, trace('Altitude').bottom, trace('Altitude').end_s, trace('Altitude').band]).toEqual([10, 0, 20, []]);
+    expect(trace('Altitude', MONTE_CARLO).band[2]).toEqual([20, 9, 12]);
+    expect(trace('Altitude', MONTE_CARLO).top).toBe(20);
+    expect(trace('Speed', MONTE_CARLO).band).toEqual([]);
+    expect(plotShape(trace('Altitude'), 100, 50)).toEqual({ line: 'M0.0 50.0L50.0 0.0L100.0 0.0', band: '', ground: '', zero_y: 50 });
+    expect(plotShape(trace('Altitude', MONTE_CARLO), 100, 50).band).toMatch(/^M.*Z$/);
   });
 
-  it('shows the ground below the path, in a scale that contains it', () => {
+  it('shows the terrain below the path, in a scale that contains both', () => {
     const hilly = { ...VIEW, nominal: { ...VIEW.nominal, path: { ...VIEW.nominal.path, ground_m: [0, 5, 20] } } } as DryRunView;
-    const height = traceOf(hilly, 'Altitude');
-    expect(height?.top).toBe(20);
-    expect(height && plotShape(height, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
+    const altitude = traceOf(hilly, 'Altitude');
+    expect(altitude?.top).toBe(20);
+    expect(altitude && plotShape(altitude, 100, 40).ground).toBe('M0 40L0.0 40.0L50.0 30.0L100.0 0.0L100 40Z');
     expect(traceOf(hilly, 'Speed')?.ground).toEqual([]);
     const path = { ...VIEW.nominal.path, battery_share: null };
     expect(traceOf({ ...VIEW, nominal: { ...VIEW.nominal, path } } as DryRunView, 'Battery')).toBeNull();
   });
 
-  it('moves in time by keys, within its start and end', () => {
+  it('has keys that change the shown time, between start and end', () => {
     expect(timeAfterKey('ArrowRight', false, 5, 20)).toBe(6);
     expect(timeAfterKey('ArrowLeft', true, 5, 20)).toBeCloseTo(4.9);
     expect(timeAfterKey('PageUp', false, 15, 20)).toBe(20);
     expect([timeAfterKey('Home', false, 5, 20), timeAfterKey('End', false, 5, 20), timeAfterKey('a', false, 5, 20)]).toEqual([0, 20, null]);
   });
 
-  it('shows its result in numbers', () => {
+  it('has a result with numbers', () => {
     expect(resultLines(VIEW)).toEqual(['Dry run: 01:05, 120 m, battery 100 % → 81 %.']);
     expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 01:05.');
-    expect(resultLines(MANY)[1]).toBe(
+    expect(resultLines(MONTE_CARLO)[1]).toBe(
       '2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %), battery at the end at least 70 % (95 %).',
     );
-    expect(resultLines(MANY_TOGETHER).slice(2)).toEqual([
+    expect(resultLines(MONTE_CARLO_TOGETHER).slice(2)).toEqual([
       'lead, 2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %), battery at the end at least 70 % (95 %).',
       'left, 2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %).',
       'Smallest separation of lead and left in all flights: 6.2 m. In 0 flights they came closer than the minimum (estimated probability at most 16 %).',
     ]);
   });
 
-  it('counts the wind from the direction it comes from', () => {
+  it('converts the direction that the wind comes from to a velocity', () => {
     expect(windOf({ ...DEFAULT_CONDITIONS, wind_m_s: 5, from_deg: 270 }).map((axis) => Math.round(axis))).toEqual([0, 5, 0]);
   });
 
@@ -186,7 +186,7 @@ describe('a dry run', () => {
     });
     expect(powerOf(stated)).toBeNull();
     expect(powerOf({ ...stated, mass_kg: 2 })).toEqual({ hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.3 });
-    const row = (name: string) => ROWS.filter((one) => one.name === name)[0] as ConditionRow;
+    const row = (name: string) => ROWS.find((condition) => condition.name === name) as ConditionRow;
     expect(withCondition(stated, row('flights'), 7.6).flights).toBe(8);
     expect(withCondition(stated, row('hover_power_w'), null).hover_power_w).toBeNull();
     expect(withCondition(stated, row('wind_m_s'), null)).toBe(stated);
@@ -198,27 +198,27 @@ describe('a dry run', () => {
     for (const [name, value] of Object.entries(spread)) expect(server, name).toMatch(new RegExp(`@default ${value}\\s+\\*/\\s+readonly ${name}:`));
   });
 
-  it('shows its result for exactly the document that was simulated', async () => {
+  it('has a result for exactly the document that was simulated', async () => {
     const operation = (state: string, result: object | null = null) => ({ id: 'o1', kind: 'dry_run', state, progress: 0.5, text: 'Step 3.', result });
-    const answers: unknown[] = [operation('running'), VIEW];
-    const asked: string[] = [];
+    const responses: unknown[] = [operation('running'), VIEW];
+    const requests: string[] = [];
     const api = new ApiClient('p', undefined, (path, init) => {
-      asked.push(`${init.method} ${path.replace('/api/v1', '')}`);
-      return Promise.resolve(new Response(JSON.stringify(answers.shift())));
+      requests.push(`${init.method} ${path.replace('/api/v1', '')}`);
+      return Promise.resolve(new Response(JSON.stringify(responses.shift())));
     });
     const run = new DryRun(api);
-    const event = (one: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation: one });
+    const event = (operation: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation });
     await run.start(EMPTY, { vehicle: '1' }, DEFAULT_CONDITIONS);
     await run.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
     expect([run.running, run.resultOf(EMPTY)]).toEqual([true, null]);
     await run.onEvent(event(operation('succeeded', { dry_run: 'd7' })));
     expect(run.resultOf(EMPTY)).toEqual(VIEW);
     expect(run.resultOf({ ...EMPTY })).toBeNull();
-    expect(asked).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
+    expect(requests).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
   });
 });
 
-it('a finding is shown at its own position, or else where the vehicle is at its time', () => {
+it('a finding is shown at its position, or else at the position of the vehicle at the time of the finding', () => {
   expect(findingPosition(VIEW, { position_ned_m: [30, -4, -10], t_s: 15 })).toEqual(positionAt(ORIGIN, { north_m: 30, east_m: -4 }));
   const halfWay = findingPosition(VIEW, { position_ned_m: null, t_s: 15 });
   expect(halfWay === null ? null : groundDistance_m(halfWay, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeCloseTo(0, 3);

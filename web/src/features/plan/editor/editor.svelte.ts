@@ -16,19 +16,19 @@ import { newMission, titleOf as stepKindTitle } from '../offboard/step-titles';
 
 /** One state of the history. */
 export interface Draft {
-  /** Identifies the opened or new plan that this state belongs to. */
-  readonly document: number;
+  /** Identifies the opened or new plan to which this state belongs. */
+  readonly documentId: number;
   readonly name: string;
   readonly plan: Document;
 }
 
 /** What the next clicks on the map add. */
 export type Placing =
-  | { readonly of: 'item'; readonly kind: ItemKind }
-  | { readonly of: 'step'; readonly kind: StepKind }
-  | { readonly of: 'rally' }
-  | { readonly of: 'area'; readonly use: AreaUse }
-  | { readonly of: 'circle' };
+  | { readonly type: 'item'; readonly kind: ItemKind }
+  | { readonly type: 'step'; readonly kind: StepKind }
+  | { readonly type: 'rally' }
+  | { readonly type: 'area'; readonly use: AreaUse }
+  | { readonly type: 'circle' };
 export type AreaUse = 'inclusion' | 'exclusion' | 'obstacle';
 
 const NEW_NAME = 'New plan';
@@ -37,16 +37,16 @@ const NEW_MISSION = 'New mission';
 const CIRCLE_RADIUS_M = 50;
 /** Top of a new obstacle: a house of two floors. */
 const OBSTACLE_TOP: Altitude = { value_m: 10, reference: 'home' };
-const NONE: ReadonlySet<string> = new Set();
+const NO_SELECTION: ReadonlySet<string> = new Set();
 
 export class PlanEditor implements LayerEditor {
-  private history = $state.raw(history.begin<Draft>({ document: 0, name: NEW_NAME, plan: EMPTY }));
-  selected = $state.raw<ReadonlySet<string>>(NONE);
-  placing = $state.raw<Placing | null>({ of: 'item', kind: 'waypoint' });
+  private history = $state.raw(history.begin<Draft>({ documentId: 0, name: NEW_NAME, plan: EMPTY }));
+  selected = $state.raw<ReadonlySet<string>>(NO_SELECTION);
+  placing = $state.raw<Placing | null>({ type: 'item', kind: 'waypoint' });
   /** Corners of the area that is being drawn. */
   corners = $state.raw<readonly GeoPosition[]>([]);
-  private documents = 0;
-  private gestures = 0;
+  private documentCount = 0;
+  private gestureCount = 0;
   private grabbed: { group: string; base: Document; at: GeoPosition; from: ReadonlyMap<string, GeoPosition>; selected: ReadonlySet<string> } | null = null;
 
   readonly draft = $derived(this.history.now);
@@ -56,19 +56,21 @@ export class PlanEditor implements LayerEditor {
   readonly plan: Plan = $derived(isMission(this.history.now.plan) ? EMPTY : this.history.now.plan);
   /** The edited mission; null while a waypoint plan is edited. */
   readonly mission: Mission | null = $derived(isMission(this.history.now.plan) ? this.history.now.plan : null);
-  /** The mission's position on the earth, and its compiled path if the server has sent one. */
+  /** The mission's position on the earth. */
   frame = $state.raw<Frame>(frameOf(null, null, null));
+  /** The mission's path, if the server has compiled one. */
   compiled = $state.raw<kinds.Compiled>({ flight: null, isCurrent: false });
   readonly canUndo = $derived(this.history.past.length > 0);
   readonly canRedo = $derived(this.history.future.length > 0);
+  /** Rows of the selected items. */
   readonly rows: readonly number[] = $derived(
     [...this.selected].flatMap((id) => {
       const ref = refOf(id);
-      return ref?.of === 'item' ? [ref.row] : [];
+      return ref?.type === 'item' ? [ref.row] : [];
     }),
   );
   readonly sketch: Sketch | null = $derived(
-    this.placing?.of === 'area' ? { corners: this.corners, tone: this.placing.use === 'inclusion' ? 'caution' : 'danger' } : null,
+    this.placing?.type === 'area' ? { corners: this.corners, tone: this.placing.use === 'inclusion' ? 'caution' : 'danger' } : null,
   );
   readonly picture = $derived(kinds.pictureOf(this.document, this.selected, this.sketch, this.frame, this.compiled));
 
@@ -102,38 +104,38 @@ export class PlanEditor implements LayerEditor {
     this.pruneSelection();
   }
 
-  /** Opens another document; undo restores the one before. @returns the number of the new document. */
+  /** Opens another document; undo restores the previous document. @returns the id of the new document. */
   replace(name: string, plan: Document): number {
-    this.documents += 1;
-    this.history = history.change(this.history, { document: this.documents, name, plan });
+    this.documentCount += 1;
+    this.history = history.change(this.history, { documentId: this.documentCount, name, plan });
     this.select([]);
     this.stopPlacing();
-    return this.documents;
+    return this.documentCount;
   }
 
-  /** Restores the draft from before a reload, with an empty history. @returns the number of the document. */
+  /** Opens the draft that was stored before a reload, with an empty history. @returns the id of the document. */
   load(name: string, plan: Document): number {
-    this.documents += 1;
-    this.history = history.begin({ document: this.documents, name, plan });
+    this.documentCount += 1;
+    this.history = history.begin({ documentId: this.documentCount, name, plan });
     this.stopPlacing();
-    return this.documents;
+    return this.documentCount;
   }
 
   begin(home: PlannedHome | null): void {
     this.replace(NEW_NAME, { ...EMPTY, planned_home: home });
-    this.place({ of: 'item', kind: 'waypoint' });
+    this.place({ type: 'item', kind: 'waypoint' });
   }
 
   beginMission(home: PlannedHome | null): void {
     this.replace(NEW_MISSION, newMission(home));
-    this.place({ of: 'step', kind: 'fly' });
+    this.place({ type: 'step', kind: 'fly' });
   }
 
   select(ids: Iterable<string>): void {
     this.selected = new Set(ids);
   }
 
-  /** Selects one point, or with `more` adds it to or removes it from the selection; inserts a point if it is a midpoint. */
+  /** Selects a point; with `more`, adds the point to the selection or removes it. At a midpoint it inserts a point. */
   pick(id: string, more: boolean): void {
     if (kinds.isInsertion(id)) {
       const at = this.picture.points.find((point) => point.id === id);
@@ -147,7 +149,7 @@ export class PlanEditor implements LayerEditor {
     this.selected = next;
   }
 
-  /** Selects the range from the last selected row to this one. */
+  /** Selects the range from the last selected row to `row`. */
   selectTo(row: number): void {
     const from = this.rows.at(-1) ?? row;
     const [low, high] = [Math.min(from, row), Math.max(from, row)];
@@ -172,13 +174,13 @@ export class PlanEditor implements LayerEditor {
   press(at: GeoPosition): boolean {
     const placing = this.placing;
     if (placing === null) this.select([]);
-    else if (placing.of === 'item') this.addItem(placing.kind, at);
-    else if (placing.of === 'step') this.addStep(placing.kind, at);
-    else if (placing.of === 'rally') {
+    else if (placing.type === 'item') this.addItem(placing.kind, at);
+    else if (placing.type === 'step') this.addStep(placing.kind, at);
+    else if (placing.type === 'rally') {
       this.change({ ...this.plan, rally_points: [...this.plan.rally_points, { lat_deg: at.lat_deg, lon_deg: at.lon_deg, altitude: DEFAULT_ALTITUDE }] });
       this.select([`rally:${this.plan.rally_points.length - 1}`]);
       this.stopPlacing();
-    } else if (placing.of === 'circle') {
+    } else if (placing.type === 'circle') {
       const center = { lat_deg: at.lat_deg, lon_deg: at.lon_deg };
       this.change({ ...this.document, fence: [...this.document.fence, { shape: 'circle', inclusion: true, center, radius_m: CIRCLE_RADIUS_M }] });
       this.select([`circle:${this.document.fence.length - 1}`]);
@@ -187,26 +189,27 @@ export class PlanEditor implements LayerEditor {
     return true;
   }
 
-  /** Adds the item after the selection, else at the end, but before a final landing or return. */
+  /** Adds an item after the selection, or without a selection at the end, but before a final landing or return. */
   addItem(kind: ItemKind, at: GeoPosition | null): void {
     const row = kind === 'takeoff' ? 0 : edit.FLIGHT_ENDS.has(kind) ? this.plan.items.length : edit.rowToInsert(this.plan, [...this.selected]);
     this.change(edit.insertItem(this.plan, row, newItem(kind, at, altitudeBefore(this.plan, row))));
     this.select([`item:${row}`]);
-    if (kind !== 'waypoint' && this.placing?.of === 'item') this.stopPlacing();
+    if (kind !== 'waypoint' && this.placing?.type === 'item') this.stopPlacing();
   }
 
   /**
-   * Adds a step of a mission after the selection, else at the end. A click adds a point to the selected trajectory.
+   * Adds a step of a mission after the selection, or without a selection at the end. For a selected trajectory, a click
+   * with the kind `fly` adds a point to this trajectory.
    */
   addStep(kind: StepKind, at: GeoPosition | null): void {
     if (this.mission === null) return;
     const added = offboard.addStep(this.mission, kind, at, [...this.selected], this.frame);
     this.change(added.mission);
     this.select([added.id]);
-    if (kind !== 'fly' && this.placing?.of === 'step') this.stopPlacing();
+    if (kind !== 'fly' && this.placing?.type === 'step') this.stopPlacing();
   }
 
-  /** Uses the drawn area as geofence or as obstacle. */
+  /** Adds the drawn area as a geofence or as an obstacle. */
   addArea(use: AreaUse, polygon: readonly GeoPosition[]): void {
     if (use !== 'obstacle') return this.addZone(use === 'inclusion', polygon);
     this.change(edit.addObstacle(this.document, { name: '', polygon, top: OBSTACLE_TOP }));
@@ -229,7 +232,7 @@ export class PlanEditor implements LayerEditor {
     this.select(inserted.ids);
   }
 
-  /** @returns false if nothing was selected. */
+  /** Removes the last drawn corner, or else the selected parts. @returns false if nothing was drawn or selected. */
   remove(): boolean {
     if (this.corners.length > 0) {
       this.corners = this.corners.slice(0, -1);
@@ -242,14 +245,14 @@ export class PlanEditor implements LayerEditor {
       this.select(kinds.neighbourOf(before, this.document, ids, this.frame));
       return true;
     }
-    const next = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
+    const firstRow = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
     const hadRows = this.rows.length > 0;
     this.change(edit.remove(this.plan, [...this.selected]));
-    this.select(hadRows && this.plan.items.length > 0 ? [`item:${Math.min(next, this.plan.items.length - 1)}`] : []);
+    this.select(hadRows && this.plan.items.length > 0 ? [`item:${Math.min(firstRow, this.plan.items.length - 1)}`] : []);
     return true;
   }
 
-  /** Moves the selected rows up (−1) or down (1). */
+  /** Moves the selected rows or steps up (−1) or down (1) in the list. */
   reorder(step: -1 | 1): void {
     if (this.mission !== null) {
       const moved = offboard.reorder(this.mission, [...this.selected], step);
@@ -272,14 +275,14 @@ export class PlanEditor implements LayerEditor {
     const inserts = kinds.isInsertion(id);
     const at = this.picture.points.find((point) => point.id === id);
     if (at === undefined || id.startsWith('sketch:')) return null;
-    this.gestures += 1;
-    const group = `drag ${this.gestures}`;
+    this.gestureCount += 1;
+    const group = `drag ${this.gestureCount}`;
     const before = this.selected;
     const moving = inserts ? this.insert(id, at, group) : id;
     if (!inserts && !this.selected.has(id)) this.select([id]);
     const from = new Map(
       [...this.selected]
-        .map((one) => [one, kinds.positionIn(this.document, one, this.frame)] as const)
+        .map((selectedId) => [selectedId, kinds.positionIn(this.document, selectedId, this.frame)] as const)
         .filter((pair): pair is [string, GeoPosition] => pair[1] !== null),
     );
     this.grabbed = { group, base: this.document, at, from, selected: before };
@@ -324,15 +327,15 @@ export class PlanEditor implements LayerEditor {
 
 /**
  * The hint's text about what the next click adds.
- * @param where what is clicked: the map, or the ground in the 3D view.
+ * @param where where the person clicks: on the map, or on the ground in the 3D view.
  */
 export function placingText(placing: Placing, corners: number, where: 'map' | 'ground' = 'map'): string {
-  if (placing.of === 'item')
+  if (placing.type === 'item')
     return placing.kind === 'waypoint' ? `Click the ${where} to add waypoints.` : `Click the ${where} to place “${titleOf({ kind: placing.kind })}”.`;
-  if (placing.of === 'step')
+  if (placing.type === 'step')
     return placing.kind === 'fly' ? `Click the ${where} to add points to fly through.` : `Click the ${where} to place “${stepKindTitle(placing.kind)}”.`;
-  if (placing.of === 'rally') return `Click the ${where} to place the rally point.`;
-  if (placing.of === 'circle') return `Click the ${where} at the centre of the geofence circle.`;
+  if (placing.type === 'rally') return `Click the ${where} to place the rally point.`;
+  if (placing.type === 'circle') return `Click the ${where} at the centre of the geofence circle.`;
   return `Click the corners of ${AREAS[placing.use]}${corners > 0 ? ` (${corners} so far)` : ''}.`;
 }
 

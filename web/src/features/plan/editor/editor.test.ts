@@ -20,7 +20,7 @@ function editorWithWaypoints(): PlanEditor {
 const north_m = (editor: PlanEditor, id: string): number => Math.round(groundDistance_m(HOME, positionOf(editor.plan, id) ?? HOME));
 
 describe('the editor', () => {
-  it('adds a waypoint with each click, after the last one', () => {
+  it('adds a waypoint after the selected waypoint with each click', () => {
     const editor = editorWithWaypoints();
     expect(editor.plan.items.map((item) => item.kind)).toEqual(['waypoint', 'waypoint', 'waypoint']);
     expect([...editor.selected]).toEqual(['item:2']);
@@ -30,7 +30,7 @@ describe('the editor', () => {
     expect(north_m(editor, 'item:2')).toBe(30);
   });
 
-  it('keeps a landing last', () => {
+  it('keeps a return last', () => {
     const editor = editorWithWaypoints();
     editor.addItem('return_home', null);
     editor.select([]);
@@ -40,7 +40,7 @@ describe('the editor', () => {
     expect(editor.plan.items.map((item) => item.kind)).toEqual(['waypoint', 'waypoint', 'waypoint', 'waypoint', 'delay', 'return_home']);
   });
 
-  it('drags the whole selection, and undoes the drag in one step', () => {
+  it('drags the whole selection, and undoes the drag as one change', () => {
     const editor = editorWithWaypoints();
     editor.stopPlacing();
     editor.pick('item:0', false);
@@ -53,20 +53,20 @@ describe('the editor', () => {
     expect([0, 1, 2].map((row) => north_m(editor, `item:${row}`))).toEqual([10, 20, 30]);
   });
 
-  it('raises the whole selection to a tenth of a metre, and undoes it in one step', () => {
+  it('raises the whole selection in steps of 0.1 m, and undoes all steps together', () => {
     const editor = editorWithWaypoints();
     editor.stopPlacing();
     editor.change(edit.setItem(editor.plan, 2, { altitude: { value_m: 12.34, reference: 'amsl' } }));
-    const heights = () => editor.plan.items.map((item) => item.altitude?.value_m);
+    const altitudes = () => editor.plan.items.map((item) => item.altitude?.value_m);
     editor.select(['item:0', 'item:2']);
     editor.grab('item:0');
     for (const by_m of [1, NaN, Infinity, 4.26]) editor.raise(by_m);
     editor.drop(true);
-    expect(heights()).toEqual([34.3, 30, 16.64]);
+    expect(altitudes()).toEqual([34.3, 30, 16.64]);
     editor.undo();
-    expect(heights()).toEqual([30, 30, 12.34]);
+    expect(altitudes()).toEqual([30, 30, 12.34]);
     editor.raise(5); // nothing is grabbed
-    expect(heights()).toEqual([30, 30, 12.34]);
+    expect(altitudes()).toEqual([30, 30, 12.34]);
   });
 
   it('moves everything back when a drag is cancelled', () => {
@@ -102,9 +102,9 @@ describe('the editor', () => {
     expect(editor.remove()).toBe(false);
   });
 
-  it('draws an area by its corners; Delete removes the last one', () => {
+  it('draws an area by its corners; Delete removes the last corner', () => {
     const editor = editorWithWaypoints();
-    editor.place({ of: 'area', use: 'inclusion' });
+    editor.place({ type: 'area', use: 'inclusion' });
     for (const corner of [at(0, 0), at(50, 0), at(50, 50), at(0, 99)]) editor.press(corner);
     editor.remove();
     expect(editor.corners).toHaveLength(3);
@@ -120,29 +120,29 @@ describe('the editor', () => {
   });
 });
 
-/** A fake server: gives these answers in order and records the requests. */
-function server(...answers: readonly [number, unknown][]) {
-  const asked: { call: string; body: unknown }[] = [];
-  let turn = 0;
+/** A fake server: gives these responses in order and records the requests. */
+function server(...responses: readonly [number, unknown][]) {
+  const requests: { call: string; body: unknown }[] = [];
+  let responseCount = 0;
   const api = new ApiClient('p', undefined, (path, init) => {
-    asked.push({ call: `${init.method} ${path.replace('/api/v1', '')}`, body: typeof init.body === 'string' ? JSON.parse(init.body) : init.body });
-    const [status, body] = answers[turn++] ?? [500, {}];
+    requests.push({ call: `${init.method} ${path.replace('/api/v1', '')}`, body: typeof init.body === 'string' ? JSON.parse(init.body) : init.body });
+    const [status, body] = responses[responseCount++] ?? [500, {}];
     return Promise.resolve(new Response(status === 204 ? null : JSON.stringify(body), { status }));
   });
-  return { asked, api: new PlanApi(api) };
+  return { requests, api: new PlanApi(api) };
 }
 
 function memory(): Pick<Storage, 'getItem' | 'setItem' | 'removeItem'> {
-  const kept = new Map<string, string>();
-  return { getItem: (key) => kept.get(key) ?? null, setItem: (key, value) => void kept.set(key, value), removeItem: (key) => void kept.delete(key) };
+  const stored = new Map<string, string>();
+  return { getItem: (key) => stored.get(key) ?? null, setItem: (key, value) => void stored.set(key, value), removeItem: (key) => void stored.delete(key) };
 }
 
 const version = (number: number) => ({ id: 'abc', name: 'Tower', version: number, changed_unix_s: 0, changed_by: 'anna', item_count: 3 });
 
 describe('plans on the server', () => {
-  it('are created once, then saved against the version that was read', async () => {
+  it('are created at the first save, and are later saved with the version that they are based on', async () => {
     const editor = editorWithWaypoints();
-    const { api, asked } = server([201, version(1)], [200, version(2)]);
+    const { api, requests } = server([201, version(1)], [200, version(2)]);
     const plans = new Plans(api, editor, memory());
     editor.rename('Tower');
     expect(plans.saved).toBe(false);
@@ -151,18 +151,18 @@ describe('plans on the server', () => {
     editor.press(at(40));
     expect(plans.saved).toBe(false);
     await plans.save();
-    expect(asked.map((one) => one.call)).toEqual(['POST /plans', 'PUT /plans/abc']);
-    expect(asked[1]?.body).toMatchObject({ name: 'Tower', base_version: 1, plan: { items: { length: 4 } } });
+    expect(requests.map(({ call }) => call)).toEqual(['POST /plans', 'PUT /plans/abc']);
+    expect(requests[1]?.body).toMatchObject({ name: 'Tower', base_version: 1, plan: { items: { length: 4 } } });
     editor.undo();
     expect(plans.saved).toBe(false);
     editor.redo();
     expect(plans.saved).toBe(true);
   });
 
-  it('saved by another client are not overwritten; ours can be saved as a new plan', async () => {
+  it('saved by another client are not overwritten; the local plan can be saved as a new plan', async () => {
     const editor = editorWithWaypoints();
     const conflict = { code: 'conflict', detail: 'Plan Tower is at version 2, saved by bob.', remedy: 'Open version 2.' };
-    const { api, asked } = server([201, version(1)], [409, conflict], [201, { ...version(1), id: 'new' }]);
+    const { api, requests } = server([201, version(1)], [409, conflict], [201, { ...version(1), id: 'new' }]);
     const plans = new Plans(api, editor, memory());
     await plans.save();
     editor.press(at(40));
@@ -170,26 +170,26 @@ describe('plans on the server', () => {
     expect(plans.notice).toMatchObject({ tone: 'danger', conflict: true, text: 'Plan Tower is at version 2, saved by bob. Open version 2.' });
     expect(plans.saved).toBe(false);
     await plans.save(true);
-    expect(asked.map((one) => one.call)).toEqual(['POST /plans', 'PUT /plans/abc', 'POST /plans']);
+    expect(requests.map(({ call }) => call)).toEqual(['POST /plans', 'PUT /plans/abc', 'POST /plans']);
     expect(plans.current?.id).toBe('new');
   });
 
-  it('have older versions that can be opened and restored as the newest', async () => {
+  it('have older versions that can be opened and saved as the newest version', async () => {
     const editor = editorWithWaypoints();
-    const { api, asked } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY }], [200, version(4)]);
+    const { api, requests } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY }], [200, version(4)]);
     const plans = new Plans(api, editor, memory());
     const [newest, older] = (await plans.versions('abc')) ?? [];
     expect(await plans.openVersion(older as PlanVersion, newest as PlanVersion)).toBe(true);
     expect([editor.plan.items.length, plans.saved, plans.current?.version, plans.notice?.older]).toEqual([0, false, 3, true]);
     expect(plans.notice?.text).toContain('Version 2 of 3, saved by anna.');
     await plans.save();
-    expect(asked.map((one) => one.call)).toEqual(['GET /plans/abc/versions', 'GET /plans/abc?version=2', 'PUT /plans/abc']);
-    expect(asked[2]?.body).toMatchObject({ base_version: 3 });
+    expect(requests.map(({ call }) => call)).toEqual(['GET /plans/abc/versions', 'GET /plans/abc?version=2', 'PUT /plans/abc']);
+    expect(requests[2]?.body).toMatchObject({ base_version: 3 });
     editor.undo();
     expect(editor.plan.items).toHaveLength(3);
   });
 
-  it('show who saved the open plan', async () => {
+  it('have a notice that names the client who saved or deleted the open plan', async () => {
     const editor = editorWithWaypoints();
     const { api } = server([201, version(1)]);
     const plans = new Plans(api, editor, memory());
@@ -203,42 +203,42 @@ describe('plans on the server', () => {
     expect(plans.current).toBeNull();
   });
 
-  it('survive a reload of the page, saved or not', async () => {
+  it('are restored after a reload of the page, saved or not', async () => {
     const storage = memory();
     const editor = editorWithWaypoints();
     const { api } = server([201, version(1)]);
     const plans = new Plans(api, editor, storage);
     await plans.save();
     plans.store(editor.draft);
-    const again = new PlanEditor();
-    const reloaded = new Plans(server().api, again, storage);
-    expect(again.plan).toEqual(editor.plan);
-    expect([reloaded.saved, reloaded.current?.version, again.canUndo]).toEqual([true, 1, false]);
+    const reloadedEditor = new PlanEditor();
+    const reloaded = new Plans(server().api, reloadedEditor, storage);
+    expect(reloadedEditor.plan).toEqual(editor.plan);
+    expect([reloaded.saved, reloaded.current?.version, reloadedEditor.canUndo]).toEqual([true, 1, false]);
     editor.press(at(40));
     plans.store(editor.draft);
     const unsaved = new Plans(server().api, new PlanEditor(), storage);
     expect([unsaved.saved, unsaved.current?.id]).toEqual([false, 'abc']);
   });
 
-  it('ask for the altitude of points without one', async () => {
+  it('need an altitude for imported points without an altitude', async () => {
     const refused = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
-    const { api, asked } = server([422, refused], [200, { plan: { ...EMPTY, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
+    const { api, requests } = server([422, refused], [200, { plan: { ...EMPTY, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
     const editor = editorWithWaypoints();
     const plans = new Plans(api, editor, memory());
     const file = new File(['x'], 'field.kml');
     expect(await plans.import(file)).toBe(false);
     expect(plans.notice?.file).toBe(file);
     expect(await plans.import(file, 30)).toBe(true);
-    expect(asked[1]?.call).toBe('POST /plans/import?filename=field.kml&altitude_m=30');
+    expect(requests[1]?.call).toBe('POST /plans/import?filename=field.kml&altitude_m=30');
     expect(editor.draft.name).toBe('field');
     expect(plans.notice?.areas).toHaveLength(1);
     editor.undo();
     expect(editor.plan.items).toHaveLength(3);
   });
 
-  it('are checked again for another vehicle, with its battery', async () => {
-    const found = { findings: [], estimates: {}, not_known: [] };
-    const { api, asked } = server([200, found], [200, found]);
+  it('are checked again after another vehicle was selected and its battery was entered', async () => {
+    const check = { findings: [], estimates: {}, not_known: [] };
+    const { api, requests } = server([200, check], [200, check]);
     const storage = memory();
     const plans = new Plans(api, editorWithWaypoints(), storage);
     await plans.runCheck();
@@ -247,13 +247,13 @@ describe('plans on the server', () => {
     expect(plans.isChecked).toBe(false);
     await plans.runCheck();
     expect(plans.isChecked).toBe(true);
-    expect(asked[1]?.body).toMatchObject({ vehicle: '7', power: { hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.2 } });
+    expect(requests[1]?.body).toMatchObject({ vehicle: '7', power: { hover_power_w: 200, battery_wh: 100, mass_kg: 2, reserve: 0.2 } });
     expect(new Plans(api, new PlanEditor(), storage).conditions.battery_wh).toBe(100);
   });
 
-  it('read the parameters that a check did not know, and are checked again', async () => {
+  it('are checked again after the page has read the missing parameters', async () => {
     const unknown = { findings: [{ code: 'parameters_unknown' }], estimates: {}, not_known: [] };
-    const { api, asked } = server([200, unknown], [503, { detail: 'Busy.' }], [200, {}], [200, { ...unknown, findings: [] }]);
+    const { api, requests } = server([200, unknown], [503, { detail: 'Busy.' }], [200, {}], [200, { ...unknown, findings: [] }]);
     const plans = new Plans(api, editorWithWaypoints(), memory());
     plans.vehicle = '7';
     await plans.runCheck();
@@ -261,10 +261,10 @@ describe('plans on the server', () => {
     expect([plans.notice?.text, plans.check?.findings.length]).toEqual(['The parameters were not read. Busy.', 1]);
     await plans.readParameters('7');
     expect(plans.check?.findings).toEqual([]);
-    expect(asked[2]?.body).toEqual({ wait: true });
+    expect(requests[2]?.body).toEqual({ wait: true });
   });
 
-  it('are checked in their present state, and show that the server does not answer', async () => {
+  it('need a new check after each change, and show why a check failed', async () => {
     const editor = editorWithWaypoints();
     const { api } = server([200, { findings: [], estimates: {}, not_known: [] }], [503, { detail: 'Busy.' }]);
     const plans = new Plans(api, editor, memory());

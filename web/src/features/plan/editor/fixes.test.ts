@@ -6,7 +6,9 @@ import { fixOf as fixOfMission } from '../offboard/fixes';
 import type { Mission } from '../offboard/mission';
 import { frameOf } from '../offboard/positions';
 
-/** Plans with one finding each, made by `tests/unit/gcs_server/plans/test_fixes.py`, which also checks the fixed plans. */
+/**
+ * Plans with one finding each, made by `tests/unit/gcs_server/plans/test_fixes.py`, which also checks the fixed plans.
+ */
 const FIXED = '../../../../../tests/data/plan_fixes/fixed.json';
 interface Case {
   readonly document: Plan | Mission;
@@ -15,7 +17,7 @@ interface Case {
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const cases = JSON.parse(text) as Record<string, Case>;
 
-it('each fix is one edit, and makes the plans that the server’s checks are tested with', async () => {
+it('each fix makes the plan in the file that the server’s test checks', async () => {
   const fixed: string[] = [];
   for (const [name, { document, finding }] of Object.entries(cases)) {
     const fix = 'steps' in document ? fixOfMission(document, finding, frameOf(document, HOME, null)) : fixOf(document, finding, HOME);

@@ -22,7 +22,7 @@ function editorWithObstacle(mission = false): PlanEditor {
   const editor = new PlanEditor();
   if (mission) editor.beginMission(HOME);
   else editor.begin(HOME);
-  editor.place({ of: 'area', use: 'obstacle' });
+  editor.place({ type: 'area', use: 'obstacle' });
   for (const corner of CORNERS) editor.press(corner);
   editor.addArea('obstacle', editor.corners);
   return editor;
@@ -53,7 +53,7 @@ describe.each([false, true])('an obstacle in the editor (mission: %s)', (mission
     expect([0, 1, 2].map((corner) => north_m(editor, `obstacle:0:${corner}`))).toEqual([120, 200, 130]);
   });
 
-  it('gets a corner by dragging a midpoint, and is removed with its third last corner', () => {
+  it('gets a corner by dragging a midpoint, and is removed when fewer than three corners remain', () => {
     const editor = editorWithObstacle(mission);
     expect(editor.grab('edge:0:4')).toBe('obstacle:0:4');
     editor.drag('obstacle:0:4', at(10, 0));
@@ -76,7 +76,7 @@ describe('a plan with obstacles', () => {
     obstacles: [BARN, { ...BARN, name: ' ', top: { value_m: 500, reference: 'amsl' } }],
   };
 
-  it('shows them on the map and in the list', () => {
+  it('shows the obstacles on the map and in the list', () => {
     const { lines, areas, points } = picture(plan, NONE, null, HOME);
     expect(lines.filter((line) => line.style === 'solid' && line.tone === 'danger')).toHaveLength(2);
     expect(areas.map((area) => area.ring)).toEqual([CORNERS, CORNERS]);
@@ -90,7 +90,7 @@ describe('a plan with obstacles', () => {
     ]);
   });
 
-  it('shows in the altitude profile where its path crosses them, up to their tops', () => {
+  it('has an altitude profile with the crossed obstacles up to their tops', () => {
     const shape = profile(plan);
     expect(shape.obstacles.map(({ from_m, to_m, top_m }) => [from_m, to_m, top_m].map(Math.round))).toEqual([
       [20, 30, 8],
@@ -101,13 +101,13 @@ describe('a plan with obstacles', () => {
     expect(profile({ ...plan, items: [newItem('waypoint', at(0, 60), { value_m: 5, reference: 'home' })] }).obstacles).toEqual([]);
   });
 
-  it('is fixed by deleting an obstacle whose sides cross', () => {
+  it('has a fix that deletes an obstacle whose sides cross', () => {
     const place = { row: null, zone: null, rally_point: null, obstacle: 0, step: null };
     const finding: Finding = { code: 'obstacle_invalid', severity: 'error', text: '', fix: null, limit: null, place };
     expect(fixOf(plan, finding, null)?.plan.obstacles).toEqual(plan.obstacles?.slice(1));
   });
 
-  it('can be a document that was stored without the field', () => {
+  it('may have been stored without the field `obstacles`', () => {
     const { obstacles: _, ...old } = plan;
     expect(picture(old, NONE, null, HOME).areas).toEqual([]);
     expect(treeOf(old)).toHaveLength(2);
@@ -118,12 +118,12 @@ describe('a mission with obstacles', () => {
   const mission = { ...newMission(HOME), obstacles: [BARN] };
   const frame = frameOf(mission, HOME, HOME);
 
-  it('shows them in 3D from the ground to their tops', () => {
-    const shown = pictureOf(mission, NONE, null, frame, { flight: null, isCurrent: false });
-    expect(shown.solids).toEqual([{ ring: CORNERS, top_amsl_m: 488, tone: 'danger' }]);
+  it('shows the obstacles in the 3D view from the ground to their tops', () => {
+    const layer = pictureOf(mission, NONE, null, frame, { flight: null, isCurrent: false });
+    expect(layer.solids).toEqual([{ ring: CORNERS, top_amsl_m: 488, tone: 'danger' }]);
   });
 
-  it('shows in the profile of its compiled path where it crosses them', () => {
+  it('has a profile with the obstacles that its compiled path crosses', () => {
     const points = [
       [0, 0, 0, -10],
       [10, 25, 0, -10],
@@ -137,7 +137,7 @@ describe('a mission with obstacles', () => {
     expect(missionProfile({ ...flight, origin: null }, [], mission).obstacles).toEqual([]);
   });
 
-  it('is fixed by the vehicle’s home, or by deleting the obstacle', () => {
+  it('has fixes that set the vehicle’s home or delete the obstacle', () => {
     const finding = (code: string): Finding => {
       const place = { row: null, zone: null, rally_point: null, obstacle: 0, step: null };
       return { code, severity: 'error', text: '', fix: null, limit: null, place };

@@ -18,8 +18,8 @@ import { Plans } from '../plans.svelte';
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
 const AREA = [at(0, 0), at(50, 0), at(50, 80), at(0, 80)];
-const UP = { value_m: 40, reference: 'home' } as const;
-const ITEMS = [newItem('waypoint', at(0), UP), newItem('trigger_distance', null, UP), newItem('waypoint', at(0, 80), UP)];
+const AT_40_M = { value_m: 40, reference: 'home' } as const;
+const ITEMS = [newItem('waypoint', at(0), AT_40_M), newItem('trigger_distance', null, AT_40_M), newItem('waypoint', at(0, 80), AT_40_M)];
 const STEP = { step: 'fly', name: 'Survey line 1', points: [{ lat_deg: 47.4, lon_deg: 8.5, alt_home_m: 40 }] };
 const MISSION = {
   format: 'offboard-gcs-mission',
@@ -36,18 +36,18 @@ const MISSION = {
   steps: [{ step: 'take_off', height_m: 10 }, STEP, { ...STEP, name: 'Survey line 2' }, { step: 'land' }],
 };
 
-/** The editor with its server, and every kind of edit as a person makes it. */
+/** The editor with a fake server, and edits that need several calls. */
 class Session {
   readonly editor = new PlanEditor();
-  private readonly api = new PlanApi(new ApiClient('p', undefined, (url, init) => Promise.resolve(this.answer(url, init.body))));
+  private readonly api = new PlanApi(new ApiClient('p', undefined, (url, init) => Promise.resolve(this.respond(url, init.body))));
   private readonly memory = { getItem: () => null, setItem: () => undefined, removeItem: () => undefined };
   readonly plans = new Plans(this.api, this.editor, this.memory);
   private readonly drawing = new PatternDrawing(this.api, this.editor, this.memory);
 
-  private answer(url: string, body: unknown): Response {
+  private respond(url: string, body: unknown): Response {
     const request = (typeof body === 'string' ? JSON.parse(body) : {}) as { plan?: object };
     const made = url.includes('offboard_mission') ? { ...MISSION, steps: [STEP] } : { ...EMPTY, items: ITEMS };
-    const answers: Record<string, unknown> = {
+    const responses: Record<string, unknown> = {
       pattern: { plan: made, path: [], lines: [], figures: {}, notes: [] },
       convert: { plan: MISSION, notes: [] },
       ground: { plan: { ...request.plan, cruise_speed_m_s: 9 }, resolved: 1, unknown: 0, added: 0, notes: [] },
@@ -55,7 +55,7 @@ class Session {
       abc: { id: 'abc', version: 1, name: 'Saved', plan: { ...EMPTY, items: ITEMS.slice(0, 1) } },
     };
     const name = /plans\/(\w+)/.exec(url)?.[1] ?? '';
-    return new Response(JSON.stringify(answers[name]), { status: answers[name] === undefined ? 500 : 200 });
+    return new Response(JSON.stringify(responses[name]), { status: responses[name] === undefined ? 500 : 200 });
   }
 
   async pattern(kind: PatternKind): Promise<void> {
@@ -106,11 +106,11 @@ const PLAN_EDITS: Edits = {
   'drag an inserted waypoint': (session) => session.dragged(['middle:1'], [40, -20]),
   'drag several points': (session) => session.dragged(['item:1', 'item:2', 'home'], [15, 15]),
   'change a field': ({ editor }) => editor.change(edit.setItem(editor.plan, 1, { hold_s: 4 }), 'hold_s of 1'),
-  'change another field': ({ editor }) => editor.change(edit.setItem(editor.plan, 1, { altitude: { ...UP, value_m: 33 } }), 'altitude of 1'),
+  'change another field': ({ editor }) => editor.change(edit.setItem(editor.plan, 1, { altitude: { ...AT_40_M, value_m: 33 } }), 'altitude of 1'),
   'change the planned speed': ({ editor }) => editor.change({ ...editor.plan, hover_speed_m_s: 6 }, 'planned speed'),
   'rename the plan': ({ editor }) => editor.rename('Field'),
   ...Object.fromEntries(PATTERN_KINDS.map((kind) => [`insert the pattern ${kind}`, (session: Session) => session.pattern(kind)])),
-  'apply a fix': ({ editor }) => editor.applyFix(edit.insertItem(editor.plan, 0, newItem('takeoff', HOME, UP))),
+  'apply a fix': ({ editor }) => editor.applyFix(edit.insertItem(editor.plan, 0, newItem('takeoff', HOME, AT_40_M))),
   'resolve altitudes': ({ plans }) => plans.followGround(5),
 };
 
@@ -120,7 +120,7 @@ const SHARED_EDITS: Edits = {
   'add an exclusion zone': ({ editor }) => editor.addZone(false, AREA.slice(0, 3)),
   'add an obstacle': ({ editor }) => editor.addArea('obstacle', AREA),
   'add a circle': ({ editor }) => {
-    editor.place({ of: 'circle' });
+    editor.place({ type: 'circle' });
     editor.press(at(5, 5));
   },
   'drag a corner': (session) => session.dragged(['corner:0:1'], [90, 10]),
@@ -138,7 +138,7 @@ const SHARED_EDITS: Edits = {
 
 const RALLY_EDITS: Edits = {
   'add a rally point': ({ editor }) => {
-    editor.place({ of: 'rally' });
+    editor.place({ type: 'rally' });
     editor.press(at(60, 60));
   },
   'drag a rally point': (session) => session.dragged(['rally:0'], [61, 50]),
@@ -161,7 +161,7 @@ const MISSION_EDITS: Edits = {
   },
   'add a point by a click': ({ editor }) => {
     editor.select(['step:step 2']);
-    editor.place({ of: 'step', kind: 'fly' });
+    editor.place({ type: 'step', kind: 'fly' });
     editor.press(at(40, 40));
   },
   'insert a point at a midpoint': ({ editor }) => editor.pick('between:1:step 2', false),
@@ -184,7 +184,7 @@ const MISSION_EDITS: Edits = {
   'add a call': ({ editor }) => editor.addStep('call', null),
   'call a new list of steps': (session) => {
     const node = nodesOf(session.mission).find(({ step }) => step.step === 'call');
-    if (node !== undefined) session.editor.change(offboard.addCalled(session.mission, node));
+    if (node !== undefined) session.editor.change(offboard.addCalledList(session.mission, node));
   },
   'add a role': (session) => session.editor.applyFix(addRole(session.mission)),
   'rename a role': (session) => session.editor.applyFix(renameRole(session.mission, 'wing', 'left wing')),
@@ -197,7 +197,7 @@ function missionFieldEdits(mission: Mission): Edits {
     missionFields(mission).map(({ name }) => [
       `change ${name} of the mission`,
       (session: Session) => {
-        const field = missionFields(session.mission).find((one) => one.name === name);
+        const field = missionFields(session.mission).find((candidate) => candidate.name === name);
         if (field !== undefined) session.editor.change(field.set(session.mission, otherValue(field)), `${name} of the mission`);
       },
     ]),
@@ -211,17 +211,19 @@ const STEP_EDITS: Edits = Object.fromEntries(
     (session: Session) => {
       const node = nodesOf(session.mission).find(({ step }) => step.step === 'fly');
       const field =
-        node === undefined ? undefined : fieldsOf(node.step, { mission: session.mission, frame: session.editor.frame }).find((one) => one.name === name);
+        node === undefined
+          ? undefined
+          : fieldsOf(node.step, { mission: session.mission, frame: session.editor.frame }).find((candidate) => candidate.name === name);
       if (node !== undefined && field !== undefined) session.editor.change(offboard.setStep(session.mission, node, field.set(node.step, otherValue(field))));
     },
   ]),
 );
 
 /** A valid value that differs from the present one. */
-function otherValue(field: { of: string; value: unknown; options?: readonly { value: string }[]; min?: number }): string | number | boolean {
-  if (field.of === 'switch') return field.value !== true;
-  if (field.of === 'choice') return field.options?.find(({ value }) => value !== String(field.value))?.value ?? '';
-  return field.of === 'text' ? `${String(field.value)} changed` : Math.max(field.min ?? 0, 3) + (field.value === 3 ? 1 : 0);
+function otherValue(field: { type: string; value: unknown; options?: readonly { value: string }[]; min?: number }): string | number | boolean {
+  if (field.type === 'switch') return field.value !== true;
+  if (field.type === 'choice') return field.options?.find(({ value }) => value !== String(field.value))?.value ?? '';
+  return field.type === 'text' ? `${String(field.value)} changed` : Math.max(field.min ?? 0, 3) + (field.value === 3 ? 1 : 0);
 }
 
 const EDITS: readonly (readonly [string, (session: Session) => unknown])[] = [
@@ -234,8 +236,8 @@ const EDITS: readonly (readonly [string, (session: Session) => unknown])[] = [
   ...Object.entries(MISSION_EDITS),
 ];
 
-describe('undo', () => {
-  it('restores every earlier document byte for byte, and redo every later one, over every kind of edit', async () => {
+describe('undo and redo', () => {
+  it('restore the exact document before and after every kind of edit', async () => {
     const session = new Session();
     const { editor } = session;
     const text = (): string => JSON.stringify(editor.draft);

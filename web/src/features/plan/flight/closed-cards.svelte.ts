@@ -1,9 +1,12 @@
-/** Which ended flights' cards a person has closed. Kept in this browser tab, also when the page is reloaded. */
+/**
+ * The cards of ended flights that a person has closed. Stored in the browser tab, so that they stay closed after a
+ * reload.
+ */
 
 import { availableStorage } from '../../../app/identity';
 
 const PREFIX = 'gcs.closed-flight.';
-/** An offboard mission, or a waypoint plan. */
+/** The card of an offboard mission or of a waypoint plan. */
 type Card = 'offboard' | 'waypoints';
 
 export class ClosedCards {
@@ -11,7 +14,7 @@ export class ClosedCards {
 
   constructor(private readonly storage: Pick<Storage, 'getItem' | 'setItem'>) {}
 
-  /** @param started_unix_s start of the vehicle's flight, which identifies the flight. */
+  /** @param started_unix_s start of the flight, which identifies it. */
   isClosed(card: Card, vehicle: string, started_unix_s: number): boolean {
     const key = `${card}.${vehicle}`;
     return (this.closed[key] ?? this.storage.getItem(PREFIX + key)) === String(started_unix_s);

@@ -1,4 +1,7 @@
-/** Starts the mission on a vehicle: at its beginning, at the current item, at a chosen item, or where it was interrupted. Pure. */
+/**
+ * Texts and request bodies for starts of the mission on a vehicle: at the first, the current or a chosen item, or where
+ * the flight was interrupted. Pure.
+ */
 
 import type { components } from '../../../api/schema';
 import type { Question } from '../../../app/actions/actions';
@@ -6,26 +9,32 @@ import { join, metres } from '../../../ui/format';
 import { acceptedErrorsText } from './accepted-errors.svelte';
 import { simpleItems, type Plan } from '../document/document';
 
-/** The vehicle's index of the first item of a row. A pattern is one row with several items. */
+/** The index on the vehicle of the first item of a row. A pattern is one row with several items. */
 function itemOfRow(plan: Plan, row: number): number {
   return simpleItems({ ...plan, items: plan.items.slice(0, row) }).length;
 }
 
 /**
- * @param row the row to start at; null: the beginning, or the current item in flight.
- * @param despite texts of the accepted errors.
+ * @param row the row to start at; null: the first item, or in the air the current item.
+ * @param acceptedTexts texts of the accepted errors.
  */
-export function startQuestion(vehicleName: string, inAir: boolean, row: number | null, despite: readonly string[], dryRun: string | null = null): Question {
+export function startQuestion(
+  vehicleName: string,
+  inAir: boolean,
+  row: number | null,
+  acceptedTexts: readonly string[],
+  dryRun: string | null = null,
+): Question {
   const resumes = inAir && row === null;
-  const from = row === null ? (inAir ? 'the current step of its mission' : 'the first step') : `step ${row + 1}`;
-  const flies = inAir ? `The vehicle flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
+  const from = row === null ? (inAir ? 'the current item of its mission' : 'the first item') : `item ${row + 1}`;
+  const path = inAir ? `The vehicle flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
-    title: `${resumes ? 'Resume' : 'Fly'} the mission of ${vehicleName}${row === null ? '' : ` from step ${row + 1}`}`,
-    effect: [flies, acceptedErrorsText(despite), dryRun === null ? '' : 'The flight is compared with the dry run.', 'Hold pauses the mission.']
+    title: `${resumes ? 'Resume' : 'Fly'} the mission of ${vehicleName}${row === null ? '' : ` from item ${row + 1}`}`,
+    effect: [path, acceptedErrorsText(acceptedTexts), dryRun === null ? '' : 'The flight is compared with the dry run.', 'Hold pauses the mission.']
       .filter((part) => part !== '')
       .join(' '),
     verb: resumes ? 'Resume' : 'Fly',
-    danger: despite.length > 0,
+    danger: acceptedTexts.length > 0,
   };
 }
 
@@ -53,29 +62,29 @@ export function resumeVerb({ item, count }: ResumeOffer): string {
   return `Resume at item ${item + 1} of ${count}…`;
 }
 
-/** How far the plan was flown. @param at when, as text. */
-export function interruptedText({ interrupted_item, count }: ResumeOffer, at: string): string {
-  return `Interrupted on the way to item ${interrupted_item + 1} of ${count}, ${at}.`;
+/** How far the plan was flown. @param age how long ago, such as "12 min ago". */
+export function interruptedText({ interrupted_item, count }: ResumeOffer, age: string): string {
+  return `Interrupted on the way to item ${interrupted_item + 1} of ${count}, ${age}.`;
 }
 
-/** The way from the ground to the item. */
-function wayText({ item, title, altitude_m, altitude_reference, distance_m }: ResumeOffer): string {
+/** The path from the ground to the item. */
+function pathText({ item, title, altitude_m, altitude_reference, distance_m }: ResumeOffer): string {
   const { text, unit } = metres(distance_m);
-  const far = distance_m === null ? '' : `${text} ${unit} `;
-  return `Arms, climbs at its current position to ${metres(altitude_m).text} m ${REFERENCES[altitude_reference]} and flies ${far}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
+  const distance = distance_m === null ? '' : `${text} ${unit} `;
+  return `Arms, climbs at its current position to ${metres(altitude_m).text} m ${REFERENCES[altitude_reference]} and flies ${distance}straight to item ${item + 1} (${title.toLowerCase()}). It flies the rest of the mission from there.`;
 }
 
-/** @param despite texts of the accepted errors. */
-export function resumeQuestion(vehicleName: string, offer: ResumeOffer, despite: readonly string[]): Question {
+/** @param acceptedTexts texts of the accepted errors. */
+export function resumeQuestion(vehicleName: string, offer: ResumeOffer, acceptedTexts: readonly string[]): Question {
   return {
     title: `Resume the mission of ${vehicleName} at item ${offer.item + 1} of ${offer.count}`,
-    effect: join([wayText(offer), ...offer.cautions, acceptedErrorsText(despite), 'Hold pauses the mission.'].filter(Boolean), ' '),
+    effect: join([pathText(offer), ...offer.cautions, acceptedErrorsText(acceptedTexts), 'Hold pauses the mission.'].filter(Boolean), ' '),
     verb: 'Resume',
-    danger: despite.length > 0,
+    danger: acceptedTexts.length > 0,
   };
 }
 
-/** The server refuses this start if the vehicle has another mission by now. */
+/** The body of the request. The server refuses the start if the mission on the vehicle has another `mission_id`. */
 export function resumeBody({ item, mission_id }: ResumeOffer, despite: readonly string[]): { item: number; mission_id: number; despite: string[] } {
   return { item, mission_id, despite: [...despite] };
 }

@@ -1,6 +1,6 @@
 /**
- * The plan on the selected vehicle, and its upload or download. Both states come from the server, so a reload keeps
- * them.
+ * The plan on the selected vehicle, and its upload or download. The server has both states, so they are also known
+ * after a reload of the page.
  */
 
 import { ofVehicle, type ApiClient, type Outcome } from '../../../api/client';
@@ -13,7 +13,7 @@ import { isOnVehicle, type Comparison } from './vehicle-plan';
 type View = Readonly<components['schemas']['MissionView']>;
 type Operation = Readonly<components['schemas']['Operation']>;
 export type Downloaded = Readonly<Omit<components['schemas']['DownloadedPlan'], 'plan'>> & { readonly plan: Plan };
-/** A saved version, or a plan without one. */
+/** A saved version, or the content of an unsaved plan. */
 type PlanReference = Readonly<components['schemas']['WhichPlan']>;
 
 const TRANSFERS = ['mission/upload', 'mission/download'];
@@ -22,14 +22,14 @@ export class VehicleMission {
   view = $state.raw<View | null>(null);
   /** The latest upload or download, running or ended. */
   transfer = $state.raw<Operation | null>(null);
-  private compared = $state.raw<{ readonly to: Plan; readonly found: Comparison } | null>(null);
+  private lastComparison = $state.raw<{ readonly plan: Plan; readonly result: Comparison } | null>(null);
   /** The plan to compare after the download has ended. */
-  private pendingComparison: { readonly download: string; readonly to: Plan; readonly which: PlanReference } | null = null;
+  private pendingComparison: { readonly download: string; readonly plan: Plan; readonly reference: PlanReference } | null = null;
   problem = $state.raw<Problem | null>(null);
   private vehicle: string | null = null;
-  /** The vehicle's state at the newest request; null: none since the vehicle was selected. */
-  private reported: string | null = null;
-  private requests = 0;
+  /** The newest reported state of the vehicle; null: none since the vehicle was selected. */
+  private reportedState: string | null = null;
+  private requestCount = 0;
 
   constructor(private readonly api: ApiClient) {}
 
@@ -39,29 +39,32 @@ export class VehicleMission {
   selectVehicle(vehicle: string | null): void {
     if (vehicle === this.vehicle) return;
     this.vehicle = vehicle;
-    this.view = this.transfer = this.problem = this.compared = this.pendingComparison = this.reported = null;
+    this.view = this.transfer = this.problem = this.lastComparison = this.pendingComparison = this.reportedState = null;
     void this.refresh();
   }
 
-  /** Requests the server's view again if the vehicle reports another state. @param reported see `reportedState`. */
+  /**
+   * Requests the server's view again after a change of the reported state.
+   * @param reported result of `reportedState`.
+   */
   onReported(reported: string): void {
-    const changed = this.reported !== null && this.reported !== reported;
-    this.reported = reported;
+    const changed = this.reportedState !== null && this.reportedState !== reported;
+    this.reportedState = reported;
     if (changed) void this.refresh();
   }
 
-  /** An answer to an earlier request than the newest one is discarded. */
+  /** Requests the server's view. Only the response to the newest request is used. */
   async refresh(): Promise<void> {
     const vehicle = this.vehicle;
     if (vehicle === null) return;
-    this.requests += 1;
-    const number = this.requests;
+    this.requestCount += 1;
+    const request = this.requestCount;
     const view = await this.api.get('/vehicles/{v}/mission', ofVehicle(vehicle));
-    if (vehicle !== this.vehicle || number !== this.requests) return;
+    if (vehicle !== this.vehicle || request !== this.requestCount) return;
     this.view = view.ok ? view.value : null;
     if (this.view?.transfer == null || this.running) return;
-    const all = await this.api.get('/operations', { params: { query: { vehicle } } });
-    const found = all.ok ? all.value.operations.find((one) => TRANSFERS.includes(one.kind) && one.state === 'running') : undefined;
+    const operations = await this.api.get('/operations', { params: { query: { vehicle } } });
+    const found = operations.ok ? operations.value.operations.find(({ kind, state }) => TRANSFERS.includes(kind) && state === 'running') : undefined;
     if (vehicle === this.vehicle && found !== undefined) this.transfer = found;
   }
 
@@ -71,35 +74,35 @@ export class VehicleMission {
   }
 
   async send(plan_id: string, version: number): Promise<void> {
-    this.compared = null;
-    await this.begin((of) => this.api.post('/vehicles/{v}/mission/upload', { ...of, body: { plan_id, version } }));
+    this.lastComparison = null;
+    await this.begin((target) => this.api.post('/vehicles/{v}/mission/upload', { ...target, body: { plan_id, version } }));
   }
 
-  /** Reads the vehicle's plan, then compares it with this one. */
-  async readBack(to: Plan, which: PlanReference): Promise<void> {
-    this.compared = this.pendingComparison = null;
-    const download = await this.begin((of) => this.api.post('/vehicles/{v}/mission/download', of));
-    if (download !== null) this.pendingComparison = { download, to, which };
-    // A short download may have ended before the answer came.
+  /** Reads the vehicle's plan, and then compares it with `plan`. */
+  async readBack(plan: Plan, reference: PlanReference): Promise<void> {
+    this.lastComparison = this.pendingComparison = null;
+    const download = await this.begin((target) => this.api.post('/vehicles/{v}/mission/download', target));
+    if (download !== null) this.pendingComparison = { download, plan, reference };
+    // The end event of a short download may arrive before the response.
     if (this.transfer?.id === download && this.transfer?.state === 'succeeded') await this.compare();
   }
 
-  /** Result of the comparison with exactly this plan. */
+  /** Result of the comparison with exactly this plan; null: not compared. */
   comparison(plan: Plan): Comparison | null {
-    return this.compared?.to === plan ? this.compared.found : null;
+    return this.lastComparison?.plan === plan ? this.lastComparison.result : null;
   }
 
-  /** The plan that was last read from the vehicle; null: see `problem`. */
+  /** The plan that the server last read from the vehicle; null: the request failed, see `problem`. */
   async downloadedPlan(): Promise<Downloaded | null> {
-    const answer = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(this.vehicle ?? ''));
-    this.problem = answer.ok ? null : answer.problem;
-    return answer.ok ? (answer.value as Downloaded) : null;
+    const response = await this.api.get('/vehicles/{v}/mission/plan', ofVehicle(this.vehicle ?? ''));
+    this.problem = response.ok ? null : response.problem;
+    return response.ok ? (response.value as Downloaded) : null;
   }
 
   async cancel(): Promise<void> {
     if (this.transfer === null) return;
-    const answer = await this.api.delete('/operations/{o}', { params: { path: { o: this.transfer.id } } });
-    if (!answer.ok) this.problem = answer.problem;
+    const response = await this.api.delete('/operations/{o}', { params: { path: { o: this.transfer.id } } });
+    if (!response.ok) this.problem = response.problem;
   }
 
   onEvent(event: WireEvent): void {
@@ -111,27 +114,27 @@ export class VehicleMission {
     else void this.refresh();
   }
 
-  /** @returns the operation's id; null: the server refused it. */
-  private async begin(send: (of: ReturnType<typeof ofVehicle>) => Promise<Outcome<Operation>>): Promise<string | null> {
+  /** Starts a transfer. @returns the operation's id; null: the server refused the transfer. */
+  private async begin(send: (target: ReturnType<typeof ofVehicle>) => Promise<Outcome<Operation>>): Promise<string | null> {
     this.problem = null;
-    const answer = await send(ofVehicle(this.vehicle ?? ''));
-    if (!answer.ok) {
-      this.problem = answer.problem;
+    const response = await send(ofVehicle(this.vehicle ?? ''));
+    if (!response.ok) {
+      this.problem = response.problem;
       return null;
     }
-    // Its end event may have come before the answer.
-    if (this.transfer?.id !== answer.value.id) this.transfer = answer.value;
-    return answer.value.id;
+    // The end event of the operation may arrive before the response.
+    if (this.transfer?.id !== response.value.id) this.transfer = response.value;
+    return response.value.id;
   }
 
   private async compare(): Promise<void> {
-    const [wanted, vehicle] = [this.pendingComparison, this.vehicle];
-    if (wanted === null) return;
+    const [pending, vehicle] = [this.pendingComparison, this.vehicle];
+    if (pending === null) return;
     this.pendingComparison = null;
-    const found = await this.api.post('/vehicles/{v}/mission/compare', { ...ofVehicle(vehicle ?? ''), body: wanted.which });
+    const response = await this.api.post('/vehicles/{v}/mission/compare', { ...ofVehicle(vehicle ?? ''), body: pending.reference });
     if (vehicle !== this.vehicle) return;
-    if (found.ok) this.compared = { to: wanted.to, found: found.value };
-    else this.problem = found.problem;
+    if (response.ok) this.lastComparison = { plan: pending.plan, result: response.value };
+    else this.problem = response.problem;
     await this.refresh();
   }
 }

@@ -12,7 +12,7 @@ export class RoleAssignment {
     this.vehicles = { ...others, [name]: vehicle };
   }
 
-  /** The vehicles of these roles; an empty text where none is chosen. */
+  /** The vehicles of these roles; an empty text for a role without a vehicle. */
   forRoles(roles: readonly string[]): Record<string, string> {
     return Object.fromEntries(roles.map((role) => [role, this.vehicles[role] ?? '']));
   }

@@ -20,21 +20,22 @@ describe('the plan on the vehicle', () => {
   const named = { id: 'abc', version: 2, name: 'Tower' };
   const event = (over: object) => ({ kind: 'operation', vehicle: '1', unix_s: 0, severity: null, text: '', operation: operation(over) });
   /** Waits until pending requests have been answered. */
-  const settled = () => new Promise((done) => setTimeout(done));
+  const settled = () => new Promise((resolve) => setTimeout(resolve));
 
-  function vehicle(...answers: readonly [number, unknown][]) {
-    const asked: string[] = [];
-    let turn = 0;
+  /** A page with a fake server, which gives these responses in order and records the requests. */
+  function pageWith(...responses: readonly [number, unknown][]) {
+    const requests: string[] = [];
+    let responseCount = 0;
     const api = new ApiClient('p', undefined, (path, init) => {
-      asked.push(`${init.method} ${path.replace('/api/v1', '')}`);
-      const [status, body] = answers[turn++] ?? [500, {}];
+      requests.push(`${init.method} ${path.replace('/api/v1', '')}`);
+      const [status, body] = responses[responseCount++] ?? [500, {}];
       return Promise.resolve(new Response(JSON.stringify(body), { status }));
     });
-    return { asked, mission: new VehicleMission(api) };
+    return { requests, mission: new VehicleMission(api) };
   }
 
-  it('matches the open plan only in exactly the same version', async () => {
-    const { mission } = vehicle([200, view('plan', named)]);
+  it('matches the edited plan only in exactly the same version', async () => {
+    const { mission } = pageWith([200, view('plan', named)]);
     mission.selectVehicle('1');
     await settled();
     expect([mission.hasVersion('abc', 2), mission.hasVersion('abc', 3), mission.hasVersion('other', 2)]).toEqual([true, false, false]);
@@ -43,17 +44,17 @@ describe('the plan on the vehicle', () => {
     expect(vehiclePlanText('101 Quad', mission.view?.holds, null)).toBe('On 101 Quad: the plan “Tower”.');
   });
 
-  it('does not match if the vehicle reports another plan or none', async () => {
+  it('does not match if the vehicle has another or an unknown plan', async () => {
     for (const state of ['another', 'not_known']) {
-      const { mission } = vehicle([200, view(state, named)]);
+      const { mission } = pageWith([200, view(state, named)]);
       mission.selectVehicle('1');
       await settled();
       expect(mission.hasVersion('abc', 2)).toBe(false);
     }
   });
 
-  it('is uploaded with progress and requested again at the end', async () => {
-    const { mission, asked } = vehicle([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
+  it('is uploaded with progress and requested again after the upload', async () => {
+    const { mission, requests } = pageWith([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
     mission.selectVehicle('1');
     await settled();
     await mission.send('abc', 2);
@@ -63,18 +64,18 @@ describe('the plan on the vehicle', () => {
     mission.onEvent(event({ state: 'succeeded', progress: 1 }));
     await settled();
     expect([mission.running, mission.hasVersion('abc', 2)]).toEqual([false, true]);
-    expect(asked).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
+    expect(requests).toEqual(['GET /vehicles/1/mission', 'POST /vehicles/1/mission/upload', 'GET /vehicles/1/mission']);
   });
 
-  it('is found again during its upload after a reload', async () => {
-    const { mission } = vehicle([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
+  it('has a running upload that the page finds after a reload', async () => {
+    const { mission } = pageWith([200, view('not_known', null, 'an upload')], [200, { operations: [operation({ kind: 'mission/download' }), operation({})] }]);
     mission.selectVehicle('1');
     await settled();
     expect(mission.transfer?.id).toBe('o1');
   });
 
   it('shows why the upload failed', async () => {
-    const { mission } = vehicle([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
+    const { mission } = pageWith([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
     mission.selectVehicle('1');
     await settled();
     await mission.send('abc', 2);
@@ -82,24 +83,24 @@ describe('the plan on the vehicle', () => {
     expect(mission.running).toBe(false);
   });
 
-  it('is requested again when the vehicle is disarmed or reaches an item, and not while it reports the same', async () => {
+  it('is requested again when the vehicle disarms or reaches an item, but not while it reports the same state', async () => {
     const interrupted = { ...view('plan', named), no_resume: null, resume: { item: 3 } };
-    const { mission, asked } = vehicle([200, { ...view('plan', named), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
+    const { mission, requests } = pageWith([200, { ...view('plan', named), no_resume: 'Vehicle 1 is armed.' }], [200, interrupted], [200, interrupted]);
     const at = (armed: boolean, current: number) => reportedState({ armed, mode: 'mission' } as never, { current, mission_id: 7 } as never, null);
     mission.selectVehicle('1');
     for (const state of [at(true, 3), at(true, 3)]) mission.onReported(state);
     await settled();
-    expect([mission.view?.no_resume, asked.length]).toEqual(['Vehicle 1 is armed.', 1]);
+    expect([mission.view?.no_resume, requests.length]).toEqual(['Vehicle 1 is armed.', 1]);
     mission.onReported(at(false, 3));
     await settled();
-    expect([mission.view?.no_resume, mission.view?.resume?.item, asked.length]).toEqual([null, 3, 2]);
+    expect([mission.view?.no_resume, mission.view?.resume?.item, requests.length]).toEqual([null, 3, 2]);
     mission.onReported(at(false, 4));
     mission.onReported(at(false, 4));
     await settled();
-    expect(asked.length).toBe(3);
+    expect(requests.length).toBe(3);
   });
 
-  it('changes with armed state, mode, item, mission and state of the flight', () => {
+  it('has a reported state that changes with armed state, mode, item, mission and flight', () => {
     const status = { armed: true, mode: 'mission', battery: 1 } as never;
     const [mission, flight] = [{ current: 1, mission_id: 7 } as never, { state: 'flying', started_unix_s: 1, item: 1 } as never];
     const states = [
@@ -115,52 +116,52 @@ describe('the plan on the vehicle', () => {
     expect(reportedState(status, mission, { state: 'flying', started_unix_s: 1, remaining_s: 5 } as never)).toBe(states[0]);
   });
 
-  it('shows the answer to the newest request, also if an earlier one is answered later', async () => {
-    const answers: ((view: object) => void)[] = [];
-    const api = new ApiClient('p', undefined, () => new Promise((done) => answers.push((body) => done(Response.json(body)))));
+  it('is shown as in the response to the newest request, also if an earlier request gets its response later', async () => {
+    const responses: ((view: object) => void)[] = [];
+    const api = new ApiClient('p', undefined, () => new Promise((resolve) => responses.push((body) => resolve(Response.json(body)))));
     const mission = new VehicleMission(api);
     mission.selectVehicle('1');
     mission.onReported('armed');
     mission.onReported('disarmed');
     await settled();
-    answers[1]?.({ ...view('plan', named), no_resume: null });
-    answers[0]?.({ ...view('plan', named), no_resume: 'Vehicle 1 is armed.' });
+    responses[1]?.({ ...view('plan', named), no_resume: null });
+    responses[0]?.({ ...view('plan', named), no_resume: 'Vehicle 1 is armed.' });
     await settled();
     expect(mission.view?.no_resume).toBeNull();
   });
 
-  it('is read back, compared and listed value by value', async () => {
+  it('is read back and compared', async () => {
     const difference = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true };
-    const found = { vehicle: '1', equal: false, differences: [difference], read_unix_s: 1, still_held: true };
+    const comparison = { vehicle: '1', equal: false, differences: [difference], read_unix_s: 1, still_held: true };
     const download = operation({ kind: 'mission/download' });
-    const { mission, asked } = vehicle([200, view('another', null)], [202, download], [200, found], [200, view('another', null)]);
+    const { mission, requests } = pageWith([200, view('another', null)], [202, download], [200, comparison], [200, view('another', null)]);
     mission.selectVehicle('1');
     await settled();
     await mission.readBack(EMPTY, { plan_id: 'abc', version: 2 });
     expect([mission.running, mission.comparison(EMPTY)]).toEqual([true, null]);
     mission.onEvent(event({ kind: 'mission/download', state: 'succeeded' }));
     await settled();
-    expect(mission.comparison(EMPTY)).toEqual(found);
+    expect(mission.comparison(EMPTY)).toEqual(comparison);
     expect(mission.comparison({ ...EMPTY })).toBeNull();
-    expect(asked.slice(1, 3)).toEqual(['POST /vehicles/1/mission/download', 'POST /vehicles/1/mission/compare']);
+    expect(requests.slice(1, 3)).toEqual(['POST /vehicles/1/mission/download', 'POST /vehicles/1/mission/compare']);
   });
 
-  it('lists each difference with item, field and both values', () => {
-    const found = (over: object): Comparison => ({ vehicle: '1', equal: true, differences: [], read_unix_s: 1, still_held: true, ...over });
-    const one = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true } as const;
-    expect(differenceText(one)).toBe('Item 2 of the mission, altitude: 35.0 m in the plan, 20.0 m on the vehicle.');
-    expect(differenceText({ ...one, field: 'x', planned: 473977420, held: 473977421 })).toContain('latitude: 47.3977420° in the plan');
-    expect(differenceText({ ...one, field: 'y', planned: 1, held: 0 })).toContain('parameter 6: 1 in the plan, 0 on');
-    expect(differenceText({ ...one, field: 'param2', planned: null, held: 0 })).toContain('parameter 2: not set in the plan');
-    expect(differenceText({ ...one, part: 'fence', seq: null, field: 'count' })).toBe('The geofence: 35 items in the plan, 20 on the vehicle.');
-    expect(comparisonText('1 Quad', found({}))).toContain('is identical to this plan');
-    expect(comparisonText('1 Quad', found({ differences: [one] }))).toContain('does not store this value');
-    expect(comparisonText('1 Quad', found({ equal: false }))).toContain('differs from this plan');
-    expect(comparisonText('1 Quad', found({ still_held: false }))).toContain('Read it back again');
+  it('has texts for the comparison and for each difference', () => {
+    const comparison = (over: object): Comparison => ({ vehicle: '1', equal: true, differences: [], read_unix_s: 1, still_held: true, ...over });
+    const difference = { part: 'mission', seq: 1, field: 'z', planned: 35, held: 20, essential: true } as const;
+    expect(differenceText(difference)).toBe('Item 2 of the mission, altitude: 35.0 m in the plan, 20.0 m on the vehicle.');
+    expect(differenceText({ ...difference, field: 'x', planned: 473977420, held: 473977421 })).toContain('latitude: 47.3977420° in the plan');
+    expect(differenceText({ ...difference, field: 'y', planned: 1, held: 0 })).toContain('parameter 6: 1 in the plan, 0 on');
+    expect(differenceText({ ...difference, field: 'param2', planned: null, held: 0 })).toContain('parameter 2: not set in the plan');
+    expect(differenceText({ ...difference, part: 'fence', seq: null, field: 'count' })).toBe('The geofence: 35 items in the plan, 20 on the vehicle.');
+    expect(comparisonText('1 Quad', comparison({}))).toContain('is identical to this plan');
+    expect(comparisonText('1 Quad', comparison({ differences: [difference] }))).toContain('does not store this value');
+    expect(comparisonText('1 Quad', comparison({ equal: false }))).toContain('differs from this plan');
+    expect(comparisonText('1 Quad', comparison({ still_held: false }))).toContain('Read it back again');
   });
 });
 
-describe('flying the plan on the vehicle', () => {
+describe('the start of the plan on the vehicle', () => {
   const finding = (over: object): Finding => ({
     code: 'fence_crossed',
     severity: 'error',
@@ -173,42 +174,42 @@ describe('flying the plan on the vehicle', () => {
 
   it('needs a person’s acceptance of each error, for exactly this plan and vehicle', () => {
     const accepted = new AcceptedErrors();
-    const [one, other] = [finding({}), finding({ text: 'It leaves it again.' })];
-    accepted.set(one, EMPTY, '1', true);
-    expect(accepted.split([one, other, finding({ severity: 'warning' })], EMPTY, '1')).toEqual({ open: [other], despite: [one] });
-    for (const [plan, id] of [[{ ...EMPTY }, '1'] as const, [EMPTY, '2'] as const]) expect(accepted.split([one], plan, id).open).toEqual([one]);
-    accepted.set(one, EMPTY, '1', false);
-    expect(accepted.has(one, EMPTY, '1')).toBe(false);
+    const [error, other] = [finding({}), finding({ text: 'It leaves it again.' })];
+    accepted.set(error, EMPTY, '1', true);
+    expect(accepted.split([error, other, finding({ severity: 'warning' })], EMPTY, '1')).toEqual({ blocking: [other], accepted: [error] });
+    for (const [plan, id] of [[{ ...EMPTY }, '1'] as const, [EMPTY, '2'] as const]) expect(accepted.split([error], plan, id).blocking).toEqual([error]);
+    accepted.set(error, EMPTY, '1', false);
+    expect(accepted.has(error, EMPTY, '1')).toBe(false);
   });
 
-  it('needs acceptance of errors found at the start, for exactly this plan and vehicles', async () => {
+  it('needs acceptance of the errors that the server finds at the start, for exactly this plan and vehicles', async () => {
     const refusal = { code: 'plan_findings', detail: 'Errors.', codes: ['separation'], reasons: ['lead, step 2: They come too near.'] };
     const api = new ApiClient('p', undefined, () => Promise.resolve(Response.json(refusal, { status: 409 })));
-    const found = new StartErrors();
+    const startErrors = new StartErrors();
     const vehicles = { lead: '1', left: '2' };
-    found.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, vehicles);
-    expect([found.findings(EMPTY, { ...vehicles }), found.codes(EMPTY, vehicles)]).toEqual([refusal.reasons, []]);
-    found.accepted = true;
-    expect(found.codes(EMPTY, vehicles)).toEqual(['separation']);
-    expect([found.codes({ ...EMPTY }, vehicles), found.codes(EMPTY, { lead: '2', left: '1' })]).toEqual([[], []]);
-    found.setOutcome({ ok: true, value: null }, EMPTY, vehicles);
-    expect(found.findings(EMPTY, vehicles)).toEqual([]);
+    startErrors.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, vehicles);
+    expect([startErrors.findings(EMPTY, { ...vehicles }), startErrors.codes(EMPTY, vehicles)]).toEqual([refusal.reasons, []]);
+    startErrors.accepted = true;
+    expect(startErrors.codes(EMPTY, vehicles)).toEqual(['separation']);
+    expect([startErrors.codes({ ...EMPTY }, vehicles), startErrors.codes(EMPTY, { lead: '2', left: '1' })]).toEqual([[], []]);
+    startErrors.setOutcome({ ok: true, value: null }, EMPTY, vehicles);
+    expect(startErrors.findings(EMPTY, vehicles)).toEqual([]);
   });
 
-  it('lists the accepted errors, and confirms as a dangerous action', () => {
+  it('asks for a confirmation that lists the accepted errors and is shown as dangerous', () => {
     const question = startQuestion('1 Quad', false, null, ['It leaves the fence.']);
     expect(question.effect).toBe(
-      'Arms, takes off and flies the mission stored on the vehicle from the first step. You accepted 1 error: It leaves the fence. Hold pauses the mission.',
+      'Arms, takes off and flies the mission stored on the vehicle from the first item. You accepted 1 error: It leaves the fence. Hold pauses the mission.',
     );
     expect([question.danger, startQuestion('1 Quad', true, 3, []).danger]).toEqual([true, false]);
     expect(startQuestion('1 Quad', true, 3, [])).toMatchObject({
-      title: 'Fly the mission of 1 Quad from step 4',
-      effect: expect.stringContaining('flies to step 4'),
+      title: 'Fly the mission of 1 Quad from item 4',
+      effect: expect.stringContaining('flies to item 4'),
     });
     expect(startQuestion('1 Quad', true, null, [])).toMatchObject({ title: 'Resume the mission of 1 Quad', verb: 'Resume' });
   });
 
-  it('starts at the item of a step, counted after all items of earlier patterns', () => {
+  it('starts at the item of the chosen row, counted with all items of earlier patterns', () => {
     const items = [10, 20, 30].map((north_m) => newItem('waypoint', positionAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
     const plan = { ...EMPTY, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
     expect(startBody(plan, false, 2, [])).toEqual({ item: 3, despite: [] });
@@ -231,12 +232,12 @@ describe('an interrupted flight', () => {
     cautions: ['PX4 does not repeat item 2.'],
   } as const;
 
-  it('states where it resumes, and how far it was flown', () => {
+  it('has texts about the item at which it resumes and how far it was flown', () => {
     expect(resumeVerb(offer)).toBe('Resume at item 7 of 20…');
     expect(interruptedText(offer, '12 min ago')).toBe('Interrupted on the way to item 9 of 20, 12 min ago.');
   });
 
-  it('asks for a confirmation that states the altitude and the distance to the item, and everything that is different', () => {
+  it('asks for a confirmation that states the altitude, the distance to the item and all cautions', () => {
     expect(resumeQuestion('1 Quad', offer, [])).toEqual({
       title: 'Resume the mission of 1 Quad at item 7 of 20',
       effect:
@@ -251,7 +252,7 @@ describe('an interrupted flight', () => {
     expect(unknown.danger).toBe(true);
   });
 
-  it('starts at that item of that mission only', () => {
+  it('resumes with the item and the mission id of the offer', () => {
     expect(resumeBody(offer, ['flight_from_here'])).toEqual({ item: 6, mission_id: 77, despite: ['flight_from_here'] });
   });
 });

@@ -6,6 +6,7 @@ import { fixed } from '../../../ui/format';
 import type { WaypointFlight } from './waypoint-flight';
 
 type Schemas = components['schemas'];
+/** The server's knowledge of the plan on a vehicle. */
 export type VehiclePlan = Readonly<Schemas['MissionView']['holds']>;
 export type Comparison = Readonly<Schemas['MissionComparison']>;
 export type Difference = Comparison['differences'][number];
@@ -23,16 +24,16 @@ export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, cu
   if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan is on ${name}.`;
   if (holds.state === 'another') return `The plan on ${name} is not the one last uploaded.`;
   if (isOnVehicle(holds, current)) return `This plan is on ${name}.`;
-  const older =
+  const storedPlan =
     current !== null && holds.plan?.id === current.id
       ? `version ${holds.plan.version ?? 0} of this plan`
       : holds.plan?.name == null
         ? 'an unnamed plan'
         : `the plan “${holds.plan.name}”`;
-  return `On ${name}: ${older}.`;
+  return `On ${name}: ${storedPlan}.`;
 }
 
-/** The telemetry values on which the server's answer about the plan on the vehicle depends, as one text. */
+/** The telemetry values on which the server's view of the plan on the vehicle depends, as one text. */
 export function reportedState(status: Status | null, mission: Schemas['Mission'] | null, flight: WaypointFlight | null): string {
   return JSON.stringify([status?.armed, status?.mode, mission?.current, mission?.mission_id, flight?.state, flight?.started_unix_s]);
 }
@@ -56,8 +57,8 @@ export function differenceText({ part, seq, field, planned, held }: Difference):
   const [inPlan, onVehicle] = [valueText(field, planned), valueText(field, held)];
   if (seq === null) return `The ${PARTS[part]}: ${inPlan} items in the plan, ${onVehicle} on the vehicle.`;
   const isLatLonValue = isCoordinate(field, planned) || isCoordinate(field, held);
-  const words = field === 'x' ? (isLatLonValue ? 'latitude' : 'parameter 5') : field === 'y' ? (isLatLonValue ? 'longitude' : 'parameter 6') : null;
-  return `Item ${seq + 1} of the ${PARTS[part]}, ${words ?? FIELDS[field] ?? field.replace('param', 'parameter ')}: ${inPlan} in the plan, ${onVehicle} on the vehicle.`;
+  const fieldText = field === 'x' ? (isLatLonValue ? 'latitude' : 'parameter 5') : field === 'y' ? (isLatLonValue ? 'longitude' : 'parameter 6') : null;
+  return `Item ${seq + 1} of the ${PARTS[part]}, ${fieldText ?? FIELDS[field] ?? field.replace('param', 'parameter ')}: ${inPlan} in the plan, ${onVehicle} on the vehicle.`;
 }
 
 /** MAVLink sends positions in 1e-7 degrees. Items without a position have small numbers in these fields. */

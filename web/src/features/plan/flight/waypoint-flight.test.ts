@@ -3,7 +3,7 @@ import { positionAt } from '../../../vehicle/geo';
 import { EMPTY } from '../document/document';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 import { startBody, startQuestion } from './mission-start';
-import { dryRunFor, flightProgress, flightText, flightWords, hasEnded, type WaypointFlight } from './waypoint-flight';
+import { dryRunFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './waypoint-flight';
 
 const FLIGHT: WaypointFlight = {
   state: 'flying',
@@ -31,8 +31,8 @@ const UNKNOWN = { planned_by: null, duration_s: null, remaining_s: null, deviati
 describe('a monitored flight', () => {
   it('has its time left and its deviation in one line', () => {
     expect(flightText(FLIGHT)).toBe('01:00 left · 1.2 m to the side, 0.3 m below the path of the dry run');
-    const ofPlan = flightText({ ...FLIGHT, planned_by: 'plan', deviation_vertical_m: 0.2 });
-    expect(ofPlan).toBe('about 01:00 left · 1.2 m to the side, 0.2 m above the straight lines of the plan');
+    const planText = flightText({ ...FLIGHT, planned_by: 'plan', deviation_vertical_m: 0.2 });
+    expect(planText).toBe('about 01:00 left · 1.2 m to the side, 0.2 m above the straight lines of the plan');
     expect(flightText({ ...FLIGHT, deviation_horizontal_m: null, deviation_vertical_m: null })).toBe('01:00 left');
     expect(flightText({ ...FLIGHT, ...UNKNOWN })).toBeNull();
   });
@@ -41,19 +41,19 @@ describe('a monitored flight', () => {
     expect([flightProgress(FLIGHT), flightProgress({ ...FLIGHT, remaining_s: 90 }), flightProgress({ ...FLIGHT, ...UNKNOWN })]).toEqual([0.25, 0, null]);
   });
 
-  it('says that it is not monitored in another mode, and when it has ended', () => {
+  it('has a label for each state, and is ended when done or stopped', () => {
     const states = (['flying', 'paused', 'done', 'stopped'] as const).map((state) => ({ ...FLIGHT, state }));
     expect(states.map(hasEnded)).toEqual([false, false, true, true]);
-    expect(states.map((one) => flightWords(one).text)).toEqual(['Flying', 'Paused: not in Mission mode', 'Done', 'Stopped']);
+    expect(states.map((flight) => flightLabel(flight).text)).toEqual(['Flying', 'Paused: not in Mission mode', 'Done', 'Stopped']);
   });
 });
 
-describe('the dry run of a start', () => {
+describe('the dry run that a flight is compared with', () => {
   const origin = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
   const view = { id: '4', vehicle: '1', nominal: { finished: true, origin } } as unknown as DryRunView;
   const near = positionAt(origin, { north_m: 3, east_m: 0 });
 
-  it('is one of the same vehicle from the same place that has flown the whole plan', () => {
+  it('is completed, of the same vehicle and from the same start', () => {
     expect(dryRunFor(view, '1', near)).toBe('4');
     expect(dryRunFor(view, '2', near)).toBeNull();
     expect(dryRunFor(view, '1', null)).toBeNull();
@@ -62,7 +62,7 @@ describe('the dry run of a start', () => {
     expect(dryRunFor({ ...view, nominal: { ...view.nominal, finished: false } }, '1', near)).toBeNull();
   });
 
-  it('is named in the question and in the request', () => {
+  it('is mentioned in the question and sent in the request', () => {
     expect(startQuestion('1 Quad', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
     expect(startQuestion('1 Quad', false, null, []).effect).not.toContain('dry run');
     expect(startBody(EMPTY, false, null, [], '4')).toEqual({ item: 0, despite: [], dry_run: '4' });

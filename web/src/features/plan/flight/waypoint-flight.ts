@@ -7,15 +7,15 @@ import type { DryRunView } from '../dry-run/dry-run.svelte';
 
 export type WaypointFlight = Readonly<components['schemas']['WaypointFlightStatus']>;
 
-const WORDS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' }>> = {
+const LABELS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' }>> = {
   flying: { text: 'Flying', tone: 'target' },
   paused: { text: 'Paused: not in Mission mode', tone: 'dim' },
   done: { text: 'Done', tone: 'ok' },
   stopped: { text: 'Stopped', tone: 'caution' },
 };
 
-export function flightWords(flight: WaypointFlight): (typeof WORDS)[WaypointFlight['state']] {
-  return WORDS[flight.state];
+export function flightLabel(flight: WaypointFlight): (typeof LABELS)[WaypointFlight['state']] {
+  return LABELS[flight.state];
 }
 
 export function hasEnded(flight: WaypointFlight): boolean {
@@ -28,20 +28,23 @@ export function flightProgress({ duration_s, remaining_s }: WaypointFlight): num
   return Math.min(1, Math.max(0, 1 - remaining_s / duration_s));
 }
 
-/** Time left and deviation in one line; null: nothing is known. */
+/** Time left and deviation in one line; null: neither is known. */
 export function flightText(flight: WaypointFlight): string | null {
-  const left = flight.remaining_s === null ? null : `${flight.planned_by === 'plan' ? 'about ' : ''}${duration(flight.remaining_s)} left`;
-  const parts = [left, deviationText(flight)].filter((part) => part !== null);
+  const timeLeft = flight.remaining_s === null ? null : `${flight.planned_by === 'plan' ? 'about ' : ''}${duration(flight.remaining_s)} left`;
+  const parts = [timeLeft, deviationText(flight)].filter((part) => part !== null);
   return parts.length === 0 ? null : parts.join(' · ');
 }
 
-function deviationText({ deviation_horizontal_m: beside_m, deviation_vertical_m: above_m, planned_by }: WaypointFlight): string | null {
-  if (beside_m === null || above_m === null) return null;
+function deviationText({ deviation_horizontal_m: horizontal_m, deviation_vertical_m: up_m, planned_by }: WaypointFlight): string | null {
+  if (horizontal_m === null || up_m === null) return null;
   const path = planned_by === 'dry_run' ? 'the path of the dry run' : 'the straight lines of the plan';
-  return `${fixed(beside_m, 1)} m to the side, ${fixed(Math.abs(above_m), 1)} m ${above_m < 0 ? 'below' : 'above'} ${path}`;
+  return `${fixed(horizontal_m, 1)} m to the side, ${fixed(Math.abs(up_m), 1)} m ${up_m < 0 ? 'below' : 'above'} ${path}`;
 }
 
-/** The dry run to compare a flight with: a finished one of this vehicle, with the same start. @param here position of the vehicle on the ground. */
+/**
+ * Id of the dry run to compare a flight with: a completed dry run of this vehicle from the same start; null: none.
+ * @param here position of the vehicle on the ground.
+ */
 export function dryRunFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
   if (view === null || view.vehicle !== vehicle || !view.nominal.finished || here === null) return null;
   return isSameStart(here, view.nominal.origin) ? view.id : null;

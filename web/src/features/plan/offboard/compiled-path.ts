@@ -1,4 +1,4 @@
-/** A mission's path and times, compiled by the server. */
+/** The path and the times that the server has compiled from a mission. */
 
 import type { components } from '../../../api/schema';
 
@@ -6,4 +6,4 @@ type Schemas = components['schemas'];
 
 export type StepTime = Readonly<Schemas['PlanStepTime']>;
 export type Leg = Readonly<Omit<Schemas['PlanLeg'], 'points'>> & { readonly points: readonly (readonly [number, number, number, number])[] };
-export type Flight = Readonly<Omit<Schemas['OffboardFlight'], 'legs'>> & { readonly legs: readonly Leg[] };
+export type CompiledFlight = Readonly<Omit<Schemas['OffboardFlight'], 'legs'>> & { readonly legs: readonly Leg[] };

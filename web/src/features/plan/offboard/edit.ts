@@ -14,7 +14,7 @@ import {
   withValue,
   type Mission,
   type MissionPosition,
-  type Path,
+  type JsonPath,
   type Step,
   type StepKind,
   type StepNode,
@@ -22,7 +22,8 @@ import {
 import { movedTo, raisedBy, inFrame, geoPointOf, frameOfPosition, type Frame, type GeoPoint, type PositionFrame } from './positions';
 import { newStep, PLACED } from './step-titles';
 
-const HEIGHT_M = 10;
+/** Altitude above the start of a new point without a neighbour [m]. */
+const DEFAULT_UP_M = 10;
 
 export function nodeOf(mission: Mission, id: string): StepNode | null {
   const place = stepNameOf(id);
@@ -43,7 +44,7 @@ export function movePoint(mission: Mission, id: string, at: GeoPosition, frame: 
   return old === undefined ? mission : withValue(mission, path, movedTo(old, at, frame));
 }
 
-/** Raises the point with this id by a height [m]; home and the geofence have no height. */
+/** Changes the altitude of the point with this id by `by_m`; home and the geofence have no altitude. */
 export function raisePoint(mission: Mission, id: string, by_m: number): Mission {
   const ref = pointOf(id);
   const node = ref === null ? null : nodeOf(mission, id);
@@ -56,13 +57,13 @@ function spliced<T>(list: readonly T[], start: number, removed: number, ...added
   return [...list.slice(0, start), ...added, ...list.slice(start + removed)];
 }
 
-const listOf = (path: Path): Path => path.slice(0, -1);
-const indexOf = (path: Path): number => Number(path.at(-1));
-const key = (path: Path): string => JSON.stringify(path);
+const listOf = (path: JsonPath): JsonPath => path.slice(0, -1);
+const indexOf = (path: JsonPath): number => Number(path.at(-1));
+const key = (path: JsonPath): string => JSON.stringify(path);
 
-/** Removes steps and points. A step is removed completely if its last point or its centre is. */
+/** Removes steps and points. A step is removed with its last point or its centre. */
 export function remove(mission: Mission, ids: readonly string[]): Mission {
-  const steps = new Map<string, Path>();
+  const steps = new Map<string, JsonPath>();
   const points = new Map<string, { node: StepNode; indexes: Set<number> }>();
   for (const id of ids) {
     const node = nodeOf(mission, id);
@@ -70,17 +71,17 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
     const ref = pointOf(id);
     if (ref?.field === 'look_at') continue;
     if (ref?.field === 'points') {
-      const found = points.get(key(node.path)) ?? { node, indexes: new Set() };
-      points.set(key(node.path), { node, indexes: found.indexes.add(ref.index) });
+      const entry = points.get(key(node.path)) ?? { node, indexes: new Set() };
+      points.set(key(node.path), { node, indexes: entry.indexes.add(ref.index) });
     } else steps.set(key(node.path), node.path);
   }
   let next = removeShared(mission, ids);
   for (const [text, { node, indexes }] of points) {
-    const left = (node.step.points ?? []).filter((_, index) => !indexes.has(index));
-    if (left.length === 0) steps.set(text, node.path);
-    else next = withValue(next, [...node.path, 'points'], left);
+    const remaining = (node.step.points ?? []).filter((_, index) => !indexes.has(index));
+    if (remaining.length === 0) steps.set(text, node.path);
+    else next = withValue(next, [...node.path, 'points'], remaining);
   }
-  // The deepest and last steps first, so that the remaining paths stay valid.
+  // Removes the deepest and last steps first, so that the paths of the other steps stay valid.
   const paths = [...steps.values()].sort((a, b) => b.length - a.length || indexOf(b) - indexOf(a));
   for (const path of paths) {
     const list = valueAt(next, listOf(path));
@@ -89,47 +90,50 @@ export function remove(mission: Mission, ids: readonly string[]): Mission {
   return next;
 }
 
-/** Inserts a point before another one of the step, with the frame and height of the point before it. */
+/** Inserts a point into a step at `index`, with the frame and altitude of the point before. */
 export function insertPoint(mission: Mission, place: string, index: number, at: GeoPosition, frame: Frame): { mission: Mission; id: string } | null {
   const node = nodeOf(mission, stepId(place));
   const points = node?.step.points;
   if (node === null || points === undefined) return null;
   const template = points[index - 1] ?? points[index];
-  const point = template === undefined ? inFrame('offset', { ...at, up_m: HEIGHT_M }, frame) : plain(movedTo(template, at, frame));
+  const point = template === undefined ? inFrame('offset', { ...at, up_m: DEFAULT_UP_M }, frame) : positionOnly(movedTo(template, at, frame));
   const next = withValue(mission, [...node.path, 'points'], spliced(points, index, 0, point));
   return { mission: next, id: pointId({ place, field: 'points', index }) };
 }
 
-/** The position without the point's other fields. */
-function plain(point: MissionPosition): MissionPosition {
-  const { yaw_ned_rad: _yaw, hold_s: _hold, stop: _stop, ...place } = point;
-  return place;
+/** The position without the other fields of the point. */
+function positionOnly(point: MissionPosition): MissionPosition {
+  const { yaw_ned_rad: _yaw, hold_s: _hold, stop: _stop, ...position } = point;
+  return position;
 }
 
-/** A new position, in the frame that the mission uses; else on the earth if its origin is known. */
+/**
+ * A new position, in the frame of the position before; for the first position in lat/lon if the start is known.
+ * @param after number of nodes before the new step.
+ */
 function newPosition(mission: Mission, at: GeoPosition | null, frame: Frame, after: number, nodes: readonly StepNode[]): MissionPosition {
-  const before = nodes
+  const positionsBefore = nodes
     .slice(0, after)
     .flatMap((node): readonly MissionPosition[] | MissionPosition => node.step.points?.at(-1) ?? (node.step['center'] as MissionPosition | undefined) ?? []);
-  const template = before.at(-1);
+  const template = positionsBefore.at(-1);
   const positionFrame: PositionFrame = template !== undefined ? frameOfPosition(template) : frame.known && mission.home != null ? 'home' : 'offset';
   const takeoff = nodes.find((node) => node.step.step === 'take_off')?.step['height_m'];
-  const up_m = template !== undefined ? geoPointOf(template, frame).up_m : typeof takeoff === 'number' ? takeoff : HEIGHT_M;
+  const up_m = template !== undefined ? geoPointOf(template, frame).up_m : typeof takeoff === 'number' ? takeoff : DEFAULT_UP_M;
   const geoPoint: GeoPoint = { ...(at ?? (template === undefined ? frame.start : geoPointOf(template, frame))), up_m };
   return inFrame(positionFrame, geoPoint, frame);
 }
 
 /**
- * Adds a step after the selection, into a selected empty list, or at the end, but before a final landing. A further
- * point is added to the selected trajectory.
+ * Adds a step after the selection, into a selected empty branch, or without a selection at the end, but before a final
+ * landing. If a trajectory is selected, `fly` with a position adds a point to the trajectory instead.
  */
 export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null, selected: readonly string[], frame: Frame): { mission: Mission; id: string } {
   const nodes = nodesOf(mission);
-  const last = lastOf(mission, selected);
+  const last = lastSelected(mission, selected);
   if (kind === 'fly' && at !== null && last?.step.step === 'fly') {
     const ref = selected
       .map(pointOf)
-      .filter((one) => one?.field === 'points')
+      .filter((point) => point?.field === 'points')
       .at(-1);
     const added = insertPoint(mission, last.place, ref == null ? (last.step.points?.length ?? 0) : ref.index + 1, at, frame);
     if (added !== null) return added;
@@ -141,8 +145,8 @@ export function addStep(mission: Mission, kind: StepKind, at: GeoPosition | null
   return { mission: next, id: kind === 'fly' ? pointId({ place, field: 'points', index: 0 }) : stepId(place) };
 }
 
-/** The last selected step; null: none is selected. */
-export function lastOf(mission: Mission, selected: readonly string[]): StepNode | null {
+/** The last selected step; null: no step is selected. */
+export function lastSelected(mission: Mission, selected: readonly string[]): StepNode | null {
   return (
     selected
       .map((id) => nodeOf(mission, id))
@@ -151,22 +155,24 @@ export function lastOf(mission: Mission, selected: readonly string[]): StepNode 
   );
 }
 
-/** Inserts steps, for example those of a pattern, with the rule of `addStep`. @returns their ids. */
+/** Inserts several steps at the position that `addStep` would use. @returns also the ids of the inserted steps. */
 export function addSteps(mission: Mission, steps: readonly Step[], selected: readonly string[]): { mission: Mission; ids: string[] } {
-  const last = lastOf(mission, selected);
+  const last = lastSelected(mission, selected);
   const { mission: next, places } = insertSteps(mission, steps, last);
   return { mission: next, ids: places.map(stepId) };
 }
 
-/** Where a step of this kind is added: after another one, into its empty branch, or at the end, but before a final landing. */
-function pathToInsert(mission: Mission, kind: StepKind | undefined, after: StepNode | null): Path {
+/**
+ * Path at which a step is inserted: after `after`, into the empty branch `after`, or at the end before a final landing.
+ */
+function pathToInsert(mission: Mission, kind: StepKind | undefined, after: StepNode | null): JsonPath {
   const [role] = roleNames(mission);
-  let list: Path = role === undefined ? ['steps'] : ['roles', role, 'steps'];
+  let list: JsonPath = role === undefined ? ['steps'] : ['roles', role, 'steps'];
   let index = role === undefined ? mission.steps.length : (mission.roles?.[role]?.steps.length ?? 0);
   if (after !== null && kind !== 'take_off') {
-    const inside = after.step.step === 'branch' && (after.step.then ?? []).length === 0;
-    list = inside ? [...after.path, 'then'] : listOf(after.path);
-    index = inside ? 0 : indexOf(after.path) + 1;
+    const isEmptyBranch = after.step.step === 'branch' && (after.step.then ?? []).length === 0;
+    list = isEmptyBranch ? [...after.path, 'then'] : listOf(after.path);
+    index = isEmptyBranch ? 0 : indexOf(after.path) + 1;
   }
   if (kind === 'take_off') index = 0;
   const steps = (valueAt(mission, list) ?? []) as readonly Step[];
@@ -174,18 +180,18 @@ function pathToInsert(mission: Mission, kind: StepKind | undefined, after: StepN
   return [...list, index];
 }
 
-/** Where a call is added, with the rule of `addStep`. */
-export function pathOfCall(mission: Mission, selected: readonly string[]): Path {
-  return pathToInsert(mission, 'call', lastOf(mission, selected));
+/** Path at which `addStep` would insert a call. */
+export function pathOfCall(mission: Mission, selected: readonly string[]): JsonPath {
+  return pathToInsert(mission, 'call', lastSelected(mission, selected));
 }
 
-/** Id of the step at a path; null: nothing leads there. */
-export function idAt(mission: Mission, path: Path): string | null {
-  const node = nodesOf(mission).find((one) => key(one.path) === key(path));
+/** Id of the step at a path; null: there is no step. */
+export function idAt(mission: Mission, path: JsonPath): string | null {
+  const node = nodesOf(mission).find((candidate) => key(candidate.path) === key(path));
   return node === undefined ? null : stepId(node.place);
 }
 
-/** Inserts steps, in their order, at the path of the first one. */
+/** Inserts steps, in their order, at the path for the first step. */
 function insertSteps(mission: Mission, added: readonly Step[], after: StepNode | null): { mission: Mission; places: string[] } {
   const path = pathToInsert(mission, added[0]?.step, after);
   const [list, index] = [listOf(path), indexOf(path)];
@@ -195,24 +201,25 @@ function insertSteps(mission: Mission, added: readonly Step[], after: StepNode |
   return { mission: next, places: added.map((_, i) => placeOf.get(key([...list, index + i])) ?? '') };
 }
 
-/** Adds a first step to an empty branch, or one more at its end. */
+/** Adds a step at the end of one list of a branch step. */
 export function addToBranch(mission: Mission, node: StepNode, list: 'then' | 'otherwise'): { mission: Mission; id: string } {
   const steps = (node.step[list] ?? []) as readonly Step[];
   const next = withValue(mission, [...node.path, list], [...steps, newStep('hold')]);
   return { mission: next, id: stepId(`${node.place} ${list} ${steps.length + 1}`) };
 }
 
-/** Adds a new list of steps to the mission, and makes the call step call it. */
-export function addCalled(mission: Mission, node: StepNode): Mission {
+/** Adds a new list of steps to the mission, and makes the call step call this list. */
+export function addCalledList(mission: Mission, node: StepNode): Mission {
   let number = 1;
   while (mission.missions[`part ${number}`] !== undefined) number += 1;
   const name = `part ${number}`;
-  const called = { ...mission, missions: { ...mission.missions, [name]: [newStep('hold')] } };
-  return setStep(called, node, { ...node.step, mission: name });
+  const extended = { ...mission, missions: { ...mission.missions, [name]: [newStep('hold')] } };
+  return setStep(extended, node, { ...node.step, mission: name });
 }
 
 /**
- * Moves steps of one list up (−1) or down (1). @returns null: they are at the end of the list, or in several lists.
+ * Moves steps of one list up (−1) or down (1).
+ * @returns null: the steps cannot be moved further, or are in several lists.
  */
 export function reorder(mission: Mission, ids: readonly string[], by: -1 | 1): { mission: Mission; ids: string[] } | null {
   const paths = [

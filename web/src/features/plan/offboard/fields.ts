@@ -14,11 +14,11 @@ export type FieldValue = number | string | boolean | null;
 export interface Field<T> {
   readonly name: string;
   readonly label: string;
-  readonly of: 'number' | 'choice' | 'switch' | 'text';
+  readonly type: 'number' | 'choice' | 'switch' | 'text';
   readonly value: FieldValue;
   readonly set: (target: T, value: FieldValue) => T;
   readonly unit?: string;
-  /** The field may be empty: the placeholder's value then applies. */
+  /** The field may be empty; the value in the placeholder then applies. */
   readonly placeholder?: string;
   readonly min?: number;
   readonly max?: number;
@@ -28,10 +28,10 @@ export interface Field<T> {
   readonly maxlength?: number;
 }
 
-/** The part of a field that a row displays. */
+/** The part of a field that is needed to display it. */
 export type ShownField = Omit<Field<never>, 'name' | 'set'>;
 
-/** The values besides the step that its fields depend on. */
+/** What the fields of a step depend on besides the step. */
 export interface Context {
   readonly mission: Mission;
   readonly frame: Frame;
@@ -40,7 +40,8 @@ export interface Context {
 type Spec = (step: Step, context: Context) => Field<Step>[];
 
 /**
- * Suffixes of field names with their units, the longest first. Angles are radians in the document and degrees here.
+ * Suffixes of field names with unit and increment, the longest first. Angles are radians in the document and degrees on
+ * the page.
  */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_m_s2', 'm/s²', 0.5],
@@ -68,11 +69,11 @@ export function numberField<T extends object>(target: T, name: string, label: st
   return {
     name,
     label,
-    of: 'number',
+    type: 'number',
     unit,
     step,
     value: typeof value === 'number' ? value * scale : null,
-    // A missing value means the placeholder's value.
+    // An empty field removes the value from the document.
     set: (old, next) =>
       typeof next === 'number' ? { ...old, [name]: next / scale } : (Object.fromEntries(Object.entries(old).filter(([key]) => key !== name)) as T),
     ...bounds,
@@ -83,7 +84,7 @@ function choiceField<T extends object>(target: T, name: string, label: string, o
   return {
     name,
     label,
-    of: 'choice',
+    type: 'choice',
     value: String((target as Record<string, unknown>)[name] ?? Object.keys(options)[0] ?? ''),
     options: Object.entries(options).map(([value, text]) => ({ value, text })),
     set: (old, next) => ({ ...old, [name]: next }),
@@ -99,12 +100,12 @@ const choice =
 const toggle =
   (name: string, label: string, fallback = false): Spec =>
   (step) => [
-    { name, label, of: 'switch', value: step[name] === undefined ? fallback : step[name] === true, set: (old, next) => ({ ...old, [name]: next === true }) },
+    { name, label, type: 'switch', value: step[name] === undefined ? fallback : step[name] === true, set: (old, next) => ({ ...old, [name]: next === true }) },
   ];
 const text =
   (name: string, label: string): Spec =>
   (step) => [
-    { name, label, of: 'text', value: (step[name] as string | null | undefined) ?? '', set: (old, next) => ({ ...old, [name]: next === '' ? null : next }) },
+    { name, label, type: 'text', value: (step[name] as string | null | undefined) ?? '', set: (old, next) => ({ ...old, [name]: next === '' ? null : next }) },
   ];
 const position =
   (name: string, label: string): Spec =>
@@ -118,15 +119,15 @@ const ANGLE: Bounds = { min: -360, max: 360 };
 const OPTIONAL_ANGLE: Bounds = { ...ANGLE, placeholder: 'kept' };
 export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
 
-/** The heading: one of four alternatives; the document has at most one of them. */
+/** The rows of the heading: a choice of four, and the rows of the chosen one. */
 const heading: Spec = (step, context) => {
-  const now = step['look_at'] != null ? 'look_at' : step['yaw_ned_rad'] != null ? 'yaw' : step['heading'] === 'along_path' ? 'along_path' : 'keep';
+  const current = step['look_at'] != null ? 'look_at' : step['yaw_ned_rad'] != null ? 'yaw' : step['heading'] === 'along_path' ? 'along_path' : 'keep';
   const rows: Field<Step>[] = [
     {
       name: 'heading',
       label: 'Heading',
-      of: 'choice',
-      value: now,
+      type: 'choice',
+      value: current,
       options: [
         { value: 'keep', text: 'unchanged' },
         { value: 'along_path', text: 'along the path' },
@@ -142,12 +143,12 @@ const heading: Spec = (step, context) => {
       },
     },
   ];
-  if (now === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Direction from north', ANGLE));
-  if (now === 'look_at') rows.push(...position('look_at', 'Heading towards')(step, context));
+  if (current === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Direction from north', ANGLE));
+  if (current === 'look_at') rows.push(...position('look_at', 'Heading towards')(step, context));
   return rows;
 };
 
-/** The document's value by choice: true means over, a missing value of a step means the mission's setting. */
+/** Converts a choice to the document's value. In documents true means `over`, and null in a step "as the mission". */
 const avoidanceOf = (choice: FieldValue): 'over' | 'around' | false => (choice === 'over' || choice === 'around' ? choice : false);
 const avoidanceRow = (value: unknown) =>
   choiceField({ avoidance: value === true ? 'over' : value === false ? 'off' : value }, 'avoidance', 'Avoid obstacles', {
@@ -165,13 +166,13 @@ const avoidance: Spec = (step) => {
     },
   ];
 };
-const PATH: readonly Spec[] = [
+const PATH_FIELDS: readonly Spec[] = [
   number('speed_m_s', 'Maximum speed', SPEED),
   heading,
   number('photo_every_m', 'Photo every', { ...METRES, placeholder: 'none' }),
   avoidance,
 ];
-const ROUND: readonly Spec[] = [
+const CIRCLE_FIELDS: readonly Spec[] = [
   position('center', 'Centre'),
   number('radius_m', 'Radius', METRES),
   number('turns', 'Turns', { min: 0.01, max: 200, step: 0.5 }),
@@ -179,51 +180,51 @@ const ROUND: readonly Spec[] = [
   number('start_angle_ned_rad', 'Start bearing', { ...ANGLE, placeholder: 'nearest' }),
 ];
 
-/** A condition: which value, above or below which threshold, for how long. */
-function condition(of: string): Spec {
+/** The rows of a condition: value, comparison, threshold and duration. */
+function condition(field: string): Spec {
   return (step) => {
-    const now = (step[of] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
-    const side = now.above != null ? 'above' : 'below';
-    const scale = now.value === 'battery_share' ? PER_CENT : 1;
-    const put = (old: Step, fields: object): Step => ({ ...old, [of]: { ...(old[of] as object), ...fields } });
+    const stored = (step[field] ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
+    const side = stored.above != null ? 'above' : 'below';
+    const scale = stored.value === 'battery_share' ? PER_CENT : 1;
+    const withFields = (old: Step, fields: object): Step => ({ ...old, [field]: { ...(old[field] as object), ...fields } });
     return [
       {
-        ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(VALUES).map(([value, [words]]) => [value, words]))),
-        name: `${of}-value`,
-        value: now.value ?? '',
-        set: (old, next) => put(old, { value: next }),
+        ...choiceField(step, 'value', 'Value', Object.fromEntries(Object.entries(VALUES).map(([value, [label]]) => [value, label]))),
+        name: `${field}-value`,
+        value: stored.value ?? '',
+        set: (old, next) => withFields(old, { value: next }),
       },
       {
-        name: `${of}-side`,
+        name: `${field}-side`,
         label: 'Comparison',
-        of: 'choice',
+        type: 'choice',
         value: side,
         options: [
           { value: 'above', text: 'above' },
           { value: 'below', text: 'below' },
         ],
         set: (old, next) =>
-          put(old, {
-            above: next === 'above' ? (now.above ?? now.below ?? 0) : undefined,
-            below: next === 'below' ? (now.below ?? now.above ?? 0) : undefined,
+          withFields(old, {
+            above: next === 'above' ? (stored.above ?? stored.below ?? 0) : undefined,
+            below: next === 'below' ? (stored.below ?? stored.above ?? 0) : undefined,
           }),
       },
       {
-        name: `${of}-bound`,
+        name: `${field}-bound`,
         label: 'Threshold',
-        of: 'number',
-        unit: VALUES[now.value ?? '']?.[1] ?? '',
-        value: (now.above ?? now.below ?? 0) * scale,
-        set: (old, next) => put(old, { [side]: typeof next === 'number' ? next / scale : 0 }),
+        type: 'number',
+        unit: VALUES[stored.value ?? '']?.[1] ?? '',
+        value: (stored.above ?? stored.below ?? 0) * scale,
+        set: (old, next) => withFields(old, { [side]: typeof next === 'number' ? next / scale : 0 }),
       },
       {
-        name: `${of}-for`,
+        name: `${field}-for`,
         label: 'For at least',
-        of: 'number',
+        type: 'number',
         unit: 's',
         ...SECONDS,
-        value: now.for_s ?? 0,
-        set: (old, next) => put(old, { for_s: next ?? 0 }),
+        value: stored.for_s ?? 0,
+        set: (old, next) => withFields(old, { for_s: next ?? 0 }),
       },
     ];
   };
@@ -233,7 +234,7 @@ const until: Spec = (step, context) => [
   {
     name: 'until',
     label: 'Until',
-    of: 'choice',
+    type: 'choice',
     value: step['until'] === 'person' ? 'person' : 'condition',
     options: [
       { value: 'person', text: 'the operator continues' },
@@ -245,18 +246,28 @@ const until: Spec = (step, context) => [
 ];
 
 const velocity: Spec = (step) => {
-  const now = (step['velocity_ned_m_s'] as readonly number[] | undefined) ?? [0, 0, 0];
+  const stored = (step['velocity_ned_m_s'] as readonly number[] | undefined) ?? [0, 0, 0];
   return [
     ['North', 0, 1],
     ['East', 1, 1],
     ['Up', 2, -1],
   ].map(([label, index, sign]): Field<Step> => {
-    const [at, factor] = [index as number, sign as number];
+    const [axis, factor] = [index as number, sign as number];
     const set = (old: Step, next: FieldValue): Step => ({
       ...old,
-      velocity_ned_m_s: now.map((one, i) => (i === at ? factor * (typeof next === 'number' ? next : 0) : one)),
+      velocity_ned_m_s: stored.map((component, i) => (i === axis ? factor * (typeof next === 'number' ? next : 0) : component)),
     });
-    return { name: `velocity-${at}`, label: String(label), of: 'number', unit: 'm/s', step: 0.5, min: -50, max: 50, value: factor * (now[at] ?? 0) + 0, set };
+    return {
+      name: `velocity-${axis}`,
+      label: String(label),
+      type: 'number',
+      unit: 'm/s',
+      step: 0.5,
+      min: -50,
+      max: 50,
+      value: factor * (stored[axis] ?? 0) + 0,
+      set,
+    };
   });
 };
 
@@ -283,28 +294,30 @@ const gimbal: Spec = (step, context) => {
 };
 
 const names =
-  (field: string, label: string, of: 'missions' | 'tables', none: string): Spec =>
+  (field: string, label: string, source: 'missions' | 'tables', emptyText: string): Spec =>
   (step, { mission }) => {
-    const known = Object.keys(mission[of] ?? {});
-    const now = String(step[field] ?? '');
-    const shown = Object.fromEntries([...new Set([...(known.includes(now) ? [] : [now]), ...known])].map((name) => [name, name === '' ? none : name]));
-    return [choiceField(step, field, label, shown)];
+    const known = Object.keys(mission[source] ?? {});
+    const current = String(step[field] ?? '');
+    const options = Object.fromEntries(
+      [...new Set([...(known.includes(current) ? [] : [current]), ...known])].map((name) => [name, name === '' ? emptyText : name]),
+    );
+    return [choiceField(step, field, label, options)];
   };
 
 const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '60' })],
-  fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH],
+  fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
   hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
-  orbit: [...ROUND, ...PATH],
-  helix: [...ROUND, number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
-  spiral: [...ROUND, number('end_radius_m', 'Radius at the end', METRES), number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH],
+  orbit: [...CIRCLE_FIELDS, ...PATH_FIELDS],
+  helix: [...CIRCLE_FIELDS, number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
+  spiral: [...CIRCLE_FIELDS, number('end_radius_m', 'Radius at the end', METRES), number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
   figure_eight: [
     position('center', 'Centre'),
     number('length_m', 'Length', METRES),
     number('width_m', 'Width of a loop', METRES),
     number('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
     number('axis_ned_rad', 'Direction of the long axis', ANGLE),
-    ...PATH,
+    ...PATH_FIELDS,
   ],
   table: [names('file', 'Table', 'tables', 'none'), toggle('relative', 'Relative to the start', true)],
   velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
@@ -328,10 +341,10 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   land: [number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '300' })],
   meet: [text('meeting', 'Name of the sync point'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
 };
-/** Integer fields: typed fractions are rounded. */
+/** Integer fields: the page rounds typed fractions. */
 const WHOLE: ReadonlySet<string> = new Set(['times', 'count']);
 
-/** The rows of a step's editor, its name first. */
+/** The rows of a step; the first row is the name. */
 export function fieldsOf(step: Step, context: Context): Field<Step>[] {
   const rows = [...text('name', 'Name')(step, context), ...FIELDS[step.step].flatMap((spec) => spec(step, context))];
   return rows.map((row) => (WHOLE.has(row.name) ? { ...row, set: (old, next) => row.set(old, typeof next === 'number' ? Math.round(next) : next) } : row));
@@ -344,7 +357,7 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
     numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
     numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
     numberField(point, 'corner_m', 'Maximum distance at the corner', { min: 0, max: 1000, placeholder: '1' }),
-    { name: 'stop', label: 'Stop at the point', of: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
+    { name: 'stop', label: 'Stop at the point', type: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
   ];
 }
 
@@ -359,7 +372,7 @@ const EVENT_LABELS: Readonly<Record<string, string>> = {
 export function missionFields(mission: Mission): Field<Mission>[] {
   const actions = mission.actions as unknown as Readonly<Record<string, string>>;
   const limits = mission.limits as unknown as Readonly<Record<string, number | null>>;
-  const within = (label: string, name: string, [min, max]: readonly [number, number]): Field<Mission> => {
+  const limitField = (label: string, name: string, [min, max]: readonly [number, number]): Field<Mission> => {
     const { set, ...row } = numberField(limits, name, label, { min, max, placeholder: 'vehicle limit' });
     return {
       ...row,
@@ -374,12 +387,12 @@ export function missionFields(mission: Mission): Field<Mission>[] {
         return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
       }),
     { ...avoidanceRow(mission.avoidance), set: (old, next) => ({ ...old, avoidance: avoidanceOf(next) }) },
-    within('Maximum speed', 'speed_m_s', [0.1, 100]),
-    within('Maximum climb speed', 'climb_m_s', [0.1, 100]),
-    within('Maximum descent speed', 'descent_m_s', [0.1, 100]),
-    within('Maximum acceleration', 'acceleration_m_s2', [0.1, 50]),
-    within('Maximum jerk', 'jerk_m_s3', [0.1, 500]),
-    within('Maximum tilt', 'tilt_rad', [3, 88]),
-    within('Maximum yaw rate', 'yaw_rate_rad_s', [3, 572]),
+    limitField('Maximum speed', 'speed_m_s', [0.1, 100]),
+    limitField('Maximum climb speed', 'climb_m_s', [0.1, 100]),
+    limitField('Maximum descent speed', 'descent_m_s', [0.1, 100]),
+    limitField('Maximum acceleration', 'acceleration_m_s2', [0.1, 50]),
+    limitField('Maximum jerk', 'jerk_m_s3', [0.1, 500]),
+    limitField('Maximum tilt', 'tilt_rad', [3, 88]),
+    limitField('Maximum yaw rate', 'yaw_rate_rad_s', [3, 572]),
   ];
 }

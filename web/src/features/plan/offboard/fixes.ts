@@ -1,4 +1,6 @@
-/** Fixes that the page can make for a finding of a mission. Pure; null if a person has to decide. */
+/**
+ * Fixes that the page can make for a finding of a mission: a changed mission, or null if a person has to decide. Pure.
+ */
 
 import { removeObstacle } from '../document/edit';
 import { numberText, type Finding, type Fix } from '../document/fixes';
@@ -7,9 +9,10 @@ import { nodesOf, roleNames, stepId, type Mission, type MissionPosition, type St
 import { inFrame, geoPointOf, frameOfPosition, type Frame } from './positions';
 import { newStep } from './step-titles';
 
-const LOWEST_M = 2;
-/** A curve is lowered to this distance below a limit, because it may pass a little above its points [m]. */
-const BELOW_M = 0.5;
+/** Altitude above the start to which points below the start are raised [m]. */
+const MIN_UP_M = 2;
+/** Points are lowered to this distance below a limit, because a curve may pass a little above its points [m]. */
+const MARGIN_M = 0.5;
 
 export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mission> | null {
   const node = finding.place.step === null ? null : nodeOf(mission, stepId(finding.place.step));
@@ -23,15 +26,17 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
     case 'landing_missing':
       return roleNames(mission).length > 0 ? null : { text: 'Add a landing at the end', plan: addStep(mission, 'land', null, [], frame).mission };
     case 'speed_too_high':
-      return node === null ? null : speed(mission, node, finding.limit);
+      return node === null ? null : setSpeed(mission, node, finding.limit);
     case 'altitude_too_high':
     case 'altitude_fence':
     case 'limit_exceeded':
-      return node === null || finding.limit === null ? null : lower(mission, node, frame, finding.limit - BELOW_M);
+      return node === null || finding.limit === null ? null : limitAltitude(mission, node, frame, finding.limit - MARGIN_M);
     case 'tilt_exceeded':
-      return node === null || finding.limit === null ? null : tilt(mission, node, finding.limit);
+      return node === null || finding.limit === null ? null : limitTilt(mission, node, finding.limit);
     case 'altitude_below_home':
-      return node === null ? null : heights(mission, node, frame, `Set the height to at least ${LOWEST_M} m`, (up_m) => Math.max(up_m, LOWEST_M));
+      return node === null
+        ? null
+        : changeAltitudes(mission, node, frame, `Set the altitude above home to at least ${MIN_UP_M} m`, (up_m) => Math.max(up_m, MIN_UP_M));
     case 'estimate_missing':
     case 'fence_unknown':
     case 'obstacles_unknown':
@@ -44,14 +49,14 @@ export function fixOf(mission: Mission, finding: Finding, frame: Frame): Fix<Mis
       return { text: `Set the duration to ${duration_s} s`, plan: setStep(mission, node, { ...node.step, duration_s }) };
     }
     case 'gimbal_steep':
-      return node === null ? null : gimbal(mission, node);
+      return node === null ? null : limitGimbal(mission, node);
     default:
       return null;
   }
 }
 
-/** Sets the speed that was too high: the step's, else the mission's. */
-function speed(mission: Mission, node: StepNode, limit: number | null): Fix<Mission> | null {
+/** Sets the maximum speed of the step, or else of the mission, to the limit. */
+function setSpeed(mission: Mission, node: StepNode, limit: number | null): Fix<Mission> | null {
   if (limit === null) return null;
   const text = `Set the speed to ${numberText(limit)} m/s`;
   if (typeof node.step['speed_m_s'] === 'number' || mission.limits?.speed_m_s == null)
@@ -59,15 +64,15 @@ function speed(mission: Mission, node: StepNode, limit: number | null): Fix<Miss
   return { text, plan: { ...mission, limits: { ...mission.limits, speed_m_s: limit } } };
 }
 
-/** Lowers the points of a step, or its take-off, to a height above home. */
-function lower(mission: Mission, node: StepNode, frame: Frame, highest_m: number): Fix<Mission> | null {
-  const text = `Limit the height to ${numberText(highest_m)} m`;
-  if (node.step.step === 'take_off') return { text, plan: setStep(mission, node, { ...node.step, height_m: highest_m }) };
-  return heights(mission, node, frame, text, (up_m) => Math.min(up_m, highest_m));
+/** Lowers the points of a step, or the height of a take-off, to an altitude above home. */
+function limitAltitude(mission: Mission, node: StepNode, frame: Frame, max_m: number): Fix<Mission> | null {
+  const text = `Limit the altitude above home to ${numberText(max_m)} m`;
+  if (node.step.step === 'take_off') return { text, plan: setStep(mission, node, { ...node.step, height_m: max_m }) };
+  return changeAltitudes(mission, node, frame, text, (up_m) => Math.min(up_m, max_m));
 }
 
 /** Scales roll and pitch, so that the vehicle tilts by at most `limit_rad`. */
-function tilt(mission: Mission, node: StepNode, limit_rad: number): Fix<Mission> {
+function limitTilt(mission: Mission, node: StepNode, limit_rad: number): Fix<Mission> {
   const [roll_rad, pitch_rad] = [Number(node.step['roll_rad'] ?? 0), Number(node.step['pitch_rad'] ?? 0)];
   let scale = 1;
   while (Math.acos(Math.cos(scale * roll_rad) * Math.cos(scale * pitch_rad)) > limit_rad) scale -= 0.01;
@@ -75,15 +80,16 @@ function tilt(mission: Mission, node: StepNode, limit_rad: number): Fix<Mission>
   return { text: `Limit the tilt to ${Math.floor((limit_rad * 180) / Math.PI)}°`, plan: setStep(mission, node, step) };
 }
 
-/** Keeps the gimbal between straight up and straight down, also while it sweeps. */
-function gimbal(mission: Mission, node: StepNode): Fix<Mission> {
-  const steepest_rad = Math.PI / 2;
-  const pitch_rad = Math.max(-steepest_rad, Math.min(steepest_rad, Number(node.step['pitch_rad'] ?? 0)));
-  const sweep_pitch_rad = Math.min(Number(node.step['sweep_pitch_rad'] ?? 0), steepest_rad - Math.abs(pitch_rad));
+/** Limits the pitch of the gimbal, also during a sweep, to ±90°. */
+function limitGimbal(mission: Mission, node: StepNode): Fix<Mission> {
+  const max_rad = Math.PI / 2;
+  const pitch_rad = Math.max(-max_rad, Math.min(max_rad, Number(node.step['pitch_rad'] ?? 0)));
+  const sweep_pitch_rad = Math.min(Number(node.step['sweep_pitch_rad'] ?? 0), max_rad - Math.abs(pitch_rad));
   return { text: 'Limit the gimbal pitch to ±90°', plan: setStep(mission, node, { ...node.step, pitch_rad, sweep_pitch_rad }) };
 }
 
-function heights(mission: Mission, node: StepNode, frame: Frame, text: string, to: (up_m: number) => number): Fix<Mission> | null {
+/** Sets the altitude above the start of each point of a step to `to(up_m)`; null for a step without points. */
+function changeAltitudes(mission: Mission, node: StepNode, frame: Frame, text: string, to: (up_m: number) => number): Fix<Mission> | null {
   const moved = (at: MissionPosition): MissionPosition => {
     const geoPoint = geoPointOf(at, frame);
     return to(geoPoint.up_m) === geoPoint.up_m ? at : inFrame(frameOfPosition(at), { ...geoPoint, up_m: to(geoPoint.up_m) }, frame, at);

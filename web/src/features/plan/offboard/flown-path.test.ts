@@ -28,7 +28,7 @@ const sample = (t_s: number, place: string, flown_ned_m: Vector, planned_ned_m: 
   deviation_m: null,
   outside_corridor_m: null,
 });
-/** Up 10 m by PX4, 20 m north, back 20 m south along a line that is 4 m to the east, down by PX4. */
+/** PX4 climbs 10 m; the vehicle flies 20 m north, then 20 m south along a line 4 m to the east; PX4 lands. */
 const FLOWN: FlownPath = {
   name: 'Line',
   started_unix_s: 100,
@@ -58,10 +58,8 @@ const FLOWN: FlownPath = {
   deviation_max_m: 3.3,
 };
 
-const known = (text: string | undefined): string => text ?? 'missing';
-
 describe('distance from the planned path', () => {
-  it('is measured to the path of the current step, only while positions are sent', () => {
+  it('is measured to the path of the current step, only for samples with a planned position', () => {
     expect(pathDistances(FLOWN).map(({ t_s, distance_m }) => [t_s, Number(distance_m.toFixed(2))])).toEqual([
       [15, 3.16], // not 1.41 m, which is the distance from the path of step 3
       [20, 2],
@@ -69,12 +67,12 @@ describe('distance from the planned path', () => {
     ]);
   });
 
-  it('is measured to the whole path if the step has no own path', () => {
+  it('is measured to the whole path if the step has no path', () => {
     expect(pathDistances({ ...FLOWN, samples: [sample(1, 'step 9', [10, 3, -10], [10, 3, -10])] })[0]?.distance_m).toBeCloseTo(1);
     expect(pathDistances({ ...FLOWN, planned_legs: [] })).toEqual([]);
   });
 
-  it('is stated as the largest and as the 95 % distance', () => {
+  it('is stated as its maximum and its 95th percentile', () => {
     const many = Array.from({ length: 100 }, (_, i) => ({ t_s: i, distance_m: i / 10 }));
     expect(distanceText(figures(FLOWN, many, null), FLOWN)).toBe('Distance from the planned path: at most 9.9 m; 95 % within 9.4 m.');
     expect(distanceText(figures(FLOWN, [], null), FLOWN)).toContain('not known, because no positions were sent');
@@ -83,8 +81,8 @@ describe('distance from the planned path', () => {
 
 describe('figures', () => {
   const row = (name: string, dryRun: DryRunView | null, flown = FLOWN) => {
-    const found = figures(flown, [], dryRun).rows.find((one) => one.name === name);
-    return [known(found?.planned), known(found?.flown)];
+    const figure = figures(flown, [], dryRun).rows.find((candidate) => candidate.name === name);
+    return [figure?.planned, figure?.flown];
   };
   const nominal = { battery_start_share: 0.8, battery_end_share: 0.69 };
 
@@ -95,21 +93,21 @@ describe('figures', () => {
     expect(row('Battery used', null, { ...FLOWN, battery_start_share: null })).toEqual(['not known', 'not known']);
   });
 
-  it('state what they are', () => {
-    const ofPlan: FlownPath = { ...FLOWN, planned_by: 'plan', planned_duration_s: null, planned_length_m: null };
+  it('depend on what the flight is compared with', () => {
+    const waypointPlan: FlownPath = { ...FLOWN, planned_by: 'plan', planned_duration_s: null, planned_length_m: null };
     expect(sourceText(FLOWN)).toContain('without take-off and landing');
-    expect(sourceText(ofPlan)).toContain('straight lines between the items');
-    expect(row('Time armed', null, ofPlan)).toEqual(['–', '01:15']);
-    expect(row('Length', null, ofPlan)[0]).toBe('not known');
-    expect(distanceText(figures(ofPlan, [], null), ofPlan)).toContain('no planned path is known for this flight');
+    expect(sourceText(waypointPlan)).toContain('straight lines between the items');
+    expect(row('Time armed', null, waypointPlan)).toEqual(['–', '01:15']);
+    expect(row('Length', null, waypointPlan)[0]).toBe('not known');
+    expect(distanceText(figures(waypointPlan, [], null), waypointPlan)).toContain('no planned path is known for this flight');
   });
 
-  it('take the planned battery from the dry run of one vehicle', () => {
+  it('have the planned battery use of a dry run with one vehicle', () => {
     expect(row('Battery used', { nominal, together: null } as unknown as DryRunView)[0]).toBe('11 %');
     expect(row('Battery used', { nominal, together: { roles: {} } } as unknown as DryRunView)[0]).toBe('not known');
   });
 
-  it('do not add up the noise of the position estimate', () => {
+  it('have a length without the noise of the position estimate', () => {
     const hovering = Array.from({ length: 200 }, (_, i) => sample(i, 'step 2', [0.1 * (i % 2), 0, -10], null));
     expect(flownLength_m(hovering)).toBe(0);
   });
@@ -122,7 +120,7 @@ describe('plot', () => {
     expect(flownPlot(FLOWN, [], 'Distance')).toBeNull();
   });
 
-  it('shows the height above the start, flown and sent', () => {
+  it('shows the flown and the planned altitude above the start', () => {
     const plot = flownPlot(FLOWN, [], 'Altitude');
     expect(plot?.trace.points.map(([, up_m]) => up_m)).toEqual([0, 10, 10, 11, 10, 0]);
     expect(plot?.planned).toEqual([
@@ -147,7 +145,7 @@ describe('map', () => {
     expect(lines[1]?.positions[0]).toEqual(positionAt(ORIGIN, { north_m: 20, east_m: 4 }));
   });
 
-  it('shows a branch only if it was planned as the longest or was flown', () => {
+  it('shows a branch only if it is the longest or was flown', () => {
     const branch = (flown: FlownPath) =>
       flownPicture({ ...flown, planned_legs: [leg('step 2', [0, 0, 0], [9, 0, 0]), leg('step 3', [9, 9, 0], [9, 0, 0], false)] });
     expect(branch(FLOWN)?.lines).toHaveLength(3);
@@ -159,7 +157,7 @@ describe('map', () => {
   });
 });
 
-it('a closed card stays closed after a reload, until the next mission', () => {
+it('a closed card stays closed after a reload, until the next flight', () => {
   const stored = new Map<string, string>();
   const storage = { getItem: (key: string) => stored.get(key) ?? null, setItem: (key: string, value: string) => void stored.set(key, value) };
   const cards = new ClosedCards(storage);

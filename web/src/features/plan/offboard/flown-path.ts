@@ -1,4 +1,4 @@
-/** An ended mission compared with its plan: figures, plots and map. Pure. */
+/** Compares an ended mission with its plan: figures, plots and map. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { LayerLine, LayerPicture } from '../../../app/map-layers.svelte';
@@ -12,15 +12,18 @@ export type FlownPath = Readonly<Schemas['FlownMission']>;
 type Sample = FlownPath['samples'][number];
 type Vector = readonly number[];
 
-/** A flown length counts only movements of at least this distance, so that the noise of the estimate does not add up [m]. */
+/**
+ * The flown length is measured in steps of at least this distance, so that it does not contain the noise of the
+ * estimate [m].
+ */
 const LENGTH_STEP_M = 0.5;
 const QUANTILE = 0.95;
 
-/** Labels of `duration_s`: for an offboard mission it excludes take-off and landing, which PX4 flies by itself. */
-const TIMES = { setpoints: 'Time with setpoints', armed: 'Time armed' } as const;
+/** Labels of `duration_s`, which for an offboard mission excludes take-off and landing. */
+const TIME_LABELS = { setpoints: 'Time with setpoints', armed: 'Time armed' } as const;
 
-/** Where the planned values come from. */
-const SOURCES: Readonly<Record<FlownPath['planned_by'], string>> = {
+/** What the planned and the flown values refer to. */
+const SOURCE_TEXTS: Readonly<Record<FlownPath['planned_by'], string>> = {
   mission: 'The time covers only the part with setpoints, without take-off and landing, which PX4 flies by itself. The length covers the whole flight.',
   dry_run: 'Planned: the dry run. Both times are from arming to disarming.',
   plan: 'Planned: straight lines between the items, and the estimated time of flight. Flown: from arming to disarming.',
@@ -32,12 +35,12 @@ interface PathDistance {
   readonly distance_m: number;
 }
 
-/** The flown figures of a mission, and the planned ones; null: not known. */
+/** The planned and the flown figures of a mission; null: not known. */
 export interface Figures {
   /** Largest distance from the planned path. */
   readonly largest_m: number | null;
-  /** 95 % of the distances are not larger. */
-  readonly within_m: number | null;
+  /** 95th percentile of the distances from the planned path. */
+  readonly p95_m: number | null;
   readonly rows: readonly FigureRow[];
 }
 
@@ -49,7 +52,7 @@ export interface FigureRow {
 
 export interface FlownPlot {
   readonly trace: Trace;
-  /** The planned values, one list for each part of the flight with setpoints. */
+  /** Time [s] and planned value, one list for each part of the flight with setpoints. */
   readonly planned: readonly (readonly (readonly [number, number])[])[];
 }
 
@@ -62,17 +65,17 @@ function plannedLines({ planned_legs, samples }: FlownPath): { place: string; po
 }
 
 /**
- * Distance of each sample from the planned path of its step, while setpoints of positions were sent. PX4 flies take-off
- * and landing by itself.
+ * Distance of each sample with a planned position from the planned path of the sample's step. Samples of take-off and
+ * landing have no planned position, because PX4 flies them by itself.
  */
 export function pathDistances(flown: FlownPath): PathDistance[] {
   const lines = plannedLines(flown);
   const linesOf = new Map<string | null, readonly (readonly Vector[])[]>();
   for (const { place } of flown.samples) {
-    const own = lines.filter((line) => line.place === place);
+    const stepLines = lines.filter((line) => line.place === place);
     linesOf.set(
       place,
-      (own.length === 0 ? lines : own).map(({ points }) => points),
+      (stepLines.length === 0 ? lines : stepLines).map(({ points }) => points),
     );
   }
   return flown.samples.flatMap((sample) => {
@@ -82,21 +85,21 @@ export function pathDistances(flown: FlownPath): PathDistance[] {
 }
 
 function distanceToLines_m(at: Vector, lines: readonly (readonly Vector[])[]): number {
-  let least_m = Infinity;
+  let min_m = Infinity;
   for (const points of lines)
     for (let i = 0; i < points.length; i += 1) {
       const end = points[i] ?? at;
-      least_m = Math.min(least_m, distanceToSegment_m(at, points[i - 1] ?? end, end));
+      min_m = Math.min(min_m, distanceToSegment_m(at, points[i - 1] ?? end, end));
     }
-  return least_m;
+  return min_m;
 }
 
 function distanceToSegment_m(at: Vector, from: Vector, to: Vector): number {
   let [along, length2] = [0, 0];
   for (let axis = 0; axis < 3; axis += 1) {
-    const side = (to[axis] ?? 0) - (from[axis] ?? 0);
-    along += ((at[axis] ?? 0) - (from[axis] ?? 0)) * side;
-    length2 += side * side;
+    const component = (to[axis] ?? 0) - (from[axis] ?? 0);
+    along += ((at[axis] ?? 0) - (from[axis] ?? 0)) * component;
+    length2 += component * component;
   }
   const fraction = length2 === 0 ? 0 : Math.min(1, Math.max(0, along / length2));
   return Math.hypot(...[0, 1, 2].map((axis) => (at[axis] ?? 0) - (from[axis] ?? 0) - fraction * ((to[axis] ?? 0) - (from[axis] ?? 0))));
@@ -106,11 +109,11 @@ function distanceToSegment_m(at: Vector, from: Vector, to: Vector): number {
 export function flownLength_m(samples: readonly Sample[]): number {
   let length_m = 0;
   let last: Vector | undefined;
-  for (const { flown_ned_m: here } of samples) {
-    const step_m = last === undefined ? 0 : Math.hypot(...here.map((value, axis) => value - (last?.[axis] ?? 0)));
+  for (const { flown_ned_m: position } of samples) {
+    const step_m = last === undefined ? 0 : Math.hypot(...position.map((value, axis) => value - (last?.[axis] ?? 0)));
     if (last !== undefined && step_m < LENGTH_STEP_M) continue;
     length_m += step_m;
-    last = here;
+    last = position;
   }
   return length_m;
 }
@@ -119,12 +122,16 @@ export function flownLength_m(samples: readonly Sample[]): number {
 export function figures(flown: FlownPath, distances: readonly PathDistance[], dryRun: DryRunView | null): Figures {
   const sorted_m = distances.map(({ distance_m }) => distance_m).sort((a, b) => a - b);
   const length = (value_m: number | null): string => (value_m === null ? 'not known' : `${metres(value_m).text} ${metres(value_m).unit}`);
-  const simulated = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is that of the first role
+  const simulated = dryRun?.together == null ? dryRun?.nominal : undefined; // with several vehicles, `nominal` is the flight of the first role
   return {
     largest_m: sorted_m.at(-1) ?? null,
-    within_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
+    p95_m: sorted_m[Math.ceil(QUANTILE * sorted_m.length) - 1] ?? null,
     rows: [
-      { name: TIMES[flown.planned_by === 'mission' ? 'setpoints' : 'armed'], planned: duration(flown.planned_duration_s), flown: duration(flown.duration_s) },
+      {
+        name: TIME_LABELS[flown.planned_by === 'mission' ? 'setpoints' : 'armed'],
+        planned: duration(flown.planned_duration_s),
+        flown: duration(flown.duration_s),
+      },
       { name: 'Length', planned: length(flown.planned_length_m), flown: length(flownLength_m(flown.samples)) },
       {
         name: 'Battery used',
@@ -139,29 +146,29 @@ function percentUsed(start: number | null | undefined, end: number | null | unde
   return start == null || end == null ? 'not known' : `${fixed(100 * (start - end), 0)} %`;
 }
 
-/** Explains the figures. */
+/** Explains what the figures refer to. */
 export function sourceText({ planned_by }: FlownPath): string {
-  return SOURCES[planned_by];
+  return SOURCE_TEXTS[planned_by];
 }
 
-/** The largest and the 95 % distance as text. */
-export function distanceText({ largest_m, within_m }: Figures, { planned_by }: FlownPath): string {
+/** The largest distance and the 95th percentile as text. */
+export function distanceText({ largest_m, p95_m }: Figures, { planned_by }: FlownPath): string {
   if (largest_m === null) {
     const why = planned_by === 'mission' ? 'no positions were sent' : 'no planned path is known for this flight';
     return `Distance from the planned path: not known, because ${why}.`;
   }
-  return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(within_m, 1)} m.`;
+  return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(p95_m, 1)} m.`;
 }
 
 export const FLOWN_QUANTITIES = ['Distance', 'Altitude'] as const;
 export type FlownQuantity = (typeof FLOWN_QUANTITIES)[number];
 
-/** A plot over the time since the start; null: there is nothing to plot. */
+/** A plot over the time since the start; null: no value is known. */
 export function flownPlot(flown: FlownPath, distances: readonly PathDistance[], quantity: FlownQuantity): FlownPlot | null {
   const end_s = flown.samples.at(-1)?.t_s ?? 0;
   if (quantity === 'Distance') {
     const points = distances.map(({ t_s, distance_m }) => [t_s, distance_m] as const);
-    return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, round: 1, end_s, points }), planned: [] };
+    return points.length === 0 ? null : { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 1, end_s, points }), planned: [] };
   }
   const start_down_m = flown.samples[0]?.flown_ned_m[2];
   if (start_down_m === undefined) return null;
@@ -173,10 +180,12 @@ export function flownPlot(flown: FlownPath, distances: readonly PathDistance[], 
     else planned.at(-1)?.push([t_s, up_m(planned_ned_m)]);
   }
   const parts = planned.filter((part) => part.length > 1);
-  return { trace: scaledTrace({ unit: 'm', decimals: 1, round: 5, end_s, points, others: parts.flat() }), planned: parts };
+  return { trace: scaledTrace({ unit: 'm', decimals: 1, scaleStep: 5, end_s, points, furtherPoints: parts.flat() }), planned: parts };
 }
 
-/** Both paths on the map: planned dashed, flown solid; null: the position on the map is not known. */
+/**
+ * The planned path (dashed) and the flown path (solid) on the map; null: the origin of the local frame is not known.
+ */
 export function flownPicture(flown: FlownPath): LayerPicture | null {
   const { origin } = flown;
   if (origin === null) return null;

@@ -1,11 +1,11 @@
-/** The choice of a stored mission that is inserted into the edited one. The server merges the two. */
+/** Inserts a stored mission into the edited mission. The server merges the two documents. */
 
-import type { InsertedMission, PlanApi, Positions } from '../api';
+import type { InsertedMission, PlanApi, PositionHandling } from '../api';
 import type { PlanEditor } from '../editor/editor.svelte';
 import { fieldProblemText } from '../patterns/drawing.svelte';
 import { idAt, pathOfCall } from './edit';
 
-/** A plan of the list of stored plans. */
+/** An offboard mission in the list of stored plans. */
 export interface StoredMission {
   readonly id: string;
   readonly name: string;
@@ -13,14 +13,14 @@ export interface StoredMission {
 
 export class MissionInsertion {
   isOpen = $state(false);
-  /** Leave out the take-off and the last landing of the stored mission. */
+  /** Whether the take-off and the last landing of the stored mission are left out. */
   inAir = $state(true);
   busy = $state(false);
   /** Why the stored mission was not inserted. */
   problem = $state.raw<string | null>(null);
-  /** The stored mission for which the person must choose how its positions are inserted. */
+  /** The stored mission for which a person must choose how its positions are inserted. */
   undecided = $state.raw<StoredMission | null>(null);
-  private requests = 0;
+  private requestCount = 0;
 
   constructor(
     private readonly api: PlanApi,
@@ -32,9 +32,9 @@ export class MissionInsertion {
     this.isOpen = true;
   }
 
-  /** Closes the choice; an answer that is still expected is discarded. */
+  /** Closes the form; the response to a running request is discarded. */
   close(): void {
-    this.requests += 1;
+    this.requestCount += 1;
     this.isOpen = false;
     this.busy = false;
     this.clear();
@@ -46,34 +46,34 @@ export class MissionInsertion {
 
   /**
    * Inserts the stored mission after the selection, as one change.
-   * @param positions null: the person has not decided.
-   * @returns null: nothing was inserted, see `problem`.
+   * @param positions how relative positions are inserted; null: the person has not chosen.
+   * @returns null: the mission was not inserted, see `problem`.
    */
-  async insert(stored: StoredMission, positions: Positions | null = null): Promise<InsertedMission | null> {
+  async insert(stored: StoredMission, positions: PositionHandling | null = null): Promise<InsertedMission | null> {
     const { mission, draft, selected } = this.editor;
     if (mission === null || this.busy) return null;
     const at = pathOfCall(mission, [...selected]);
-    this.requests += 1;
-    const number = this.requests;
+    this.requestCount += 1;
+    const request = this.requestCount;
     this.clear();
     this.busy = true;
-    const answer = await this.api.insert(mission, at, stored.id, this.inAir, positions);
-    if (number !== this.requests) return null;
+    const response = await this.api.insert(mission, at, stored.id, this.inAir, positions);
+    if (request !== this.requestCount) return null;
     this.busy = false;
-    if (!answer.ok) {
-      const isUndecided = answer.problem.field === 'positions' && positions === null;
+    if (!response.ok) {
+      const isUndecided = response.problem.field === 'positions' && positions === null;
       this.undecided = isUndecided ? stored : null;
-      this.problem = fieldProblemText(isUndecided ? { ...answer.problem, remedy: null } : answer.problem);
+      this.problem = fieldProblemText(isUndecided ? { ...response.problem, remedy: null } : response.problem);
       return null;
     }
     if (this.editor.draft !== draft) {
       this.problem = 'The mission was changed during the request. Try again.';
       return null;
     }
-    this.editor.change(answer.value.plan);
-    const id = idAt(answer.value.plan, at);
+    this.editor.change(response.value.plan);
+    const id = idAt(response.value.plan, at);
     this.editor.select(id === null ? [] : [id]);
     this.close();
-    return answer.value;
+    return response.value;
   }
 }

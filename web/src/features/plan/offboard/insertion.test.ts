@@ -3,14 +3,14 @@ import { ApiClient } from '../../../api/client';
 import { PlanApi } from '../api';
 import { PlanEditor } from '../editor/editor.svelte';
 import { MissionInsertion } from './insertion.svelte';
-import { withValue, type Mission, type Path } from './mission';
+import { withValue, type Mission, type JsonPath } from './mission';
 import { newMission, newStep } from './step-titles';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const TOWER = { id: 'abc', name: 'Tower' };
 const BRANCH = { ...newStep('branch'), then: [newStep('hold')] };
 const MISSION: Mission = { ...newMission(HOME), steps: [newStep('take_off'), newStep('hold'), BRANCH, newStep('land')] };
-const APART = {
+const DIFFERENT_STARTS = {
   code: 'invalid_request',
   field: 'positions',
   detail: "field positions: 'Tower' has positions relative to its start, and the planned starts are 120 m apart.",
@@ -19,17 +19,18 @@ const APART = {
 
 interface Request {
   readonly plan: Mission;
-  readonly at: Path;
+  readonly at: JsonPath;
   readonly [field: string]: unknown;
 }
 
-/** The editor with a server that inserts a call at the requested place, or refuses. */
+/** The editor with a fake server that inserts a call at the requested path, or refuses the request. */
 class Session {
   readonly editor = new PlanEditor();
   readonly requests: Request[] = [];
   refusal: { code: string; field?: string; detail: string; remedy: string | null } | null = null;
-  meanwhile: () => void = () => undefined;
-  private readonly api = new PlanApi(new ApiClient('p', undefined, (_, init) => Promise.resolve(this.answer(JSON.parse(init.body as string) as Request))));
+  /** Called during a request. */
+  duringRequest: () => void = () => undefined;
+  private readonly api = new PlanApi(new ApiClient('p', undefined, (_, init) => Promise.resolve(this.respond(JSON.parse(init.body as string) as Request))));
   readonly insertion = new MissionInsertion(this.api, this.editor);
 
   constructor(...selected: string[]) {
@@ -38,9 +39,9 @@ class Session {
     this.insertion.open();
   }
 
-  private answer(request: Request): Response {
+  private respond(request: Request): Response {
     this.requests.push(request);
-    this.meanwhile();
+    this.duringRequest();
     if (this.refusal !== null) return new Response(JSON.stringify(this.refusal), { status: 422 });
     const [list, index] = [request.at.slice(0, -1), Number(request.at.at(-1))];
     const steps = list.reduce<unknown>((value, key) => (value as Record<string | number, unknown>)[key], request.plan) as Mission['steps'];
@@ -55,7 +56,7 @@ class Session {
 }
 
 describe('inserting a stored mission', () => {
-  it('adds a call before the final landing, selects it, and is undone in one step', async () => {
+  it('adds and selects a call before the final landing, as one change', async () => {
     const session = new Session();
     expect((await session.insertion.insert(TOWER))?.notes).toEqual(['A note.']);
     expect(session.requests[0]).toMatchObject({ plan_id: 'abc', at: ['steps', 3], in_air: true, positions: null });
@@ -77,9 +78,9 @@ describe('inserting a stored mission', () => {
     expect([...session.editor.selected]).toEqual([id]);
   });
 
-  it('asks the person how to insert relative positions if the planned starts differ', async () => {
+  it('requires a choice of how to insert relative positions if the planned starts differ', async () => {
     const session = new Session();
-    session.refusal = APART;
+    session.refusal = DIFFERENT_STARTS;
     expect(await session.insertion.insert(TOWER)).toBeNull();
     expect(session.insertion.undecided).toEqual(TOWER);
     expect(session.insertion.problem).toBe("'Tower' has positions relative to its start, and the planned starts are 120 m apart.");
@@ -88,7 +89,7 @@ describe('inserting a stored mission', () => {
     expect(session.requests[1]).toMatchObject({ positions: 'same_places' });
   });
 
-  it('changes nothing when the server refuses it, and shows the reason and the fix', async () => {
+  it('does not change the mission when the server refuses, and shows the reason and the remedy', async () => {
     const session = new Session();
     session.refusal = { code: 'invalid_request', field: 'plan_id', detail: "mission 'Tower': it is for 2 vehicles.", remedy: 'One vehicle only.' };
     expect(await session.insertion.insert(TOWER)).toBeNull();
@@ -101,13 +102,13 @@ describe('inserting a stored mission', () => {
     });
   });
 
-  it('changes nothing when the mission was changed during the request, or the choice was closed', async () => {
+  it('has no effect when the mission was changed or the form was closed during the request', async () => {
     const changed = new Session();
-    changed.meanwhile = () => changed.editor.rename('Other');
+    changed.duringRequest = () => changed.editor.rename('Other');
     expect(await changed.insertion.insert(TOWER)).toBeNull();
     expect(changed.insertion.problem).toMatch(/changed during the request/);
     const closed = new Session();
-    closed.meanwhile = () => closed.insertion.close();
+    closed.duringRequest = () => closed.insertion.close();
     expect(await closed.insertion.insert(TOWER)).toBeNull();
     expect([closed.editor.document, closed.insertion.busy]).toEqual([MISSION, false]);
   });

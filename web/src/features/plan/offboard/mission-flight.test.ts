@@ -15,12 +15,12 @@ import {
   startQuestion,
   lastFlightText,
   stateLabel,
-  type Flown,
+  type MissionFlight,
 } from './mission-flight';
 import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
 
-const FLOWN: Flown = {
+const FLIGHT: MissionFlight = {
   state: 'flying',
   name: 'Tower',
   plan_id: null,
@@ -42,7 +42,7 @@ const FLOWN: Flown = {
   reason: null,
   if_stream_stops: 'it lands.',
 };
-const flightWith = (more: Partial<Flown>): Flown => ({ ...FLOWN, ...more });
+const flightWith = (fields: Partial<MissionFlight>): MissionFlight => ({ ...FLIGHT, ...fields });
 const MISSION = {
   name: 'Tower',
   steps: [{ step: 'take_off' }, { step: 'land' }],
@@ -59,8 +59,8 @@ const error = (text: string): Finding => ({
 });
 
 describe('who commands the vehicle', () => {
-  it('is stated while a flight mode with an executor is flown', () => {
-    expect(executorText(FLOWN)).toBeNull();
+  it('is stated during a flight in a flight mode with an executor', () => {
+    expect(executorText(FLIGHT)).toBeNull();
     expect(executorText(flightWith({ mode: 'external_1', executor_in_charge: true }))).toContain('The mission commands the vehicle');
     expect(executorText(flightWith({ mode: 'external_1', executor_in_charge: false, state: 'suspended' }))).toContain(
       'the mission no longer commands the vehicle',
@@ -70,13 +70,17 @@ describe('who commands the vehicle', () => {
 });
 
 describe('the corridor of a dry run', () => {
-  const here = { lat_deg: 47.4, lon_deg: 8.5 };
-  const view = (more: object) => ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: here }, ...more }) as unknown as DryRunView;
+  const start = { lat_deg: 47.4, lon_deg: 8.5 };
+  const view = (fields: object) => ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: start }, ...fields }) as unknown as DryRunView;
 
-  it('is used for the same vehicle and start, because the server refuses others', () => {
-    expect(corridorFor(view({}), '1', positionAt(here, { north_m: 3, east_m: 3 }))).toBe('7');
-    expect(corridorFor(view({}), '1', positionAt(here, { north_m: 6, east_m: 0 }))).toBeNull();
-    expect([corridorFor(view({}), '2', here), corridorFor(view({ monte_carlo: null }), '1', here), corridorFor(null, '1', here)]).toEqual([null, null, null]);
+  it('is used only for the same vehicle and start', () => {
+    expect(corridorFor(view({}), '1', positionAt(start, { north_m: 3, east_m: 3 }))).toBe('7');
+    expect(corridorFor(view({}), '1', positionAt(start, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect([corridorFor(view({}), '2', start), corridorFor(view({ monte_carlo: null }), '1', start), corridorFor(null, '1', start)]).toEqual([
+      null,
+      null,
+      null,
+    ]);
   });
 
   it('is used for several vehicles if each has the same role and start', () => {
@@ -84,23 +88,23 @@ describe('the corridor of a dry run', () => {
     const together = { monte_carlo: { roles: { lead: corridor(0), left: corridor(20) } } };
     const vehicles = { lead: '1', left: '2' };
     const dryRun = view({ vehicle: null, vehicles, together });
-    const at = (id: string) => positionAt(here, { north_m: 2, east_m: id === '1' ? 0 : 20 });
+    const at = (id: string) => positionAt(start, { north_m: 2, east_m: id === '1' ? 0 : 20 });
     expect(corridorForRoles(dryRun, vehicles, at)).toBe('7');
     expect(corridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
-    expect(corridorForRoles(dryRun, vehicles, () => here)).toBeNull();
+    expect(corridorForRoles(dryRun, vehicles, () => start)).toBeNull();
     expect(corridorForRoles(dryRun, vehicles, () => null)).toBeNull();
     expect([corridorForRoles(view({ vehicle: null, together: null }), vehicles, at), corridorForRoles(null, vehicles, at)]).toEqual([null, null]);
   });
 
   it('is mentioned while the vehicle is outside it', () => {
     expect(corridorText(flightWith({ outside_corridor_m: 1.26, dry_run: '7' }))).toBe('1.3 m outside the corridor of the dry run');
-    expect([corridorText(flightWith({ outside_corridor_m: 0 })), corridorText(FLOWN)]).toEqual([null, null]);
+    expect([corridorText(flightWith({ outside_corridor_m: 0 })), corridorText(FLIGHT)]).toEqual([null, null]);
   });
 });
 
 describe('an offboard mission in flight', () => {
   it('offers only the commands of its state', () => {
-    expect(availableCommands(FLOWN)).toEqual(['pause', 'skip', 'abort']);
+    expect(availableCommands(FLIGHT)).toEqual(['pause', 'skip', 'abort']);
     expect(availableCommands(flightWith({ others: ['2'] }))).toEqual(['pause', 'abort']);
     expect(availableCommands(flightWith({ state: 'paused' }))).toEqual(['resume', 'skip', 'abort']);
     expect(availableCommands(flightWith({ state: 'suspended', question: 'Sharp?' }))).toEqual(['resume', 'skip', 'abort']);
@@ -108,35 +112,35 @@ describe('an offboard mission in flight', () => {
     for (const state of ['done', 'aborted', 'stopped'] as const) expect(availableCommands(flightWith({ state }))).toEqual([]);
   });
 
-  it('confirms commands that move the vehicle; pause and continue are sent at once', () => {
-    expect(commandQuestion('pause', FLOWN, '1 Quad')).toBeNull();
-    expect(commandQuestion('go_on', FLOWN, '1 Quad')).toBeNull();
-    expect(commandQuestion('resume', FLOWN, '1 Quad')?.effect).toContain('“Approach”');
+  it('needs a confirmation for commands except pause and continue', () => {
+    expect(commandQuestion('pause', FLIGHT, '1 Quad')).toBeNull();
+    expect(commandQuestion('go_on', FLIGHT, '1 Quad')).toBeNull();
+    expect(commandQuestion('resume', FLIGHT, '1 Quad')?.effect).toContain('“Approach”');
     expect(commandQuestion('skip', flightWith({ title: null }), '1 Quad')?.title).toBe('Skip the current step');
-    expect(commandQuestion('abort', FLOWN, '1 Quad')?.verb).toBe('Abort');
+    expect(commandQuestion('abort', FLIGHT, '1 Quad')?.verb).toBe('Abort');
   });
 
-  it('shows its progress, and nothing if that is not known', () => {
-    expect(progress(FLOWN)).toBeCloseTo(0.25);
+  it('has texts for progress, position error and state', () => {
+    expect(progress(FLIGHT)).toBeCloseTo(0.25);
     expect(progress(flightWith({ remaining_s: null }))).toBeNull();
     expect(progress(flightWith({ duration_s: 0 }))).toBeNull();
     expect(progress(flightWith({ remaining_s: 500 }))).toBe(0);
-    expect(deviationText(FLOWN)).toBe('0.3 m position error');
+    expect(deviationText(FLIGHT)).toBe('0.3 m position error');
     expect(deviationText(flightWith({ deviation_m: null }))).toBeNull();
     expect(stateLabel(flightWith({ state: 'suspended' }))).toEqual({ text: 'Interrupted by another mode', tone: 'caution' });
-    expect(lastFlightText(flightWith({ state: 'aborted' }), '1 Quad')).toBe(`Last flight of “${FLOWN.name}” by 1 Quad: aborted.`);
+    expect(lastFlightText(flightWith({ state: 'aborted' }), '1 Quad')).toBe(`Last flight of “${FLIGHT.name}” by 1 Quad: aborted.`);
     expect(stateLabel(flightWith({ state: 'starting' })).text).toBe('Switching to Offboard');
     expect(stateLabel(flightWith({ state: 'starting', mode: 'external_1' })).text).toBe('Starting');
-    expect([isOver(FLOWN), isOver(flightWith({ state: 'done' }))]).toEqual([false, true]);
+    expect([isOver(FLIGHT), isOver(flightWith({ state: 'done' }))]).toEqual([false, true]);
   });
 });
 
 describe('starting an offboard mission', () => {
-  it('is not offered with an error, unchecked, or during another mission', () => {
+  it('is not possible with an error, before a check, or during another mission', () => {
     expect(startProblem([], null)).toBeNull();
     expect(startProblem(null, null)).toContain('not been checked');
     expect(startProblem([error('It leaves the fence.')], null)).toBe('An error to fix or accept below: It leaves the fence.');
-    expect(startProblem([], FLOWN)).toContain('Abort it first');
+    expect(startProblem([], FLIGHT)).toContain('Abort it first');
     expect(startProblem([], flightWith({ state: 'aborted' }))).toBeNull();
   });
 
@@ -147,8 +151,8 @@ describe('starting an offboard mission', () => {
     expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: it holds. After a lost link is restored: it holds.');
     expect(effect).toContain('If the server or its link fails: after 1 s the vehicle lands. Hold stops the mission');
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
-    const despite = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
-    expect(despite.effect).toContain('You accepted 1 error: step 2: It leaves the fence. Low battery');
-    expect([startQuestion(MISSION, '1 Quad', null, 0, null).danger, despite.danger]).toEqual([false, true]);
+    const withErrors = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
+    expect(withErrors.effect).toContain('You accepted 1 error: step 2: It leaves the fence. Low battery');
+    expect([startQuestion(MISSION, '1 Quad', null, 0, null).danger, withErrors.danger]).toEqual([false, true]);
   });
 });

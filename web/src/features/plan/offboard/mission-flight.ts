@@ -9,11 +9,11 @@ import type { DryRunView } from '../dry-run/dry-run.svelte';
 import type { Finding } from '../document/fixes';
 import { nodesOf, type Mission } from './mission';
 
-export type Flown = components['schemas']['OffboardMissionStatus'];
-type State = Flown['state'];
+export type MissionFlight = components['schemas']['OffboardMissionStatus'];
+type State = MissionFlight['state'];
 export type FlightCommand = 'pause' | 'resume' | 'skip' | 'go_on' | 'abort';
 
-const WORDS: Readonly<Record<State, string>> = {
+const STATE_TEXTS: Readonly<Record<State, string>> = {
   ready: 'Starting',
   taking_off: 'Taking off',
   starting: 'Switching to Offboard',
@@ -27,39 +27,39 @@ const WORDS: Readonly<Record<State, string>> = {
   aborted: 'Aborted',
   stopped: 'Stopped',
 };
-const FINISHED_STATES: readonly State[] = ['done', 'aborted', 'stopped'];
+const END_STATES: readonly State[] = ['done', 'aborted', 'stopped'];
 
-export function isOver(flown: Flown): boolean {
-  return FINISHED_STATES.includes(flown.state);
+export function isOver(flight: MissionFlight): boolean {
+  return END_STATES.includes(flight.state);
 }
 
-export function stateLabel(flown: Flown): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
-  const text = flown.state === 'starting' && flown.mode !== 'offboard' ? 'Starting' : WORDS[flown.state];
-  if (flown.state === 'done') return { text, tone: 'ok' };
-  if (isOver(flown) || flown.state === 'suspended') return { text, tone: 'caution' };
-  return { text, tone: flown.state === 'paused' ? 'dim' : 'target' };
+export function stateLabel(flight: MissionFlight): { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' } {
+  const text = flight.state === 'starting' && flight.mode !== 'offboard' ? 'Starting' : STATE_TEXTS[flight.state];
+  if (flight.state === 'done') return { text, tone: 'ok' };
+  if (isOver(flight) || flight.state === 'suspended') return { text, tone: 'caution' };
+  return { text, tone: flight.state === 'paused' ? 'dim' : 'target' };
 }
 
 /** How the vehicle's last mission ended. */
-export function lastFlightText(flown: Flown, vehicleName: string): string {
-  return `Last flight of “${flown.name}” by ${vehicleName}: ${WORDS[flown.state].toLowerCase()}.`;
+export function lastFlightText(flight: MissionFlight, vehicleName: string): string {
+  return `Last flight of “${flight.name}” by ${vehicleName}: ${STATE_TEXTS[flight.state].toLowerCase()}.`;
 }
 
-/** Who commands the vehicle during a mission whose flight mode has an executor; null: its mode has none, or it is over. */
-export function executorText(flown: Flown): string | null {
-  if (isOver(flown) || flown.executor_in_charge === null) return null;
-  return flown.executor_in_charge
+/** Who commands the vehicle during a mission; null: the flight mode has no executor, or the mission is over. */
+export function executorText(flight: MissionFlight): string | null {
+  if (isOver(flight) || flight.executor_in_charge === null) return null;
+  return flight.executor_in_charge
     ? 'The mission commands the vehicle until another mode is selected.'
     : 'Another mode was selected, so the mission no longer commands the vehicle: PX4 accepts no command from it.';
 }
 
 /** The commands that are possible in the present state. */
-export function availableCommands(flown: Flown): readonly FlightCommand[] {
-  if (isOver(flown)) return [];
-  const isPaused = flown.state === 'paused' || flown.state === 'suspended' || flown.state === 'pausing';
-  const answer: FlightCommand[] = flown.question === null || isPaused ? [] : ['go_on'];
-  const skip: FlightCommand[] = flown.others.length > 0 ? [] : ['skip']; // vehicles that fly together would lose their common timing
-  return [...answer, isPaused ? 'resume' : 'pause', ...skip, 'abort'];
+export function availableCommands(flight: MissionFlight): readonly FlightCommand[] {
+  if (isOver(flight)) return [];
+  const isPaused = flight.state === 'paused' || flight.state === 'suspended' || flight.state === 'pausing';
+  const goOn: FlightCommand[] = flight.question === null || isPaused ? [] : ['go_on'];
+  const skip: FlightCommand[] = flight.others.length > 0 ? [] : ['skip']; // a skipped step would put vehicles that fly together out of step
+  return [...goOn, isPaused ? 'resume' : 'pause', ...skip, 'abort'];
 }
 
 export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
@@ -70,7 +70,7 @@ export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
   abort: 'Abort…',
 };
 
-/** The commands in progress texts and refusals. */
+/** Names of the commands in progress texts and refusals. */
 export const COMMAND_TEXTS: Readonly<Record<FlightCommand, string>> = {
   pause: 'Pause mission',
   resume: 'Resume mission',
@@ -80,14 +80,14 @@ export const COMMAND_TEXTS: Readonly<Record<FlightCommand, string>> = {
 };
 
 /** Elapsed part of the flight time, 0 to 1; null if it is not known. */
-export function progress(flown: Flown): number | null {
-  if (flown.remaining_s === null || !(flown.duration_s > 0)) return null;
-  return Math.min(1, Math.max(0, 1 - flown.remaining_s / flown.duration_s));
+export function progress(flight: MissionFlight): number | null {
+  if (flight.remaining_s === null || !(flight.duration_s > 0)) return null;
+  return Math.min(1, Math.max(0, 1 - flight.remaining_s / flight.duration_s));
 }
 
-/** The confirmation of a command that moves the vehicle; null: it is sent at once. */
-export function commandQuestion(command: FlightCommand, flown: Flown, vehicleName: string): Question | null {
-  const step = flown.title === null ? 'the current step' : `“${flown.title}”`;
+/** The confirmation of a command; null: the command needs none. */
+export function commandQuestion(command: FlightCommand, flight: MissionFlight, vehicleName: string): Question | null {
+  const step = flight.title === null ? 'the current step' : `“${flight.title}”`;
   switch (command) {
     case 'pause':
     case 'go_on':
@@ -115,13 +115,13 @@ const ACTIONS: Readonly<Record<string, string>> = { continue: 'continues', hold:
 
 /**
  * Why this page cannot start a mission; null if it can.
- * @param open errors that are not accepted; null: the mission has not been checked.
+ * @param blocking errors that are not accepted; null: the mission has not been checked.
  */
-export function startProblem(open: readonly Finding[] | null, flown: Flown | null): string | null {
-  if (flown !== null && !isOver(flown)) return 'The vehicle is already flying a mission. Abort it first.';
-  if (open === null) return 'The mission has not been checked for this vehicle yet.';
-  if (open.length === 0) return null;
-  return `${open.length === 1 ? 'An error' : `${open.length} errors`} to fix or accept below: ${open[0]?.text ?? ''}`;
+export function startProblem(blocking: readonly Finding[] | null, flight: MissionFlight | null): string | null {
+  if (flight !== null && !isOver(flight)) return 'The vehicle is already flying a mission. Abort it first.';
+  if (blocking === null) return 'The mission has not been checked for this vehicle yet.';
+  if (blocking.length === 0) return null;
+  return `${blocking.length === 1 ? 'An error' : `${blocking.length} errors`} to fix or accept below: ${blocking[0]?.text ?? ''}`;
 }
 
 /** The confirmation of the start: duration, warnings, failsafe actions. */
@@ -131,54 +131,60 @@ export function startQuestion(
   time_s: number | null,
   warnings: number,
   ifStreamStops: string | null,
-  despite: readonly string[] = [],
+  acceptedTexts: readonly string[] = [],
 ): Question {
   const { link_loss, low_battery, control_lost } = mission.actions;
-  const does = (action: string): string => ACTIONS[action] ?? action;
+  const actionText = (action: string): string => ACTIONS[action] ?? action;
   const parts = [
     `${nodesOf(mission).filter((node) => node.depth === 0).length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
-    acceptedErrorsText(despite),
-    `Low battery: the vehicle ${does(low_battery)}. If the controlling client is lost: it ${does(control_lost)}. After a lost link is restored: it ${does(link_loss)}.`,
+    acceptedErrorsText(acceptedTexts),
+    `Low battery: the vehicle ${actionText(low_battery)}. If the controlling client is lost: it ${actionText(control_lost)}. After a lost link is restored: it ${actionText(link_loss)}.`,
     `If the server or its link fails: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(/\.\.$/, '.'),
     'Hold stops the mission at any time.',
   ];
-  return { title: `Fly “${mission.name}” with ${vehicleName}`, effect: parts.filter((part) => part !== '').join(' '), verb: 'Fly', danger: despite.length > 0 };
+  return {
+    title: `Fly “${mission.name}” with ${vehicleName}`,
+    effect: parts.filter((part) => part !== '').join(' '),
+    verb: 'Fly',
+    danger: acceptedTexts.length > 0,
+  };
 }
 
 /**
- * The dry run to compare a flight with: one with a corridor, of this vehicle, with the same start. Null if there is
+ * Id of the dry run to compare a flight with: a dry run of this vehicle with a corridor, from the same start; null:
  * none.
+ * @param here position of the vehicle; null: not known.
  */
 export function corridorFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
   if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
   return isSameStart(here, view.nominal.origin) ? view.id : null;
 }
 
-/** The same for the vehicles of a mission with roles. @param here the position of a vehicle; null: it is not known. */
+/** Like `corridorFor`, for the vehicles of a mission with roles. @param positionOf null: the position is not known. */
 export function corridorForRoles(
   view: DryRunView | null,
   vehicles: Readonly<Record<string, string>>,
-  here: (vehicle: string) => GeoPosition | null,
+  positionOf: (vehicle: string) => GeoPosition | null,
 ): string | null {
   const roles = Object.entries(view?.together?.monte_carlo?.roles ?? {});
   if (view === null || roles.length === 0) return null;
-  const fits = roles.every(([role, { corridor }]) => {
+  const matches = roles.every(([role, { corridor }]) => {
     const vehicle = vehicles[role];
     const [north_m, east_m] = corridor?.position_ned_m[0] ?? [];
-    const at = vehicle === undefined || vehicle !== view.vehicles?.[role] ? null : here(vehicle);
+    const at = vehicle === undefined || vehicle !== view.vehicles?.[role] ? null : positionOf(vehicle);
     if (at === null || north_m === undefined || east_m === undefined) return false;
     return isSameStart(at, positionAt(view.nominal.origin, { north_m, east_m }));
   });
-  return fits ? view.id : null;
+  return matches ? view.id : null;
 }
 
 /** Text about the distance outside the corridor; null if the vehicle is inside or no corridor is monitored. */
-export function corridorText({ outside_corridor_m }: Pick<Flown, 'outside_corridor_m'>): string | null {
-  const out_m = outside_corridor_m ?? 0;
-  return out_m > 0 ? `${fixed(out_m, 1)} m outside the corridor of the dry run` : null;
+export function corridorText({ outside_corridor_m }: Pick<MissionFlight, 'outside_corridor_m'>): string | null {
+  const outside_m = outside_corridor_m ?? 0;
+  return outside_m > 0 ? `${fixed(outside_m, 1)} m outside the corridor of the dry run` : null;
 }
 
 /** Text about the distance from the setpoint; null if it is not known. */
-export function deviationText(flown: Flown): string | null {
-  return flown.deviation_m === null ? null : `${fixed(flown.deviation_m, 1)} m position error`;
+export function deviationText(flight: MissionFlight): string | null {
+  return flight.deviation_m === null ? null : `${fixed(flight.deviation_m, 1)} m position error`;
 }

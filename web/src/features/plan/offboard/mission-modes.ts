@@ -10,7 +10,7 @@ export type MissionMode = Readonly<components['schemas']['MissionModeStatus']>;
 export const NAME_LENGTH = 24;
 /** Longest time for which PX4 may defer a failsafe [s]. */
 const MAX_DEFERRAL_S = 120;
-const NAME = /^[!-~]([ -~]{0,22}[!-~])?$/;
+const NAME_PATTERN = /^[!-~]([ -~]{0,22}[!-~])?$/;
 
 /** A name for the mode of a mission: printable ASCII characters, at most as long as PX4 permits. */
 export function modeName(mission: string): string {
@@ -18,7 +18,7 @@ export function modeName(mission: string): string {
   return ascii.trim().slice(0, NAME_LENGTH).trim();
 }
 
-/** How long PX4 may defer a failsafe [s], as typed: a whole number; an empty field is 0, never. Null: not valid. */
+/** Parses how long PX4 may defer a failsafe [s], a whole number; empty text is 0 (never). Null: not valid. */
 export function deferralOf(text: string): number | null {
   const typed = text.trim();
   if (!/^[0-9]{0,3}$/.test(typed)) return null;
@@ -26,23 +26,23 @@ export function deferralOf(text: string): number | null {
   return deferral_s <= MAX_DEFERRAL_S ? deferral_s : null;
 }
 
-/** Why the typed time is not valid; null if it is. */
+/** Why the typed time is not valid; null: it is valid. */
 export function deferralProblem(text: string): string | null {
   return deferralOf(text) === null ? `Enter a whole number from 0 (never) to ${MAX_DEFERRAL_S}.` : null;
 }
 
 /**
- * Why a mission cannot be registered under this name; null if it can.
- * @param open errors that are not accepted; null: the mission has not been checked. A missing take-off is not an error
- *   here, because the mode of a mission without a take-off begins in the air.
+ * Why a mission cannot be registered under this name; null: it can be registered.
+ * @param blocking errors that are not accepted; null: the mission has not been checked. A missing take-off is not
+ *   counted as an error, because the mode of a mission without a take-off begins in the air.
  */
-export function registerProblem(name: string, mission: Mission, open: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
-  if (!NAME.test(name)) return `The name of the mode must have 1 to ${NAME_LENGTH} ASCII characters.`;
+export function registerProblem(name: string, mission: Mission, blocking: readonly Finding[] | null, modes: readonly MissionMode[]): string | null {
+  if (!NAME_PATTERN.test(name)) return `The name of the mode must have 1 to ${NAME_LENGTH} ASCII characters.`;
   if (modes.some((mode) => mode.name === name && (mode.state === 'registered' || mode.state === 'registering')))
     return `A mode “${name}” is already registered. Remove it first, or choose another name.`;
-  if (open === null) return 'The mission has not been checked for this vehicle yet.';
+  if (blocking === null) return 'The mission has not been checked for this vehicle yet.';
   const takesOff = mission.steps?.[0]?.step === 'take_off';
-  const errors = open.filter((finding) => takesOff || finding.code !== 'takeoff_missing');
+  const errors = blocking.filter((finding) => takesOff || finding.code !== 'takeoff_missing');
   if (errors.length === 0) return null;
   return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to fix or accept below: ${errors[0]?.text ?? ''}`;
 }
@@ -52,43 +52,43 @@ function startText(mode: MissionMode): string {
   return mode.takes_off ? 'select it on the ground and arm; the vehicle then takes off by itself' : 'select it in flight; the mission then starts at once';
 }
 
-/** State of a mode. @param present the vehicle's mode. */
-export function modeText(mode: MissionMode, present: string | null): { text: string; tone: 'ok' | 'dim' | 'caution' | 'target' } {
+/** State of a mode as text. @param currentMode the vehicle's mode. */
+export function modeText(mode: MissionMode, currentMode: string | null): { text: string; tone: 'ok' | 'dim' | 'caution' | 'target' } {
   switch (mode.state) {
     case 'registering':
       return { text: 'being registered', tone: 'dim' };
     case 'registered':
       if (mode.failsafe_deferred) return { text: `selected. PX4 defers a failsafe for up to ${mode.defer_failsafes_s} s`, tone: 'caution' };
       if (!mode.ready) return { text: `PX4 does not arm in this mode now: ${mode.reason}`, tone: 'caution' };
-      return mode.mode === present ? { text: 'selected', tone: 'target' } : { text: `ready to be selected: ${startText(mode)}`, tone: 'ok' };
+      return mode.mode === currentMode ? { text: 'selected', tone: 'target' } : { text: `ready to be selected: ${startText(mode)}`, tone: 'ok' };
     default:
       return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
   }
 }
 
 /** Whether the page can select the mode now: it is registered, and the vehicle is in another mode. */
-export function canSelect(mode: MissionMode, present: string | null): boolean {
-  return mode.state === 'registered' && mode.mode !== null && mode.mode !== present;
+export function canSelect(mode: MissionMode, currentMode: string | null): boolean {
+  return mode.state === 'registered' && mode.mode !== null && mode.mode !== currentMode;
 }
 
 /** Whether the mode can be removed: not while the vehicle flies in it. */
-export function canRemove(mode: MissionMode, present: string | null, inAir: boolean): boolean {
-  return mode.state !== 'registering' && !(inAir && mode.mode !== null && mode.mode === present);
+export function canRemove(mode: MissionMode, currentMode: string | null, inAir: boolean): boolean {
+  return mode.state !== 'registering' && !(inAir && mode.mode !== null && mode.mode === currentMode);
 }
 
 /** What arming does after the mode was selected on the ground. */
 function armingText(mode: MissionMode): string {
   return mode.takes_off
     ? `The vehicle takes off and flies the mission “${mode.mission}”${versionText(mode)} as soon as somebody arms it in this mode.`
-    : `PX4 does not arm in this mode, because the mission “${mode.mission}”${versionText(mode)} does not begin with a take-off. Take off first, then select it.`;
+    : `PX4 does not arm in this mode, because the mission “${mode.mission}”${versionText(mode)} does not begin with a take-off. Take off first, then select the mode.`;
 }
 
 /** What selecting the mode does in flight. */
 function flightText(mode: MissionMode): string {
-  const begins = mode.takes_off
+  const missionEffect = mode.takes_off
     ? `continues the mission “${mode.mission}”${versionText(mode)} if it was suspended. Otherwise the vehicle holds, because the mission begins with a take-off.`
     : `flies the mission “${mode.mission}”${versionText(mode)} from its current position.`;
-  return `Switches to the flight mode “${mode.name}”, and ${begins} If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.`;
+  return `Switches to the flight mode “${mode.name}”, and ${missionEffect} If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.`;
 }
 
 function versionText(mode: MissionMode): string {

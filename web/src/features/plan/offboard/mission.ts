@@ -1,4 +1,4 @@
-/** The document of an offboard mission (`docs/missions.md`), and its steps as one tree. Pure. */
+/** The document of an offboard mission (`docs/missions.md`), and its steps as a tree. Pure. */
 
 import type { components } from '../../../api/schema';
 import type { PlannedHome, SharedParts } from '../document/document';
@@ -10,7 +10,7 @@ export type StepKind = Wire['steps'][number]['step'];
 export type Action = Schemas['Actions']['link_loss'];
 export type Vector = readonly [number, number, number];
 
-/** A position in one of several frames: from the local origin, from the start of the mission, or on the earth. */
+/** A position in one of several frames: relative to the local origin or to the start of the mission, or in lat/lon. */
 export interface MissionPosition {
   readonly position_ned_m?: Vector | null;
   readonly offset_ned_m?: Vector | null;
@@ -18,11 +18,11 @@ export interface MissionPosition {
   readonly lon_deg?: number | null;
   readonly alt_amsl_m?: number | null;
   readonly alt_home_m?: number | null;
-  /** Of a trajectory point: `yaw_ned_rad`, `stop`, `hold_s`, `corner_m`. */
+  /** A trajectory point also has `yaw_ned_rad`, `stop`, `hold_s` and `corner_m`. */
   readonly [field: string]: unknown;
 }
 
-/** A step. Its other fields depend on `step`; `fields.ts` finds them by name. */
+/** A step. The further fields depend on `step`; `fields.ts` reads them by name. */
 export interface Step {
   readonly step: StepKind;
   readonly name?: string | null;
@@ -44,8 +44,9 @@ export type Mission = Readonly<Omit<Wire, 'steps' | 'roles' | 'missions' | 'fenc
   SharedParts & {
     readonly home?: PlannedHome | null;
     readonly steps: readonly Step[];
-    /** Of a mission for several vehicles, by name; such a mission has no steps of its own. */
+    /** The roles of a mission for several vehicles, by name; the field `steps` of such a mission is empty. */
     readonly roles?: Readonly<Record<string, Role>>;
+    /** Lists of steps that call steps can call, by name. */
     readonly missions: Readonly<Record<string, readonly Step[]>>;
   };
 
@@ -56,37 +57,39 @@ export function isMission(document: { readonly format: string }): document is Mi
 }
 
 /** Keys and indexes of a value in the mission. */
-export type Path = readonly (string | number)[];
+export type JsonPath = readonly (string | number)[];
 
 export interface StepNode {
   /** The server's name of the step in findings and times: "step 3", "step 4.2", "step 6, round 1", "lead, step 2". */
   readonly place: string;
-  /** A step of a called mission has the same path at each call. */
-  readonly path: Path;
+  /** Path of the step in the document; a step of a called list has the same path at each call. */
+  readonly path: JsonPath;
   readonly step: Step;
+  /** Nesting depth. */
   readonly depth: number;
+  /** Number of the step in its list. */
   readonly mark: string;
   /** Heading of the list that begins with this step. */
   readonly heading: string;
 }
 
-/** Larger trees are cut off: calls multiply their steps. */
+/** The tree contains at most this many steps, because nested calls multiply the steps. */
 const MAX_NODES = 3000;
 const MAX_DEPTH = 24;
 
-/** All steps in order, nested ones below their parent. */
+/** All steps in order, nested steps after their parent. */
 export function nodesOf(mission: Mission): StepNode[] {
-  const found: StepNode[] = [];
-  const walk = (steps: readonly Step[], path: Path, prefix: string, depth: number, heading: string, called: readonly string[]): void => {
+  const nodes: StepNode[] = [];
+  const walk = (steps: readonly Step[], path: JsonPath, prefix: string, depth: number, heading: string, called: readonly string[]): void => {
     steps.forEach((step, index) => {
-      if (found.length >= MAX_NODES || depth > MAX_DEPTH) return;
+      if (nodes.length >= MAX_NODES || depth > MAX_DEPTH) return;
       const place = `${prefix}${index + 1}`;
-      const here = [...path, index];
-      found.push({ place, path: here, step, depth, mark: String(index + 1), heading: index === 0 ? heading : '' });
-      if (step.step === 'repeat') walk(step.steps ?? [], [...here, 'steps'], `${place}.`, depth + 1, '', called);
+      const stepPath = [...path, index];
+      nodes.push({ place, path: stepPath, step, depth, mark: String(index + 1), heading: index === 0 ? heading : '' });
+      if (step.step === 'repeat') walk(step.steps ?? [], [...stepPath, 'steps'], `${place}.`, depth + 1, '', called);
       if (step.step === 'branch') {
-        walk(step.then ?? [], [...here, 'then'], `${place} then `, depth + 1, 'then', called);
-        walk(step.otherwise ?? [], [...here, 'otherwise'], `${place} otherwise `, depth + 1, 'otherwise', called);
+        walk(step.then ?? [], [...stepPath, 'then'], `${place} then `, depth + 1, 'then', called);
+        walk(step.otherwise ?? [], [...stepPath, 'otherwise'], `${place} otherwise `, depth + 1, 'otherwise', called);
       }
       const name = step.step === 'call' ? (step.mission ?? '') : '';
       if (name !== '' && !called.includes(name))
@@ -95,21 +98,21 @@ export function nodesOf(mission: Mission): StepNode[] {
   };
   walk(mission.steps, ['steps'], 'step ', 0, '', []);
   for (const [name, role] of Object.entries(mission.roles ?? {})) walk(role.steps, ['roles', name, 'steps'], `${name}, step `, 0, `Role ${name}`, []);
-  return found;
+  return nodes;
 }
 
 /** Names of the roles; empty for a mission for one vehicle. */
 export const roleNames = (mission: Mission): string[] => Object.keys(mission.roles ?? {});
 
-/** Why these vehicles cannot fly the roles; null: each role has its own vehicle. */
+/** Why these vehicles cannot fly the roles; null: each role has a different vehicle. */
 export function assignmentProblem(roles: readonly string[], vehicles: Readonly<Record<string, string>>): string | null {
   const unassigned = roles.find((role) => (vehicles[role] ?? '') === '');
   if (unassigned !== undefined) return `Choose a vehicle for the role ${unassigned}.`;
-  const twice = roles.find((role, index) => roles.slice(0, index).some((other) => vehicles[other] === vehicles[role]));
-  return twice === undefined ? null : `Vehicle ${vehicles[twice] ?? ''} has two roles: choose another vehicle for ${twice}.`;
+  const duplicate = roles.find((role, index) => roles.slice(0, index).some((other) => vehicles[other] === vehicles[role]));
+  return duplicate === undefined ? null : `Vehicle ${vehicles[duplicate] ?? ''} has two roles: choose another vehicle for ${duplicate}.`;
 }
 
-/** One position of a step: a point by its index, or the only position of a field. */
+/** Refers to one position of a step: a point by its index, or the position in another field (index 0). */
 export interface PointRef {
   readonly place: string;
   readonly field: 'points' | 'center' | 'look_at' | 'place';
@@ -119,7 +122,7 @@ export interface PointRef {
 export const stepId = (place: string): string => `step:${place}`;
 export const pointId = ({ field, index, place }: PointRef): string => `point:${field}:${index}:${place}`;
 
-/** The step name in an id of the list or the map. */
+/** The server's name of the step to which an id of the list or the map belongs. */
 export function stepNameOf(id: string): string | null {
   if (id.startsWith('step:')) return id.slice(5);
   return pointOf(id)?.place ?? null;
@@ -130,22 +133,22 @@ export function pointOf(id: string): PointRef | null {
   return match === null ? null : { field: match[1] as PointRef['field'], index: Number(match[2]), place: match[3] ?? '' };
 }
 
-/** Path to the position inside the mission. */
-export function pathOf(node: StepNode, ref: PointRef): Path {
+/** Path of the position in the document. */
+export function pathOf(node: StepNode, ref: PointRef): JsonPath {
   return ref.field === 'points' ? [...node.path, 'points', ref.index] : [...node.path, ref.field];
 }
 
 /** All positions of a step with their ids. */
 export function positionsOf(node: StepNode): { ref: PointRef; at: MissionPosition }[] {
-  const found = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
+  const positions = (node.step.points ?? []).map((at, index) => ({ ref: { place: node.place, field: 'points', index } as PointRef, at }));
   for (const field of ['center', 'look_at', 'place'] as const) {
     const at = node.step[field] as MissionPosition | null | undefined;
-    if (at !== null && at !== undefined) found.push({ ref: { place: node.place, field, index: 0 }, at });
+    if (at !== null && at !== undefined) positions.push({ ref: { place: node.place, field, index: 0 }, at });
   }
-  return found;
+  return positions;
 }
 
-export function valueAt(document: unknown, path: Path): unknown {
+export function valueAt(document: unknown, path: JsonPath): unknown {
   return path.reduce<unknown>(
     (value, key) => (value === null || typeof value !== 'object' ? undefined : (value as Record<string | number, unknown>)[key]),
     document,
@@ -153,10 +156,11 @@ export function valueAt(document: unknown, path: Path): unknown {
 }
 
 /** A copy of the document with one value changed. */
-export function withValue<T>(document: T, path: Path, value: unknown): T {
+export function withValue<T>(document: T, path: JsonPath, value: unknown): T {
   const [key, ...rest] = path;
   if (key === undefined) return value as T;
-  if (Array.isArray(document)) return document.map((one, index) => (index === key ? withValue(one as unknown, rest, value) : (one as unknown))) as T;
+  if (Array.isArray(document))
+    return document.map((element, index) => (index === key ? withValue(element as unknown, rest, value) : (element as unknown))) as T;
   const fields = document as Record<string | number, unknown>;
   return { ...fields, [key]: withValue(fields[key], rest, value) } as T;
 }

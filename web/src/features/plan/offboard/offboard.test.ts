@@ -2,10 +2,10 @@ import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { PlanEditor } from '../editor/editor.svelte';
 import type { Finding } from '../document/fixes';
-import { addCalled, addStep, addToBranch, insertPoint, nodeOf, movePoint, raisePoint, remove, reorder } from './edit';
+import { addCalledList, addStep, addToBranch, insertPoint, nodeOf, movePoint, raisePoint, remove, reorder } from './edit';
 import { fieldsOf, missionFields, pointFields, type Field } from './fields';
 import { fixOf } from './fixes';
-import type { Flight } from './compiled-path';
+import type { CompiledFlight } from './compiled-path';
 import { nodesOf, assignmentProblem, stepId, type Mission, type MissionPosition, type Step } from './mission';
 import { picture, treeOf } from './mission-layer';
 import { addRole, nameProblem, removeRole, renameRole } from './roles';
@@ -26,11 +26,11 @@ const NESTED: Mission = {
   ),
   missions: { round: [newStep('orbit'), { step: 'call', mission: 'round' }] },
 };
-const addresses = (mission: Mission): string[] => nodesOf(mission).map((node) => node.place);
+const placesOf = (mission: Mission): string[] => nodesOf(mission).map((node) => node.place);
 
 describe('the steps of a mission', () => {
-  it('are one tree with the server’s names; recursive calls end', () => {
-    expect(addresses(NESTED)).toEqual([
+  it('are a tree with the server’s names, in which recursive calls end', () => {
+    expect(placesOf(NESTED)).toEqual([
       'step 1',
       'step 2',
       'step 2.1',
@@ -43,10 +43,10 @@ describe('the steps of a mission', () => {
     expect(nodesOf(NESTED).map((node) => node.depth)).toEqual([0, 0, 1, 0, 1, 2, 2, 1]);
   });
 
-  it('of several vehicles are below their roles, and a new one goes to the first role', () => {
+  it('are listed by role for several vehicles; a new step is added to the first role', () => {
     const role = { steps: [newStep('take_off'), newStep('land')] };
     const show: Mission = { ...missionOf(), roles: { lead: role, left: role } };
-    expect(addresses(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
+    expect(placesOf(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
     expect(nodesOf(show).map((node) => node.heading)).toEqual(['Role lead', '', 'Role left', '']);
     const added = addStep(show, 'hold', null, [], FRAME);
     expect(added.mission.steps).toEqual([]);
@@ -58,7 +58,7 @@ describe('the steps of a mission', () => {
     expect(assignmentProblem(['lead', 'left'], { lead: '1', left: '2' })).toBeNull();
   });
 
-  it('become roles with the same "meet" steps, and steps of one vehicle again', () => {
+  it('become the steps of the first role; new roles get its "meet" steps; a last role becomes a mission for one vehicle', () => {
     const alone = missionOf(newStep('take_off'), FLY, newStep('land'));
     const two = addRole(alone);
     expect(two.steps).toEqual([]);
@@ -76,9 +76,9 @@ describe('the steps of a mission', () => {
       'A role needs a name.',
       null,
     ]);
-    const again = removeRole(removeRole(renamed, 'role 3'), 'wing');
-    expect(again.roles).toBeUndefined();
-    expect(again.steps).toEqual(alone.steps);
+    const single = removeRole(removeRole(renamed, 'role 3'), 'wing');
+    expect(single.roles).toBeUndefined();
+    expect(single.steps).toEqual(alone.steps);
   });
 
   it('have a title for every kind', () => {
@@ -89,10 +89,10 @@ describe('the steps of a mission', () => {
     expect(detailOf({ ...newStep('helix'), speed_m_s: 3, photo_every_m: 2.5 })).toBe('R 10 m · 3 turns · climb 10 m · ≤ 3 m/s · photo every 2.5 m');
   });
 
-  it('show their durations, parents with the sum of their nested steps', () => {
+  it('show durations that contain the durations of nested steps', () => {
     const times = ['step 1', 'step 2.1', 'step 3 otherwise 1'].map((place, i) => ({ place, start_s: 0, duration_s: 60 * (i + 1), length_m: 0, photos: 0 }));
-    const sides = Object.fromEntries(treeOf(NESTED, times).flatMap((entry) => (entry.step === undefined ? [] : [[entry.step, entry.side]])));
-    expect([sides['step 1'], sides['step 2'], sides['step 3'], sides['step 3 then 1']]).toEqual(['01:00', '02:00', '03:00', '']);
+    const durations = Object.fromEntries(treeOf(NESTED, times).flatMap((entry) => (entry.step === undefined ? [] : [[entry.step, entry.durationText]])));
+    expect([durations['step 1'], durations['step 2'], durations['step 3'], durations['step 3 then 1']]).toEqual(['01:00', '02:00', '03:00', '']);
   });
 });
 
@@ -100,15 +100,15 @@ describe('positions', () => {
   it('are the same point in each of the four frames', () => {
     const frame = { ...FRAME, origin: { ...positionAt(HOME, { north_m: 5, east_m: -3 }), alt_amsl_m: 478 } };
     const geoPoint = { ...at(40, 25), up_m: 12 };
-    for (const way of ['offset', 'home', 'amsl', 'local'] as PositionFrame[]) {
-      const back = geoPointOf(inFrame(way, geoPoint, frame), frame);
+    for (const positionFrame of ['offset', 'home', 'amsl', 'local'] as PositionFrame[]) {
+      const back = geoPointOf(inFrame(positionFrame, geoPoint, frame), frame);
       expect(groundDistance_m(back, geoPoint)).toBeLessThan(0.02);
       expect(back.up_m).toBeCloseTo(12, 2);
     }
     expect(inFrame('local', geoPoint, frame)).toEqual({ position_ned_m: [35, 28, -14] });
   });
 
-  it('keep their frame, height and other fields when they are moved', () => {
+  it('keep their frame, altitude and other fields when they are moved', () => {
     expect(movedTo({ ...offset(1, 2, 7.25), stop: true }, at(50, 60), FRAME)).toEqual({ offset_ned_m: [50, 60, -7.25], stop: true });
     expect(movedTo({ lat_deg: 47, lon_deg: 8, alt_home_m: 7 }, at(50), FRAME)).toMatchObject({ alt_home_m: 7, lat_deg: Number(at(50).lat_deg.toFixed(8)) });
   });
@@ -127,16 +127,16 @@ describe('editing', () => {
     expect(moved.missions['round']?.[0]?.['center']).toEqual(offset(7, 0, 10));
   });
 
-  it('inserts between points, with the height of the point before', () => {
-    const found = insertPoint(missionOf(FLY), 'step 1', 1, at(20, 5), FRAME);
-    expect(found?.mission.steps[0]?.points?.[1]).toEqual(offset(20, 5, 10));
-    expect(found?.id).toBe('point:points:1:step 1');
+  it('inserts a point with the altitude of the point before', () => {
+    const inserted = insertPoint(missionOf(FLY), 'step 1', 1, at(20, 5), FRAME);
+    expect(inserted?.mission.steps[0]?.points?.[1]).toEqual(offset(20, 5, 10));
+    expect(inserted?.id).toBe('point:points:1:step 1');
   });
 
-  it('removes points, and a step with its last point; several steps at once', () => {
+  it('removes points, a step without points, and several steps together', () => {
     expect(remove(missionOf(FLY), ['point:points:0:step 1']).steps[0]?.points).toEqual([offset(30, 0, 20)]);
     expect(remove(missionOf(FLY), ['point:points:0:step 1', 'point:points:1:step 1']).steps).toEqual([]);
-    expect(addresses(remove(NESTED, ['step:step 1', 'step:step 2.1', 'step:step 3 otherwise 1']))).toEqual([
+    expect(placesOf(remove(NESTED, ['step:step 1', 'step:step 2.1', 'step:step 3 otherwise 1']))).toEqual([
       'step 1',
       'step 2',
       'step 2 then 1',
@@ -155,8 +155,8 @@ describe('editing', () => {
     const [node] = nodesOf(branch);
     expect(node === undefined ? null : addToBranch(branch, node, 'otherwise').id).toBe('step:step 1 otherwise 1');
     const call = missionOf(newStep('call'));
-    const [calling] = nodesOf(call);
-    expect(calling === undefined ? [] : addresses(addCalled(call, calling))).toEqual(['step 1', 'step 1, part 1 1']);
+    const [callNode] = nodesOf(call);
+    expect(callNode === undefined ? [] : placesOf(addCalledList(call, callNode))).toEqual(['step 1', 'step 1, part 1 1']);
   });
 
   it('moves steps of one list together', () => {
@@ -196,42 +196,42 @@ describe('editing', () => {
 
 describe('the fields of steps', () => {
   const context = { mission: NESTED, frame: FRAME };
-  const find = <T>(rows: readonly Field<T>[], name: string): Field<T> => rows.find((row) => row.name === name) as Field<T>;
+  const fieldNamed = <T>(rows: readonly Field<T>[], name: string): Field<T> => rows.find((row) => row.name === name) as Field<T>;
 
-  it('exist for every kind, and set the value they show', () => {
+  it('exist for every kind, and keep a value that is set again', () => {
     for (const kind of KINDS)
       for (const row of fieldsOf(newStep(kind), context)) {
-        const again = fieldsOf(row.set(newStep(kind), row.value), context).find((one) => one.name === row.name);
-        expect([kind, row.name, again?.value]).toEqual([kind, row.name, row.value]);
+        const changed = fieldsOf(row.set(newStep(kind), row.value), context).find(({ name }) => name === row.name);
+        expect([kind, row.name, changed?.value]).toEqual([kind, row.name, row.value]);
       }
   });
 
   it('show angles in degrees and fractions in per cent', () => {
-    const pitch = find(fieldsOf(newStep('gimbal'), context), 'pitch_rad');
+    const pitch = fieldNamed(fieldsOf(newStep('gimbal'), context), 'pitch_rad');
     expect([pitch.unit, pitch.value]).toEqual(['°', -45]);
     expect(pitch.set(newStep('gimbal'), -90)['pitch_rad']).toBeCloseTo(-Math.PI / 2);
-    const bound = find(fieldsOf(newStep('branch'), context), 'condition-bound');
+    const bound = fieldNamed(fieldsOf(newStep('branch'), context), 'condition-bound');
     expect([bound.unit, bound.value]).toEqual(['%', 50]);
     expect(bound.set(newStep('branch'), 30)['condition']).toMatchObject({ above: 0.3 });
   });
 
-  it('remove emptied values, and keep one heading', () => {
+  it('remove the value of an emptied field, and all headings but the chosen one', () => {
     const fast = { ...FLY, speed_m_s: 3 };
-    expect('speed_m_s' in find(fieldsOf(fast, context), 'speed_m_s').set(fast, null)).toBe(false);
-    const nose = find(fieldsOf(FLY, context), 'heading').set({ ...FLY, yaw_ned_rad: 1 }, 'look_at');
-    expect([nose['yaw_ned_rad'], nose['look_at']]).toEqual([undefined, offset(30, 0, 20)]);
-    expect(find(fieldsOf(newStep('repeat'), context), 'times').set(newStep('repeat'), 2.6)['times']).toBe(3);
+    expect('speed_m_s' in fieldNamed(fieldsOf(fast, context), 'speed_m_s').set(fast, null)).toBe(false);
+    const lookingStep = fieldNamed(fieldsOf(FLY, context), 'heading').set({ ...FLY, yaw_ned_rad: 1 }, 'look_at');
+    expect([lookingStep['yaw_ned_rad'], lookingStep['look_at']]).toEqual([undefined, offset(30, 0, 20)]);
+    expect(fieldNamed(fieldsOf(newStep('repeat'), context), 'times').set(newStep('repeat'), 2.6)['times']).toBe(3);
   });
 
   it('exist for a point and for the whole mission', () => {
-    const height = find(pointFields(offset(1, 2, 3), context), 'point-height');
-    expect(height.value).toBe(3);
-    expect(height.set(offset(1, 2, 3), 8)).toEqual(offset(1, 2, 8));
-    expect(find(missionFields(NESTED), 'link_loss').set(NESTED, 'land').actions.link_loss).toBe('land');
-    expect(find(missionFields(NESTED), 'speed_m_s').set(NESTED, 4).limits.speed_m_s).toBe(4);
+    const altitude = fieldNamed(pointFields(offset(1, 2, 3), context), 'point-height');
+    expect(altitude.value).toBe(3);
+    expect(altitude.set(offset(1, 2, 3), 8)).toEqual(offset(1, 2, 8));
+    expect(fieldNamed(missionFields(NESTED), 'link_loss').set(NESTED, 'land').actions.link_loss).toBe('land');
+    expect(fieldNamed(missionFields(NESTED), 'speed_m_s').set(NESTED, 4).limits.speed_m_s).toBe(4);
   });
-  it('offer what obstacle avoidance tries first, for the mission and for a step', () => {
-    const row = (mission: Mission) => find(missionFields(mission), 'avoidance');
+  it('offer the kinds of obstacle avoidance, for the mission and for a step', () => {
+    const row = (mission: Mission) => fieldNamed(missionFields(mission), 'avoidance');
     expect(row(NESTED).options?.map(({ value }) => value)).toEqual(['off', 'over', 'around']);
     expect([false, true, 'over', 'around'].map((value) => row({ ...NESTED, avoidance: value as Mission['avoidance'] }).value)).toEqual([
       'off',
@@ -240,11 +240,11 @@ describe('the fields of steps', () => {
       'around',
     ]);
     expect(['off', 'around'].map((value) => row(NESTED).set(NESTED, value).avoidance)).toEqual([false, 'around']);
-    const ofStep = (step: Step) => find(fieldsOf(step, context), 'avoidance');
-    expect([null, true, false, 'around'].map((value) => ofStep({ ...FLY, avoidance: value }).value)).toEqual(['', 'over', 'off', 'around']);
-    expect(['', 'off', 'over'].map((value) => ofStep(FLY).set(FLY, value)['avoidance'])).toEqual([null, false, 'over']);
+    const stepRow = (step: Step) => fieldNamed(fieldsOf(step, context), 'avoidance');
+    expect([null, true, false, 'around'].map((value) => stepRow({ ...FLY, avoidance: value }).value)).toEqual(['', 'over', 'off', 'around']);
+    expect(['', 'off', 'over'].map((value) => stepRow(FLY).set(FLY, value)['avoidance'])).toEqual([null, false, 'over']);
   });
-  it('have all limits of a mission, with bounds that the server accepts', () => {
+  it('include all limits of a mission, with bounds that the server accepts', () => {
     const rad = (deg = 0) => (deg * Math.PI) / 180;
     const rows = missionFields(NESTED).filter(({ name }) => /_(m_s|m_s2|m_s3|rad|rad_s)$/.test(name));
     expect(rows.map(({ label, unit }) => `${label} [${unit}]`)).toEqual([
@@ -256,16 +256,16 @@ describe('the fields of steps', () => {
       'Maximum tilt [°]',
       'Maximum yaw rate [°/s]',
     ]);
-    const rate = find(missionFields(NESTED), 'yaw_rate_rad_s');
+    const rate = fieldNamed(missionFields(NESTED), 'yaw_rate_rad_s');
     expect(rate.set(NESTED, 90).limits.yaw_rate_rad_s).toBeCloseTo(Math.PI / 2);
     expect(rate.set(rate.set(NESTED, 90), null).limits.yaw_rate_rad_s).toBeUndefined();
-    const tilt = find(missionFields(NESTED), 'tilt_rad');
-    for (const [{ min, max }, least, most] of [
+    const tilt = fieldNamed(missionFields(NESTED), 'tilt_rad');
+    for (const [{ min, max }, serverMin, serverMax] of [
       [rate, 0.05, 10],
       [tilt, 0.05, 1.55],
     ] as const) {
-      expect(rad(min)).toBeGreaterThanOrEqual(least);
-      expect(rad(max)).toBeLessThanOrEqual(most);
+      expect(rad(min)).toBeGreaterThanOrEqual(serverMin);
+      expect(rad(max)).toBeLessThanOrEqual(serverMax);
     }
   });
 });
@@ -281,26 +281,26 @@ describe('the map of a mission', () => {
   };
 
   it('has points with letters, midpoints, and the compiled path', () => {
-    const shown = picture(missionOf(newStep('take_off'), FLY), new Set(['point:points:1:step 2']), null, FRAME, flight as unknown as Flight, true);
-    expect(shown.points.filter((point) => point.mark === 'disc').map((point) => [point.text, point.selected])).toEqual([
+    const layer = picture(missionOf(newStep('take_off'), FLY), new Set(['point:points:1:step 2']), null, FRAME, flight as unknown as CompiledFlight, true);
+    expect(layer.points.filter((point) => point.mark === 'disc').map((point) => [point.text, point.selected])).toEqual([
       ['2a', false],
       ['2b', true],
     ]);
-    expect(shown.points.map((point) => point.id)).toContain('between:1:step 2');
-    expect(shown.lines.map((line) => [line.style, line.positions.length])).toEqual([
+    expect(layer.points.map((point) => point.id)).toContain('between:1:step 2');
+    expect(layer.lines.map((line) => [line.style, line.positions.length])).toEqual([
       ['solid', 3],
       ['dotted', 2],
     ]);
   });
 
   it('has altitudes for the 3D view, from the start and along the compiled path', () => {
-    const shown = picture(missionOf(newStep('take_off'), FLY), new Set(), null, FRAME, flight as unknown as Flight, true);
+    const layer = picture(missionOf(newStep('take_off'), FLY), new Set(), null, FRAME, flight as unknown as CompiledFlight, true);
     const { start, origin } = FRAME;
-    const [first] = shown.points.filter((point) => point.mark === 'disc');
+    const [first] = layer.points.filter((point) => point.mark === 'disc');
     expect(first?.alt_amsl_m).toBeCloseTo(start.alt_amsl_m + geoPointOf(FLY.points?.[0] ?? {}, FRAME).up_m, 6);
-    expect(first?.height).toMatch(/^-?[\d.]+ m above/);
-    expect(shown.lines[0]?.positions.map((position) => (position.alt_amsl_m ?? 0) - origin.alt_amsl_m)).toEqual([0, 5, 5]);
-    expect(shown.ground).toEqual(start);
+    expect(first?.altitudeText).toMatch(/^-?[\d.]+ m above/);
+    expect(layer.lines[0]?.positions.map((position) => (position.alt_amsl_m ?? 0) - origin.alt_amsl_m)).toEqual([0, 5, 5]);
+    expect(layer.ground).toEqual(start);
   });
 
   it('raises a point in its own frame', () => {
@@ -309,13 +309,13 @@ describe('the map of a mission', () => {
     expect(raisedBy({ lat_deg: 47, lon_deg: 8, alt_home_m: 10 }, 0.1)).toMatchObject({ alt_home_m: 10.1 });
     expect(raisedBy({ lat_deg: 47, lon_deg: 8, alt_amsl_m: 500 }, -0.5)).toMatchObject({ alt_amsl_m: 499.5 });
     const mission = missionOf(newStep('take_off'), FLY);
-    const height = (one: typeof mission, index: number) => geoPointOf(one.steps[1]?.points?.[index] ?? {}, FRAME).up_m;
+    const up_m = (edited: typeof mission, index: number) => geoPointOf(edited.steps[1]?.points?.[index] ?? {}, FRAME).up_m;
     const raised = raisePoint(mission, 'point:points:1:step 2', 4);
-    expect([height(raised, 0), height(raised, 1)]).toEqual([height(mission, 0), height(mission, 1) + 4]);
+    expect([up_m(raised, 0), up_m(raised, 1)]).toEqual([up_m(mission, 0), up_m(mission, 1) + 4]);
     expect(raisePoint(mission, 'home', 4)).toBe(mission);
   });
 
-  it('connects the points by straight lines until the server has answered', () => {
+  it('connects the points by straight lines until the server has compiled the path', () => {
     expect(picture(missionOf(FLY), new Set(), null, FRAME, null, false).lines).toMatchObject([{ style: 'dotted', positions: { length: 3 } }]);
   });
 });

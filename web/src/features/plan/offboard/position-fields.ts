@@ -1,4 +1,4 @@
-/** The editor's rows of a position: frame, height, coordinates. Pure. */
+/** The editor's rows of a position: frame, altitude, coordinates. Pure. */
 
 import type { Field } from './fields';
 import type { MissionPosition } from './mission';
@@ -10,7 +10,7 @@ const FRAME_TEXTS: Readonly<Record<PositionFrame, string>> = {
   amsl: 'lat/lon, altitude AMSL',
   local: 'offset from local origin',
 };
-const HEIGHT_LABELS: Readonly<Record<PositionFrame, string>> = {
+const ALTITUDE_LABELS: Readonly<Record<PositionFrame, string>> = {
   offset: 'Altitude above start',
   home: 'Altitude above home',
   amsl: 'Altitude AMSL',
@@ -18,8 +18,10 @@ const HEIGHT_LABELS: Readonly<Record<PositionFrame, string>> = {
 };
 
 /**
- * @param put returns the target with the changed position. @param label name of the position. @param key makes the
- * names of its rows unique.
+ * The rows of a position in any object.
+ * @param put returns the target with the changed position.
+ * @param label displayed name of the position.
+ * @param key beginning of the names of the rows.
  */
 export function positionFields<T>(
   position: MissionPosition,
@@ -30,48 +32,48 @@ export function positionFields<T>(
 ): Field<T>[] {
   const positionFrame = frameOfPosition(position);
   const geoPoint = geoPointOf(position, frame);
-  const height = (): number => {
+  const altitude_m = (): number => {
     if (positionFrame === 'home') return position.alt_home_m ?? 0;
     if (positionFrame === 'amsl') return position.alt_amsl_m ?? 0;
     return -((position.offset_ned_m ?? position.position_ned_m)?.[2] ?? 0) + 0;
   };
-  const setHeight = (next: number): MissionPosition => {
+  const withAltitude = (next: number): MissionPosition => {
     if (positionFrame === 'home') return { ...position, alt_home_m: next };
     if (positionFrame === 'amsl') return { ...position, alt_amsl_m: next };
-    return axis(2, -next);
+    return withAxis(2, -next);
   };
-  const axis = (index: number, value: number): MissionPosition => {
+  const withAxis = (index: number, value: number): MissionPosition => {
     const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';
-    return { ...position, [field]: (position[field] ?? [0, 0, 0]).map((one, i) => (i === index ? value : one)) };
+    return { ...position, [field]: (position[field] ?? [0, 0, 0]).map((component, i) => (i === index ? value : component)) };
   };
-  const row = (name: string, text: string, value: number, change: (value: number) => MissionPosition, more: Partial<Field<T>> = {}): Field<T> => ({
+  const row = (name: string, text: string, value: number, change: (value: number) => MissionPosition, details: Partial<Field<T>> = {}): Field<T> => ({
     name: `${key}-${name}`,
     label: text,
-    of: 'number',
+    type: 'number',
     unit: 'm',
     value,
     set: (target, next) => put(target, change(typeof next === 'number' ? next : 0)),
-    ...more,
+    ...details,
   });
   const vector = position.offset_ned_m ?? position.position_ned_m;
   const degrees = (limit: number): Partial<Field<T>> => ({ unit: '°', step: 0.00001, decimals: 7, min: -limit, max: limit });
-  const where =
+  const coordinates =
     vector != null
-      ? [row('north', `${label}: north`, vector[0], (value) => axis(0, value)), row('east', `${label}: east`, vector[1], (value) => axis(1, value))]
+      ? [row('north', `${label}: north`, vector[0], (value) => withAxis(0, value)), row('east', `${label}: east`, vector[1], (value) => withAxis(1, value))]
       : [
           row('lat', 'Latitude', position.lat_deg ?? 0, (lat_deg) => ({ ...position, lat_deg }), degrees(90)),
           row('lon', 'Longitude', position.lon_deg ?? 0, (lon_deg) => ({ ...position, lon_deg }), degrees(180)),
         ];
   return [
     {
-      name: `${key}-way`,
+      name: `${key}-frame`,
       label: `${label}: given as`,
-      of: 'choice',
+      type: 'choice',
       value: positionFrame,
       options: (Object.keys(FRAME_TEXTS) as PositionFrame[]).map((value) => ({ value, text: FRAME_TEXTS[value] })),
       set: (target, next) => put(target, inFrame(next as PositionFrame, geoPoint as GeoPoint, frame, position)),
     },
-    row('height', HEIGHT_LABELS[positionFrame], height(), setHeight),
-    ...where,
+    row('height', ALTITUDE_LABELS[positionFrame], altitude_m(), withAltitude),
+    ...coordinates,
   ];
 }

@@ -5,9 +5,9 @@ import { eastNorth, positionAt, type GeoPosition } from '../../../vehicle/geo';
 import type { PlannedHome } from '../document/document';
 import type { Mission, MissionPosition, Vector } from './mission';
 
-/** The mission's position on the earth. */
+/** The start of a mission and the local origin, on the earth. */
 export interface Frame {
-  /** Start of the mission: the vehicle's home, else the mission's planned home. */
+  /** Start of the mission: the vehicle's home, or else the mission's planned home. */
   readonly start: PlannedHome;
   /** Origin of the vehicle's local frame. */
   readonly origin: PlannedHome;
@@ -32,7 +32,7 @@ export function frameOfPosition(position: MissionPosition): PositionFrame {
   return position.alt_amsl_m != null ? 'amsl' : 'home';
 }
 
-/** A position on the earth with its height above the start [m]. */
+/** A position on the earth with its altitude above the start [m]. */
 export interface GeoPoint extends GeoPosition {
   readonly up_m: number;
 }
@@ -57,7 +57,7 @@ const NO_POSITION = {
   alt_home_m: undefined,
 };
 
-/** The point in another frame; its other fields are kept. */
+/** A position in the given frame. @param rest a point whose other fields are kept. */
 export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame: Frame, rest: MissionPosition = {}): MissionPosition {
   const kept: MissionPosition = Object.fromEntries(Object.entries({ ...rest, ...NO_POSITION }).filter(([, value]) => value !== undefined));
   const amsl_m = frame.start.alt_amsl_m + geoPoint.up_m;
@@ -71,7 +71,7 @@ export function inFrame(positionFrame: PositionFrame, geoPoint: GeoPoint, frame:
   return positionFrame === 'offset' ? { ...kept, offset_ned_m: vector } : { ...kept, position_ned_m: vector };
 }
 
-/** Moves a point up by a height [m]; its frame is kept. */
+/** Changes the altitude of a point by `by_m`; the frame is kept. */
 export function raisedBy(position: MissionPosition, by_m: number): MissionPosition {
   const positionFrame = frameOfPosition(position);
   if (positionFrame === 'home') return { ...position, alt_home_m: roundCm((position.alt_home_m ?? 0) + by_m) };
@@ -82,17 +82,17 @@ export function raisedBy(position: MissionPosition, by_m: number): MissionPositi
 }
 
 /** The altitude of a point as text: AMSL, above home or above the start, depending on its frame. */
-export function heightText(position: MissionPosition, frame: Frame): string {
+export function altitudeText(position: MissionPosition, frame: Frame): string {
   if (position.alt_amsl_m != null) return `${fixed(position.alt_amsl_m, 1)} m AMSL`;
   return `${fixed(geoPointOf(position, frame).up_m, 1)} m above ${frameOfPosition(position) === 'home' ? 'home' : 'the start'}`;
 }
 
-/** Moves a point horizontally; height and frame are kept. */
+/** Moves a point horizontally; altitude and frame are kept. */
 export function movedTo(position: MissionPosition, at: GeoPosition, frame: Frame): MissionPosition {
   const positionFrame = frameOfPosition(position);
   const { up_m } = geoPointOf(position, frame);
   const moved = inFrame(positionFrame, { ...at, up_m }, frame, position);
-  // Keeps the typed height exactly, without rounding.
+  // Keeps the exact altitude, without rounding.
   if (positionFrame === 'home') return { ...moved, alt_home_m: position.alt_home_m ?? 0 };
   if (positionFrame === 'amsl') return { ...moved, alt_amsl_m: position.alt_amsl_m ?? 0 };
   const field = positionFrame === 'offset' ? 'offset_ned_m' : 'position_ned_m';

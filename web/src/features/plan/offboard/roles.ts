@@ -4,7 +4,7 @@ import { roleNames, type Mission, type Role, type Step } from './mission';
 import { newStep } from './step-titles';
 
 export const MAX_ROLES = 10;
-/** Distance of a new role's start from the last one [m]. */
+/** Distance of a new role's start to the east of the others [m]. */
 const ROLE_SPACING_M = 10;
 
 function newRoleName(mission: Mission, requested: string): string {
@@ -15,26 +15,26 @@ function newRoleName(mission: Mission, requested: string): string {
   return `role ${number}`;
 }
 
-/** Steps of a new role: take-off, the "meet" steps of the other roles, landing. */
-function newRoleSteps(like: readonly Step[]): readonly Step[] {
-  const meetings = like.filter((step) => step.step === 'meet').map((step) => ({ ...step }));
+/** Steps of a new role: take-off, the "meet" steps of another role, landing. */
+function newRoleSteps(otherRoleSteps: readonly Step[]): readonly Step[] {
+  const meetings = otherRoleSteps.filter((step) => step.step === 'meet').map((step) => ({ ...step }));
   return [newStep('take_off'), ...meetings, newStep('land')];
 }
 
-/** Adds a role. A mission for one vehicle becomes the first of two roles. */
+/** Adds a role. In a mission for one vehicle, the steps become those of a first role. */
 export function addRole(mission: Mission): Mission {
   const roles: Readonly<Record<string, Role>> =
     roleNames(mission).length > 0 ? (mission.roles ?? {}) : { lead: { start_ned_m: [0, 0, 0], steps: mission.steps } };
-  const all = Object.values(roles);
-  const starts = all.map((role) => role.start_ned_m ?? null);
+  const existing = Object.values(roles);
+  const starts = existing.map((role) => role.start_ned_m ?? null);
   const [north = 0, , down = 0] = starts.at(-1) ?? [];
   const east = Math.max(...starts.map((start) => start?.[1] ?? 0)) + ROLE_SPACING_M;
-  const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: newRoleSteps(all[0]?.steps ?? []) };
+  const role: Role = { start_ned_m: starts.includes(null) ? null : [north, east, down], steps: newRoleSteps(existing[0]?.steps ?? []) };
   const named = { ...mission, roles, steps: [] };
   return { ...named, roles: { ...roles, [newRoleName(named, 'wing')]: role } };
 }
 
-/** Why a role cannot have this name; null if it can. */
+/** Why a role cannot have this name; null: it can. */
 export function nameProblem(mission: Mission, old: string, name: string): string | null {
   if (name.trim() === '') return 'A role needs a name.';
   if (name !== old && roleNames(mission).includes(name)) return `A role named ${name} already exists.`;
@@ -42,7 +42,7 @@ export function nameProblem(mission: Mission, old: string, name: string): string
 }
 
 export function renameRole(mission: Mission, old: string, name: string): Mission {
-  const roles = Object.entries(mission.roles ?? {}).map(([each, role]) => [each === old ? name : each, role] as const);
+  const roles = Object.entries(mission.roles ?? {}).map(([roleName, role]) => [roleName === old ? name : roleName, role] as const);
   return { ...mission, roles: Object.fromEntries(roles) };
 }
 
@@ -51,13 +51,13 @@ export function setRole(mission: Mission, name: string, fields: Partial<Role>): 
   return role === undefined ? mission : { ...mission, roles: { ...mission.roles, [name]: { ...role, ...fields } } };
 }
 
-/** Removes a role. If one role is left, its steps become a mission for one vehicle without "meet" steps. */
+/** Removes a role. If only one role remains, the mission becomes one for a single vehicle, without "meet" steps. */
 export function removeRole(mission: Mission, name: string): Mission {
-  const { [name]: _gone, ...roles } = mission.roles ?? {};
+  const { [name]: _removed, ...roles } = mission.roles ?? {};
   const [last, ...others] = Object.values(roles);
   if (last === undefined || others.length > 0) return { ...mission, roles };
-  const { roles: _roles, minimum_separation_m: _separation, ...alone } = mission;
-  return { ...alone, steps: withoutMeetings(last.steps) };
+  const { roles: _roles, minimum_separation_m: _separation, ...rest } = mission;
+  return { ...rest, steps: withoutMeetings(last.steps) };
 }
 
 function withoutMeetings(steps: readonly Step[]): readonly Step[] {

@@ -1,4 +1,4 @@
-/** The step of a mission that is edited. Pure. */
+/** The selected step of a mission. Pure. */
 
 import { nodeOf } from './edit';
 import { stepNameOf, pointOf, type Mission, type PointRef, type StepNode } from './mission';
@@ -7,21 +7,25 @@ import { stepTitle } from './step-titles';
 
 export interface ChosenStep {
   readonly node: StepNode;
-  /** The edited point; null: the step itself. */
+  /** The selected point; null: the whole step. */
   readonly ref: PointRef | null;
   /** Title of the editor. */
   readonly title: string;
 }
 
-/** @returns null: no step is selected, or several are. */
+/** The selected step; null: no step is selected, or several steps are. */
 export function stepOf(mission: Mission, ids: readonly string[]): ChosenStep | null {
   const [first, ...more] = ids;
   const node = first === undefined ? null : nodeOf(mission, first);
   if (first === undefined || node === null || more.some((id) => stepNameOf(id) !== node.place)) return null;
   const ref = more.length === 0 ? pointOf(first) : null;
-  const own = stepTitle(node.step);
+  const ownTitle = stepTitle(node.step);
   const count = node.step.points?.length ?? 0;
   const title =
-    ref?.field === 'points' ? `Point ${pointMark(node, ref.index, count)}` : node.step.name != null && node.step.name !== '' ? own : `${own} ${node.mark}`;
+    ref?.field === 'points'
+      ? `Point ${pointMark(node, ref.index, count)}`
+      : node.step.name != null && node.step.name !== ''
+        ? ownTitle
+        : `${ownTitle} ${node.mark}`;
   return { node, ref: ref?.field === 'points' ? ref : null, title };
 }

@@ -1,4 +1,4 @@
-/** Titles and details of a mission's steps, and the default values of new ones. Pure. */
+/** Titles and details of a mission's steps, and the default values of new steps. Pure. */
 
 import { fixed } from '../../../ui/format';
 import type { PlannedHome } from '../document/document';
@@ -48,7 +48,7 @@ export const PER_CENT = 100;
 
 export const titleOf = (kind: StepKind): string => TITLES[kind];
 
-/** The person's name for the step, else its kind. */
+/** The name of the step, or else the title of its kind. */
 export function stepTitle(step: Step): string {
   return step.name != null && step.name !== '' ? step.name : TITLES[step.step];
 }
@@ -58,23 +58,24 @@ const deg = (value: unknown): string => `${fixed(((number(value) ?? 0) * 180) / 
 
 function conditionText(condition: unknown): string {
   const { value, above, below, for_s } = (condition ?? {}) as { value?: string; above?: number | null; below?: number | null; for_s?: number };
-  const [words, unit] = VALUES[value ?? ''] ?? [value ?? 'a value', ''];
+  const [label, unit] = VALUES[value ?? ''] ?? [value ?? 'a value', ''];
   const bound = above ?? below ?? 0;
-  const shown = value === 'battery_share' ? bound * PER_CENT : bound;
-  const last = (for_s ?? 0) > 0 ? ` for ${fixed(for_s ?? 0, 0)} s` : '';
-  return `${words} ${above != null ? 'above' : 'below'} ${fixed(shown, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${last}`;
+  const displayed = value === 'battery_share' ? bound * PER_CENT : bound;
+  const durationText = (for_s ?? 0) > 0 ? ` for ${fixed(for_s ?? 0, 0)} s` : '';
+  return `${label} ${above != null ? 'above' : 'below'} ${fixed(displayed, 1).replace(/\.0$/, '')}${unit === '' ? '' : ` ${unit}`}${durationText}`;
 }
 
 /** Text below the title. */
 export function detailOf(step: Step): string {
   const parts: string[] = step.name != null && step.name !== '' ? [TITLES[step.step]] : [];
-  const metres = (field: string, words: string): void => {
+  /** Adds the text with the field's value in place of `#`, unless the value is 0 or missing. */
+  const add = (field: string, text: string): void => {
     const value = number(step[field]);
-    if (value !== null && value !== 0) parts.push(words.replace('#', fixed(value, 1).replace(/\.0$/, '')));
+    if (value !== null && value !== 0) parts.push(text.replace('#', fixed(value, 1).replace(/\.0$/, '')));
   };
   switch (step.step) {
     case 'take_off':
-      metres('height_m', '# m above the ground');
+      add('height_m', '# m above the ground');
       break;
     case 'fly':
       parts.push(`${step.points?.length ?? 0} ${step.points?.length === 1 ? 'point' : 'points'}`);
@@ -83,11 +84,11 @@ export function detailOf(step: Step): string {
     case 'hold':
     case 'velocity':
     case 'attitude':
-      metres('duration_s', '# s');
+      add('duration_s', '# s');
       break;
     case 'figure_eight':
-      metres('length_m', '# m long');
-      metres('rounds', step['rounds'] === 1 ? '# lap' : '# laps');
+      add('length_m', '# m long');
+      add('rounds', step['rounds'] === 1 ? '# lap' : '# laps');
       break;
     case 'table':
       parts.push(String(step['file'] ?? ''));
@@ -117,36 +118,37 @@ export function detailOf(step: Step): string {
     case 'orbit':
     case 'helix':
     case 'spiral':
-      metres('radius_m', 'R # m');
-      metres('turns', step['turns'] === 1 ? '# turn' : '# turns');
-      metres('climb_m', 'climb # m');
-      metres('end_radius_m', 'to R # m');
+      add('radius_m', 'R # m');
+      add('turns', step['turns'] === 1 ? '# turn' : '# turns');
+      add('climb_m', 'climb # m');
+      add('end_radius_m', 'to R # m');
       break;
     case 'meet':
       parts.push(String(step['meeting'] ?? ''));
       break;
     case 'land':
   }
-  metres('speed_m_s', '≤ # m/s');
-  metres('photo_every_m', 'photo every # m');
+  add('speed_m_s', '≤ # m/s');
+  add('photo_every_m', 'photo every # m');
   if (step['look_at'] != null) parts.push('heading towards a point');
   else if (step['heading'] === 'along_path') parts.push('heading along the path');
   return parts.join(' · ');
 }
 
-const HERE: MissionPosition = { offset_ned_m: [0, 0, -10] };
+/** 10 m above the start. */
+const ABOVE_START: MissionPosition = { offset_ned_m: [0, 0, -10] };
 
 /** Fields of a new step; `at` is the clicked position. */
-export function newStep(kind: StepKind, at: MissionPosition = HERE): Step {
-  const round = { center: at, radius_m: 10, turns: 1, clockwise: true };
+export function newStep(kind: StepKind, at: MissionPosition = ABOVE_START): Step {
+  const circle = { center: at, radius_m: 10, turns: 1, clockwise: true };
   const condition = { value: 'battery_share', above: 0.5 };
   const fields: Readonly<Record<StepKind, object>> = {
     take_off: { height_m: 10 },
     fly: { points: [at], curve: 'straight' },
     hold: { duration_s: 10 },
-    orbit: round,
-    helix: { ...round, turns: 3, climb_m: 10 },
-    spiral: { ...round, turns: 3, end_radius_m: 20, climb_m: 0 },
+    orbit: circle,
+    helix: { ...circle, turns: 3, climb_m: 10 },
+    spiral: { ...circle, turns: 3, end_radius_m: 20, climb_m: 0 },
     figure_eight: { center: at, length_m: 40, width_m: 20, rounds: 1, axis_ned_rad: 0 },
     table: { file: 'path.csv', relative: true },
     velocity: { velocity_ned_m_s: [1, 0, 0], duration_s: 5 },

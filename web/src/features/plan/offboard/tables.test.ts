@@ -9,8 +9,8 @@ import { MAX_TABLES, withTable } from './tables';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const TABLE = { name: 'loop.csv', text: 't_s,north_m,east_m,down_m\n0,0,0,-9\n2,4,0,-9\n' };
-const fly = (file: string) => ({ ...newStep('table'), file });
-const missionOf = (files: readonly string[], tables: Record<string, string>): Mission => ({ ...newMission(HOME), steps: files.map(fly), tables });
+const tableStep = (file: string) => ({ ...newStep('table'), file });
+const missionOf = (files: readonly string[], tables: Record<string, string>): Mission => ({ ...newMission(HOME), steps: files.map(tableStep), tables });
 const nodeOf = (mission: Mission, index = 0): StepNode => nodesOf(mission)[index] as StepNode;
 const filesOf = (mission: Mission | null) => mission?.steps.map((step) => step['file']);
 
@@ -23,15 +23,15 @@ describe('a table of a mission', () => {
     expect(mission.tables).toEqual({ 'old.csv': 'x', 'spare.csv': 'y' });
   });
 
-  it('keeps the table of another step, also of the same name', () => {
+  it('keeps a table that another step uses, also one with the same name', () => {
     const mission = missionOf(['loop.csv', 'loop.csv'], { 'loop.csv': 'x', 'loop 2.csv': 'y' });
     const next = withTable(mission, nodeOf(mission), TABLE);
     expect(next?.tables).toEqual({ 'loop.csv': 'x', 'loop 2.csv': 'y', 'loop 3.csv': TABLE.text });
     expect(filesOf(next)).toEqual(['loop 3.csv', 'loop.csv']);
   });
 
-  it('keeps the table of a step in a list that nothing calls', () => {
-    const mission = { ...missionOf(['old.csv'], { 'old.csv': 'x' }), missions: { spare: [{ ...newStep('repeat'), steps: [fly('old.csv')] }] } };
+  it('keeps a table that a step in an uncalled list uses', () => {
+    const mission = { ...missionOf(['old.csv'], { 'old.csv': 'x' }), missions: { spare: [{ ...newStep('repeat'), steps: [tableStep('old.csv')] }] } };
     expect(withTable(mission, nodeOf(mission), TABLE)?.tables).toEqual({ 'old.csv': 'x', 'loop.csv': TABLE.text });
   });
 
@@ -41,7 +41,7 @@ describe('a table of a mission', () => {
     expect([next?.tables, filesOf(next)]).toEqual([{ 'loop.csv': TABLE.text }, ['loop.csv', 'loop.csv']]);
   });
 
-  it('is refused when the mission has too many, but replaces one', () => {
+  it('is refused if the mission would have too many tables', () => {
     const full = Object.fromEntries(Array.from({ length: MAX_TABLES }, (_, number) => [`${number}.csv`, 'x']));
     const mission = missionOf(['0.csv', 'path.csv'], full);
     expect(withTable(mission, nodeOf(mission, 1), TABLE)).toBeNull();
@@ -51,12 +51,12 @@ describe('a table of a mission', () => {
 
 describe('importing a trajectory', () => {
   const file = new File(['x'], 'loop.npy');
-  function session(status: number, answer: object, meanwhile: (editor: PlanEditor) => void = () => undefined) {
+  function session(status: number, body: object, duringRequest: (editor: PlanEditor) => void = () => undefined) {
     const editor = new PlanEditor();
     const api = new PlanApi(
       new ApiClient('p', undefined, () => {
-        meanwhile(editor);
-        return Promise.resolve(new Response(JSON.stringify(answer), { status }));
+        duringRequest(editor);
+        return Promise.resolve(new Response(JSON.stringify(body), { status }));
       }),
     );
     const memory = { getItem: () => null, setItem: () => undefined, removeItem: () => undefined };
@@ -64,7 +64,7 @@ describe('importing a trajectory', () => {
     return { editor, plans: new Plans(api, editor, memory), node: nodeOf(editor.mission as Mission) };
   }
 
-  it('is one change, and says what the file contains', async () => {
+  it('is one change, with a notice about the content of the file', async () => {
     const { editor, plans, node } = session(200, { ...TABLE, rows: 2, duration_s: 2, has_yaw: false });
     expect(await plans.importTable(file, node)).toBe(true);
     expect(editor.mission?.tables).toEqual({ 'loop.csv': TABLE.text });
@@ -73,7 +73,7 @@ describe('importing a trajectory', () => {
     expect([editor.mission?.tables, filesOf(editor.mission)]).toEqual([{}, ['path.csv']]);
   });
 
-  it('changes nothing when the server refuses the file, and shows the reason and the fix', async () => {
+  it('does not change the mission when the server refuses the file, and shows the reason and the remedy', async () => {
     const problem = { code: 'invalid_request', detail: 'body: the table: its shape is (20,).', remedy: 'Save shape (N, 4).', field: 'body' };
     const { editor, plans, node } = session(422, problem);
     const before = editor.document;
@@ -82,8 +82,8 @@ describe('importing a trajectory', () => {
     expect(plans.notice).toMatchObject({ tone: 'danger', text: expect.stringMatching(/loop\.npy.*shape is \(20,\).*Save shape/s) as string });
   });
 
-  it('changes nothing when the mission was changed during the request', async () => {
-    const { editor, plans, node } = session(200, { ...TABLE, rows: 2, duration_s: 2, has_yaw: false }, (now) => now.rename('Other'));
+  it('has no effect when the mission was changed during the request', async () => {
+    const { editor, plans, node } = session(200, { ...TABLE, rows: 2, duration_s: 2, has_yaw: false }, (editor) => editor.rename('Other'));
     expect(await plans.importTable(file, node)).toBe(false);
     expect(editor.mission?.tables).toEqual({});
     expect(plans.notice?.text).toMatch(/changed during the request/);

@@ -13,7 +13,7 @@ export interface Table {
   readonly text: string;
 }
 
-/** All steps, also those that nothing calls. */
+/** All steps, also those of lists that no step calls. */
 function allSteps(mission: Mission): Step[] {
   const lists = [mission.steps, ...Object.values(mission.roles ?? {}).map((role) => role.steps), ...Object.values(mission.missions)];
   const flat = (steps: readonly Step[]): Step[] =>
@@ -21,19 +21,20 @@ function allSteps(mission: Mission): Step[] {
   return lists.flatMap(flat);
 }
 
-/** A name of which the mission has no other table. */
+/** A name that no other table of the mission has; a table with the same content may have it. */
 function freeName(tables: Readonly<Record<string, string>>, { name, text }: Table): string {
-  let free = name;
-  for (let number = 2; tables[free] !== undefined && tables[free] !== text; number += 1) {
+  let candidate = name;
+  for (let number = 2; tables[candidate] !== undefined && tables[candidate] !== text; number += 1) {
     const end = ` ${number}.csv`;
-    free = name.replace(/\.csv$/, '').slice(0, MAX_NAME_LENGTH - end.length) + end;
+    candidate = name.replace(/\.csv$/, '').slice(0, MAX_NAME_LENGTH - end.length) + end;
   }
-  return free;
+  return candidate;
 }
 
 /**
- * Makes the step fly a table, which becomes part of the mission. The tables of other steps stay as they are; the step's
- * previous table is removed unless another step uses it. @returns null: the mission has too many tables.
+ * Stores a table in the mission and makes the step fly it. The previous table of the step is removed unless another
+ * step uses it.
+ * @returns null: the mission has too many tables.
  */
 export function withTable(mission: Mission, node: StepNode, table: Table): Mission | null {
   const old = node.step['file'];

@@ -3,7 +3,7 @@
 import type { LayerEditor } from '../../../app/map-layers.svelte';
 import type { GeoPosition } from '../../../vehicle/geo';
 import type { Problem } from '../../../api/problems';
-import type { MadePattern, PlanApi } from '../api';
+import type { GeneratedPattern, PlanApi } from '../api';
 import { groundOf, kindOf, type PlanKind } from '../document-kinds';
 import type { PlanEditor } from '../editor/editor.svelte';
 import type { FieldValue } from '../offboard/fields';
@@ -30,17 +30,17 @@ export const GROUND_TOLERANCE_M = 5;
 
 interface Preview {
   readonly key: string;
-  readonly made: MadePattern | null;
+  readonly generated: GeneratedPattern | null;
   readonly problem: FieldProblem | null;
 }
 
 export class PatternDrawing implements LayerEditor {
   /** Null: no pattern is being drawn. */
   kind = $state.raw<PatternKind | null>(null);
-  /** Kept after a cancellation, so that the next pattern of the same area needs no new drawing. */
+  /** The drawn shape. It stays after a cancellation for the next pattern. */
   rings = $state.raw<Rings>(NO_RINGS);
   /** The ring to which the next click adds a point. */
-  private active = $state(0);
+  private activeRing = $state(0);
   selected = $state.raw<ShapePoint | null>(null);
   values = $state.raw<PatternValues>(DEFAULT_VALUES);
   private preview = $state.raw<Preview | null>(null);
@@ -48,7 +48,7 @@ export class PatternDrawing implements LayerEditor {
   busy = $state(false);
   /** The vehicle whose parameters are used; null: none. */
   vehicle = $state.raw<string | null>(null);
-  private requests = 0;
+  private requestCount = 0;
   private grabbed: { rings: Rings; selected: ShapePoint | null } | null = null;
 
   constructor(
@@ -60,6 +60,7 @@ export class PatternDrawing implements LayerEditor {
   }
 
   readonly type = $derived(PATTERNS[this.kind ?? 'survey']);
+  /** Number of points that the shape still needs. */
   readonly missing = $derived(shape.missingPoints(this.rings, this.type.shape));
   private readonly request: PatternRequest | null = $derived.by(() =>
     this.kind === null || this.missing > 0 ? null : requestOf(this.kind, this.rings, this.values),
@@ -68,8 +69,8 @@ export class PatternDrawing implements LayerEditor {
   /** Identifies the request to the server; null: the shape is not complete, or a value is missing. */
   readonly key: string | null = $derived.by(() => (this.request?.ok === true ? JSON.stringify([this.request.pattern, this.document, this.vehicle]) : null));
   readonly isCurrent = $derived(this.key !== null && this.preview?.key === this.key);
-  /** The generated pattern, of the present or an earlier shape. */
-  readonly made: MadePattern | null = $derived.by(() => (this.key === null ? null : (this.preview?.made ?? null)));
+  /** The newest generated pattern; while `isCurrent` is false, it belongs to an earlier shape or setting. */
+  readonly generated: GeneratedPattern | null = $derived.by(() => (this.key === null ? null : (this.preview?.generated ?? null)));
   readonly problem: FieldProblem | null = $derived.by(() =>
     this.request?.ok === false ? this.request.problem : this.isCurrent ? (this.preview?.problem ?? null) : null,
   );
@@ -77,13 +78,13 @@ export class PatternDrawing implements LayerEditor {
     if (this.kind === null) return null;
     const radius_m = this.kind === 'orbit' ? this.values.radius_m : null;
     const ground = groundOf(this.editor.document, this.editor.frame, this.rings[0]?.[0]);
-    return shapePicture(this.rings, this.type.shape, this.selected, this.made, this.isCurrent, radius_m, ground);
+    return shapePicture(this.rings, this.type.shape, this.selected, this.generated, this.isCurrent, radius_m, ground);
   });
 
   begin(kind: PatternKind): void {
     this.editor.stopPlacing();
     this.kind = kind;
-    this.setRings(shape.fitting(this.rings, kind));
+    this.setRings(shape.usableRings(this.rings, kind));
     this.preview = null;
   }
 
@@ -92,7 +93,7 @@ export class PatternDrawing implements LayerEditor {
     this.preview = null;
   }
 
-  /** Removes what is drawn. */
+  /** Removes the drawn shape. */
   clear(): void {
     this.setRings(NO_RINGS);
   }
@@ -102,7 +103,7 @@ export class PatternDrawing implements LayerEditor {
     this.memory.setItem(STORED_CAMERA, JSON.stringify(cameraOf(this.values)));
   }
 
-  /** Draws an area or a line as a whole. */
+  /** Replaces the shape by an area or a line. */
   draw(points: readonly GeoPosition[]): void {
     this.setRings([points]);
     this.selected = points.length > 0 ? { ring: 0, index: 0 } : null;
@@ -111,19 +112,20 @@ export class PatternDrawing implements LayerEditor {
   /** Begins a hole: the next points are its corners. */
   addHole(): void {
     this.rings = shape.addHole(this.rings);
-    this.active = this.rings.length - 1;
+    this.activeRing = this.rings.length - 1;
     this.selected = null;
   }
 
   get drawsHole(): boolean {
-    return this.active > 0;
+    return this.activeRing > 0;
   }
 
   choose(point: ShapePoint): void {
     this.selected = point;
-    this.active = point.ring;
+    this.activeRing = point.ring;
   }
 
+  /** Position of the selected point. */
   readonly at: GeoPosition | null = $derived.by(() => (this.selected === null ? null : (this.rings[this.selected.ring]?.[this.selected.index] ?? null)));
 
   /** Moves the selected point. */
@@ -132,32 +134,32 @@ export class PatternDrawing implements LayerEditor {
   }
 
   press(at: GeoPosition): boolean {
-    this.rings = shape.addPoint(this.rings, this.type.shape, this.active, at);
-    this.selected = { ring: this.active, index: (this.rings[this.active]?.length ?? 1) - 1 };
+    this.rings = shape.addPoint(this.rings, this.type.shape, this.activeRing, at);
+    this.selected = { ring: this.activeRing, index: (this.rings[this.activeRing]?.length ?? 1) - 1 };
     return true;
   }
 
   pick(id: string): void {
-    const found = shape.pointOfId(id);
-    if (found === null) return;
-    if (found.inserts) this.insertAt(id, found.point);
-    this.choose(found.point);
+    const target = shape.pointOfId(id);
+    if (target === null) return;
+    if (target.inserts) this.insertAt(id, target.point);
+    this.choose(target.point);
   }
 
   grab(id: string): string | null {
-    const found = shape.pointOfId(id);
-    if (found === null) return null;
+    const target = shape.pointOfId(id);
+    if (target === null) return null;
     this.grabbed = { rings: this.rings, selected: this.selected };
-    if (found.inserts) this.insertAt(id, found.point);
-    this.choose(found.point);
-    return shape.pointId(found.point);
+    if (target.inserts) this.insertAt(id, target.point);
+    this.choose(target.point);
+    return shape.pointId(target.point);
   }
 
   drag(_id: string, to: GeoPosition): void {
     this.moveTo(to);
   }
 
-  /** Corners have no height. */
+  /** Does nothing: the points of a shape have no altitude. */
   raise(): void {}
 
   drop(keep: boolean): void {
@@ -172,48 +174,48 @@ export class PatternDrawing implements LayerEditor {
     const point = this.selected;
     if (point === null) return false;
     this.rings = shape.removePoint(this.rings, point);
-    this.active = Math.min(this.active, this.rings.length - 1);
-    const left = this.rings[point.ring]?.length ?? 0;
-    this.selected = left === 0 ? null : { ring: point.ring, index: Math.max(0, point.index - 1) };
+    this.activeRing = Math.min(this.activeRing, this.rings.length - 1);
+    const remaining = this.rings[point.ring]?.length ?? 0;
+    this.selected = remaining === 0 ? null : { ring: point.ring, index: Math.max(0, point.index - 1) };
     return true;
   }
 
-  /** Requests the present pattern from the server. The answer to an earlier request is discarded. */
+  /** Requests the pattern from the server. The response to an earlier request is discarded. */
   async refresh(): Promise<void> {
     const [key, kind, request] = [this.key, this.kind, this.request];
     if (key === null || kind === null || request?.ok !== true || this.isCurrent) return;
-    this.requests += 1;
-    const number = this.requests;
+    this.requestCount += 1;
+    const requestNumber = this.requestCount;
     this.busy = true;
     const tolerance_m = this.values.reference === 'terrain' ? GROUND_TOLERANCE_M : null;
-    const answer = await this.api.pattern(request.pattern, this.document, this.vehicle, tolerance_m);
-    if (number === this.requests) this.busy = false;
+    const response = await this.api.pattern(request.pattern, this.document, this.vehicle, tolerance_m);
+    if (requestNumber === this.requestCount) this.busy = false;
     if (key !== this.key) return;
-    if (answer.ok) this.preview = { key, made: answer.value, problem: null };
+    if (response.ok) this.preview = { key, generated: response.value, problem: null };
     else {
-      this.preview = { key, made: null, problem: { place: placeOf(kind, answer.problem.field), text: fieldProblemText(answer.problem) } };
+      this.preview = { key, generated: null, problem: { place: placeOf(kind, response.problem.field), text: fieldProblemText(response.problem) } };
     }
   }
 
-  /** Inserts the pattern into the plan as one change. @returns null: it cannot be generated, see `problem`. */
-  async insert(): Promise<MadePattern | null> {
+  /** Inserts the pattern into the plan as one change. @returns null: the pattern was not generated, see `problem`. */
+  async insert(): Promise<GeneratedPattern | null> {
     await this.refresh();
-    const made = this.isCurrent ? this.made : null;
-    if (made === null) return null;
-    this.editor.insertPattern(made.plan);
+    const generated = this.isCurrent ? this.generated : null;
+    if (generated === null) return null;
+    this.editor.insertPattern(generated.plan);
     this.cancel();
     this.clear();
-    return made;
+    return generated;
   }
 
   private setRings(rings: Rings): void {
     this.rings = rings;
-    this.active = 0;
+    this.activeRing = 0;
     this.selected = null;
   }
 
   private insertAt(id: string, point: ShapePoint): void {
-    const at = shape.midpoints(this.rings, this.type.shape).find((one) => one.id === id)?.at;
+    const at = shape.midpoints(this.rings, this.type.shape).find((midpoint) => midpoint.id === id)?.at;
     if (at !== undefined) this.rings = shape.insertPoint(this.rings, point, at);
   }
 

@@ -1,7 +1,7 @@
 /** The figures of a pattern as texts. Pure. */
 
 import { duration, fixed, metres } from '../../../ui/format';
-import type { MadePattern } from '../api';
+import type { GeneratedPattern } from '../api';
 
 export interface Figure {
   readonly label: string;
@@ -15,10 +15,10 @@ export function areaText(area_m2: number): string {
 }
 
 /**
- * Leaves out figures that the pattern does not have, such as the resolution of a pattern without pictures.
+ * The figures of a pattern, without those that do not apply, such as the resolution of a pattern without photos.
  * @param spacing name of the distance between lines or rounds.
  */
-export function figuresOf(figures: MadePattern['figures'], spacing: string): Figure[] {
+export function figuresOf(figures: GeneratedPattern['figures'], spacing: string): Figure[] {
   const length = metres(figures.length_m);
   const all: (Figure | null)[] = [
     { label: 'Length', value: `${length.text} ${length.unit}` },

@@ -1,27 +1,27 @@
-/** The shape that is being drawn, on the ground, and the lines of its pattern at their altitudes, as a map layer. Pure. */
+/** The drawn shape (on the ground) and the lines of the generated pattern (at their altitudes) as a map layer. Pure. */
 
 import type { LayerLine, LayerPicture, LayerPoint, LayerPosition } from '../../../app/map-layers.svelte';
 import { groundDistance_m } from '../../../vehicle/geo';
 import { alt_amsl_m } from '../document/document';
 import { ringOf } from '../document/layer';
-import type { MadePattern } from '../api';
+import type { GeneratedPattern } from '../api';
 import { midpoints, pointId, type Rings, type ShapeKind, type ShapePoint } from './shape';
 
 /** Above this number of points, midpoints would cover the corners. */
 const MAX_MIDPOINTS = 60;
 
-/** Nearer positions are the same [m]: larger than the error of positions in JSON, smaller than any line. */
+/** Positions nearer to each other than this are the same [m]: more than the rounding of JSON, less than any line. */
 const SAME_M = 0.01;
 
 /**
- * @param radius_m radius of an orbit, whose circle is drawn until the server has generated its path; null: no orbit.
+ * @param radius_m radius of the circle of an orbit; null: another pattern.
  * @param ground position of home, to which altitudes above home are relative.
  */
 export function shapePicture(
   rings: Rings,
   kind: ShapeKind,
   selected: ShapePoint | null,
-  made: MadePattern | null,
+  generated: GeneratedPattern | null,
   isCurrent: boolean,
   radius_m: number | null,
   ground: Required<LayerPosition>,
@@ -35,7 +35,7 @@ export function shapePicture(
       points.push({ id: pointId({ ring: i, index }), ...at, mark: kind === 'point' ? 'cross' : 'corner', tone: 'actual', text: '', selected: isSelected });
     }),
   );
-  return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(made, isCurrent, ground.alt_amsl_m)], areas: areas(rings, kind), ground };
+  return { points, lines: [...outlines(rings, kind, radius_m), ...patternLines(generated, isCurrent, ground.alt_amsl_m)], areas: areas(rings, kind), ground };
 }
 
 function outlines(rings: Rings, kind: ShapeKind, radius_m: number | null): LayerLine[] {
@@ -49,20 +49,20 @@ function outlines(rings: Rings, kind: ShapeKind, radius_m: number | null): Layer
     .map((ring) => ({ positions: kind === 'area' ? [...ring, ...ring.slice(0, 1)] : ring, tone: 'actual', style: 'dashed' }));
 }
 
-/** The path, with the lines on which pictures are taken; dotted while it belongs to an earlier shape or setting. */
-function patternLines(made: MadePattern | null, isCurrent: boolean, home_amsl_m: number): LayerLine[] {
-  if (made === null) return [];
-  const path = made.path.map(({ lat_deg, lon_deg, altitude }) => ({ lat_deg, lon_deg, alt_amsl_m: alt_amsl_m(altitude, home_amsl_m) }));
-  const pictured = linesOnPath(path, made.lines).map((positions): LayerLine => ({ positions, tone: 'target', style: isCurrent ? 'solid' : 'dotted' }));
-  const style = isCurrent && pictured.length === 0 ? 'solid' : 'dotted';
-  return [...(path.length > 1 ? [{ positions: path, tone: 'target', style } as const] : []), ...pictured];
+/** The path, and the lines on which photos are taken; dotted while they belong to an earlier shape or setting. */
+function patternLines(generated: GeneratedPattern | null, isCurrent: boolean, home_amsl_m: number): LayerLine[] {
+  if (generated === null) return [];
+  const path = generated.path.map(({ lat_deg, lon_deg, altitude }) => ({ lat_deg, lon_deg, alt_amsl_m: alt_amsl_m(altitude, home_amsl_m) }));
+  const photoLines = linesOnPath(path, generated.lines).map((positions): LayerLine => ({ positions, tone: 'target', style: isCurrent ? 'solid' : 'dotted' }));
+  const style = isCurrent && photoLines.length === 0 ? 'solid' : 'dotted';
+  return [...(path.length > 1 ? [{ positions: path, tone: 'target', style } as const] : []), ...photoLines];
 }
 
 /**
- * The lines with the altitudes of the path, which contains them in the same order. Each line begins at a position of the
- * path. Where the path follows the ground, it may have more positions along a line.
+ * The lines with the altitudes of the path. The path contains the lines in the same order; each line begins at a
+ * position of the path. A path that follows the ground can have more positions along a line.
  */
-export function linesOnPath(path: readonly Required<LayerPosition>[], lines: MadePattern['lines']): LayerPosition[][] {
+export function linesOnPath(path: readonly Required<LayerPosition>[], lines: GeneratedPattern['lines']): LayerPosition[][] {
   let from = 0;
   return lines.map(([start, end]) => {
     const first = path.findIndex((at, i) => i >= from && groundDistance_m(at, start) < SAME_M);
@@ -74,9 +74,9 @@ export function linesOnPath(path: readonly Required<LayerPosition>[], lines: Mad
     from = next - 1;
     const [before, after] = [path[next - 1], path[next] ?? path[next - 1]];
     const span_m = along_m(next) - along_m(next - 1);
-    const share = span_m > SAME_M ? (length_m - along_m(next - 1)) / span_m : 0;
-    const [low_m, high_m] = [before?.alt_amsl_m ?? 0, after?.alt_amsl_m ?? 0];
-    return [...path.slice(first, next), { lat_deg: end.lat_deg, lon_deg: end.lon_deg, alt_amsl_m: low_m + share * (high_m - low_m) }];
+    const fraction = span_m > SAME_M ? (length_m - along_m(next - 1)) / span_m : 0;
+    const [before_amsl_m, after_amsl_m] = [before?.alt_amsl_m ?? 0, after?.alt_amsl_m ?? 0];
+    return [...path.slice(first, next), { lat_deg: end.lat_deg, lon_deg: end.lon_deg, alt_amsl_m: before_amsl_m + fraction * (after_amsl_m - before_amsl_m) }];
   });
 }
 

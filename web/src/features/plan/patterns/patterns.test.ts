@@ -8,7 +8,7 @@ import { newItem } from '../document/items';
 import { GROUND_TOLERANCE_M, PatternDrawing } from './drawing.svelte';
 import { areaText, figuresOf } from './figures';
 import { linesOnPath, shapePicture } from './pattern-layer';
-import { fitting, KINDS, missingPoints, namedPoints, PATTERNS, rectangle, type PatternKind } from './shape';
+import { KINDS, missingPoints, namedPoints, PATTERNS, rectangle, usableRings, type PatternKind } from './shape';
 import { DEFAULT_VALUES, placeOf, requestOf, sectionsOf, withRow, type PatternValues, type RowName } from './values';
 
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -29,7 +29,7 @@ const FIGURES = {
 };
 const AT_40_M: Altitude = { value_m: 40, reference: 'home' };
 const WAYPOINTS = [at(0), at(0, 80)].map((place) => newItem('waypoint', place, AT_40_M));
-const MADE = {
+const GENERATED = {
   plan: { ...EMPTY, items: WAYPOINTS },
   path: [at(0), at(0, 80)].map((place) => ({ ...place, altitude: AT_40_M })),
   lines: [[at(0), at(0, 80)]],
@@ -38,14 +38,14 @@ const MADE = {
 };
 const STEPS = ['To survey line 1', 'Survey line 1'].map((name) => ({ step: 'fly', name, points: [{ lat_deg: 47.4, lon_deg: 8.5, alt_home_m: 40 }] }));
 
-type Answer = readonly [number, unknown];
+type FakeResponse = readonly [number, unknown];
 
-/** A drawing with a fake server, which gives these answers in order and records the requests. */
-function drawn(kind: PatternKind, ...answers: readonly Answer[]) {
-  const asked: { url: string; body: Record<string, unknown> }[] = [];
+/** A drawing with a fake server, which gives these responses in order and records the requests. */
+function drawingWith(kind: PatternKind, ...responses: readonly FakeResponse[]) {
+  const requests: { url: string; body: Record<string, unknown> }[] = [];
   const api = new ApiClient('p', undefined, (url, init) => {
-    const [status, body] = answers[asked.length] ?? [500, {}];
-    asked.push({ url, body: JSON.parse(init.body as string) as Record<string, unknown> });
+    const [status, body] = responses[requests.length] ?? [500, {}];
+    requests.push({ url, body: JSON.parse(init.body as string) as Record<string, unknown> });
     return Promise.resolve(new Response(JSON.stringify(body), { status }));
   });
   const stored = new Map<string, string>();
@@ -54,12 +54,12 @@ function drawn(kind: PatternKind, ...answers: readonly Answer[]) {
   editor.begin(HOME);
   const drawing = new PatternDrawing(new PlanApi(api), editor, memory);
   drawing.begin(kind);
-  return { drawing, editor, asked, memory, api };
+  return { drawing, editor, requests, memory, api };
 }
 
 describe('the shape of a pattern', () => {
   it('is drawn by clicks, corrected by drags and midpoints, and reduced by Delete', () => {
-    const { drawing } = drawn('survey');
+    const { drawing } = drawingWith('survey');
     for (const [count, corner] of AREA.slice(0, 3).entries()) {
       expect(drawing.missing).toBe(3 - count);
       drawing.press(corner);
@@ -79,8 +79,8 @@ describe('the shape of a pattern', () => {
     expect(drawing.selected).toEqual({ ring: 0, index: 2 });
   });
 
-  it('has holes, to which clicks add corners while one of them is edited', () => {
-    const { drawing } = drawn('survey');
+  it('has holes; clicks add corners to the hole or outline of the selected corner', () => {
+    const { drawing } = drawingWith('survey');
     drawing.draw(AREA);
     drawing.addHole();
     expect(drawing.missing).toBe(0);
@@ -97,26 +97,26 @@ describe('the shape of a pattern', () => {
     expect(drawing.rings).toHaveLength(1);
   });
 
-  it('keeps what the next kind of pattern can use', () => {
-    expect(fitting([AREA, HOLE], 'survey')).toEqual([AREA, HOLE]);
-    expect(fitting([AREA, HOLE], 'perimeter')).toEqual([AREA]);
-    expect(fitting([AREA], 'orbit')).toEqual([[AREA[0]]]);
-    const { drawing } = drawn('orbit');
+  it('is reduced to the part that another kind of pattern can use', () => {
+    expect(usableRings([AREA, HOLE], 'survey')).toEqual([AREA, HOLE]);
+    expect(usableRings([AREA, HOLE], 'perimeter')).toEqual([AREA]);
+    expect(usableRings([AREA], 'orbit')).toEqual([[AREA[0]]]);
+    const { drawing } = drawingWith('orbit');
     drawing.press(at(1));
     drawing.press(at(2));
     expect(drawing.rings).toEqual([[at(2)]]);
   });
 
-  it('is entered without a map: a rectangle, then exact coordinates', () => {
-    const { drawing } = drawn('survey');
+  it('can be entered as a rectangle with exact coordinates', () => {
+    const { drawing } = drawingWith('survey');
     drawing.draw(rectangle(HOME, 60, 40));
     expect([drawing.missing, drawing.at?.lat_deg]).toEqual([0, at(40).lat_deg]);
     drawing.moveTo({ lat_deg: 47.5, lon_deg: 8.4 });
     expect(drawing.rings[0]?.[0]).toEqual({ lat_deg: 47.5, lon_deg: 8.4 });
   });
 
-  it('is drawn as a closed outline with its path, and with a circle for an orbit', () => {
-    const picture = shapePicture([AREA], 'area', { ring: 0, index: 1 }, MADE as never, true, null, HOME);
+  it('has a closed outline and the path on the map, or a circle for an orbit', () => {
+    const picture = shapePicture([AREA], 'area', { ring: 0, index: 1 }, GENERATED as never, true, null, HOME);
     expect(picture.lines.map(({ style, positions }) => [style, positions.length])).toEqual([
       ['dashed', 5],
       ['dotted', 2],
@@ -129,7 +129,7 @@ describe('the shape of a pattern', () => {
 
 describe('a pattern in the 3D view', () => {
   it('has its path and its lines at their altitudes, above the home of the plan', async () => {
-    const { drawing, editor } = drawn('survey', [200, MADE]);
+    const { drawing, editor } = drawingWith('survey', [200, GENERATED]);
     editor.frame = { start: HOME, origin: HOME, known: true };
     drawing.draw(AREA);
     await drawing.refresh();
@@ -140,18 +140,18 @@ describe('a pattern in the 3D view', () => {
 
   it('has rounds at several altitudes above sea level', () => {
     const path = [20, 30].flatMap((value_m) => AREA.map((place) => ({ ...place, altitude: { value_m, reference: 'amsl' } })));
-    const picture = shapePicture([AREA], 'area', null, { ...MADE, path, lines: [] } as never, true, null, HOME);
+    const picture = shapePicture([AREA], 'area', null, { ...GENERATED, path, lines: [] } as never, true, null, HOME);
     expect(picture.lines.at(-1)?.positions.map(({ alt_amsl_m }) => alt_amsl_m)).toEqual([20, 20, 20, 20, 30, 30, 30, 30]);
   });
 
-  it('is on the ground of its own position while the plan has none', () => {
-    const { drawing, editor } = drawn('survey');
+  it('is on the ground at its own position while the plan has no position', () => {
+    const { drawing, editor } = drawingWith('survey');
     editor.begin(null);
     drawing.draw(AREA);
     expect(drawing.picture?.ground).toEqual({ ...AREA[0], alt_amsl_m: 0 });
   });
 
-  it('has lines that follow the ground like its path, up to where the pictures end', () => {
+  it('has lines that follow the ground like the path, up to the last photo', () => {
     const path = [at(0, -10), at(0), at(0, 40), at(0, 90), at(20, 90), at(20, 0)].map((place, i) => ({ ...place, alt_amsl_m: 500 + 10 * i }));
     const lines = linesOnPath(path, [
       [at(0), at(0, 80)],
@@ -198,19 +198,19 @@ describe('the settings of a pattern', () => {
     expect(request('perimeter', { offset_m: -5 })).toMatchObject({ pattern: { outer: AREA, offset_m: -5, rounds: 1 } });
   });
 
-  it('are refused on the page where the server could only guess', () => {
+  it('are refused by the page if the distance from camera to ground is missing or not above 0', () => {
     expect(request('survey', { reference: 'amsl' })).toMatchObject({ ok: false, problem: { place: 'distance_m' } });
     expect(request('survey', { reference: 'amsl', distance_m: 50 })).toMatchObject({ ok: true });
     expect(request('corridor', { altitude_m: -3 })).toMatchObject({ ok: false, problem: { place: 'altitude_m' } });
     expect(request('perimeter', { reference: 'amsl', altitude_m: -3 })).toMatchObject({ ok: true });
   });
 
-  it('all have a row in the form of a pattern that uses them', () => {
+  it('all have a row in the form of at least one pattern', () => {
     const shown = new Set(KINDS.flatMap((kind) => sectionsOf(kind, DEFAULT_VALUES)).flatMap(({ rows }) => rows.map(({ name }) => name)));
     expect([...shown].sort()).toEqual([...Object.keys(DEFAULT_VALUES), 'camera'].sort());
   });
 
-  it('have a camera of the list, or other values', () => {
+  it('show a camera of the list, or "other" for other values', () => {
     const cameraRow = (values: PatternValues) =>
       sectionsOf('survey', values)
         .flatMap(({ rows }) => rows)
@@ -238,8 +238,8 @@ describe('the settings of a pattern', () => {
 });
 
 describe('the preview of a pattern', () => {
-  it('shows the figures before anything is inserted, and inserts what it shows as one change', async () => {
-    const { drawing, editor, asked } = drawn('survey', [200, MADE]);
+  it('shows the figures before the insertion, and is inserted as one change', async () => {
+    const { drawing, editor, requests } = drawingWith('survey', [200, GENERATED]);
     editor.addItem('takeoff', HOME);
     editor.addItem('return_home', null);
     editor.select([]);
@@ -247,7 +247,7 @@ describe('the preview of a pattern', () => {
     drawing.vehicle = '7';
     drawing.draw(AREA);
     await drawing.refresh();
-    expect(asked[0]?.url).toBe('/api/v1/plans/pattern?document=waypoint_plan&vehicle=7');
+    expect(requests[0]?.url).toBe('/api/v1/plans/pattern?document=waypoint_plan&vehicle=7');
     expect(drawing.isCurrent).toBe(true);
     expect(figuresOf(FIGURES, PATTERNS.survey.spacing).map(({ value }) => value)).toEqual([
       '512 m',
@@ -261,7 +261,7 @@ describe('the preview of a pattern', () => {
     ]);
     expect(editor.plan).toBe(before);
     expect(await drawing.insert()).not.toBeNull();
-    expect(asked).toHaveLength(1);
+    expect(requests).toHaveLength(1);
     expect(editor.plan.items.map((item) => item.kind)).toEqual(['takeoff', 'waypoint', 'waypoint', 'return_home']);
     expect([...editor.selected]).toEqual(['item:1', 'item:2']);
     expect([drawing.kind, drawing.rings]).toEqual([null, [[]]]);
@@ -271,22 +271,25 @@ describe('the preview of a pattern', () => {
     expect(editor.plan.items).toHaveLength(4);
   });
 
-  it('inserts steps into an offboard mission, before its landing', async () => {
-    const { drawing, editor, asked } = drawn('survey', [200, { ...MADE, plan: { format: 'offboard-gcs-mission', name: 'Survey', steps: STEPS } }]);
+  it('is inserted as steps into an offboard mission, before the landing', async () => {
+    const { drawing, editor, requests } = drawingWith('survey', [
+      200,
+      { ...GENERATED, plan: { format: 'offboard-gcs-mission', name: 'Survey', steps: STEPS } },
+    ]);
     editor.beginMission(HOME);
     drawing.begin('survey');
     drawing.draw(AREA);
     await drawing.insert();
-    expect(asked[0]?.url).toBe('/api/v1/plans/pattern?document=offboard_mission');
+    expect(requests[0]?.url).toBe('/api/v1/plans/pattern?document=offboard_mission');
     expect(editor.mission?.steps.map(({ step, name }) => name ?? step)).toEqual(['take_off', 'To survey line 1', 'Survey line 1', 'land']);
     expect([...editor.selected]).toEqual(['step:step 2', 'step:step 3']);
     editor.undo();
     expect(editor.mission?.steps).toHaveLength(2);
   });
 
-  it('shows the reason of a refusal beside its field, and inserts nothing', async () => {
+  it('has the reason of a refusal beside its field, and is then not inserted', async () => {
     const refusal = { code: 'invalid_request', field: 'outer', detail: 'the area: its sides cross or touch.', remedy: 'Move its corners.' };
-    const { drawing, editor } = drawn('survey', [422, refusal], [200, MADE]);
+    const { drawing, editor } = drawingWith('survey', [422, refusal], [200, GENERATED]);
     const before = editor.plan;
     drawing.draw(AREA);
     expect(await drawing.insert()).toBeNull();
@@ -295,31 +298,31 @@ describe('the preview of a pattern', () => {
     drawing.moveTo(at(-5, 0));
     expect(drawing.problem).toBeNull();
     await drawing.refresh();
-    expect(drawing.made?.figures.photos).toBe(41);
+    expect(drawing.generated?.figures.photos).toBe(41);
   });
 
-  it('discards the answer to an earlier request', async () => {
-    const { drawing } = drawn('survey', [200, MADE], [200, { ...MADE, figures: { ...FIGURES, photos: 5 } }]);
+  it('is that of the newest request', async () => {
+    const { drawing } = drawingWith('survey', [200, GENERATED], [200, { ...GENERATED, figures: { ...FIGURES, photos: 5 } }]);
     drawing.draw(AREA);
     const first = drawing.refresh();
     drawing.set('altitude_m', 60);
     await Promise.all([first, drawing.refresh()]);
-    expect([drawing.isCurrent, drawing.busy, drawing.made?.figures.photos]).toEqual([true, false, 5]);
+    expect([drawing.isCurrent, drawing.busy, drawing.generated?.figures.photos]).toEqual([true, false, 5]);
   });
 
-  it('follows the ground if the altitude is above it', async () => {
-    const { drawing, asked } = drawn('perimeter', [200, MADE]);
+  it('follows the ground if the altitude is above terrain', async () => {
+    const { drawing, requests } = drawingWith('perimeter', [200, GENERATED]);
     drawing.draw(AREA);
     drawing.set('reference', 'terrain');
     await drawing.refresh();
-    expect(asked[0]?.url).toContain(`tolerance_m=${GROUND_TOLERANCE_M}`);
+    expect(requests[0]?.url).toContain(`tolerance_m=${GROUND_TOLERANCE_M}`);
   });
 
-  it('sends no request while the shape is incomplete, and keeps the camera for the next load of the page', async () => {
-    const { drawing, asked, memory, api, editor } = drawn('survey');
+  it('is not requested while the shape is incomplete; the camera is stored for the next load of the page', async () => {
+    const { drawing, requests, memory, api, editor } = drawingWith('survey');
     drawing.press(at(0));
     await drawing.refresh();
-    expect([asked.length, missingPoints(drawing.rings, 'area')]).toEqual([0, 2]);
+    expect([requests.length, missingPoints(drawing.rings, 'area')]).toEqual([0, 2]);
     drawing.set('camera', 'Full frame, 42 MP, 35 mm');
     expect(new PatternDrawing(new PlanApi(api), editor, memory).values.focal_length_mm).toBe(35);
     memory.setItem('gcs.pattern-camera', '{');
@@ -327,7 +330,7 @@ describe('the preview of a pattern', () => {
   });
 });
 
-it('states areas in a unit of their size', () => {
+it('an area is shown in m², ha or km², depending on its size', () => {
   expect([420, 25_000, 2_500_000].map(areaText)).toEqual(['420 m²', '2.50 ha', '2.50 km²']);
   expect(Object.keys(PATTERNS)).toEqual(['survey', 'corridor', 'perimeter', 'orbit', 'structure']);
 });

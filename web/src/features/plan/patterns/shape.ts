@@ -1,22 +1,21 @@
-/** The shape that a pattern is made from, as it is drawn: outline and holes of an area, a line, or a point. Pure. */
+/** The drawn shape from which a pattern is generated: an area with holes, a line, or a point. Pure. */
 
 import type { components } from '../../../api/schema';
 import { positionAt, type GeoPosition } from '../../../vehicle/geo';
 import { midpoint } from '../document/edit';
 
-export type Pattern = components['schemas']['SurveyPattern'] | Others;
-type Others = components['schemas']['CorridorPattern' | 'PerimeterPattern' | 'OrbitPattern' | 'StructurePattern'];
+export type Pattern = components['schemas']['SurveyPattern' | 'CorridorPattern' | 'PerimeterPattern' | 'OrbitPattern' | 'StructurePattern'];
 export type PatternKind = Pattern['kind'];
 export type ShapeKind = 'area' | 'line' | 'point';
 
 export interface PatternType {
   readonly title: string;
-  /** Its name in a sentence. */
+  /** Name of the pattern in a sentence. */
   readonly noun: string;
   readonly shape: ShapeKind;
   /** What the pattern is for. */
   readonly hint: string;
-  /** Name of the distance between its lines or rounds. */
+  /** Label of the distance between the lines or rounds. */
   readonly spacing: string;
 }
 
@@ -53,43 +52,43 @@ export interface ShapePoint {
 
 const MIN_POINTS: Readonly<Record<ShapeKind, number>> = { area: 3, line: 2, point: 1 };
 
-/** Number of points that the shape still needs; a hole without points counts as none. */
+/** Number of points that the shape still needs; a hole without points needs none. */
 export function missingPoints(rings: Rings, kind: ShapeKind): number {
   return Math.max(0, ...rings.map((ring, i) => (i > 0 && ring.length === 0 ? 0 : MIN_POINTS[kind] - ring.length)));
 }
 
-const plain = ({ lat_deg, lon_deg }: GeoPosition): GeoPosition => ({ lat_deg, lon_deg });
-const withRing = (rings: Rings, ring: number, points: readonly GeoPosition[]): Rings => rings.map((one, i) => (i === ring ? points : one));
+const latLon = ({ lat_deg, lon_deg }: GeoPosition): GeoPosition => ({ lat_deg, lon_deg });
+const withRing = (rings: Rings, ring: number, points: readonly GeoPosition[]): Rings => rings.map((old, i) => (i === ring ? points : old));
 
-/** Adds a point at the end of a ring; the only point of an orbit moves instead. */
+/** Adds a point at the end of a ring, or moves the only point of an orbit. */
 export function addPoint(rings: Rings, kind: ShapeKind, ring: number, at: GeoPosition): Rings {
-  return withRing(rings, ring, kind === 'point' ? [plain(at)] : [...(rings[ring] ?? []), plain(at)]);
+  return withRing(rings, ring, kind === 'point' ? [latLon(at)] : [...(rings[ring] ?? []), latLon(at)]);
 }
 
 export function insertPoint(rings: Rings, { ring, index }: ShapePoint, at: GeoPosition): Rings {
   const points = rings[ring] ?? [];
-  return withRing(rings, ring, [...points.slice(0, index), plain(at), ...points.slice(index)]);
+  return withRing(rings, ring, [...points.slice(0, index), latLon(at), ...points.slice(index)]);
 }
 
 export function movePoint(rings: Rings, { ring, index }: ShapePoint, to: GeoPosition): Rings {
   return withRing(
     rings,
     ring,
-    (rings[ring] ?? []).map((point, i) => (i === index ? plain(to) : point)),
+    (rings[ring] ?? []).map((point, i) => (i === index ? latLon(to) : point)),
   );
 }
 
 /** Removes a point; a hole without points is removed. */
 export function removePoint(rings: Rings, { ring, index }: ShapePoint): Rings {
-  const left = withRing(
+  const remaining = withRing(
     rings,
     ring,
     (rings[ring] ?? []).filter((_, i) => i !== index),
   );
-  return left.filter((points, i) => i === 0 || points.length > 0 || i !== ring);
+  return remaining.filter((points, i) => i === 0 || points.length > 0 || i !== ring);
 }
 
-/** Begins an empty hole, unless the last one is still empty. */
+/** Begins an empty hole, unless the last hole is still empty. */
 export function addHole(rings: Rings): Rings {
   return rings.at(-1)?.length === 0 ? rings : [...rings, []];
 }
@@ -105,15 +104,15 @@ export function rectangle(around: GeoPosition, half_east_m: number, half_north_m
   return corners.map(([east, north]) => positionAt(around, { east_m: east * half_east_m, north_m: north * half_north_m }));
 }
 
-/** The rings that a kind of pattern can use: only a survey has holes, and an orbit has only one point. */
-export function fitting(rings: Rings, kind: PatternKind): Rings {
+/** The part of a shape that a kind of pattern can use: only a survey has holes, and an orbit has only one point. */
+export function usableRings(rings: Rings, kind: PatternKind): Rings {
   const { shape } = PATTERNS[kind];
   const [first = [], ...holes] = rings;
   if (shape === 'point') return [first.slice(0, 1)];
   return kind === 'survey' ? [first, ...holes] : [first];
 }
 
-/** The points with their names for a person. */
+/** The points with their displayed names. */
 export function namedPoints(rings: Rings, kind: ShapeKind): { value: string; text: string }[] {
   const noun = kind === 'line' ? 'Point' : kind === 'point' ? 'Centre' : 'Corner';
   return rings.flatMap((points, ring) =>
@@ -126,7 +125,7 @@ export function namedPoints(rings: Rings, kind: ShapeKind): { value: string; tex
 
 export const pointId = ({ ring, index }: ShapePoint): string => `shape:${ring}:${index}`;
 
-/** @returns the point of an id of the map, and whether it is a midpoint, which inserts a point there. */
+/** Parses the id of a point on the map. `inserts`: the id is that of a midpoint, at which `point` would be inserted. */
 export function pointOfId(id: string): { point: ShapePoint; inserts: boolean } | null {
   const match = /^(shape|between):(\d+):(\d+)$/.exec(id);
   return match === null ? null : { point: { ring: Number(match[2]), index: Number(match[3]) }, inserts: match[1] === 'between' };

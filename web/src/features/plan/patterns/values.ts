@@ -1,4 +1,4 @@
-/** The settings of patterns: their rows in the form, and the pattern in the API's format. Pure. */
+/** The settings of patterns: their rows in the form, and their conversion to the API's format. Pure. */
 
 import type { GeoPosition } from '../../../vehicle/geo';
 import type { Altitude, Reference } from '../document/document';
@@ -6,11 +6,11 @@ import { REFERENCE_CHOICES } from '../document/items';
 import type { FieldValue, ShownField } from '../offboard/fields';
 import { PATTERNS, type Pattern, type PatternKind, type Rings } from './shape';
 
-/** One value for each setting of any pattern. Overlaps are per cent here and fractions in the API. */
+/** One value for each setting of any pattern. Overlaps are in per cent, and in the API as fractions. */
 export interface PatternValues {
   readonly altitude_m: number;
   readonly reference: Reference;
-  /** Distance from the camera to the ground; null: the altitude. */
+  /** Distance from the camera to the ground; null: equal to the altitude. */
   readonly distance_m: number | null;
   readonly front_percent: number;
   readonly side_percent: number;
@@ -42,11 +42,17 @@ export interface PatternValues {
 }
 export type ValueName = keyof PatternValues;
 export type RowName = ValueName | 'camera';
-/** A part of the form that a problem belongs to; `shape` is what is drawn on the map. */
+/** The part of the form to which a problem belongs; `shape`: the drawn shape; null: the whole form. */
 export type ProblemPlace = ValueName | 'shape' | null;
 
 type CameraValues = Pick<PatternValues, 'sensor_width_mm' | 'sensor_height_mm' | 'focal_length_mm' | 'image_width_px' | 'image_height_px'>;
-const camera = (sensor_width_mm: number, sensor_height_mm: number, focal_length_mm: number, image_width_px: number, image_height_px: number): CameraValues => ({
+const cameraValues = (
+  sensor_width_mm: number,
+  sensor_height_mm: number,
+  focal_length_mm: number,
+  image_width_px: number,
+  image_height_px: number,
+): CameraValues => ({
   sensor_width_mm,
   sensor_height_mm,
   focal_length_mm,
@@ -55,15 +61,15 @@ const camera = (sensor_width_mm: number, sensor_height_mm: number, focal_length_
 });
 /** Common sensors and lenses. */
 const CAMERAS: Readonly<Record<string, CameraValues>> = {
-  '1-inch, 20 MP, 8.8 mm': camera(13.2, 8.8, 8.8, 5472, 3648),
-  '4/3-inch, 20 MP, 12.3 mm': camera(17.3, 13, 12.3, 5280, 3956),
-  'APS-C, 24 MP, 16 mm': camera(23.5, 15.6, 16, 6000, 4000),
-  'Full frame, 42 MP, 35 mm': camera(35.9, 24, 35, 7952, 5304),
-  '1/2.3-inch, 12 MP, 4.7 mm': camera(6.17, 4.55, 4.7, 4000, 3000),
+  '1-inch, 20 MP, 8.8 mm': cameraValues(13.2, 8.8, 8.8, 5472, 3648),
+  '4/3-inch, 20 MP, 12.3 mm': cameraValues(17.3, 13, 12.3, 5280, 3956),
+  'APS-C, 24 MP, 16 mm': cameraValues(23.5, 15.6, 16, 6000, 4000),
+  'Full frame, 42 MP, 35 mm': cameraValues(35.9, 24, 35, 7952, 5304),
+  '1/2.3-inch, 12 MP, 4.7 mm': cameraValues(6.17, 4.55, 4.7, 4000, 3000),
 };
-const CAMERA_NAMES = Object.keys(camera(0, 0, 0, 0, 0)) as (keyof CameraValues)[];
+const CAMERA_FIELDS = Object.keys(cameraValues(0, 0, 0, 0, 0)) as (keyof CameraValues)[];
 
-/** Overlaps that photogrammetry programs recommend. */
+/** The overlaps are those that photogrammetry programs recommend. */
 export const DEFAULT_VALUES: PatternValues = {
   altitude_m: 40,
   reference: 'home',
@@ -71,7 +77,7 @@ export const DEFAULT_VALUES: PatternValues = {
   front_percent: 75,
   side_percent: 65,
   orientation: 'landscape',
-  ...camera(13.2, 8.8, 8.8, 5472, 3648),
+  ...cameraValues(13.2, 8.8, 8.8, 5472, 3648),
   heading_deg: null,
   turnaround_m: 0,
   crosshatch: false,
@@ -93,8 +99,15 @@ export const DEFAULT_VALUES: PatternValues = {
 };
 
 type Spec = Omit<ShownField, 'value'>;
-const number = (label: string, unit: string, min: number, max: number, more: Partial<Spec> = {}): Spec => ({ label, of: 'number', unit, min, max, ...more });
-const choice = (label: string, options: readonly { value: string; text: string }[]): Spec => ({ label, of: 'choice', options });
+const number = (label: string, unit: string, min: number, max: number, details: Partial<Spec> = {}): Spec => ({
+  label,
+  type: 'number',
+  unit,
+  min,
+  max,
+  ...details,
+});
+const choice = (label: string, options: readonly { value: string; text: string }[]): Spec => ({ label, type: 'choice', options });
 const options = (texts: Readonly<Record<string, string>>) => Object.entries(texts).map(([value, text]) => ({ value, text }));
 
 const SPECS: Readonly<Record<ValueName, Spec>> = {
@@ -111,7 +124,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   image_height_px: number('Photo height', 'px', 1, 1_000_000, { decimals: 0 }),
   heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'best' }),
   turnaround_m: number('Turnaround', 'm', 0, 1000),
-  crosshatch: { label: 'Second set of lines at right angles', of: 'switch' },
+  crosshatch: { label: 'Second set of lines at right angles', type: 'switch' },
   speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
   width_m: number('Width', 'm', 0.1, 10_000),
   offset_m: number('Distance from the edge', 'm', -10_000, 10_000),
@@ -119,7 +132,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   radius_m: number('Radius', 'm', 1, 10_000),
   direction: choice('Direction', options({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
   start_deg: number('Start, bearing', '°', -360, 360),
-  looks_at_center: { label: 'Camera looks at the centre', of: 'switch' },
+  looks_at_center: { label: 'Camera looks at the centre', type: 'switch' },
   look_at_m: number('Altitude of the point looked at', 'm', -12_000, 100_000),
   base_m: number('Altitude of the base', 'm', -12_000, 100_000),
   height_m: number('Height of the structure', 'm', 0.1, 10_000),
@@ -133,23 +146,23 @@ const WHOLE: ReadonlySet<ValueName> = new Set(['rounds', 'image_width_px', 'imag
 interface SectionSpec {
   readonly title: string;
   readonly rows: readonly RowName[];
-  /** Shown only when it is opened. */
+  /** The section is closed at first. */
   readonly folded?: boolean;
 }
-const CAMERA_DATA: SectionSpec = { title: 'Camera data', rows: CAMERA_NAMES, folded: true };
-const pictures = (...more: RowName[]): SectionSpec => ({ title: 'Photos', rows: ['camera', ...more, 'front_percent', 'side_percent'] });
+const CAMERA_DATA: SectionSpec = { title: 'Camera data', rows: CAMERA_FIELDS, folded: true };
+const photoSection = (...rows: RowName[]): SectionSpec => ({ title: 'Photos', rows: ['camera', ...rows, 'front_percent', 'side_percent'] });
 const ALTITUDE: readonly RowName[] = ['altitude_m', 'reference'];
 const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   survey: [
     { title: 'Altitude', rows: [...ALTITUDE, 'distance_m'] },
-    pictures('orientation'),
+    photoSection('orientation'),
     { title: 'Lines', rows: ['heading_deg', 'turnaround_m', 'speed_m_s', 'crosshatch'] },
     CAMERA_DATA,
   ],
   corridor: [
     { title: 'Corridor', rows: ['width_m', 'turnaround_m'] },
     { title: 'Altitude', rows: [...ALTITUDE, 'distance_m'] },
-    pictures('orientation'),
+    photoSection('orientation'),
     CAMERA_DATA,
   ],
   perimeter: [{ title: 'Path', rows: [...ALTITUDE, 'offset_m', 'rounds'] }],
@@ -160,7 +173,7 @@ const SECTIONS: Readonly<Record<PatternKind, readonly SectionSpec[]>> = {
   structure: [
     { title: 'Structure', rows: ['base_m', 'reference', 'height_m'] },
     { title: 'Rounds', rows: ['sides_m', 'lowest_m', 'order', 'gimbal_pitch_deg'] },
-    pictures(),
+    photoSection(),
     CAMERA_DATA,
   ],
 };
@@ -184,9 +197,9 @@ export function sectionsOf(kind: PatternKind, values: PatternValues): Section[] 
 }
 
 function cameraField(values: PatternValues): ShownField {
-  const known = Object.entries(CAMERAS).find(([, one]) => CAMERA_NAMES.every((name) => one[name] === values[name]))?.[0];
+  const known = Object.entries(CAMERAS).find(([, data]) => CAMERA_FIELDS.every((name) => data[name] === values[name]))?.[0];
   const names = [...Object.keys(CAMERAS), ...(known === undefined ? ['other'] : [])];
-  return { label: 'Camera', of: 'choice', value: known ?? 'other', options: names.map((value) => ({ value, text: value })) };
+  return { label: 'Camera', type: 'choice', value: known ?? 'other', options: names.map((value) => ({ value, text: value })) };
 }
 
 /** The values after a row was edited. */
@@ -195,18 +208,18 @@ export function withRow(values: PatternValues, name: RowName, value: FieldValue)
   return { ...values, [name]: WHOLE.has(name) ? Math.round(Number(value)) : value };
 }
 
-/** Reads the camera that was stored in the browser; anything else is ignored. */
+/** The values with the camera that was stored in the browser; an invalid camera is ignored. */
 export function withCamera(values: PatternValues, stored: unknown): PatternValues {
-  const given = (stored ?? {}) as Readonly<Record<string, unknown>>;
-  const isUsable = CAMERA_NAMES.every((name) => typeof given[name] === 'number' && Number.isFinite(given[name]) && given[name] > 0);
-  return isUsable ? { ...values, ...Object.fromEntries(CAMERA_NAMES.map((name) => [name, given[name]])) } : values;
+  const camera = (stored ?? {}) as Readonly<Record<string, unknown>>;
+  const isValid = CAMERA_FIELDS.every((name) => typeof camera[name] === 'number' && Number.isFinite(camera[name]) && camera[name] > 0);
+  return isValid ? { ...values, ...Object.fromEntries(CAMERA_FIELDS.map((name) => [name, camera[name]])) } : values;
 }
 
 export function cameraOf(values: PatternValues): CameraValues {
-  return Object.fromEntries(CAMERA_NAMES.map((name) => [name, values[name]])) as unknown as CameraValues;
+  return Object.fromEntries(CAMERA_FIELDS.map((name) => [name, values[name]])) as unknown as CameraValues;
 }
 
-/** Why the request cannot be sent yet. */
+/** A problem of one field or of the whole form. */
 export interface FieldProblem {
   readonly place: ProblemPlace;
   readonly text: string;
@@ -262,7 +275,7 @@ function patternOf(kind: PatternKind, outline: GeoPosition[], holes: GeoPosition
   }
 }
 
-/** Fields of the API by the beginning of their path, the longest first. */
+/** The place of a problem by the beginning of the API field's path, the longest beginning first. */
 const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
   ['coverage.front_overlap', 'front_percent'],
   ['coverage.side_overlap', 'side_percent'],
@@ -280,11 +293,11 @@ const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
   ['from_top', 'order'],
 ];
 
-/** The row beside which a problem of this field is shown; null: the form as a whole. */
+/** The row beside which a problem of this API field is shown; null: the problem belongs to the whole form. */
 export function placeOf(kind: PatternKind, field: string | null): ProblemPlace {
   if (field === null) return null;
   const last = field.split('.').at(-1) ?? '';
   if (field.startsWith('coverage.camera.') && last in SPECS) return last as ValueName;
-  const found = API_FIELDS.find(([start]) => field.startsWith(start))?.[1] ?? (field in SPECS ? (field as ValueName) : null);
-  return found === 'distance_m' && kind === 'structure' ? 'sides_m' : found;
+  const place = API_FIELDS.find(([start]) => field.startsWith(start))?.[1] ?? (field in SPECS ? (field as ValueName) : null);
+  return place === 'distance_m' && kind === 'structure' ? 'sides_m' : place;
 }

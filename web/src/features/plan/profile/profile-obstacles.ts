@@ -12,36 +12,37 @@ export interface ObstacleSpan {
   readonly top_m: number;
 }
 
-/** A position of the path with its horizontal distance from the first one. */
+/** A position of the path with its horizontal distance from the first position. */
 export interface PathPosition {
   readonly at: GeoPosition;
   readonly along_m: number;
 }
 
-export function obstacleSpans(way: readonly PathPosition[], obstacles: readonly Obstacle[], home: PlannedHome | null): ObstacleSpan[] {
-  const reference = way[0]?.at;
+/** The parts of the path that cross obstacles; without obstacles whose top cannot be related to home. */
+export function obstacleSpans(path: readonly PathPosition[], obstacles: readonly Obstacle[], home: PlannedHome | null): ObstacleSpan[] {
+  const reference = path[0]?.at;
   if (reference === undefined) return [];
-  const positions = way.map(({ at }) => eastNorth(reference, at));
+  const positions = path.map(({ at }) => eastNorth(reference, at));
   return obstacles.flatMap((obstacle) => {
     const top_m = alt_home_m(obstacle.top, home);
     if (top_m === null) return [];
     const ring = obstacle.polygon.map((corner) => eastNorth(reference, corner));
-    const found: ObstacleSpan[] = [];
-    way.slice(1).forEach(({ along_m: end_m }, i) => {
-      const [a, b, start_m] = [positions[i], positions[i + 1], way[i]?.along_m ?? 0];
+    const spans: ObstacleSpan[] = [];
+    path.slice(1).forEach(({ along_m: end_m }, i) => {
+      const [a, b, start_m] = [positions[i], positions[i + 1], path[i]?.along_m ?? 0];
       if (a === undefined || b === undefined) return;
-      for (const [first, last] of insideParts(a, b, ring)) {
-        const [from_m, to_m] = [start_m + first * (end_m - start_m), start_m + last * (end_m - start_m)];
-        const before = found.at(-1);
-        if (before !== undefined && from_m - before.to_m < 1e-6) found[found.length - 1] = { ...before, to_m };
-        else found.push({ from_m, to_m, top_m });
+      for (const [begin, end] of insideParts(a, b, ring)) {
+        const [from_m, to_m] = [start_m + begin * (end_m - start_m), start_m + end * (end_m - start_m)];
+        const before = spans.at(-1);
+        if (before !== undefined && from_m - before.to_m < 1e-6) spans[spans.length - 1] = { ...before, to_m };
+        else spans.push({ from_m, to_m, top_m });
       }
     });
-    return found;
+    return spans;
   });
 }
 
-/** The parts of a line inside a polygon, as shares of its length. */
+/** The parts of a line inside a polygon, from 0 (at `a`) to 1 (at `b`). */
 function insideParts(a: EastNorth, b: EastNorth, ring: readonly EastNorth[]): [number, number][] {
   const [east_m, north_m] = [b.east_m - a.east_m, b.north_m - a.north_m];
   const cuts = [0, 1];
@@ -50,12 +51,12 @@ function insideParts(a: EastNorth, b: EastNorth, ring: readonly EastNorth[]): [n
     const [side_e, side_n] = [to.east_m - from.east_m, to.north_m - from.north_m];
     const across = east_m * side_n - north_m * side_e;
     if (across === 0) return;
-    const [away_e, away_n] = [from.east_m - a.east_m, from.north_m - a.north_m];
-    const share = (away_e * side_n - away_n * side_e) / across;
-    const onSide = (away_e * north_m - away_n * east_m) / across;
-    if (share > 0 && share < 1 && onSide >= 0 && onSide <= 1) cuts.push(share);
+    const [offset_e, offset_n] = [from.east_m - a.east_m, from.north_m - a.north_m];
+    const fraction = (offset_e * side_n - offset_n * side_e) / across;
+    const onSide = (offset_e * north_m - offset_n * east_m) / across;
+    if (fraction > 0 && fraction < 1 && onSide >= 0 && onSide <= 1) cuts.push(fraction);
   });
-  cuts.sort((one, other) => one - other);
+  cuts.sort((a, b) => a - b);
   return cuts.slice(1).flatMap((last, i): [number, number][] => {
     const first = cuts[i] ?? 0;
     const middle = (first + last) / 2;
@@ -67,8 +68,8 @@ function insideParts(a: EastNorth, b: EastNorth, ring: readonly EastNorth[]): [n
 function isInside({ east_m, north_m }: EastNorth, ring: readonly EastNorth[]): boolean {
   return ring.reduce((inside, from, i) => {
     const to = ring[(i + 1) % ring.length] ?? from;
-    const spans = from.north_m > north_m !== to.north_m > north_m;
+    const crosses = from.north_m > north_m !== to.north_m > north_m;
     const crossing_m = from.east_m + ((north_m - from.north_m) / (to.north_m - from.north_m)) * (to.east_m - from.east_m);
-    return spans && east_m < crossing_m ? !inside : inside;
+    return crosses && east_m < crossing_m ? !inside : inside;
   }, false);
 }

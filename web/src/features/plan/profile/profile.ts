@@ -1,13 +1,14 @@
 /** The altitude profile along the path. Pure. */
 
 import { groundDistance_m, positionAt, type GeoPosition } from '../../../vehicle/geo';
-import { alt_home_m, obstaclesOf, path, type Plan, type PlannedHome, type SharedParts } from '../document/document';
-import type { Flight } from '../offboard/compiled-path';
+import { alt_home_m, obstaclesOf, flownItems, type Plan, type PlannedHome, type SharedParts } from '../document/document';
+import type { CompiledFlight } from '../offboard/compiled-path';
 import { obstacleSpans, type ObstacleSpan } from './profile-obstacles';
 
 export interface ProfilePoint {
+  /** Row of the item; −1 for home. On a mission's path the number of the point. */
   readonly row: number;
-  /** Id that a click on the point selects; null if it selects nothing. On a mission's path only the first point of each step has an id. */
+  /** Id of the item or step; null: none. On a mission's path only the first point of a step has an id. */
   readonly id: string | null;
   /** Time since the start of the flight; null if it is not known. */
   readonly t_s?: number;
@@ -28,20 +29,22 @@ export interface Profile {
 }
 
 /**
- * The terrain from the server's check: distance along the path [m], terrain height above home or above the start [m].
+ * The terrain from the server's check: distance along the path [m], altitude of the terrain above home or above the
+ * start [m]; null: not known.
  */
 export type Ground = readonly (readonly [number, number | null])[];
 
-const ROUND_M = 10;
+/** The scale of the plot ends at multiples of this altitude [m]. */
+const SCALE_STEP_M = 10;
 
-/** Profile of a waypoint plan, from home (if planned) through all points that are flown to. */
+/** Profile of a waypoint plan, from the planned home, if there is one, through all items that the vehicle flies to. */
 export function profile(plan: Plan, ground: Ground = []): Profile {
   let along_m = 0;
   const home = plan.planned_home;
-  const way = path(plan);
-  const points: ProfilePoint[] = home === null || way.length === 0 ? [] : [{ row: -1, id: null, along_m: 0, alt_home_m: 0, at: home }];
-  way.forEach(({ row, item }, i) => {
-    const before = way[i - 1]?.item ?? home;
+  const items = flownItems(plan);
+  const points: ProfilePoint[] = home === null || items.length === 0 ? [] : [{ row: -1, id: null, along_m: 0, alt_home_m: 0, at: home }];
+  items.forEach(({ row, item }, i) => {
+    const before = items[i - 1]?.item ?? home;
     if (before !== null && before !== undefined) along_m += groundDistance_m(before, item);
     points.push({ row, id: `item:${row}`, along_m, alt_home_m: alt_home_m(item.altitude, home), at: item });
   });
@@ -49,38 +52,39 @@ export function profile(plan: Plan, ground: Ground = []): Profile {
 }
 
 /**
- * Profile of a mission: its compiled path through the longest branches; heights above the start.
- * @param mission its obstacles and its home.
+ * Profile of a mission: the altitudes above the start along its compiled path, through the longest branches.
+ * @param mission gives the obstacles and home.
  */
-export function missionProfile(flight: Flight, ground: Ground, mission: SharedParts & { readonly home?: PlannedHome | null }): Profile {
+export function missionProfile(flight: CompiledFlight, ground: Ground, mission: SharedParts & { readonly home?: PlannedHome | null }): Profile {
   const points: ProfilePoint[] = [];
   const start_down_m = flight.start_ned_m[2] ?? 0;
   let [along_m, place] = [0, ''];
   let before: readonly number[] | null = null;
-  for (const leg of flight.legs.filter((one) => one.main))
+  for (const leg of flight.legs.filter(({ main }) => main))
     leg.points.forEach((point, i) => {
       const [t_s, north_m, east_m, down_m] = point;
       if (before !== null) along_m += Math.hypot(north_m - (before[1] ?? 0), east_m - (before[2] ?? 0));
       before = point;
-      const begins = i === 0 && leg.place !== place;
+      const beginsStep = i === 0 && leg.place !== place;
       place = leg.place;
       const at = flight.origin === null ? null : positionAt(flight.origin, { north_m, east_m });
-      points.push({ row: points.length, id: begins ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m, at });
+      points.push({ row: points.length, id: beginsStep ? `step:${leg.place}` : null, t_s: leg.start_s + t_s, along_m, alt_home_m: start_down_m - down_m, at });
     });
   return withRange(points, ground, mission, mission.home ?? null);
 }
 
+/** Adds the obstacles and the range of altitudes. */
 function withRange(points: readonly ProfilePoint[], ground: Ground, document: SharedParts, home: PlannedHome | null): Profile {
-  const way = points.flatMap(({ at, along_m }) => (at === null ? [] : [{ at, along_m }]));
-  const obstacles = obstacleSpans(way, obstaclesOf(document), home);
+  const path = points.flatMap(({ at, along_m }) => (at === null ? [] : [{ at, along_m }]));
+  const obstacles = obstacleSpans(path, obstaclesOf(document), home);
   const along_m = points.at(-1)?.along_m ?? 0;
   const known = [
     ...points.flatMap((point) => point.alt_home_m ?? []),
     ...ground.flatMap(([, height_m]) => height_m ?? []),
     ...obstacles.map((span) => span.top_m),
   ];
-  const top_m = Math.max(ROUND_M, Math.ceil((Math.max(0, ...known) * 1.1) / ROUND_M) * ROUND_M);
-  const bottom_m = Math.min(0, Math.floor(Math.min(0, ...known) / ROUND_M) * ROUND_M);
+  const top_m = Math.max(SCALE_STEP_M, Math.ceil((Math.max(0, ...known) * 1.1) / SCALE_STEP_M) * SCALE_STEP_M);
+  const bottom_m = Math.min(0, Math.floor(Math.min(0, ...known) / SCALE_STEP_M) * SCALE_STEP_M);
   return { points, obstacles, length_m: along_m, top_m, bottom_m };
 }
 
@@ -105,7 +109,7 @@ export function polylines({ points, length_m, top_m, bottom_m }: Profile, width:
   return parts.filter((part) => part.length > 0);
 }
 
-/** The terrain as SVG path data, filled down to the plot's lower edge; unknown parts are left out. */
+/** The terrain as SVG path data, filled down to the lower edge of the plot; without unknown parts. */
 export function groundAreas({ length_m, top_m, bottom_m }: Profile, ground: Ground, width: number, height: number): string {
   const runs: string[][] = [[]];
   for (const [along_m, height_m] of ground) {
@@ -122,15 +126,15 @@ export function groundAreas({ length_m, top_m, bottom_m }: Profile, ground: Grou
     .join('');
 }
 
-/** The obstacles as SVG path data, from their top down to the plot's lower edge; a narrow one is at least 2 pixels wide. */
+/** The obstacles as SVG path data, from their tops to the lower edge of the plot; each is at least 2 pixels wide. */
 export function obstacleAreas({ obstacles, length_m, top_m, bottom_m }: Profile, width: number, height: number): string {
   const scale = length_m === 0 ? 0 : width / length_m;
   return obstacles
     .map((span) => {
       const x = span.from_m * scale;
       const y = ((top_m - span.top_m) / (top_m - bottom_m)) * height;
-      const wide = Math.max(2, (span.to_m - span.from_m) * scale);
-      return `M${x.toFixed(1)} ${height}V${y.toFixed(1)}h${wide.toFixed(1)}V${height}Z`;
+      const width_px = Math.max(2, (span.to_m - span.from_m) * scale);
+      return `M${x.toFixed(1)} ${height}V${y.toFixed(1)}h${width_px.toFixed(1)}V${height}Z`;
     })
     .join('');
 }
