@@ -28,7 +28,7 @@ UP = Position((0.0, 0.0, -3.0))
 def other_version(world: Ros2World, topic: str, row: int = 0) -> None:
     """The vehicle has version 7 of this topic only."""
     namespace, versions = f"px4_{row}", TopicVersions()
-    versions.announced(wire_name(f"{topic}_v7", namespace), publishes=False)
+    versions.add_topic(wire_name(f"{topic}_v7", namespace), publishes=False)
     world.ros2.unusable[namespace] = versions.unusable(namespace)
 
 

@@ -40,7 +40,7 @@ def test_a_compressed_file_that_is_too_large_is_refused(content, words):
 def test_a_file_is_read_completely_in_another_process(monkeypatch):
     content = parameters({"name": "A", "type": "Int32", "values": [{"value": 1, "description": "one"}]})
     expected = dict(param_document.parse(content))
-    monkeypatch.setattr(metadata_files, "answer", None)  # must not be called in this process
+    monkeypatch.setattr(metadata_files, "encode_document", None)  # must not be called in this process
     monkeypatch.setattr(param_document, "parse", None)
     found = in_a_process(PARAMETERS, content)
     assert dict(found) == expected

@@ -16,7 +16,7 @@ SENT = {COMMAND} | set(SENT_TYPES) | set(TOPIC_TYPES)
 
 def announce(versions: TopicVersions, *names: str, namespace: str = "px4_1") -> None:
     for name in names:
-        versions.announced(wire_name(name, namespace), publishes="/out/" in name)
+        versions.add_topic(wire_name(name, namespace), publishes="/out/" in name)
 
 
 def test_every_topic_that_the_server_uses_has_its_known_version() -> None:
@@ -51,9 +51,9 @@ def test_a_known_version_beside_another_one_causes_no_problem() -> None:
 
 def test_programs_at_the_other_end_of_a_topic_are_ignored() -> None:
     versions = TopicVersions()
-    versions.announced("rt/fmu/out/vehicle_attitude_v9", publishes=False)
-    versions.announced("rt/fmu/in/vehicle_command_v9", publishes=True)
-    versions.announced("rt/fmu/out/battery_voltage_v9", publishes=True)
+    versions.add_topic("rt/fmu/out/vehicle_attitude_v9", publishes=False)
+    versions.add_topic("rt/fmu/in/vehicle_command_v9", publishes=True)
+    versions.add_topic("rt/fmu/out/battery_voltage_v9", publishes=True)
     assert versions.problems() == []
 
 
