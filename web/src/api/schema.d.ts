@@ -2384,7 +2384,7 @@ export interface components {
         };
         /**
          * Attitude
-         * @description ATTITUDE_QUATERNION, or ATTITUDE if that is newer.
+         * @description ATTITUDE_QUATERNION, or ATTITUDE if it is newer.
          */
         readonly Attitude: {
             /**
@@ -2580,8 +2580,8 @@ export interface components {
         };
         /**
          * Battery
-         * @description BATTERY_STATUS (SYS_STATUS until the first one): of several batteries, the one with the least
-         *     charge.
+         * @description BATTERY_STATUS (SYS_STATUS until the first one): of several batteries, the battery with the
+         *     least charge.
          */
         readonly Battery: {
             /**
@@ -2611,7 +2611,7 @@ export interface components {
             readonly time_remaining_s: number | null;
             /**
              * Cell Voltages V
-             * @description [V] of each cell; null if only the sum is known.
+             * @description Voltage of each cell; null if only the sum is known.
              */
             readonly cell_voltages_v: readonly number[] | null;
             /**
@@ -2662,7 +2662,7 @@ export interface components {
             readonly time_remaining_s: number | null;
             /**
              * Cell Voltages V
-             * @description [V] of each cell; null if only the sum is known.
+             * @description Voltage of each cell; null if only the sum is known.
              */
             readonly cell_voltages_v: readonly number[] | null;
         };
@@ -3159,7 +3159,7 @@ export interface components {
             readonly kind: string;
             /**
              * Mav Type
-             * @description MAV_TYPE of its heartbeat.
+             * @description MAV_TYPE of the component's heartbeat.
              */
             readonly mav_type: number;
             /**
@@ -3603,7 +3603,7 @@ export interface components {
             readonly sensor_id: number;
             /**
              * Direction Frd
-             * @description Unit vector from the body.
+             * @description Direction of the measurement, as a unit vector.
              */
             readonly direction_frd: readonly [
                 number,
@@ -3632,7 +3632,7 @@ export interface components {
             readonly width_rad: number | null;
             /**
              * Behind S
-             * @description Age of this measurement relative to the newest of the vehicle's sensors.
+             * @description Age of this measurement relative to the newest measurement of the vehicle's sensors [s].
              */
             readonly behind_s: number;
         };
@@ -5486,7 +5486,7 @@ export interface components {
         readonly GimbalReading: {
             /**
              * Gimbal Device Id
-             * @description Device id at its manager; 0 if the manager does not report it.
+             * @description Device id at the gimbal's manager; 0 if the manager does not report it.
              */
             readonly gimbal_device_id: number;
             /**
@@ -5572,7 +5572,7 @@ export interface components {
             readonly yaw_max_rad: number | null;
             /**
              * Component Id
-             * @description MAVLink component of its gimbal manager, which takes its commands.
+             * @description MAVLink component id of the gimbal's manager, to which commands are sent.
              */
             readonly component_id: number;
         };
@@ -5859,7 +5859,8 @@ export interface components {
         };
         /**
          * Group
-         * @description Status of a group: the answer of the routes below `/groups`, and the content of each `group` event.
+         * @description Status of a group: the response of the routes below `/groups`, and the content of each `group`
+         *     event.
          */
         readonly Group: {
             /**
@@ -5896,7 +5897,7 @@ export interface components {
             readonly margin_m: number | null;
             /**
              * Others Go On
-             * @description Whether members without a problem continue if one has a problem; otherwise all hold.
+             * @description Whether members without a problem continue if one has a problem; false: all hold.
              */
             readonly others_go_on: boolean;
             /**
@@ -5928,7 +5929,7 @@ export interface components {
             readonly findings: readonly components["schemas"]["GroupFinding"][];
             /**
              * Ended
-             * @description Reason for the group's end; null while it exists.
+             * @description Reason for the group's end; null while the group exists.
              */
             readonly ended: string | null;
         };
@@ -5955,7 +5956,7 @@ export interface components {
             readonly vehicles: readonly string[];
             /**
              * Held
-             * @description Vehicles that were stopped because of it.
+             * @description Vehicles that were stopped because of the problem.
              */
             readonly held: readonly string[];
             /**
@@ -5982,7 +5983,7 @@ export interface components {
         };
         /**
          * GroupMember
-         * @description One vehicle of a group; the state of its stream is in its own topic `offboard`.
+         * @description One vehicle of a group; the vehicle's topic `offboard` has more about its stream.
          */
         readonly GroupMember: {
             /**
@@ -5992,7 +5993,7 @@ export interface components {
             readonly vehicle: string;
             /**
              * Ordered Type
-             * @description Type of its setpoint in the group.
+             * @description Type of the vehicle's setpoint in the group.
              */
             readonly ordered_type: string;
             /**
@@ -6088,7 +6089,7 @@ export interface components {
             readonly margin_m: number | null;
             /**
              * Others Go On
-             * @description Whether members without a problem continue if one has a problem; otherwise all hold.
+             * @description Whether members without a problem continue if one has a problem; false: all hold.
              */
             readonly others_go_on: boolean;
             /**
@@ -6120,7 +6121,7 @@ export interface components {
             readonly findings: readonly components["schemas"]["GroupFinding"][];
             /**
              * Ended
-             * @description Reason for the group's end; null while it exists.
+             * @description Reason for the group's end; null while the group exists.
              */
             readonly ended: string | null;
             /**
@@ -6187,7 +6188,7 @@ export interface components {
         readonly HeldPlanName: {
             /**
              * Id
-             * @description Id of the stored plan; null: not stored on this server.
+             * @description Id of the stored plan; null: the plan is not stored on this server.
              */
             readonly id: string | null;
             /**
@@ -6567,13 +6568,14 @@ export interface components {
             readonly vehicle_type: number;
             /**
              * Uid
-             * @description Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None until it is received, or if the
-             *     vehicle has none.
+             * @description Hexadecimal uid from AUTOPILOT_VERSION (uid2, or else uid); None: not received yet, or the
+             *     vehicle has no uid.
              */
             readonly uid: string | null;
             /**
              * Simulated
-             * @description None until AUTOPILOT_VERSION is received, and for other autopilots than PX4.
+             * @description Whether the vehicle is simulated; None until AUTOPILOT_VERSION is received, and for autopilots other
+             *     than PX4.
              */
             readonly simulated: boolean | null;
             /**
@@ -6583,7 +6585,7 @@ export interface components {
             readonly replayed: boolean;
             /**
              * Firmware
-             * @description `1.16.0` or None.
+             * @description Version, as `1.16.0`; None until AUTOPILOT_VERSION is received.
              */
             readonly firmware: string | null;
             /**
@@ -6994,12 +6996,12 @@ export interface components {
             readonly restored: boolean;
             /**
              * Set By
-             * @description Client that set them; null if none were ever set.
+             * @description Client that set the limits; null: no limits were ever set.
              */
             readonly set_by: string | null;
             /**
              * Set Unix S
-             * @description Time when they were set [s since 1970 UTC].
+             * @description Time when the limits were set [s since 1970 UTC].
              */
             readonly set_unix_s: number | null;
             /**
@@ -7010,7 +7012,7 @@ export interface components {
             /**
              * Recognised By
              * @description How a restarted server recognises the vehicle: `uid` (of the autopilot), `system_id` (no unique uid);
-             *     null before the vehicle is identified.
+             *     null: the vehicle is not identified yet.
              */
             readonly recognised_by: ("uid" | "system_id") | null;
             /**
@@ -7092,7 +7094,7 @@ export interface components {
         };
         /**
          * Link
-         * @description One line of `GET /links`.
+         * @description State and counters of one link, for `GET /links`.
          */
         readonly Link: {
             /**
@@ -7697,12 +7699,12 @@ export interface components {
             readonly count: number | null;
             /**
              * Reached
-             * @description Index of the item last reported as reached, from 0, in the mission at that time; null: none.
+             * @description Index of the item that the vehicle last reported as reached, from 0; null: no item yet.
              */
             readonly reached: number | null;
             /**
              * Mission Id
-             * @description The vehicle's checksum of its mission; 0: none or unknown.
+             * @description The vehicle's checksum of its mission; 0: no mission, or unknown.
              */
             readonly mission_id: number;
             /**
@@ -7759,21 +7761,21 @@ export interface components {
             readonly name: string;
             /**
              * State
-             * @description registering: PX4 has not answered yet. registered: the mode can be selected; if the mission begins with
-             *     a take-off, on the ground, otherwise in the air. refused, lost: the mode cannot be selected.
+             * @description registering: PX4 has not answered yet. registered: the mode can be selected: on the ground if the
+             *     mission begins with a take-off, otherwise in the air. refused, lost: the mode cannot be selected.
              * @enum {string}
              */
             readonly state: "registering" | "registered" | "refused" | "lost";
             /**
              * Mode
-             * @description The mode as in `status.mode`: external_1 to external_8; null while it is not registered.
+             * @description The mode as in `status.mode`: external_1 to external_8; null while the mode is not registered.
              */
             readonly mode: string | null;
             /**
              * Ready
              * @description Whether the mission can begin now. A mission with a take-off begins when the vehicle is armed in the
-             *     mode, any other one when the mode is selected in the air. While `ready` is false, PX4 does not arm in the
-             *     mode.
+             *     mode, any other mission when the mode is selected in the air. While `ready` is false, PX4 does not arm in
+             *     the mode.
              */
             readonly ready: boolean;
             /**
@@ -7794,12 +7796,12 @@ export interface components {
             readonly plan_id: string | null;
             /**
              * Version
-             * @description Version of the stored plan that is flown, also if newer versions were saved since.
+             * @description Version of the stored plan that the mode flies, even if newer versions were saved later.
              */
             readonly version: number | null;
             /**
              * Client
-             * @description Client that registered it.
+             * @description Client that registered the mode.
              */
             readonly client: string;
             /**
@@ -8010,8 +8012,8 @@ export interface components {
         readonly ModeCause: {
             /**
              * Source
-             * @description command (this server's), vehicle (the vehicle itself), failsafe, pilot (its transmitter), station
-             *     (another one), unknown.
+             * @description command (of this server), vehicle (the vehicle itself), failsafe, pilot (RC transmitter), station
+             *     (another ground station), unknown.
              * @enum {string}
              */
             readonly source: "command" | "vehicle" | "failsafe" | "pilot" | "station" | "unknown";
@@ -8109,7 +8111,7 @@ export interface components {
         };
         /**
          * Motors
-         * @description SERVO_OUTPUT_RAW: of several groups, that of the lowest port (the main outputs).
+         * @description SERVO_OUTPUT_RAW: of several groups, the group with the lowest port (the main outputs).
          */
         readonly Motors: {
             /**
@@ -8266,7 +8268,7 @@ export interface components {
             ];
             /**
              * Distance M
-             * @description Distance from both vehicles' own global positions [m].
+             * @description Distance between the vehicles' estimated global positions [m].
              */
             readonly distance_m: number;
         };
@@ -8409,7 +8411,7 @@ export interface components {
             readonly on: boolean;
             /**
              * Way
-             * @description What to try first: over an obstacle, or around it at the same altitude.
+             * @description What avoidance tries first: over an obstacle, or around it at the same altitude.
              * @enum {string}
              */
             readonly way: "over" | "around";
@@ -8425,7 +8427,8 @@ export interface components {
             readonly text: string;
             /**
              * Sensor
-             * @description Whether the vehicle has a sensor that measures obstacles, which the obstacle brake needs, too.
+             * @description Whether the vehicle has a sensor that measures obstacles. The obstacle brake also needs such a
+             *     sensor.
              */
             readonly sensor: boolean;
         };
@@ -8647,7 +8650,7 @@ export interface components {
         };
         /**
          * OffboardMissionStatus
-         * @description Status of an offboard mission: the topic `offboard_mission`, and the answer of the routes below
+         * @description Status of an offboard mission: the topic `offboard_mission`, and the response of the routes below
          *     `…/offboard_mission`.
          */
         readonly OffboardMissionStatus: {
@@ -8716,12 +8719,12 @@ export interface components {
             readonly remaining_s: number | null;
             /**
              * Deviation M
-             * @description Distance from the streamed position.
+             * @description Distance of the vehicle from the streamed position [m].
              */
             readonly deviation_m: number | null;
             /**
              * Outside Corridor M
-             * @description Distance outside the dry run's corridor, 0 inside; None: no corridor is monitored.
+             * @description Distance of the vehicle from the dry run's corridor [m], 0 inside; None: no corridor is monitored.
              */
             readonly outside_corridor_m: number | null;
             /**
@@ -8731,7 +8734,7 @@ export interface components {
             readonly dry_run: string | null;
             /**
              * Mode
-             * @description Mode in which it is flown: offboard, or the mode as which it is registered (`external_1` …).
+             * @description Mode in which the mission is flown: offboard, or the mission's own mode (`external_1` …).
              */
             readonly mode: string;
             /**
@@ -8753,7 +8756,7 @@ export interface components {
             readonly reason: string | null;
             /**
              * If Stream Stops
-             * @description Text about the vehicle's own action if the server or its link fails.
+             * @description Text: what the vehicle does if the server or its link fails.
              */
             readonly if_stream_stops: string | null;
         };
@@ -8782,8 +8785,9 @@ export interface components {
             readonly streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
-             *     (the start failed, but the vehicle may still switch to Offboard).
+             * @description idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
+             *     to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
+             *     still switch to Offboard).
              */
             readonly state: string;
             /**
@@ -8808,8 +8812,8 @@ export interface components {
              */
             readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
             /**
-             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position held after
-             *     expiry.
+             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position that is
+             *     kept after expiry.
              */
             readonly setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
@@ -8862,7 +8866,10 @@ export interface components {
              * @description Reason for the end of the last stream; null while a stream runs, and before the first one.
              */
             readonly ended: string | null;
-            /** @description Origin of the operator's limits: who set them and when, and whether they survive a restart. */
+            /**
+             * @description Origin of the operator's limits: the client that set them, the time, and whether they survive a
+             *     restart.
+             */
             readonly limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             readonly avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -8873,7 +8880,7 @@ export interface components {
         };
         /**
          * OffboardStatus
-         * @description Status of a stream: the topic `offboard`, and the answer of the routes below `…/offboard`.
+         * @description Status of a stream: the topic `offboard`, and the response of the routes below `…/offboard`.
          */
         readonly OffboardStatus: {
             /**
@@ -8883,8 +8890,9 @@ export interface components {
             readonly streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
-             *     (the start failed, but the vehicle may still switch to Offboard).
+             * @description idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
+             *     to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
+             *     still switch to Offboard).
              */
             readonly state: string;
             /**
@@ -8909,8 +8917,8 @@ export interface components {
              */
             readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
             /**
-             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position held after
-             *     expiry.
+             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position that is
+             *     kept after expiry.
              */
             readonly setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
@@ -8963,7 +8971,10 @@ export interface components {
              * @description Reason for the end of the last stream; null while a stream runs, and before the first one.
              */
             readonly ended: string | null;
-            /** @description Origin of the operator's limits: who set them and when, and whether they survive a restart. */
+            /**
+             * @description Origin of the operator's limits: the client that set them, the time, and whether they survive a
+             *     restart.
+             */
             readonly limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             readonly avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -8982,8 +8993,9 @@ export interface components {
             readonly streaming: boolean;
             /**
              * State
-             * @description idle, starting, streaming, holding (expired, position held), to_hold, landing (mode requested), undoing
-             *     (the start failed, but the vehicle may still switch to Offboard).
+             * @description idle, starting, streaming, holding (the setpoint has expired, and the stream keeps the position),
+             *     to_hold and landing (the stream requests Hold or Land), undoing (the start failed, but the vehicle may
+             *     still switch to Offboard).
              */
             readonly state: string;
             /**
@@ -9008,8 +9020,8 @@ export interface components {
              */
             readonly ordered_type: ("position" | "position_global" | "position_body" | "velocity" | "velocity_body" | "acceleration" | "trajectory" | "attitude" | "rates" | "thrust_torque" | "actuators" | "path" | "follow") | "mission" | null;
             /**
-             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position held after
-             *     expiry.
+             * @description The setpoint that is being sent: the client's setpoint within all limits, or the position that is
+             *     kept after expiry.
              */
             readonly setpoint: components["schemas"]["StreamedSetpoint"] | null;
             /**
@@ -9062,7 +9074,10 @@ export interface components {
              * @description Reason for the end of the last stream; null while a stream runs, and before the first one.
              */
             readonly ended: string | null;
-            /** @description Origin of the operator's limits: who set them and when, and whether they survive a restart. */
+            /**
+             * @description Origin of the operator's limits: the client that set them, the time, and whether they survive a
+             *     restart.
+             */
             readonly limits_origin: components["schemas"]["LimitsOrigin"];
             /** @description Avoidance. */
             readonly avoidance: components["schemas"]["ObstacleAvoidance"];
@@ -9189,34 +9204,35 @@ export interface components {
             readonly tilt_max_rad: number | null;
             /**
              * Height Min M
-             * @description Above home.
+             * @description Minimum altitude above home [m].
              */
             readonly height_min_m: number | null;
             /**
              * Height Max M
-             * @description Above home.
+             * @description Maximum altitude above home [m].
              */
             readonly height_max_m: number | null;
             /**
              * Distance Max M
-             * @description Horizontal distance from home.
+             * @description Maximum horizontal distance from home [m].
              */
             readonly distance_max_m: number | null;
             /** @description Fence. */
             readonly fence: components["schemas"]["FenceView"] | null;
             /**
              * Slew Velocity M S2
-             * @description Largest change of a sent velocity per second.
+             * @description Maximum change of the sent velocity per second [m/s²].
              */
             readonly slew_velocity_m_s2: number | null;
             /**
              * Slew Attitude Rad S
-             * @description Largest rotation of a sent attitude per second.
+             * @description Maximum rotation of the sent attitude per second [rad/s].
              */
             readonly slew_attitude_rad_s: number | null;
             /**
              * Obstacle Brake
-             * @description Stop before obstacles that the vehicle's own sensors measure; has no effect without such a sensor.
+             * @description Whether the vehicle is stopped before obstacles that its sensors measure; no effect without such a
+             *     sensor.
              */
             readonly obstacle_brake: boolean;
         };
@@ -9365,7 +9381,7 @@ export interface components {
         readonly ParameterBit: {
             /**
              * Value
-             * @description The value; of a bit mask, the bit's number.
+             * @description The value; for a bit mask, the number of the bit.
              */
             readonly value: number;
             /**
@@ -9381,7 +9397,7 @@ export interface components {
         readonly ParameterChoice: {
             /**
              * Value
-             * @description The value; of a bit mask, the bit's number.
+             * @description The value; for a bit mask, the number of the bit.
              */
             readonly value: number;
             /**
@@ -9402,7 +9418,7 @@ export interface components {
             readonly name: string;
             /**
              * Is Integer
-             * @description Whether it is a 32-bit integer; otherwise a 32-bit float.
+             * @description Whether the parameter is a 32-bit integer; otherwise it is a 32-bit float.
              */
             readonly is_integer: boolean;
             /**
@@ -9462,7 +9478,7 @@ export interface components {
             readonly choices: readonly components["schemas"]["ParameterChoice"][];
             /**
              * Bits
-             * @description The documented bits, if it is a bit mask.
+             * @description The documented bits, if the parameter is a bit mask.
              */
             readonly bits: readonly components["schemas"]["ParameterBit"][];
             /**
@@ -9524,7 +9540,7 @@ export interface components {
             readonly facts: boolean;
             /**
              * Facts Problem
-             * @description Why the metadata is not available, or which entries were dropped.
+             * @description Why the metadata is not available, or which entries were omitted.
              */
             readonly facts_problem: string | null;
             /**
@@ -10041,7 +10057,7 @@ export interface components {
             readonly part: "mission" | "fence" | "rally";
             /**
              * Seq
-             * @description Index of the item in its part, from 0; None: the number of items.
+             * @description Index of the item in its part, from 0; None: the difference is the number of items.
              */
             readonly seq: number | null;
             /**
@@ -10699,7 +10715,8 @@ export interface components {
             readonly setpoints: string | null;
             /**
              * Missing
-             * @description What the vehicle's links do not carry; requests for it are refused immediately. Empty over MAVLink.
+             * @description Features that the vehicle's links do not carry; such requests are refused immediately. Empty over
+             *     MAVLink.
              */
             readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report")[];
         };
@@ -10725,7 +10742,7 @@ export interface components {
             readonly severity: string;
             /**
              * Modes
-             * @description Modes concerned; null: all.
+             * @description Affected modes; null: all modes.
              */
             readonly modes: readonly string[] | null;
             /**
@@ -10767,7 +10784,7 @@ export interface components {
             readonly label: string;
             /**
              * Text
-             * @description Why, and what to do.
+             * @description Reason and action, as sentences.
              */
             readonly text: string;
         };
@@ -10829,7 +10846,7 @@ export interface components {
             readonly file: string | null;
             /**
              * Bytes
-             * @description Size of this file; when it is full, the next file begins.
+             * @description Size of this file; at the maximum size, the next file begins.
              */
             readonly bytes: number;
             /**
@@ -11130,19 +11147,19 @@ export interface components {
             readonly mission_id: number;
             /**
              * Altitude M
-             * @description Altitude to which the vehicle climbs where it stands, and at which it then flies straight to the first
-             *     waypoint. PX4 climbs to MIS_TAKEOFF_ALT if that is higher.
+             * @description Altitude [m] to which the vehicle climbs at its position, and at which it then flies straight to the
+             *     first waypoint. PX4 climbs to MIS_TAKEOFF_ALT if this is higher.
              */
             readonly altitude_m: number;
             /**
              * Altitude Reference
-             * @description Reference of `altitude_m`: home, which is where the vehicle takes off, or amsl.
+             * @description Reference of `altitude_m`: home (the position at take-off) or amsl.
              * @enum {string}
              */
             readonly altitude_reference: "home" | "amsl" | "terrain";
             /**
              * Distance M
-             * @description Horizontal distance to this waypoint; null: the position is not known.
+             * @description Horizontal distance to the first waypoint [m]; null: the position is not known.
              */
             readonly distance_m: number | null;
             /**
@@ -11152,12 +11169,13 @@ export interface components {
             readonly interrupted_item: number;
             /**
              * Interrupted Unix S
-             * @description Time at which it was interrupted; at which this leg began, if the server did not see the end.
+             * @description Time at which the flight was interrupted; if the server was not connected then, time at which the leg
+             *     began [s since 1970].
              */
             readonly interrupted_unix_s: number;
             /**
              * Cautions
-             * @description What is different from a flight without interruption; sentences.
+             * @description Differences from a flight without interruption, as sentences.
              */
             readonly cautions: readonly string[];
         };
@@ -11390,17 +11408,17 @@ export interface components {
             readonly type: string;
             /**
              * Publishers
-             * @description Programs that publish it, this server included.
+             * @description Number of publishers of the topic, including this server.
              */
             readonly publishers: number;
             /**
              * Subscribers
-             * @description Programs that subscribe to it, without this inspector.
+             * @description Number of subscribers of the topic, without this inspector.
              */
             readonly subscribers: number;
             /**
              * Type Known
-             * @description Whether the server knows the type; rate, age and value of other types are not known.
+             * @description Whether the server knows the type; topics of other types have no rate, age and value.
              */
             readonly type_known: boolean;
             /**
@@ -11415,7 +11433,7 @@ export interface components {
             readonly rate_is_minimum: boolean;
             /**
              * Age S
-             * @description Time since the last message; null: none since the inspector was opened.
+             * @description Time since the last message; null: no message since the inspector was opened.
              */
             readonly age_s: number | null;
             /**
@@ -11439,7 +11457,7 @@ export interface components {
         };
         /**
          * Ros2Topics
-         * @description The ROS 2 topics of a vehicle's domain: its own, and those of no vehicle.
+         * @description The ROS 2 topics of a vehicle, and the topics of its domain that belong to no vehicle.
          */
         readonly Ros2Topics: {
             /**
@@ -11449,7 +11467,7 @@ export interface components {
             readonly domain_id: number;
             /**
              * Namespace
-             * @description Namespace of the vehicle; empty: it has none.
+             * @description Namespace of the vehicle; empty: no namespace.
              */
             readonly namespace: string;
             /**
@@ -11465,7 +11483,7 @@ export interface components {
             readonly problem: string | null;
             /**
              * Topics
-             * @description By name, the vehicle's own first.
+             * @description The vehicle's topics, then those of no vehicle, each by name.
              */
             readonly topics: readonly components["schemas"]["Ros2Topic"][];
             /**
@@ -11943,7 +11961,7 @@ export interface components {
             readonly mode: string;
             /**
              * Mode Label
-             * @description For people: Hold, Take off, Return, …
+             * @description Label for the display: Hold, Take off, Return, …
              */
             readonly mode_label: string;
             /**
@@ -11953,7 +11971,7 @@ export interface components {
             readonly custom_mode: number;
             /**
              * Intended Custom Mode
-             * @description Intended mode of CURRENT_MODE: the requested mode while a failsafe flies another one.
+             * @description Intended mode of CURRENT_MODE: the requested mode, also while a failsafe flies another mode.
              */
             readonly intended_custom_mode: number | null;
             /**
@@ -12019,48 +12037,48 @@ export interface components {
             readonly rate_achieved_hz: number | null;
             /**
              * Setpoint Age S
-             * @description Time since the setpoint was accepted.
+             * @description Time since the setpoint was accepted [s].
              */
             readonly setpoint_age_s: number | null;
             /**
              * Sent Age S
-             * @description Time since the last sent setpoint.
+             * @description Time since the last sent setpoint [s].
              */
             readonly sent_age_s: number | null;
             /**
              * Valid Left S
-             * @description Time until the setpoint expires.
+             * @description Time until the setpoint expires [s].
              */
             readonly valid_left_s: number | null;
             /**
              * Failsafe In S
-             * @description Time until the vehicle's own failsafe if sending stopped now (COM_OF_LOSS_T after the last
-             *     setpoint).
+             * @description Time until the vehicle's own failsafe acts if sending stops now: COM_OF_LOSS_T after the last setpoint
+             *     [s].
              */
             readonly failsafe_in_s: number | null;
             /**
-             * @description POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None while nothing is
+             * @description POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None: nothing is
              *     sent.
              */
             readonly echo: components["schemas"]["Echo"] | null;
             /**
              * Position Error M
-             * @description Distance between the vehicle and the sent position.
+             * @description Distance between the vehicle and the sent position [m].
              */
             readonly position_error_m: number | null;
             /**
              * Velocity Error M S
-             * @description Difference between the vehicle's velocity and the sent one.
+             * @description Difference between the vehicle's velocity and the sent velocity [m/s].
              */
             readonly velocity_error_m_s: number | null;
             /**
              * Attitude Error Rad
-             * @description Angle between the vehicle's attitude and the sent one.
+             * @description Angle between the vehicle's attitude and the sent attitude [rad].
              */
             readonly attitude_error_rad: number | null;
             /**
              * Yaw Error Rad
-             * @description Angle between the vehicle's heading and the sent one.
+             * @description Angle between the vehicle's heading and the sent heading [rad].
              */
             readonly yaw_error_rad: number | null;
         };
@@ -12931,12 +12949,12 @@ export interface components {
             readonly yaw_rate_max_rad_s: number | null;
             /**
              * Distance Max M
-             * @description From home: GF_MAX_HOR_DIST [m]; also None if it is off (0).
+             * @description From home: GF_MAX_HOR_DIST [m]; also None if the limit is off (0).
              */
             readonly distance_max_m: number | null;
             /**
              * Height Max M
-             * @description Above home: GF_MAX_VER_DIST [m]; also None if it is off (0).
+             * @description Above home: GF_MAX_VER_DIST [m]; also None if the limit is off (0).
              */
             readonly height_max_m: number | null;
         };
@@ -12998,7 +13016,7 @@ export interface components {
             readonly modes: readonly components["schemas"]["ModeReadiness"][];
             /**
              * Findings
-             * @description All findings, also those that block nothing.
+             * @description All findings, including findings that prevent nothing.
              */
             readonly findings: readonly components["schemas"]["ReadinessCause"][];
             /**
@@ -13013,12 +13031,12 @@ export interface components {
             readonly components_with_warnings: readonly string[];
             /**
              * Left Out
-             * @description Text about findings beyond the limit of a report; null: none.
+             * @description Text about findings beyond the limit of a report; null: no such findings.
              */
             readonly left_out: string | null;
             /**
              * Offers
-             * @description Actions that help now; empty if none is needed or none helps.
+             * @description Actions that can help the vehicle to arm now; may be empty.
              */
             readonly offers: readonly components["schemas"]["ReadinessOffer"][];
             /**
@@ -13389,19 +13407,19 @@ export interface components {
         readonly WaypointFlightStatus: {
             /**
              * State
-             * @description paused: the vehicle is in another mode, so it is not monitored now; done, stopped: the flight has
-             *     ended.
+             * @description paused: the vehicle is in another mode, so the server does not monitor it now; done, stopped: the
+             *     flight has ended.
              * @enum {string}
              */
             readonly state: "flying" | "paused" | "done" | "stopped";
             /**
              * Name
-             * @description Name of the plan; null: it is not stored on this server.
+             * @description Name of the plan; null: the plan is not stored on this server.
              */
             readonly name: string | null;
             /**
              * Plan Id
-             * @description Id of the stored plan; null: it is not stored on this server.
+             * @description Id of the stored plan; null: the plan is not stored on this server.
              */
             readonly plan_id: string | null;
             /**
@@ -13421,7 +13439,7 @@ export interface components {
             readonly started_unix_s: number;
             /**
              * Item
-             * @description Index of the current item, from 0; null: the vehicle has not reported it.
+             * @description Index of the current item, from 0; null: the vehicle has not reported an item.
              */
             readonly item: number | null;
             /**
@@ -13462,17 +13480,19 @@ export interface components {
             readonly remaining_s: number | null;
             /**
              * Deviation Horizontal M
-             * @description Horizontal distance from the planned path; null: see `not_compared`.
+             * @description Horizontal distance from the planned path [m]; null: see `not_compared`.
              */
             readonly deviation_horizontal_m: number | null;
             /**
              * Deviation Vertical M
-             * @description Height above the planned path, negative below; null: see `not_compared`.
+             * @description Vertical distance from the planned path [m]: positive above it, negative below it; null: see
+             *     `not_compared`.
              */
             readonly deviation_vertical_m: number | null;
             /**
              * Outside Corridor M
-             * @description Distance outside the dry run's corridor, 0 inside; null: no corridor is monitored now.
+             * @description Distance of the vehicle from the dry run's corridor [m], 0 inside; null: no corridor is monitored
+             *     now.
              */
             readonly outside_corridor_m: number | null;
             /**
@@ -13564,7 +13584,7 @@ export interface components {
         readonly Wind: {
             /**
              * Wind Ned M S
-             * @description Velocity of the air; its vertical part is 0 if it is not reported.
+             * @description Velocity of the air; the vertical part is 0 if the vehicle does not report it.
              */
             readonly wind_ned_m_s: readonly [
                 number,
@@ -13628,7 +13648,7 @@ export interface components {
         readonly gcs_server__api__reflect__Gimbal: {
             /**
              * Gimbal Device Id
-             * @description Device id at its manager; 0 if the manager does not report it.
+             * @description Device id at the gimbal's manager; 0 if the manager does not report it.
              */
             readonly gimbal_device_id: number;
             /**
@@ -13714,7 +13734,7 @@ export interface components {
             readonly yaw_max_rad: number | null;
             /**
              * Component Id
-             * @description MAVLink component of its gimbal manager, which takes its commands.
+             * @description MAVLink component id of the gimbal's manager, to which commands are sent.
              */
             readonly component_id: number;
             /**
