@@ -80,7 +80,7 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
                     await asyncio.sleep(0.005)
             assert gone == []
             assert len(set(received)) == len(link.info().peers) == 3
-            assert "further ones are ignored" in link.info().detail
+            assert "further addresses are ignored" in link.info().detail
             monkeypatch.setattr(udp, "EVICT_AFTER_S", 0.0)
             await asyncio.sleep(udp.RECHECK_PERIOD_S)
             senders[-1].sendto(b"x", ("127.0.0.1", link.local_port))
