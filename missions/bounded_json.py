@@ -13,8 +13,8 @@ MAX_FILE_BYTES = 8 * 1024 * 1024
 """A plan of 10,000 items, as QGroundControl writes it, takes about 5 MB."""
 MAX_DEPTH = 32
 MAX_VALUES = 250_000
-"""Values are counted as commas and opening brackets outside strings; 10,000 items of QGroundControl have
-180,000."""
+"""Values are counted as commas and opening brackets outside strings; 10,000 items, as QGroundControl writes
+them, have 180,000."""
 MAX_KEYS = 1000
 """Maximum number of keys in one object."""
 MAX_LINES = 25_000

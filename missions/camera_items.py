@@ -8,7 +8,8 @@ from missions.items import Item, NumberOrNone
 
 
 class TriggerDistance(Item):
-    """Take a picture every `distance_m`; 0 stops this. `at_once` 1: take the first picture immediately."""
+    """Take a picture every `distance_m`; 0 stops the trigger. `at_once` 1: take the first picture
+    immediately."""
 
     COMMAND = 206
     SLOTS = ("distance_m", "shutter_ms", "at_once", "camera", 0.0, 0.0, 0.0)
@@ -85,7 +86,7 @@ class VideoStop(Item):
 
 
 class CameraMode(Item):
-    """`mode`: 0 pictures, 1 video, 2 survey pictures."""
+    """Set the camera mode: 0 pictures, 1 video, 2 survey pictures."""
 
     COMMAND = 530
     SLOTS = ("camera", "mode", None, None, 0.0, 0.0, None)
@@ -95,7 +96,8 @@ class CameraMode(Item):
 
 
 class CameraZoom(Item):
-    """`zoom_type` is CAMERA_ZOOM_TYPE: 0 step, 1 continuous, 2 percent, 3 focal length in mm, 4 degrees."""
+    """Zoom. `zoom_type` is CAMERA_ZOOM_TYPE: 0 step, 1 continuous, 2 percent, 3 focal length in mm, 4
+    degrees."""
 
     COMMAND = 531
     SLOTS = ("zoom_type", "value", "camera", None, 0.0, 0.0, None)
@@ -106,7 +108,7 @@ class CameraZoom(Item):
 
 
 class CameraFocus(Item):
-    """`focus_type` is SET_FOCUS_TYPE: 0 step, 1 continuous, 2 percent, 3 metres, 4 to 6 automatic."""
+    """Focus. `focus_type` is SET_FOCUS_TYPE: 0 step, 1 continuous, 2 percent, 3 metres, 4 to 6 automatic."""
 
     COMMAND = 532
     SLOTS = ("focus_type", "value", "camera", None, 0.0, 0.0, None)

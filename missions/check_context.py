@@ -35,7 +35,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "jump_endless": ("warning", "a jump repeats without end"),
     "items_never_reached": ("warning", "items after an item that ends the mission"),
     "speed_invalid": ("error", "an invalid speed"),
-    "speed_too_high": ("warning", "a speed above MPC_XY_VEL_MAX, which PX4 limits"),
+    "speed_too_high": ("warning", "a speed above MPC_XY_VEL_MAX; PX4 flies at MPC_XY_VEL_MAX"),
     "altitude_too_high": ("warning", "more than 120 m above home"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
     "altitude_below_home": ("warning", "an item at or below the altitude of home"),
@@ -82,17 +82,17 @@ class Finding:
     obstacle: int | None = None
     """Index in `Plan.obstacles`."""
     fix: str | None = None
-    """How to correct it."""
-    is_error_here: bool = False
+    """How to correct the problem."""
+    is_error_for_vehicle: bool = False
     """Whether this vehicle's parameters make this warning an error."""
     limit: float | None = None
-    """The limit that was exceeded: height above home [m] or speed [m/s]; None: the finding has none."""
+    """The limit that was exceeded: altitude above home [m] or speed [m/s]; None: no limit."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:
         """error: PX4 refuses the plan, or the plan is unsafe; warning: the flight may differ from what the
         pilot expects."""
-        return "error" if self.is_error_here else CODES[self.code][0]
+        return "error" if self.is_error_for_vehicle else CODES[self.code][0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +114,10 @@ UNKNOWN_PARAMETERS_FIX = "Connect the vehicle and read its parameters, then chec
 
 def unknown_parameters_text(names: tuple[str, ...]) -> str:
     """The message of the finding `parameters_unknown`, which names the first parameters."""
-    are = "parameter is" if len(names) == 1 else "parameters are"
+    subject = "parameter is" if len(names) == 1 else "parameters are"
     shown = ", ".join(sorted(names)[:NAMED_PARAMETERS])
     more = f" and {len(names) - NAMED_PARAMETERS} more" if len(names) > NAMED_PARAMETERS else ""
-    return f"The vehicle's {are} not known, and PX4's defaults are used: {shown}{more}."
+    return f"The vehicle's {subject} not known, and PX4's defaults are used: {shown}{more}."
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,8 +134,8 @@ class Context:
     """Origin of the local frame: home, otherwise the first position; None: the plan has no position."""
 
     @classmethod
-    def of(cls, plan: Plan, limits: CheckLimits) -> Context:
-        """The context of one plan."""
+    def from_plan(cls, plan: Plan, limits: CheckLimits) -> Context:
+        """The plan with its items, route, legs and origin."""
         items = tuple(plan.simple_items())
         route = follow(plan)
         return cls(plan, limits, items, route, legs(plan, route), _origin(plan, items))
@@ -150,7 +150,7 @@ class Context:
         """Altitude of the planned home."""
         return None if self.plan.planned_home is None else self.plan.planned_home.alt_amsl_m
 
-    def height_m(self, item: PlacedItem) -> float | None:
+    def altitude_home_m(self, item: PlacedItem) -> float | None:
         """Altitude of an item above home; None: unknown."""
         if item.altitude.reference == "home":
             return item.altitude.value_m
@@ -167,6 +167,6 @@ def _origin(plan: Plan, items: tuple[tuple[int, SimpleItem], ...]) -> LocalOrigi
     return None
 
 
-def name(row: int, item: SimpleItem) -> str:
+def item_name(row: int, item: SimpleItem) -> str:
     """An item's name in messages: `Item 3 (waypoint)`."""
     return f"Item {row + 1} ({item.kind.replace('_', ' ')})"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from missions.camera_items import CameraZoom
-from missions.check_context import Context, Finding, name
+from missions.check_context import Context, Finding, item_name
 from missions.errors import PlanError
 from missions.estimates import GROUND_SPEED_TYPES
 from missions.formats.mavlink_items import CLASS_OF_COMMAND, fence_items, mission_items
@@ -67,23 +67,25 @@ def _refused_items(context: Context) -> Iterator[Finding]:
                 yield Finding("command_refused", message, row, fix="Remove this item.")
         elif isinstance(item, SetServo | CameraZoom):
             # Recorded on PX4 v1.16: such an item ends the upload.
-            message = f"PX4 refuses {name(row, item).lower()}."
+            message = f"PX4 refuses {item_name(row, item).lower()}."
             fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove this item."
             yield Finding("command_refused", message, row, fix=fix)
         elif isinstance(item, SetHome) and item.use_current != 1.0:
-            message = f"{name(row, item)} names a position; PX4 accepts only the vehicle's own."
+            message = f"{item_name(row, item)} names a position; PX4 accepts only the vehicle's own position."
             yield Finding("set_home_place", message, row, fix="Set use_current to 1.")
         elif (
             isinstance(item, PlacedItem)
             and item.altitude.reference == "terrain"
             and item.altitude.resolved_amsl_m is None
         ):
-            message = f"{name(row, item)} has a terrain altitude, which PX4 refuses."
+            message = f"{item_name(row, item)} has a terrain altitude, which PX4 refuses."
             yield Finding("terrain_unresolved", message, row, fix="Resolve it with elevation data.")
         try:
             mission_items(Plan(items=(item,)))
         except PlanError as error:
-            message = f"{name(row, item)} cannot be sent: {error.place.partition(', ')[2]}: {error.reason}."
+            message = (
+                f"{item_name(row, item)} cannot be sent: {error.place.partition(', ')[2]}: {error.reason}."
+            )
             yield Finding("value_not_sendable", message, row, fix=error.fix)
 
 
@@ -97,11 +99,10 @@ def _takeoff(context: Context) -> Iterator[Finding]:
     required_m = context.vehicle.altitude_acceptance_m + TAKEOFF_MARGIN_M
     for row, item in context.items:
         if isinstance(item, Takeoff):
-            height_m = context.height_m(item)
-            if height_m is not None and height_m < required_m:
-                message = (
-                    f"{name(row, item)} climbs to {height_m:.1f} m above home; PX4 needs {required_m:.1f} m."
-                )
+            above_home_m = context.altitude_home_m(item)
+            if above_home_m is not None and above_home_m < required_m:
+                what = item_name(row, item)
+                message = f"{what} climbs to {above_home_m:.1f} m above home; PX4 needs {required_m:.1f} m."
                 yield Finding(
                     "takeoff_too_low", message, row, fix=f"Raise it to {required_m:.1f} m.", limit=required_m
                 )
@@ -109,7 +110,7 @@ def _takeoff(context: Context) -> Iterator[Finding]:
                 message = f"PX4 requires the take-off before {earlier}."
                 yield Finding("takeoff_not_first", message, row, fix="Move the take-off to the start.")
         if is_flown_to(item) or isinstance(item, Delay | Jump | Gate):
-            earlier = earlier or name(row, item).lower()
+            earlier = earlier or item_name(row, item).lower()
 
 
 def _takeoff_and_landing(context: Context) -> Iterator[Finding]:
@@ -130,7 +131,9 @@ def _takeoff_and_landing(context: Context) -> Iterator[Finding]:
         message = (
             "The plan has no take-off; on the ground the vehicle climbs to its own take-off altitude first."
         )
-        yield Finding("takeoff_missing", message, fix="Add a take-off.", is_error_here=required in (1, 3))
+        yield Finding(
+            "takeoff_missing", message, fix="Add a take-off.", is_error_for_vehicle=required in (1, 3)
+        )
 
 
 def _jumps(context: Context) -> Iterator[Finding]:
@@ -138,10 +141,10 @@ def _jumps(context: Context) -> Iterator[Finding]:
         if not isinstance(item, Jump):
             continue
         if item.target_index >= len(context.items):
-            message = f"{name(row, item)} jumps to item {item.target_index + 1}, which does not exist."
+            message = f"{item_name(row, item)} jumps to item {item.target_index + 1}, which does not exist."
             yield Finding("jump_target_missing", message, row, fix="Choose another item.")
         elif item.repeat < 0:
-            message = f"{name(row, item)} repeats without end; only the operator or the battery ends it."
+            message = f"{item_name(row, item)} repeats without end; only the operator or the battery ends it."
             yield Finding("jump_endless", message, row, fix="Give it a number of repeats.")
     if context.route.stalled_row is not None:
         row = context.route.stalled_row
@@ -154,8 +157,9 @@ def _unreachable_items(context: Context) -> Iterator[Finding]:
     if last is None or last.seq + 1 >= len(context.items):
         return
     if isinstance(last.item, Land | LoiterUnlimited | ReturnHome) or not last.item.autocontinue:
-        left = len(context.items) - last.seq - 1
-        message = f"{name(last.row, last.item)} ends the mission; {left} items after it may never be reached."
+        unreachable = len(context.items) - last.seq - 1
+        what = item_name(last.row, last.item)
+        message = f"{what} ends the mission; {unreachable} later items may never be reached."
         yield Finding("items_never_reached", message, last.row, fix="Move or remove what comes after.")
 
 
@@ -166,12 +170,14 @@ def _speeds(context: Context) -> Iterator[Finding]:
             continue
         speed = item.speed_m_s
         if speed is None or (speed <= 0.0 and speed not in (-1.0, -2.0)):
-            message = f"{name(row, item)} requests {speed} m/s."
+            message = f"{item_name(row, item)} requests {speed} m/s."
             yield Finding(
-                "speed_invalid", message, row, fix="Set a speed above 0, or -2 for the vehicle's own."
+                "speed_invalid", message, row, fix="Set a speed above 0, or -2 for the vehicle's default."
             )
         elif item.speed_type in GROUND_SPEED_TYPES and speed > max_m_s:
-            message = f"{name(row, item)} requests {speed:g} m/s; the vehicle's maximum is {max_m_s:g} m/s."
+            message = (
+                f"{item_name(row, item)} requests {speed:g} m/s; the vehicle's maximum is {max_m_s:g} m/s."
+            )
             yield Finding("speed_too_high", message, row, fix=f"Set {max_m_s:g} m/s or less.", limit=max_m_s)
     planned = context.plan.hover_speed_m_s
     if planned is not None and planned > max_m_s:
@@ -184,23 +190,31 @@ def _altitudes(context: Context) -> Iterator[Finding]:
     for row, item in context.items:
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
-        height_m = context.height_m(item)
-        if height_m is None:
+        above_home_m = context.altitude_home_m(item)
+        if above_home_m is None:
             if context.plan.planned_home is not None:
-                message = f"{name(row, item)} has an altitude that cannot be compared with home."
+                message = f"{item_name(row, item)} has an altitude that cannot be compared with home."
                 yield Finding("altitude_unknown", message, row, fix="Resolve it with elevation data.")
             continue
-        if fence_m > 0.0 and height_m > fence_m:
-            message = f"{name(row, item)} is {height_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
+        if fence_m > 0.0 and above_home_m > fence_m:
+            what = item_name(row, item)
+            message = f"{what} is {above_home_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
             fix = f"Lower it to {fence_m:.0f} m or less."
             yield Finding("altitude_fence", message, row, fix=fix, limit=fence_m)
-        elif max_m is not None and height_m > max_m:
-            message = f"{name(row, item)} is {height_m:.0f} m above home; the limit is {max_m:.0f} m."
+        elif max_m is not None and above_home_m > max_m:
+            message = (
+                f"{item_name(row, item)} is {above_home_m:.0f} m above home; the limit is {max_m:.0f} m."
+            )
             fix = f"Lower it to {max_m:.0f} m or less."
             yield Finding("altitude_too_high", message, row, fix=fix, limit=max_m)
-        elif height_m <= 0.0 and not isinstance(item, Land):
-            message = f"{name(row, item)} is at or below the altitude of home ({height_m:.1f} m)."
-            yield Finding("altitude_below_home", message, row, fix="Check the ground there, or raise it.")
+        elif above_home_m <= 0.0 and not isinstance(item, Land):
+            message = f"{item_name(row, item)} is at or below the altitude of home ({above_home_m:.1f} m)."
+            yield Finding(
+                "altitude_below_home",
+                message,
+                row,
+                fix="Increase its altitude, or check the ground below it.",
+            )
 
 
 RULES = (

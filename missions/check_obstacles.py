@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from missions.check_context import Context, Finding, name
+from missions.check_context import Context, Finding, item_name
 from missions.items import Land, ReturnHome, Takeoff
-from missions.obstacles import Clearance, ObstacleShapes, is_valid, name_of
+from missions.obstacles import Clearance, ObstacleShapes, is_valid, obstacle_name
 from missions.route import FlownLine, GeoPlace, flown_lines
 
 ADD_WAYPOINT = "Add a waypoint around the obstacle, or fly above it."
@@ -20,14 +20,14 @@ def _obstacles(context: Context) -> Iterator[Finding]:
         return
     for index, obstacle in enumerate(plan.obstacles):
         if not is_valid(obstacle, origin):
-            what = name_of(obstacle, index)
+            what = obstacle_name(obstacle, index)
             message = f"The sides of {what} cross, or it has no area."
             yield Finding("obstacle_invalid", message, obstacle=index, fix="Draw the obstacle again.")
     shapes = ObstacleShapes(plan.obstacles, origin, context.home_amsl_m)
     reported: set[tuple[int, int]] = set()
     for line in flown_lines(plan, context.vehicle.return_alt_m):
         positions = [origin.to_ned(*position) for position in _flown_path(line, context)]
-        for clearance in shapes.near(np.array(positions)):
+        for clearance in shapes.clearances(np.array(positions)):
             if (line.step.seq, clearance.index) not in reported:
                 reported.add((line.step.seq, clearance.index))
                 yield _finding(line, clearance)
@@ -50,10 +50,10 @@ def _flown_path(line: FlownLine, context: Context) -> list[GeoPlace]:
 
 def _finding(line: FlownLine, clearance: Clearance) -> Finding:
     step = line.step
-    what = f"The straight path to {name(step.row, step.item).lower()}"
+    what = f"The straight path to {item_name(step.row, step.item).lower()}"
     if isinstance(step.item, ReturnHome):
-        what = f"The straight path home of {name(step.row, step.item).lower()}"
-    if clearance.hits:
+        what = f"The straight path home of {item_name(step.row, step.item).lower()}"
+    if clearance.passes_through:
         message = f"{what} passes through {clearance.name}."
         return Finding("obstacle_hit", message, step.row, obstacle=clearance.index, fix=ADD_WAYPOINT)
     message = f"{what} comes within {clearance.distance_m:.1f} m of {clearance.name}."

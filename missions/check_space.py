@@ -9,7 +9,7 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry.base import BaseGeometry
 
-from missions.check_context import Context, Finding, name
+from missions.check_context import Context, Finding, item_name
 from missions.geodesy import LocalOrigin, distance_m
 from missions.items import PlacedItem
 from missions.route import is_flown_to
@@ -28,12 +28,12 @@ def _distances(context: Context) -> Iterator[Finding]:
     if home is not None:
         yield from _from_home(context, home.lat_deg, home.lon_deg)
     leg_max_m = context.limits.leg_max_m
-    seen: set[int] = set()
+    reported: set[int] = set()
     for leg in context.legs:
-        if leg_max_m is None or leg.length_m <= leg_max_m or leg.step.seq in seen:
+        if leg_max_m is None or leg.length_m <= leg_max_m or leg.step.seq in reported:
             continue
-        seen.add(leg.step.seq)
-        message = f"{name(leg.step.row, leg.step.item)} is {leg.length_m:.0f} m from the previous item."
+        reported.add(leg.step.seq)
+        message = f"{item_name(leg.step.row, leg.step.item)} is {leg.length_m:.0f} m from the previous item."
         yield Finding("leg_too_long", message, leg.step.row, fix="Check that the plan is for this site.")
 
 
@@ -45,10 +45,12 @@ def _from_home(context: Context, lat_deg: float, lon_deg: float) -> Iterator[Fin
     for index, (row, item) in enumerate(flown_to):
         away_m = distance_m(lat_deg, lon_deg, item.lat_deg, item.lon_deg)
         if index == 0 and 0.0 < first_max_m < away_m:
-            message = f"{name(row, item)}, the first waypoint, is {away_m:.0f} m from home."
+            message = f"{item_name(row, item)}, the first waypoint, is {away_m:.0f} m from home."
             yield Finding("first_waypoint_far", message, row, fix="Check that this is the right plan.")
         if 0.0 < fence_m < away_m:
-            message = f"{name(row, item)} is {away_m:.0f} m from home; the fence limit is {fence_m:.0f} m."
+            message = (
+                f"{item_name(row, item)} is {away_m:.0f} m from home; the fence limit is {fence_m:.0f} m."
+            )
             yield Finding("radius_exceeded", message, row, fix="Move it nearer to home.")
 
 
@@ -65,21 +67,21 @@ def _fence(context: Context) -> Iterator[Finding]:
     if home is not None:
         position = _local(context, home.lat_deg, home.lon_deg)
         previous = (position, bool(area.covers(ShapelyPoint(position))))
-    seen: set[tuple[str, int]] = set()
+    reported: set[tuple[str, int]] = set()
     for step in context.route.steps:
         item = step.item
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
         position = _local(context, item.lat_deg, item.lon_deg)
         inside = bool(area.covers(ShapelyPoint(position)))
-        if not inside and ("point", step.seq) not in seen:
-            seen.add(("point", step.seq))
-            message = f"{name(step.row, item)} is outside the geofence."
+        if not inside and ("point", step.seq) not in reported:
+            reported.add(("point", step.seq))
+            message = f"{item_name(step.row, item)} is outside the geofence."
             yield Finding("fence_violation", message, step.row, fix="Move it inside, or change the fence.")
         start = previous[0] if inside and previous is not None and previous[1] else position
-        if ("path", step.seq) not in seen and inside and not area.covers(LineString([start, position])):
-            seen.add(("path", step.seq))
-            message = f"The straight path to {name(step.row, item).lower()} leaves the geofence."
+        if ("path", step.seq) not in reported and inside and not area.covers(LineString([start, position])):
+            reported.add(("path", step.seq))
+            message = f"The straight path to {item_name(step.row, item).lower()} leaves the geofence."
             yield Finding("fence_crossed", message, step.row, fix="Add a waypoint around the edge.")
         previous = (position, inside)
     for index, rally in enumerate(context.plan.rally_points):

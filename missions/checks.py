@@ -34,7 +34,7 @@ def check(plan: Plan, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
     )  # fmt: skip
     findings: list[Finding] = []
     try:
-        context = Context.of(plan, limits)
+        context = Context.from_plan(plan, limits)
     except Exception as error:
         return (Finding("check_failed", f"The plan could not be checked: {error!r:.200}."),)
     for rule in rules:

@@ -23,7 +23,7 @@ class PathCurve:
 
     Args:
         path: at least two points, times increasing from 0.
-        default_yaw_rad: the heading of a path whose points have none.
+        default_yaw_rad: the heading where points have no yaw.
     """
 
     def __init__(self, path: Path, default_yaw_rad: float | None) -> None:
@@ -39,13 +39,13 @@ class PathCurve:
         return self._times[-1]
 
     @property
-    def rows(self) -> int:
+    def point_count(self) -> int:
         """Number of points of the path."""
         return len(self._times)
 
     def at(self, t_s: float) -> Trajectory:
-        """The setpoint `t_s` after the start. Before the start: the first point; after the end: the last, at
-        rest."""
+        """The setpoint `t_s` after the start. Before the start: the first point at rest; after the end: the
+        last point at rest."""
         if not 0.0 < t_s < self._times[-1]:
             end = 0 if t_s <= 0.0 else -1
             yaw = self._yaws[end] if self._yaws else self._default_yaw_rad
@@ -97,10 +97,10 @@ def _hermite(order: int, u: Any, h: Any, p0: Any, m0: Any, p1: Any, m1: Any) -> 
         order: 0, 1 or 2.
         u: fraction of the piece's duration, 0 to 1.
         h: the piece's duration [s].
-        p0: position at its start.
-        m0: slope at its start.
-        p1: position at its end.
-        m1: slope at its end.
+        p0: position at the start of the piece.
+        m0: slope at the start.
+        p1: position at the end.
+        m1: slope at the end.
     """
     if order == 0:
         return (
@@ -120,7 +120,7 @@ def _vector(values: Iterable[float]) -> Vector3:
 
 
 def _unwrapped(yaws: list[float | None]) -> list[float]:
-    """The yaws without jumps of a full turn; empty if the path has none."""
+    """The yaws without jumps of a full turn; empty if a point has no yaw."""
     unwrapped: list[float] = []
     for yaw in yaws:
         if yaw is None:

@@ -16,7 +16,7 @@ from missions.plan import Plan
 Document = Plan | OffboardMission
 PlanKind = Literal["waypoint_plan", "offboard_mission"]
 MISSION_FORMAT = "offboard-gcs-mission"
-"""The `format` of an offboard mission; without one a document is a waypoint plan."""
+"""The `format` of an offboard mission; a document without `format` is a waypoint plan."""
 
 
 def kind_of(document: Document) -> PlanKind:
@@ -28,7 +28,8 @@ def read(data: str | bytes) -> Document:
     """A document of either kind from this project's JSON; `format` selects the kind.
 
     Raises:
-        PlanError: The text is a document of neither kind; the error names the field and the fix.
+        PlanError: The text is neither a waypoint plan nor an offboard mission; the error names the field and
+            the fix.
     """
     text = decode(data)
     value = load(text)
@@ -45,27 +46,29 @@ def write(document: Document) -> bytes:
     return plan_document.write(document)
 
 
-def named(document: Document, name: str) -> Document:
+def with_name(document: Document, name: str) -> Document:
     """A copy of the document with this name; a waypoint plan has no name and is returned unchanged."""
     if isinstance(document, OffboardMission) and document.name != name:
         return document.model_copy(update={"name": name})
     return document
 
 
-def count(document: Document) -> int:
+def count_steps(document: Document) -> int:
     """Number of items of a waypoint plan as uploaded, or of steps of a mission, including nested ones."""
     if isinstance(document, OffboardMission):
-        return sum(_steps(steps) for steps in (*document.steps_by_role.values(), *document.missions.values()))
+        return sum(
+            _count_nested(steps) for steps in (*document.steps_by_role.values(), *document.missions.values())
+        )
     return sum(1 for _ in document.simple_items())
 
 
-def _steps(steps: tuple[MissionStep, ...]) -> int:
+def _count_nested(steps: tuple[MissionStep, ...]) -> int:
     total = len(steps)
     for step in steps:
         if isinstance(step, Repeat):
-            total += _steps(step.steps)
+            total += _count_nested(step.steps)
         elif isinstance(step, Branch):
-            total += _steps(step.then) + _steps(step.otherwise)
+            total += _count_nested(step.then) + _count_nested(step.otherwise)
     return total
 
 

@@ -58,12 +58,12 @@ _FIXES = {
 }
 
 
-def from_validation(error: ValidationError, before: tuple[int | str, ...] = ()) -> PlanError:
-    """The first error of a validation as a PlanError; `before` is the path to the validated value."""
+def from_validation(error: ValidationError, prefix: tuple[int | str, ...] = ()) -> PlanError:
+    """The first error of a validation as a PlanError; `prefix` is the path to the validated value."""
     first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
     more = error.error_count() - 1
     reason = str(first["msg"])[:300].rstrip(".")
     if more:
         reason += f" (and {more} more)"
     fix = _FIXES.get(str(first["type"]), "Correct this value.")
-    return PlanError(place_of(before + tuple(first["loc"])), reason, fix)
+    return PlanError(place_of(prefix + tuple(first["loc"])), reason, fix)

@@ -1,4 +1,4 @@
-"""Length, time, pictures and energy of a plan, from stated models.
+"""Length, time, pictures and energy of a plan.
 
 The time of a leg is the longer of its horizontal and its vertical part. Horizontally the vehicle accelerates
 and brakes with `acceleration_m_s2` and stops at every waypoint (trapezoidal speed profile). PX4 flies gentle
@@ -38,7 +38,7 @@ class Estimate:
     """Whether a jump repeats without end or the plan has too many steps, so that the flight is longer than
     estimated."""
     known_altitudes: bool
-    """False if an altitude could not be compared with home; its leg counts as level."""
+    """False if an altitude could not be compared with home; the leg to this altitude counts as level."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,36 +47,36 @@ class StepEstimate:
 
     step: Step
     leg: Leg | None
-    """The leg to its position; None: the item has none."""
+    """The leg to the item's position; None: the item has no leg."""
     time_s: float
-    """The way to its position, and the time that it waits there."""
+    """Time of the leg and of the wait."""
     wait_s: float
     length_m: float
     climb_m: float
-    """Height of the climb; 0 for a descent."""
+    """Altitude gained; 0 for a descent."""
 
 
 def step_estimates(plan: Plan, vehicle: VehicleModel, route: Route) -> Iterator[StepEstimate]:
     """Estimates for each step of the plan's route."""
-    legs_left = deque(legs(plan, route))
+    remaining_legs = deque(legs(plan, route))
     speed_m_s = plan.hover_speed_m_s or vehicle.cruise_m_s
-    last: SimpleItem | None = None
+    last_placed: SimpleItem | None = None
     for step in route.steps:
         item = step.item
-        leg = legs_left.popleft() if legs_left and legs_left[0].step is step else None
+        leg = remaining_legs.popleft() if remaining_legs and remaining_legs[0].step is step else None
         length_m = time_s = climbed_m = 0.0
         if leg is not None:
-            up_m = leg.climb_m or 0.0
-            length_m = math.hypot(leg.length_m, up_m)
+            climb_m = leg.climb_m or 0.0
+            length_m = math.hypot(leg.length_m, climb_m)
             time_s = leg_time_s(leg, min(speed_m_s, vehicle.speed_max_m_s), vehicle)
-            climbed_m = max(0.0, up_m)
+            climbed_m = max(0.0, climb_m)
         if isinstance(item, ChangeSpeed) and item.speed_type in GROUND_SPEED_TYPES:
             speed_m_s = item.speed_m_s if (item.speed_m_s or 0.0) > 0.0 else speed_m_s
             speed_m_s = speed_m_s or vehicle.cruise_m_s
         if isinstance(item, ReturnHome):
-            length_m, time_s, climbed_m = _return(plan, last, speed_m_s, vehicle)
+            length_m, time_s, climbed_m = _return_estimate(plan, last_placed, speed_m_s, vehicle)
         if isinstance(item, PlacedItem) and leg is not None:
-            last = item
+            last_placed = item
         wait_s = _wait_s(item)
         yield StepEstimate(step, leg, time_s + wait_s, wait_s, length_m, climbed_m)
 
@@ -86,13 +86,13 @@ def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None)
     route = follow(plan)
     length_m = time_s = climbed_m = 0.0
     photos, spacing_m, since_photo_m = 0, 0.0, 0.0
-    known = True
+    known_altitudes = True
     for each in step_estimates(plan, vehicle, route):
         item = each.step.item
         length_m, time_s = length_m + each.length_m, time_s + each.time_s
         climbed_m += each.climb_m
         if each.leg is not None:
-            known &= each.leg.climb_m is not None
+            known_altitudes &= each.leg.climb_m is not None
             if spacing_m > 0.0:
                 since_photo_m += each.leg.length_m
                 photos += int(since_photo_m // spacing_m)
@@ -104,18 +104,20 @@ def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None)
             photos += max(1, int(item.count or 0))
     energy_wh = None if power is None else power.energy_wh(time_s, climbed_m)
     endless = route.endless or route.truncated or route.stalled_row is not None
-    return Estimate(length_m, time_s, climbed_m, photos, energy_wh, endless, known)
+    return Estimate(length_m, time_s, climbed_m, photos, energy_wh, endless, known_altitudes)
 
 
 def leg_time_s(leg: Leg, speed_m_s: float, vehicle: VehicleModel) -> float:
     """Time of one leg [s], from rest to rest."""
     horizontal_s = travel_time_s(leg.length_m, speed_m_s, vehicle.acceleration_m_s2)
-    up_m = leg.climb_m or 0.0
+    climb_m = leg.climb_m or 0.0
     if isinstance(leg.step.item, Takeoff):
-        return up_m / vehicle.takeoff_m_s + horizontal_s if up_m > 0.0 else horizontal_s
+        return climb_m / vehicle.takeoff_m_s + horizontal_s if climb_m > 0.0 else horizontal_s
     if isinstance(leg.step.item, Land):
-        return horizontal_s + land_time_s(max(0.0, -up_m), vehicle)
-    return max(horizontal_s, up_m / vehicle.climb_m_s if up_m >= 0.0 else -up_m / vehicle.descent_m_s)
+        return horizontal_s + land_time_s(max(0.0, -climb_m), vehicle)
+    return max(
+        horizontal_s, climb_m / vehicle.climb_m_s if climb_m >= 0.0 else -climb_m / vehicle.descent_m_s
+    )
 
 
 def travel_time_s(length_m: float, speed_m_s: float, acceleration_m_s2: float) -> float:
@@ -138,18 +140,18 @@ def _wait_s(item: SimpleItem) -> float:
     return max(0.0, item.delay_s or 0.0) if isinstance(item, Delay) else 0.0
 
 
-def _return(
-    plan: Plan, last: SimpleItem | None, speed_m_s: float, vehicle: VehicleModel
+def _return_estimate(
+    plan: Plan, last_placed: SimpleItem | None, speed_m_s: float, vehicle: VehicleModel
 ) -> tuple[float, float, float]:
-    """Length, time and climb of a return: climb to the return altitude, fly home, land. Zero without a
-    home."""
+    """Length, time and climb of a return: climb to the return altitude, fly home, land. All are zero if the
+    plan has no home."""
     home = plan.planned_home
-    if home is None or not isinstance(last, PlacedItem):
+    if home is None or not isinstance(last_placed, PlacedItem):
         return 0.0, 0.0, 0.0
-    amsl_m = last.altitude.amsl_m(home.alt_amsl_m)
-    height_m = vehicle.return_alt_m if amsl_m is None else amsl_m - home.alt_amsl_m
-    top_m = max(height_m, vehicle.return_alt_m)
-    horizontal_m = distance_m(last.lat_deg, last.lon_deg, home.lat_deg, home.lon_deg)
-    time_s = (top_m - height_m) / vehicle.climb_m_s + land_time_s(top_m, vehicle)
+    amsl_m = last_placed.altitude.amsl_m(home.alt_amsl_m)
+    altitude_home_m = vehicle.return_alt_m if amsl_m is None else amsl_m - home.alt_amsl_m
+    return_m = max(altitude_home_m, vehicle.return_alt_m)
+    horizontal_m = distance_m(last_placed.lat_deg, last_placed.lon_deg, home.lat_deg, home.lon_deg)
+    time_s = (return_m - altitude_home_m) / vehicle.climb_m_s + land_time_s(return_m, vehicle)
     time_s += travel_time_s(horizontal_m, speed_m_s, vehicle.acceleration_m_s2)
-    return horizontal_m + 2.0 * top_m - height_m, time_s, top_m - height_m
+    return horizontal_m + 2.0 * return_m - altitude_home_m, time_s, return_m - altitude_home_m

@@ -19,9 +19,9 @@ from missions.geodesy import LocalOrigin
 NorthEast = tuple[float, float]
 """North, east [m]."""
 INSET_M = 0.5
-"""A position outside a fence is replaced by one this far inside its edge [m]."""
+"""A position outside a fence is replaced by a position this far inside the edge [m]."""
 CHECK_EVERY_M, MAX_CHECKS = 0.5, 4000
-"""Spacing and maximum number of the checked points of a straight line."""
+"""Spacing [m] and maximum number of the points at which a straight line is checked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ class Region:
         return math.isfinite(self.down_min_m) or math.isfinite(self.down_max_m)
 
     def breach(self, p: NorthEast) -> str | None:
-        """The name of a limit that the position violates; None: it is inside all limits."""
+        """The name of a limit that the position violates; None: the position is inside all limits."""
         for circle in self.circles:
             if math.dist(p, circle.center_ne_m) > circle.radius_m:
                 return circle.name
@@ -166,7 +166,7 @@ class Region:
         return edges
 
     def nearest_inside(self, p: NorthEast) -> NorthEast | None:
-        """A position inside all limits near the given one; None: none was found."""
+        """A position inside all limits, near `p`; None: no such position was found."""
         for _ in range(12):
             if self.breach(p) is None:
                 return p
@@ -176,23 +176,23 @@ class Region:
                 p = _into_polygon(p, polygon.corners_ne_m)
         return None
 
-    def last_inside(self, here: NorthEast, target: NorthEast) -> NorthEast | None:
-        """The last position inside on the straight line from `here` to a target.
+    def last_inside(self, start: NorthEast, target: NorthEast) -> NorthEast | None:
+        """The last position inside on the straight line from `start` to a target.
 
-        If `here` is outside: the nearest position inside; None: none was found.
+        If `start` is outside: a position inside near `start`; None: no such position was found.
         """
-        if self.breach(here) is not None:
-            return self.nearest_inside(here)
-        inside = self.nearest_inside(target) or here
-        distance_m = math.dist(here, inside)
+        if self.breach(start) is not None:
+            return self.nearest_inside(start)
+        inside = self.nearest_inside(target) or start
+        distance_m = math.dist(start, inside)
         if distance_m < 1e-6:
             return inside
-        direction = ((inside[0] - here[0]) / distance_m, (inside[1] - here[1]) / distance_m)
-        edge_m = self.distance_to_edge_m(here, direction)
+        direction = ((inside[0] - start[0]) / distance_m, (inside[1] - start[1]) / distance_m)
+        edge_m = self.distance_to_edge_m(start, direction)
         if distance_m <= edge_m:
             return inside
         stop_m = max(0.0, edge_m - INSET_M)
-        return (here[0] + direction[0] * stop_m, here[1] + direction[1] * stop_m)
+        return (start[0] + direction[0] * stop_m, start[1] + direction[1] * stop_m)
 
     def clamp_down_m(self, down_m: float) -> float:
         """The down coordinate, limited to the range between the two vertical limits."""
@@ -201,12 +201,12 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class FenceArea:
-    """A mission's own geofence in the local frame."""
+    """The geofence of a mission, in the local frame."""
 
     inclusions: Region
-    """The vehicle stays inside all of these."""
+    """The vehicle stays inside all of these limits."""
     exclusions: tuple[Region, ...] = ()
-    """The vehicle stays outside all of these; one region for each zone."""
+    """The vehicle stays outside all of these regions; one region for each zone."""
 
     def are_outside(self, positions_ne_m: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether each of the positions (N, 2) is outside the allowed area."""
@@ -215,10 +215,10 @@ class FenceArea:
             outside |= ~zone.are_outside(positions_ne_m)
         return outside
 
-    def line_leaves(self, here: NorthEast, there: NorthEast) -> bool:
+    def line_leaves(self, start: NorthEast, end: NorthEast) -> bool:
         """Whether the straight line leaves the area; a line that only enters the area does not leave it."""
-        count = 2 + min(MAX_CHECKS, int(math.dist(here, there) / CHECK_EVERY_M))
-        outside = self.are_outside(np.linspace(here, there, count))
+        count = 2 + min(MAX_CHECKS, int(math.dist(start, end) / CHECK_EVERY_M))
+        outside = self.are_outside(np.linspace(start, end, count))
         return bool(outside[int((~outside).argmax()) :].any())
 
 

@@ -2,9 +2,9 @@
 
 `COMMAND` is the item's MAV_CMD. `SLOTS` contains the field of each MAVLink parameter. A number instead of a
 field means that the parameter is unused and normally has this value; None means unused and normally NaN.
-Items with a position have four slots, because parameters 5 to 7 are the position; the others have seven. Yaw
-is in degrees clockwise from true north; None: the autopilot decides. MAVLink common message set:
-https://mavlink.io/en/messages/common.html
+Items with a position have four slots, because parameters 5 to 7 are the position; all other items have seven.
+Yaw is in degrees clockwise from true north; None: the autopilot decides on the yaw. MAVLink common message
+set: https://mavlink.io/en/messages/common.html
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Item(Model):
     SLOTS: ClassVar[tuple[Slot, ...]]
 
     autocontinue: bool = True
-    """Continue with the next item when this one is done."""
+    """Continue with the next item when this item is done."""
     spare_params: tuple[tuple[Annotated[int, Field(ge=1, le=7)], NumberOrNone], ...] = ()
     """MAVLink parameters (number, value) that this kind does not use but that have unusual values."""
     original: str | None = None
@@ -139,7 +139,7 @@ class Gate(PlacedItem):
 
 
 class ReturnHome(Item):
-    """Return to home or to a rally point, as the vehicle's parameters say."""
+    """Return to home or to a rally point, according to the vehicle's parameters."""
 
     COMMAND = 20
     SLOTS = (0.0,) * 7
@@ -191,7 +191,7 @@ class SetHome(Item):
 
 
 class LandStart(Item):
-    """Marks the start of the landing. Return mode may continue the mission from here (RTL_TYPE)."""
+    """Marks the start of the landing. Return mode may continue the mission from this item (RTL_TYPE)."""
 
     COMMAND = 189
     SLOTS = (0.0,) * 7

@@ -21,15 +21,16 @@ COARSE_M = 2.0
 FINE_STEPS = 20
 """A path is divided every COARSE_M; near an obstacle, each of these parts is divided into FINE_STEPS."""
 TOUCHING_M = 0.01
+"""A path nearer than this passes through the obstacle."""
 
 
-def name_of(obstacle: Obstacle, index: int) -> str:
-    """The name in messages."""
+def obstacle_name(obstacle: Obstacle, index: int) -> str:
+    """The name of an obstacle in messages."""
     return obstacle.name.strip() or f"obstacle {index + 1}"
 
 
 def corners_ne_m(obstacle: Obstacle, origin: LocalOrigin) -> tuple[tuple[float, float], ...]:
-    """The corners, north and east of an origin."""
+    """The corners of an obstacle: north and east of an origin [m]."""
     corners = [origin.to_ned(point.lat_deg, point.lon_deg, 0.0) for point in obstacle.polygon]
     return tuple((north, east) for north, east, _ in corners)
 
@@ -42,7 +43,7 @@ def is_valid(obstacle: Obstacle, origin: LocalOrigin) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Clearance:
-    """How near a path comes to one obstacle."""
+    """Distance between a path and one obstacle."""
 
     index: int
     """Index of the obstacle in the document."""
@@ -54,7 +55,7 @@ class Clearance:
     """The nearest position of the path."""
 
     @property
-    def hits(self) -> bool:
+    def passes_through(self) -> bool:
         """Whether the path passes through the obstacle."""
         return self.distance_m < TOUCHING_M
 
@@ -63,9 +64,10 @@ class ObstacleShapes:
     """The obstacles of one document in a local frame.
 
     Args:
-        obstacles: of the document.
-        origin: of the local frame.
-        home_amsl_m: altitude of home; None: unknown, and obstacles with a top above home are left out.
+        obstacles: obstacles of the document.
+        origin: origin of the local frame.
+        home_amsl_m: altitude of home; None: unknown; obstacles whose top is
+            given above home are then ignored.
     """
 
     def __init__(self, obstacles: Sequence[Obstacle], origin: LocalOrigin, home_amsl_m: float | None) -> None:
@@ -77,10 +79,10 @@ class ObstacleShapes:
             shape = shapely.make_valid(Polygon(corners_ne_m(obstacle, origin)))
             shapely.prepare(shape)
             top_down_m = origin.alt_amsl_m - top_amsl_m
-            self._shapes.append((index, name_of(obstacle, index), shape, top_down_m))
+            self._shapes.append((index, obstacle_name(obstacle, index), shape, top_down_m))
 
-    def near(self, path_ned_m: Array) -> Iterator[Clearance]:
-        """The obstacles that a path comes near, each with the nearest position.
+    def clearances(self, path_ned_m: Array) -> Iterator[Clearance]:
+        """The obstacles near a path, each with the nearest position of the path.
 
         Args:
             path_ned_m: (N, 3) positions, joined by straight lines.
@@ -100,7 +102,7 @@ class ObstacleShapes:
 
 
 def _comes_near(path_ned_m: Array, shape: BaseGeometry, top_down_m: float) -> bool:
-    """Whether the boxes around the path and around the obstacle are near each other."""
+    """Whether the bounding boxes of the path and of the obstacle are near each other."""
     south, west, north, east = shape.bounds
     low_n, low_e, _ = (path_ned_m.min(axis=0) - NEAR_M).tolist()
     high_n, high_e, high_d = (path_ned_m.max(axis=0) + NEAR_M).tolist()
@@ -110,14 +112,14 @@ def _comes_near(path_ned_m: Array, shape: BaseGeometry, top_down_m: float) -> bo
 
 def _positions_near(path_ned_m: Array, shape: BaseGeometry) -> Array:
     """(M, 3) positions of the path near a shape, close together."""
-    rough = _divided(path_ned_m)
-    horizontal_m = np.asarray(shapely.distance(shapely.points(rough[:, 0], rough[:, 1]), shape))
-    if len(rough) == 1:
-        return rough
+    coarse = _divided(path_ned_m)
+    horizontal_m = np.asarray(shapely.distance(shapely.points(coarse[:, 0], coarse[:, 1]), shape))
+    if len(coarse) == 1:
+        return coarse
     is_near = np.minimum(horizontal_m[:-1], horizontal_m[1:]) < NEAR_M + COARSE_M
-    starts, ends = rough[:-1][is_near], rough[1:][is_near]
-    share = np.linspace(0.0, 1.0, FINE_STEPS + 1)[None, :, None]
-    return (starts[:, None] + (ends - starts)[:, None] * share).reshape(-1, 3)
+    starts, ends = coarse[:-1][is_near], coarse[1:][is_near]
+    fraction = np.linspace(0.0, 1.0, FINE_STEPS + 1)[None, :, None]
+    return (starts[:, None] + (ends - starts)[:, None] * fraction).reshape(-1, 3)
 
 
 def _divided(path_ned_m: Array) -> Array:

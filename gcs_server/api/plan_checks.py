@@ -103,7 +103,7 @@ def is_small(document: Document) -> bool:
         return len(documents.write(document)) <= SMALL_MISSION_BYTES
     corners = sum(len(zone.polygon) for zone in document.fence if zone.shape == "polygon")
     corners += sum(len(obstacle.polygon) for obstacle in document.obstacles)
-    weight = documents.count(document) + corners + len(document.fence) + len(document.rally_points)
+    weight = documents.count_steps(document) + corners + len(document.fence) + len(document.rally_points)
     return weight <= SMALL_ITEMS
 
 

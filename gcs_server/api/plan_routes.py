@@ -77,7 +77,7 @@ async def create_plan(body: m.NewPlan, station: StationDep, principal: Principal
     """Stores a new plan as version 1."""
     with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
         head = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
-        return _stored_plan(head, documents.write(documents.named(body.plan, head.name)), 201)
+        return _stored_plan(head, documents.write(documents.with_name(body.plan, head.name)), 201)
 
 
 @router.post("/check", response_model=m.PlanCheck)
@@ -325,7 +325,7 @@ async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, princip
             base_version=body.base_version,
             by=(principal.name, principal.key),
         )
-        return _stored_plan(head, documents.write(documents.named(body.plan, head.name)))
+        return _stored_plan(head, documents.write(documents.with_name(body.plan, head.name)))
 
 
 @router.delete("/{plan}", status_code=204)

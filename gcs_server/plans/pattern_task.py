@@ -14,7 +14,7 @@ from missions import plan as plan_document
 from missions.estimates import estimate
 from missions.items import PlacedItem
 from missions.offboard.document import OffboardMission
-from missions.offboard.from_pattern import steps_of
+from missions.offboard.from_pattern import steps_from_pattern
 from missions.patterns import document
 from missions.plan import Plan
 from missions.route import is_flown_to
@@ -40,7 +40,9 @@ def generate(arguments: Mapping[str, Any]) -> Values:
     written = documents.write(plan)
     if arguments["kind"] == "offboard_mission":
         items = [item for _, item in plan.simple_items()]
-        mission = OffboardMission(name=pattern.kind.capitalize(), steps=steps_of(pattern, items, vehicle))
+        mission = OffboardMission(
+            name=pattern.kind.capitalize(), steps=steps_from_pattern(pattern, items, vehicle)
+        )
         written = documents.write(mission)
     return {
         "plan": written.decode(),

@@ -134,7 +134,7 @@ class PlanStore:
                     f"{MAX_PLANS} plans are stored, which is the limit.", remedy="Delete one first."
                 )
             plan_id, now_unix_s = secrets.token_hex(6), self._clock.unix_s()
-            count, kind = documents.count(plan), documents.kind_of(plan)
+            count, kind = documents.count_steps(plan), documents.kind_of(plan)
             return self._write(index, PlanVersion(plan_id, name, 1, now_unix_s, by[0], count, kind), plan)
 
         return await self._change("created", work, by)
@@ -158,7 +158,7 @@ class PlanStore:
                 version=newest.version + 1,
                 changed_unix_s=self._clock.unix_s(),
                 changed_by=by[0],
-                item_count=documents.count(plan),
+                item_count=documents.count_steps(plan),
                 kind=documents.kind_of(plan),
             )
             return self._write(index, head, plan)
@@ -242,7 +242,7 @@ class PlanStore:
         return newest
 
     def _write(self, index: _Index, head: PlanVersion, plan: Document) -> PlanVersion:
-        content = documents.write(documents.named(plan, head.name))
+        content = documents.write(documents.with_name(plan, head.name))
         if sum(index.bytes_of.values()) + len(content) > MAX_TOTAL_BYTES:
             raise Refused(
                 f"The plans would take more than {MAX_TOTAL_BYTES // 1_000_000} MB, which is the limit.",

@@ -331,7 +331,7 @@ def _start_of(start: Values) -> Start:
 
 def _motion_of(mission: OffboardMission, vehicle: MissionVehicle) -> MotionLimits:
     """Motion limits for pauses and for the approach to the path, at the mission's speed."""
-    motion = vehicle.within(mission.limits)
+    motion = vehicle.motion_within(mission.limits)
     cruise_m_s = min(vehicle.limits.vehicle.cruise_m_s, mission.limits.speed_m_s or motion.speed_m_s)
     return dataclasses.replace(motion, speed_m_s=min(cruise_m_s, motion.speed_m_s))
 

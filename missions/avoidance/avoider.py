@@ -3,8 +3,9 @@
 The straight line to the wanted position, and the path after it, must be clear of recent measurements. If an
 obstacle blocks them, the vehicle climbs above the highest measured point, flies on, and descends once nothing
 was measured below. Alternatively it flies on the clear heading nearest to the direction of the goal. The
-vehicle moves only in directions that a sensor measures. If no direction is allowed, or the sensors send
-nothing, it stops and reports the reason.
+vehicle moves only in directions that a sensor measures. If no direction is allowed, or no measurements
+arrive, it stops and reports the reason. Altitudes (`up_m`, `highest_m`, …) are above the origin of the local
+frame.
 
 The space below each remembered point counts as solid (`memory.py`). A sensor with a single ray measures
 along one line only; it does not detect obstacles beside that line.
@@ -39,17 +40,20 @@ MAX_CLIMB_M = 15.0
 CEILING_MARGIN_M = 0.7
 """The vehicle stays this far below the upper altitude limit."""
 DETOUR_M_S, DETOUR_CLIMB_M_S, DETOUR_DESCENT_M_S = 2.0, 1.5, 1.0
+"""Maximum horizontal speed, climb and descent speed of a detour."""
 CLEAR_FOR_S = 0.5
 """The direct path must be clear for this long before the vehicle returns to it."""
 RETURNED_WITHIN_M = 1.0
+"""The detour ends when the vehicle is this close to the wanted position, horizontally."""
 MEASURED_WITHIN_S = 0.5
-"""Above an obstacle the vehicle moves only if the last measurement is younger than this [s]: the obstacle may
-get higher."""
+"""Above an obstacle the vehicle moves only if the last measurement is younger than this [s], because the
+obstacle may be higher farther on."""
 GOAL_MOVED_M = 2.0
-"""If no way was found, the search is repeated when the goal has moved this far."""
+"""If no clear heading was found, the search is repeated when the goal has moved this far."""
 MIN_MOTION_M, MIN_MOTION_M_S = 0.5, 0.3
-"""Distance [m] and speed [m/s] below which no sensor must measure in the direction of travel."""
+"""Below this distance to the goal [m] and this speed [m/s], the vehicle has no direction of travel."""
 STOPPED_M_S = 0.3
+"""A slower vehicle has stopped."""
 
 
 class Avoider:
@@ -68,32 +72,33 @@ class Avoider:
         self._side: Side | None = None
         self._turned_back = False
         """Whether the side was already changed in this detour."""
-        self._no_way_to: Vector3 | None = None
-        self._scanned_at_m: float | None = None
+        self._unreachable_goal: Vector3 | None = None
+        self._scanned_up_m: float | None = None
         self._top_uncertainty_m = 0.0
         """Climb between two measurements; the top of the obstacle may be anywhere between them."""
-        self._level_m = 0.0
+        self._detour_up_m = 0.0
+        """Altitude at which the vehicle flies around the obstacle."""
         self._hold_position: Vector3 | None = None
         self._track = Track()
 
     def adjust(
         self,
         now_s: float,
-        here: MotionState,
+        current: MotionState,
         wanted: WantedMotion,
         scans: tuple[Scan, ...],
         allowed: DetourLimits,
     ) -> AdjustedMotion:
-        """The setpoint to fly instead of the wanted one.
+        """The motion to fly instead of the wanted one.
 
         Args:
-            now_s: monotonic, the clock of the scans.
-            here: the vehicle's position and motion.
+            now_s: monotonic time, on the same clock as the scans.
+            current: the vehicle's position and motion.
             wanted: the motion without obstacles.
             scans: the newest scan of each sensor.
             allowed: limits and allowed area.
         """
-        adjusted = self._adjusted(now_s, here, wanted, fresh(scans, now_s, FRESH_S), allowed)
+        adjusted = self._adjusted(now_s, current, wanted, fresh(scans, now_s, FRESH_S), allowed)
         self._state = adjusted.state
         if adjusted.state != "stopped" and adjusted.state != "turning":
             self._hold_position = None
@@ -104,174 +109,186 @@ class Avoider:
     def _adjusted(
         self,
         now_s: float,
-        here: MotionState,
+        current: MotionState,
         wanted: WantedMotion,
-        seen: tuple[Scan, ...],
+        scans: tuple[Scan, ...],
         allowed: DetourLimits,
     ) -> AdjustedMotion:
-        if not any(measures_level(scan) for scan in seen):
+        if not any(measures_level(scan) for scan in scans):
             return self._stop_and_hold(
-                here, wanted, f"No obstacle measurement for {FRESH_S:g} s: the vehicle holds its position."
+                current, wanted, f"No obstacle measurement for {FRESH_S:g} s: the vehicle holds its position."
             )
-        up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
+        up_m, goal_up_m = -current.position_ned_m[2], -wanted.position_ned_m[2]
         low_m = min(up_m, goal_up_m) - BELOW_M
-        self._remember(now_s, here, seen, low_m - OVER_M / 2)
-        heading = _heading(here, wanted)
-        yaw = self._yaw_to_see(here, wanted, seen, heading)
+        self._remember(now_s, current, scans, low_m - OVER_M / 2)
+        heading = _heading(current, wanted)
+        yaw = self._yaw_to_see(current, wanted, scans, heading)
         points = self._memory.above(low_m, now_s)
-        blocking = blocking_obstacles(points, here, wanted, self._top_uncertainty_m)
+        blocking = blocking_obstacles(points, current, wanted, self._top_uncertainty_m)
         if blocking is not None:
             self._clear_since_s = None
-            return self._detour(now_s, here, wanted, seen, allowed, blocking, yaw)
-        self._side, self._turned_back, self._no_way_to, self._top_uncertainty_m = None, False, None, 0.0
+            return self._detour(now_s, current, wanted, scans, allowed, blocking, yaw)
+        self._side, self._turned_back, self._unreachable_goal, self._top_uncertainty_m = (
+            None,
+            False,
+            None,
+            0.0,
+        )
         if self._clear_since_s is None:
             self._clear_since_s = now_s
-        if heading is not None and range_at_m(seen, heading) is None:
-            return self._turn(here, wanted, heading)
-        below = goal_up_m < up_m - BELOW_M and _distance(here, wanted) > MIN_MOTION_M  # no sensor looks down
-        if self._state in ("clear", "turning") and not below:
+        if heading is not None and range_at_m(scans, heading) is None:
+            return self._turn(current, wanted, heading)
+        # Not directly above the goal, a descent needs a sensor that measures downward.
+        must_descend = goal_up_m < up_m - BELOW_M and _distance(current, wanted) > MIN_MOTION_M
+        if self._state in ("clear", "turning") and not must_descend:
             return AdjustedMotion("clear", yaw_ned_rad=yaw)
-        return self._return_to_path(now_s, here, wanted, seen, allowed, yaw)
+        return self._return_to_path(now_s, current, wanted, scans, allowed, yaw)
 
-    def _remember(self, now_s: float, here: MotionState, seen: tuple[Scan, ...], lowest_m: float) -> None:
-        """Stores each new scan, taken from the vehicle's position at that time."""
+    def _remember(self, now_s: float, current: MotionState, scans: tuple[Scan, ...], lowest_m: float) -> None:
+        """Stores the points of each new scan, measured from the position that the vehicle had at the time of
+        the scan."""
         keys = {
             (scan.measured_s, scan.directions_ned[0], len(scan.directions_ned)): scan
-            for scan in seen
+            for scan in scans
             if scan.directions_ned
         }
         for key, scan in keys.items():
             if key in self._stored_scans:
                 continue
-            at_ned_m = _at(here, now_s - scan.measured_s)
+            at_ned_m = _position_before(current, now_s - scan.measured_s)
             self._memory.add(scan, at_ned_m, lowest_m)
             if measures_level(scan):
-                before_m, self._scanned_at_m = self._scanned_at_m, -at_ned_m[2]
+                before_m, self._scanned_up_m = self._scanned_up_m, -at_ned_m[2]
                 if before_m is not None and self._state in ("over", "stopped"):
-                    self._top_uncertainty_m = max(self._top_uncertainty_m, self._scanned_at_m - before_m)
+                    self._top_uncertainty_m = max(self._top_uncertainty_m, self._scanned_up_m - before_m)
         self._stored_scans = set(keys)
 
     def _yaw_to_see(
-        self, here: MotionState, wanted: WantedMotion, seen: tuple[Scan, ...], heading: float | None
+        self, current: MotionState, wanted: WantedMotion, scans: tuple[Scan, ...], heading: float | None
     ) -> float | None:
-        """The heading that points the sensors in the direction of travel; None if the wanted heading already
-        does so."""
+        """The heading that points the sensors in the direction of travel; None if the sensors already measure
+        that direction at the wanted heading."""
         if heading is None:
             return None
-        yaw = here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
-        return None if range_at_m(seen, heading, yaw - here.yaw_ned_rad) is not None else heading
+        yaw = current.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
+        return None if range_at_m(scans, heading, yaw - current.yaw_ned_rad) is not None else heading
 
     # --- actions ------------------------------------------------------------------------------------
 
     def _detour(
         self,
         now_s: float,
-        here: MotionState,
+        current: MotionState,
         wanted: WantedMotion,
-        seen: tuple[Scan, ...],
+        scans: tuple[Scan, ...],
         allowed: DetourLimits,
         blocking: BlockingObstacles,
         yaw: float | None,
     ) -> AdjustedMotion:
-        up_m, goal_up_m = -here.position_ned_m[2], -wanted.position_ned_m[2]
+        up_m, goal_up_m = -current.position_ned_m[2], -wanted.position_ned_m[2]
         required_up_m = blocking.highest_m + OVER_M
         max_up_m = min(goal_up_m + MAX_CLIMB_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
-        started = self._side is not None or self._no_way_to is not None
-        if self.way == "around" or required_up_m > max_up_m or started:
-            if not started:
-                self._level_m = up_m
-            return self._fly_around(now_s, here, wanted, seen, allowed, blocking.clearance_m)
-        climb = _clamp(max(required_up_m, min(goal_up_m, max_up_m)) - up_m, allowed)
-        heading = _heading(here, wanted)
-        measured_m = None if heading is None else range_at_m(seen, heading)
-        outdated = all(now_s - scan.measured_s > MEASURED_WITHIN_S for scan in seen if measures_level(scan))
+        is_flying_around = self._side is not None or self._unreachable_goal is not None
+        if self.way == "around" or required_up_m > max_up_m or is_flying_around:
+            if not is_flying_around:
+                self._detour_up_m = up_m
+            return self._fly_around(now_s, current, wanted, scans, allowed, blocking.clearance_m)
+        climb = _limited_climb(max(required_up_m, min(goal_up_m, max_up_m)) - up_m, allowed)
+        heading = _heading(current, wanted)
+        measured_m = None if heading is None else range_at_m(scans, heading)
+        outdated = all(now_s - scan.measured_s > MEASURED_WITHIN_S for scan in scans if measures_level(scan))
         speed = 0.0
         if measured_m is not None and not outdated:
             free_m = min(blocking.first_m, measured_m) - CLEARANCE_M
-            speed = min(DETOUR_M_S, allowed.speed_m_s, _distance(here, wanted), braking_speed(free_m))
+            speed = min(DETOUR_M_S, allowed.speed_m_s, _distance(current, wanted), braking_speed(free_m))
         is_ahead = math.isfinite(blocking.first_m)
         text = "Obstacle ahead: climbing over it." if is_ahead else "Above an obstacle: flying over it."
-        to_track = self._to_track(now_s, here, wanted)
-        return self._fly("over", text, here, wanted, heading, speed, climb, yaw, to_track)
+        to_track = self._to_track(now_s, current, wanted)
+        return self._fly("over", text, current, wanted, heading, speed, climb, yaw, to_track)
 
     def _fly_around(
         self,
         now_s: float,
-        here: MotionState,
+        current: MotionState,
         wanted: WantedMotion,
-        seen: tuple[Scan, ...],
+        scans: tuple[Scan, ...],
         allowed: DetourLimits,
         clearance_m: float,
     ) -> AdjustedMotion:
         too_high = "" if self.way == "around" else " and too high to climb over"
         no_way = f"Obstacle ahead{too_high}, and the sensors measure no clear way around it."
         goal = wanted.position_ned_m
-        if self._no_way_to is not None and math.dist(self._no_way_to, goal) < GOAL_MOVED_M:
-            return self._stop_and_hold(here, wanted, no_way)
-        nearby = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
-        chosen = choose_heading(nearby, here, wanted, seen, allowed, self._side, clearance_m)
+        if self._unreachable_goal is not None and math.dist(self._unreachable_goal, goal) < GOAL_MOVED_M:
+            return self._stop_and_hold(current, wanted, no_way)
+        nearby = self._memory.above(-current.position_ned_m[2] - BELOW_M, now_s)
+        chosen = choose_heading(nearby, current, wanted, scans, allowed, self._side, clearance_m)
         if chosen is None and self._side is not None and not self._turned_back:
             self._turned_back, self._side = True, "left" if self._side == "right" else "right"
-            chosen = choose_heading(nearby, here, wanted, seen, allowed, self._side, clearance_m)
+            chosen = choose_heading(nearby, current, wanted, scans, allowed, self._side, clearance_m)
         if chosen is None:
-            self._no_way_to, self._side, self._turned_back = goal, None, False
-            return self._stop_and_hold(here, wanted, no_way)
-        self._no_way_to = None
+            self._unreachable_goal, self._side, self._turned_back = goal, None, False
+            return self._stop_and_hold(current, wanted, no_way)
+        self._unreachable_goal = None
         heading, self._side, free_m = chosen
         speed = min(DETOUR_M_S, allowed.speed_m_s, braking_speed(free_m))
-        climb = _clamp(self._level_m + here.position_ned_m[2], allowed)
+        climb = _limited_climb(self._detour_up_m + current.position_ned_m[2], allowed)
         where = "" if self._side is None else f" on the {self._side}"
         text = f"Obstacle ahead: flying around it{where}."
-        return self._fly("around", text, here, wanted, heading, speed, climb, None)
+        return self._fly("around", text, current, wanted, heading, speed, climb, None)
 
     def _return_to_path(
         self,
         now_s: float,
-        here: MotionState,
+        current: MotionState,
         wanted: WantedMotion,
-        seen: tuple[Scan, ...],
+        scans: tuple[Scan, ...],
         allowed: DetourLimits,
         yaw: float | None,
     ) -> AdjustedMotion:
         """Returns to the path: descends if nothing is below, then flies level to the wanted position."""
         assert self._clear_since_s is not None
-        down_m = wanted.position_ned_m[2] - here.position_ned_m[2]
-        waits = now_s - self._clear_since_s < CLEAR_FOR_S
-        moves = math.hypot(*wanted.velocity_ned_m_s) > MIN_MOTION_M_S
-        if abs(down_m) < BELOW_M and not waits and (not moves or _distance(here, wanted) < RETURNED_WITHIN_M):
+        down_m = wanted.position_ned_m[2] - current.position_ned_m[2]
+        must_wait = now_s - self._clear_since_s < CLEAR_FOR_S
+        goal_moves = math.hypot(*wanted.velocity_ned_m_s) > MIN_MOTION_M_S
+        if (
+            abs(down_m) < BELOW_M
+            and not must_wait
+            and (not goal_moves or _distance(current, wanted) < RETURNED_WITHIN_M)
+        ):
             return AdjustedMotion("clear", yaw_ned_rad=yaw)
-        blind = not any(measures_down(scan) for scan in seen)
+        below_unmeasured = not any(measures_down(scan) for scan in scans)
         text = "The way is clear: returning to the path."
-        climb = _clamp(-down_m, allowed)
+        climb = _limited_climb(-down_m, allowed)
         if down_m > BELOW_M:
             text = "Descending to the path."
-            if blind:
+            if below_unmeasured:
                 text = "No sensor measures below: the vehicle stays above the path."
-        if waits or blind:
+        if must_wait or below_unmeasured:
             climb = max(climb, 0.0)
-        n, e = self._to_track(now_s, here, wanted)
-        if down_m <= BELOW_M or blind:
+        n, e = self._to_track(now_s, current, wanted)
+        if down_m <= BELOW_M or below_unmeasured:
             n, e, _ = wanted.velocity_ned_m_s
-            toward, heading = min(DETOUR_M_S, _distance(here, wanted)), _heading(here, wanted)
+            approach_m_s, heading = min(DETOUR_M_S, _distance(current, wanted)), _heading(current, wanted)
             if heading is not None:
-                n, e = n + toward * math.cos(heading), e + toward * math.sin(heading)
+                n, e = n + approach_m_s * math.cos(heading), e + approach_m_s * math.sin(heading)
         speed = min(math.hypot(n, e), allowed.speed_m_s)
-        return self._fly("back", text, here, wanted, math.atan2(e, n), speed, climb, yaw)
+        return self._fly("back", text, current, wanted, math.atan2(e, n), speed, climb, yaw)
 
-    def _to_track(self, now_s: float, here: MotionState, wanted: WantedMotion) -> NorthEast:
-        """Velocity back to the track of this detour; zero if an obstacle is on the way there [m/s]."""
-        point = self._track.nearest(here, wanted)
-        to_point = WantedMotion((*point, here.position_ned_m[2]))
-        nearby = self._memory.above(-here.position_ned_m[2] - BELOW_M, now_s)
-        if blocking_obstacles(nearby, here, to_point, 0.0) is not None:
+    def _to_track(self, now_s: float, current: MotionState, wanted: WantedMotion) -> NorthEast:
+        """Velocity back to the track of this detour [m/s]; zero if an obstacle blocks the line to the
+        track."""
+        point = self._track.nearest(current, wanted)
+        to_point = WantedMotion((*point, current.position_ned_m[2]))
+        nearby = self._memory.above(-current.position_ned_m[2] - BELOW_M, now_s)
+        if blocking_obstacles(nearby, current, to_point, 0.0) is not None:
             return 0.0, 0.0
-        return velocity_towards(here, point)
+        return velocity_towards(current, point)
 
     def _fly(
         self,
         state: AvoidanceState,
         text: str,
-        here: MotionState,
+        current: MotionState,
         wanted: WantedMotion,
         heading: float | None,
         speed_m_s: float,
@@ -282,21 +299,21 @@ class Avoider:
         n, e = to_track
         if heading is not None:
             n, e = n + speed_m_s * math.cos(heading), e + speed_m_s * math.sin(heading)
-        yaw = _yaw(here, wanted) if yaw is None else yaw
+        yaw = _wanted_yaw(current, wanted) if yaw is None else yaw
         return AdjustedMotion(state, text, Velocity((n, e, -climb_m_s), yaw), yaw)
 
-    def _turn(self, here: MotionState, wanted: WantedMotion, heading: float) -> AdjustedMotion:
+    def _turn(self, current: MotionState, wanted: WantedMotion, heading: float) -> AdjustedMotion:
         text = "Turning: the obstacle sensor does not measure in the direction of travel."
-        stopped = self._stop_and_hold(here, wanted, text, heading)
+        stopped = self._stop_and_hold(current, wanted, text, heading)
         return AdjustedMotion("turning", text, stopped.motion, heading)
 
     def _stop_and_hold(
-        self, here: MotionState, wanted: WantedMotion, text: str, yaw: float | None = None
+        self, current: MotionState, wanted: WantedMotion, text: str, yaw: float | None = None
     ) -> AdjustedMotion:
         """Slows down, then holds the position where the vehicle stopped."""
-        yaw = _yaw(here, wanted) if yaw is None else yaw
-        if self._hold_position is None and math.hypot(*here.velocity_ned_m_s) < STOPPED_M_S:
-            self._hold_position = here.position_ned_m
+        yaw = _wanted_yaw(current, wanted) if yaw is None else yaw
+        if self._hold_position is None and math.hypot(*current.velocity_ned_m_s) < STOPPED_M_S:
+            self._hold_position = current.position_ned_m
         motion = (
             Velocity((0.0, 0.0, 0.0), yaw)
             if self._hold_position is None
@@ -305,31 +322,31 @@ class Avoider:
         return AdjustedMotion("stopped", text, motion, yaw)
 
 
-def _heading(here: MotionState, wanted: WantedMotion) -> float | None:
+def _heading(current: MotionState, wanted: WantedMotion) -> float | None:
     """Direction of travel [rad]; None: no horizontal motion."""
-    north, east = (wanted.position_ned_m[i] - here.position_ned_m[i] for i in (0, 1))
+    north, east = (wanted.position_ned_m[i] - current.position_ned_m[i] for i in (0, 1))
     if math.hypot(north, east) > MIN_MOTION_M:
         return math.atan2(east, north)
     vn, ve, _ = wanted.velocity_ned_m_s
     return math.atan2(ve, vn) if math.hypot(vn, ve) > MIN_MOTION_M_S else None
 
 
-def _distance(here: MotionState, wanted: WantedMotion) -> float:
-    return math.dist(here.position_ned_m[:2], wanted.position_ned_m[:2])
+def _distance(current: MotionState, wanted: WantedMotion) -> float:
+    return math.dist(current.position_ned_m[:2], wanted.position_ned_m[:2])
 
 
-def _at(here: MotionState, age_s: float) -> Vector3:
-    """Position of the vehicle at an earlier time."""
-    n, e, d = (p - v * age_s for p, v in zip(here.position_ned_m, here.velocity_ned_m_s, strict=True))
+def _position_before(current: MotionState, age_s: float) -> Vector3:
+    """Position of the vehicle `age_s` ago, at constant velocity."""
+    n, e, d = (p - v * age_s for p, v in zip(current.position_ned_m, current.velocity_ned_m_s, strict=True))
     return (n, e, d)
 
 
-def _yaw(here: MotionState, wanted: WantedMotion) -> float:
-    return here.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
+def _wanted_yaw(current: MotionState, wanted: WantedMotion) -> float:
+    return current.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
 
 
-def _clamp(climb_m_s: float, allowed: DetourLimits) -> float:
-    """A climb speed within the limits of the detour and of the vehicle."""
+def _limited_climb(climb_m_s: float, allowed: DetourLimits) -> float:
+    """The climb speed, limited to that of a detour and of the vehicle; negative: descent."""
     return max(
         -min(DETOUR_DESCENT_M_S, allowed.descent_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, allowed.climb_m_s)
     )

@@ -23,8 +23,7 @@ OVER_M, BELOW_M = 1.0, 0.4
 """The vehicle climbs `OVER_M` above an obstacle. An obstacle blocks the path if its top is less than
 `BELOW_M` below the vehicle."""
 ABOVE_M = 0.9 * OVER_M
-"""The vehicle flies over an obstacle once it is this far above it; the obstacle may be higher than
-measured."""
+"""The vehicle flies over an obstacle once the vehicle is this far above the measured top."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,39 +31,40 @@ class BlockingObstacles:
     """Obstacles between the vehicle and its goal."""
 
     highest_m: float
-    """Height of the highest top above the local origin."""
+    """Altitude of the highest top, above the local origin."""
     first_m: float
-    """Distance to the first obstacle that is still at or above the vehicle's altitude; infinite if there is
-    none."""
+    """Distance to the first obstacle that is still at or above the vehicle's altitude; infinite without
+    such an obstacle."""
     clearance_m: float
     """Clearance to the sides; smaller if the vehicle or its goal is already near an obstacle."""
 
 
 def blocking_obstacles(
-    points: NDArray[np.float64], here: MotionState, wanted: WantedMotion, top_uncertainty_m: float
+    points: NDArray[np.float64], current: MotionState, wanted: WantedMotion, top_uncertainty_m: float
 ) -> BlockingObstacles | None:
     """Obstacles on the way to the wanted position and on the path after it; None: the way is clear.
 
     Args:
-        points: (N, 3) north, east, top of the obstacles that reach up to the lower end of the path.
-        here: the vehicle's position and motion.
+        points: (N, 3) north, east and altitude of the top of the obstacles that reach up to the lower end of
+            the path, in the local frame.
+        current: the vehicle's position and motion.
         wanted: the wanted motion.
         top_uncertainty_m: how much higher the obstacles may be than measured.
     """
     if not len(points):
         return None
-    path = (here.position_ned_m, wanted.position_ned_m, *wanted.ahead_ned_m)
-    up_m, goal_up_m, top_m = -here.position_ned_m[2], -wanted.position_ned_m[2], points[:, 2]
+    path = (current.position_ned_m, wanted.position_ned_m, *wanted.ahead_ned_m)
+    up_m, goal_up_m, top_m = -current.position_ned_m[2], -wanted.position_ned_m[2], points[:, 2]
     last = path[-1]
     at_altitude = points[top_m > up_m - BELOW_M]
     at_goal = points[top_m > -last[2] - BELOW_M]
-    near_m = min(nearest_m(at_altitude, here.position_ned_m[:2]), nearest_m(at_goal, last[:2])) - 0.1
+    near_m = min(nearest_m(at_altitude, current.position_ned_m[:2]), nearest_m(at_goal, last[:2])) - 0.1
     clearance_m = max(MIN_CLEARANCE_M, min(CLEARANCE_M, near_m))
-    away_m = np.hypot(points[:, 0] - here.position_ned_m[0], points[:, 1] - here.position_ned_m[1])
+    away_m = np.hypot(points[:, 0] - current.position_ned_m[0], points[:, 1] - current.position_ned_m[1])
     blocking = (away_m < CLEARANCE_M) & (top_m <= up_m - BELOW_M)
     if goal_up_m < up_m - BELOW_M:  # a descent next to an obstacle that was not measured before
         blocking |= away_m < clearance_m
-    first_m, flown_m = math.inf, 0.0
+    first_m, leg_start_m = math.inf, 0.0
     for begin, end in itertools.pairwise(path):
         columns, length_m = along(points, begin[:2], end[:2]), math.dist(begin[:2], end[:2])
         on_leg = (columns.along_m > 0.0) & (columns.along_m <= length_m) & (columns.across_m < clearance_m)
@@ -73,8 +73,8 @@ def blocking_obstacles(
         blocking |= on_leg
         level = on_leg & (top_m + top_uncertainty_m > up_m - ABOVE_M)
         if level.any():
-            first_m = min(first_m, flown_m + float(columns.along_m[level].min()))
-        flown_m += length_m
+            first_m = min(first_m, leg_start_m + float(columns.along_m[level].min()))
+        leg_start_m += length_m
     return (
         BlockingObstacles(float(top_m[blocking].max()) + top_uncertainty_m, first_m, clearance_m)
         if blocking.any()
@@ -82,27 +82,27 @@ def blocking_obstacles(
     )
 
 
-def first_on_line(scans: Iterable[Scan], here: Vector3, there: Vector3) -> float | None:
+def first_on_line(scans: Iterable[Scan], start: Vector3, end: Vector3) -> float | None:
     """Horizontal distance to the first obstacle that scans measure on a straight line; None: no obstacle.
 
     Args:
-        scans: current ones, taken at `here`.
-        here: the vehicle's position.
-        there: the end of the line.
+        scans: the newest scan of each sensor, taken at `start`.
+        start: the vehicle's position (NED).
+        end: the end of the line (NED).
     """
     hits = [
-        (here[0] + n * far_m, here[1] + e * far_m, -(here[2] + d * far_m))
+        (start[0] + n * range_m, start[1] + e * range_m, -(start[2] + d * range_m))
         for scan in scans
-        for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True)
-        if far_m is not None and d <= LEVEL_MAX_SINE
+        for (n, e, d), range_m in zip(scan.directions_ned, scan.distances_m, strict=True)
+        if range_m is not None and d <= LEVEL_MAX_SINE
     ]
     if not hits:
         return None
-    columns, length_m = along(np.array(hits), here[:2], there[:2]), math.dist(here[:2], there[:2])
+    columns, length_m = along(np.array(hits), start[:2], end[:2]), math.dist(start[:2], end[:2])
     on_leg = (
         (columns.along_m > 0.0)
         & (columns.along_m <= length_m + MIN_CLEARANCE_M)
         & (columns.across_m < MIN_CLEARANCE_M)
     )
-    on_leg &= columns.top_m > min(-here[2], -there[2]) - BELOW_M
+    on_leg &= columns.top_m > min(-start[2], -end[2]) - BELOW_M
     return float(columns.along_m[on_leg].min()) if on_leg.any() else None

@@ -24,21 +24,21 @@ FENCE_MARGIN_M = 2.0
 
 def choose_heading(
     points: NDArray[np.float64],
-    here: MotionState,
+    current: MotionState,
     wanted: WantedMotion,
     scans: tuple[Scan, ...],
     allowed: DetourLimits,
     side: Side | None,
     clearance_m: float,
 ) -> tuple[float, Side | None, float] | None:
-    """The heading nearest to the direction of the goal that is measured, clear and inside the fence; None if
-    there is none.
+    """The heading nearest to the direction of the goal that is measured, clear and inside the fence; None: no
+    such heading.
 
     Args:
         points: (N, 3) obstacles that reach the vehicle's altitude.
-        here: the vehicle's position and motion.
+        current: the vehicle's position and motion.
         wanted: the wanted motion.
-        scans: current ones; a heading that no sensor measures is not used.
+        scans: the newest scan of each sensor; a heading that no sensor measures is not used.
         allowed: the fences.
         side: the side that the detour started on; None: either side.
         clearance_m: distance to keep from obstacles.
@@ -46,21 +46,21 @@ def choose_heading(
     Returns:
         The heading [rad], its side (None: straight towards the goal), and its free distance [m].
     """
-    n, e = here.position_ned_m[:2]
+    n, e = current.position_ned_m[:2]
     goal = math.atan2(wanted.position_ned_m[1] - e, wanted.position_ned_m[0] - n)
     sides: tuple[Side, ...] = ("right", "left") if side is None else (side,)
     for required_free_m in (LOOK_AHEAD_M, MIN_FREE_M):
         for turn in range(STEPS + 1):
-            for name in sides:
-                heading = goal + (turn if name == "right" else -turn) * STEP_RAD
+            for candidate in sides:
+                heading = goal + (turn if candidate == "right" else -turn) * STEP_RAD
                 free_m = _free_m(points, (n, e), heading, clearance_m)
                 if (
                     free_m < required_free_m
                     or range_at_m(scans, heading) is None
-                    or _leaves(allowed, (n, e), heading)
+                    or _leaves_allowed_area(allowed, (n, e), heading)
                 ):
                     continue
-                return heading, name if turn else side, free_m
+                return heading, candidate if turn else side, free_m
     return None
 
 
@@ -77,7 +77,8 @@ def _free_m(
     return min(LOOK_AHEAD_M, float(ahead[blocking].min()) - clearance_m) if blocking.any() else LOOK_AHEAD_M
 
 
-def _leaves(allowed: DetourLimits, at_ne_m: tuple[float, float], heading: float) -> bool:
+def _leaves_allowed_area(allowed: DetourLimits, at_ne_m: tuple[float, float], heading: float) -> bool:
+    """Whether the line on a heading leaves the fence, or comes too near to the edge of the region."""
     region = allowed.region
     if allowed.fence is not None:
         n, e = (at_ne_m[0] + LOOK_AHEAD_M * math.cos(heading), at_ne_m[1] + LOOK_AHEAD_M * math.sin(heading))

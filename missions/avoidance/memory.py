@@ -18,7 +18,7 @@ from missions.frames import Vector3
 
 CELL_M = 0.3
 KEPT_S = 30.0
-"""Time after which a point that was not measured again is deleted, because the obstacle may have moved
+"""A point that was not measured again for this time is no longer used, because the obstacle may have moved
 [s]."""
 MAX_COLUMNS = 4096
 NorthEast = tuple[float, float]
@@ -37,7 +37,7 @@ class ColumnsAlongLine:
     from_end_m: NDArray[np.float64]
     """(N,) distance from the end of the line."""
     top_m: NDArray[np.float64]
-    """(N,) height above the local origin."""
+    """(N,) altitude of the top, above the local origin."""
 
 
 class ObstacleMemory:
@@ -46,7 +46,7 @@ class ObstacleMemory:
     def __init__(self) -> None:
         self._rows: dict[tuple[int, int], int] = {}
         self._columns = np.full((MAX_COLUMNS, 4), -math.inf)
-        """North, east, top [m], when it was measured [s]."""
+        """North, east, altitude of the top [m], time of the measurement [s]."""
         self._next = 0
         self._keys: list[tuple[int, int] | None] = [None] * MAX_COLUMNS
 
@@ -73,41 +73,42 @@ class ObstacleMemory:
         if row is None:
             row = self._next
             self._next = (self._next + 1) % MAX_COLUMNS
-            before = self._keys[row]
-            if before is not None:  # replaces the oldest column
-                del self._rows[before]
+            replaced_key = self._keys[row]
+            if replaced_key is not None:  # replaces the oldest column
+                del self._rows[replaced_key]
             self._rows[key], self._keys[row] = row, key
         else:
-            known = self._columns[row]
-            if now_s - known[3] <= KEPT_S and known[2] > top_m:
-                known[3] = now_s
+            stored = self._columns[row]
+            if now_s - stored[3] <= KEPT_S and stored[2] > top_m:
+                stored[3] = now_s
                 return
         self._columns[row] = (north_m, east_m, top_m, now_s)
 
-    def above(self, height_m: float, now_s: float) -> NDArray[np.float64]:
-        """(N, 3) north, east, top of the columns that reach above a height."""
-        known = self._columns
-        return known[(known[:, 2] > height_m) & (now_s - known[:, 3] <= KEPT_S)][:, :3]
+    def above(self, altitude_m: float, now_s: float) -> NDArray[np.float64]:
+        """(N, 3) north, east and top of the columns that reach above an altitude (above the local origin)
+        [m]."""
+        stored = self._columns
+        return stored[(stored[:, 2] > altitude_m) & (now_s - stored[:, 3] <= KEPT_S)][:, :3]
 
 
-def along(columns: NDArray[np.float64], here: NorthEast, there: NorthEast) -> ColumnsAlongLine:
-    """Positions of columns (N, 3) relative to the line from `here` to `there`."""
-    north, east = columns[:, 0] - here[0], columns[:, 1] - here[1]
-    length_m = math.dist(here, there)
+def along(columns: NDArray[np.float64], start: NorthEast, end: NorthEast) -> ColumnsAlongLine:
+    """Positions of columns (N, 3) relative to the line from `start` to `end`."""
+    north, east = columns[:, 0] - start[0], columns[:, 1] - start[1]
+    length_m = math.dist(start, end)
     un, ue = (
-        (1.0, 0.0) if length_m < 1e-6 else ((there[0] - here[0]) / length_m, (there[1] - here[1]) / length_m)
+        (1.0, 0.0) if length_m < 1e-6 else ((end[0] - start[0]) / length_m, (end[1] - start[1]) / length_m)
     )
     return ColumnsAlongLine(
         north * un + east * ue,
         np.abs(east * un - north * ue),
         np.hypot(north, east),
-        np.hypot(columns[:, 0] - there[0], columns[:, 1] - there[1]),
+        np.hypot(columns[:, 0] - end[0], columns[:, 1] - end[1]),
         columns[:, 2],
     )
 
 
 def nearest_m(columns: NDArray[np.float64], position: NorthEast) -> float:
-    """Horizontal distance from a position to the nearest column; infinite if there is none."""
+    """Horizontal distance from a position to the nearest column; infinite without columns."""
     if not len(columns):
         return math.inf
     return float(np.hypot(columns[:, 0] - position[0], columns[:, 1] - position[1]).min())

@@ -68,7 +68,7 @@ def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.
     Args:
         scans: the current scans.
         heading_rad: clockwise from north.
-        turned_rad: yaw change to assume: the range after the vehicle has turned by it.
+        turned_rad: the range is that after the vehicle has changed its yaw by this angle.
     """
     best: float | None = None
     for scan in scans:

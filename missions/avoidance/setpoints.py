@@ -29,8 +29,8 @@ from missions.setpoints import (
 
 AHEAD_S = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)
 """Times ahead at which a path is checked [s]."""
-NOT_AVOIDED = "Avoidance does not apply to setpoints of this type; the obstacle brake still acts."
-Later = Callable[[float], DirectSetpoint | None]
+NOT_APPLICABLE = "Avoidance does not apply to setpoints of this type; the obstacle brake still acts."
+SetpointAt = Callable[[float], DirectSetpoint | None]
 """Returns the setpoint at a later time, for setpoints that change with time."""
 
 
@@ -55,7 +55,7 @@ class Surroundings:
     """The newest scan of each sensor."""
     limits: DetourLimits
     origin: LocalOrigin | None = None
-    """Of the local frame; None: unknown, and global positions are not changed."""
+    """Origin of the local frame; None: unknown, and setpoints with a global position are not changed."""
 
 
 class SetpointAvoidance:
@@ -76,7 +76,7 @@ class SetpointAvoidance:
         """Whether the vehicle flies a detour instead of the requested path."""
         return self.status is not None and self.status.state != "clear"
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Resets, because a new stream begins or no setpoint is flown any more."""
         self._avoider = self.status = None
 
@@ -84,30 +84,30 @@ class SetpointAvoidance:
         self,
         now_s: float,
         requested: DirectSetpoint,
-        later: Later | None,
+        later: SetpointAt | None,
         way: AvoidanceWay | None,
         surroundings: Callable[[], Surroundings],
     ) -> DirectSetpoint:
         """The setpoint to send instead of the requested one.
 
         Args:
-            now_s: monotonic time, the clock of the scans.
+            now_s: monotonic time, on the same clock as the scans.
             requested: the currently requested setpoint.
             later: returns the requested setpoint at later times; None: it does not change.
-            way: what to try first (over or around); None: avoidance is off.
+            way: what avoidance tries first, over or around; None: avoidance is off.
             surroundings: returns the vehicle and its surroundings; called only while avoidance is on.
         """
         if way is None:
-            self.forget()
+            self.reset()
             return requested
         if self._avoider is None or self._avoider.way != way:
             self._avoider = Avoider(way)
-        here = surroundings()
-        target = _target(requested, here.origin)
+        around = surroundings()
+        target = _target(requested, around.origin)
         if target is None:
-            self._set("clear", NOT_AVOIDED)
+            self._set("clear", NOT_APPLICABLE)
             return requested
-        if here.motion is None:
+        if around.motion is None:
             self._set("stopped", "No valid position estimate: the vehicle is stopped.")
             return Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
         feed_forward = (
@@ -116,8 +116,8 @@ class SetpointAvoidance:
             else (0.0, 0.0, 0.0)
         )
         yaw = getattr(requested, "yaw_ned_rad", None)
-        wanted = WantedMotion(target, feed_forward, yaw, _future_targets(now_s, later, here.origin))
-        adjusted = self._avoider.adjust(now_s, here.motion, wanted, here.scans, here.limits)
+        wanted = WantedMotion(target, feed_forward, yaw, _future_targets(now_s, later, around.origin))
+        adjusted = self._avoider.adjust(now_s, around.motion, wanted, around.scans, around.limits)
         self._set(adjusted.state, adjusted.text)
         return _apply_adjustment(requested, adjusted)
 
@@ -143,7 +143,9 @@ def _target(setpoint: DirectSetpoint, origin: LocalOrigin | None) -> Vector3 | N
     return None
 
 
-def _future_targets(now_s: float, later: Later | None, origin: LocalOrigin | None) -> tuple[Vector3, ...]:
+def _future_targets(
+    now_s: float, later: SetpointAt | None, origin: LocalOrigin | None
+) -> tuple[Vector3, ...]:
     if later is None:
         return ()
     later_setpoints = (later(now_s + ahead_s) for ahead_s in AHEAD_S)

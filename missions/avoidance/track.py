@@ -1,7 +1,7 @@
 """Keeps a vehicle that climbs over an obstacle, or descends behind it, on the track that it flew before.
 
-Such a vehicle flies by velocity. Without a correction the error of its velocity estimate, or wind, would move
-it sideways by metres while it climbs.
+The vehicle is then controlled by velocity. Without a correction, the error of its velocity estimate, or wind,
+would move it sideways by metres while it climbs.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ MAX_DISTANCE_M = 3.0
 """If the vehicle is farther than this from its track [m], because its position estimate was reset or it was
 pushed away, a new track begins at its position."""
 TO_TRACK_M_S, TO_TRACK_PER_S = 1.0, 0.95
-"""Largest speed towards the track [m/s], and its increase with the distance from it [1/s]: PX4's default gain
-of position (MPC_XY_P)."""
+"""Largest speed towards the track [m/s], and its increase with the distance from it [1/s]: PX4's default
+position gain (MPC_XY_P)."""
 MIN_GOAL_DISTANCE_M = 0.5
-"""A goal nearer than this gives the track no direction [m]."""
+"""The track does not turn towards a goal that is nearer than this [m]."""
 
 
 class Track:
@@ -26,15 +26,16 @@ class Track:
 
     def __init__(self) -> None:
         self._point_ne: NorthEast | None = None
-        """Point of the track, next to the vehicle."""
+        """The point of the track that is nearest to the vehicle."""
 
     def end(self) -> None:
-        """The detour is over: the next one has a track of its own."""
+        """Ends the track; the next detour begins a new one."""
         self._point_ne = None
 
-    def nearest(self, here: MotionState, wanted: WantedMotion) -> NorthEast:
-        """Point of the track next to the vehicle, in the local frame [m]; first the vehicle's position."""
-        north, east, _ = here.position_ned_m
+    def nearest(self, current: MotionState, wanted: WantedMotion) -> NorthEast:
+        """The point of the track nearest to the vehicle, in the local frame [m]. A new track begins at the
+        vehicle."""
+        north, east, _ = current.position_ned_m
         if self._point_ne is None or math.dist(self._point_ne, (north, east)) > MAX_DISTANCE_M:
             self._point_ne = (north, east)
         start_n, start_e = self._point_ne
@@ -47,9 +48,9 @@ class Track:
         return self._point_ne
 
 
-def velocity_towards(here: MotionState, point_ne: NorthEast) -> NorthEast:
+def velocity_towards(current: MotionState, point_ne: NorthEast) -> NorthEast:
     """Horizontal velocity that returns the vehicle to a point of its track [m/s]."""
-    north, east = point_ne[0] - here.position_ned_m[0], point_ne[1] - here.position_ned_m[1]
+    north, east = point_ne[0] - current.position_ned_m[0], point_ne[1] - current.position_ned_m[1]
     away_m = math.hypot(north, east)
     if away_m == 0.0:
         return 0.0, 0.0

@@ -13,8 +13,8 @@ from missions.setpoints import Position, Velocity
 AvoidanceWay = Literal["over", "around"]
 """over: climb over obstacles first; around: pass them at the same altitude, never climb."""
 AvoidanceState = Literal["clear", "turning", "over", "around", "back", "stopped"]
-"""clear: flies the wanted motion; turning: turns the nose to the direction of travel; over, around: flies
-over or around the obstacle; back: returns to the path; stopped: holds its position."""
+"""clear: flies the wanted motion; turning: turns the sensors to the direction of travel; over, around: flies
+over or around the obstacle; back: returns to the path; stopped: the vehicle holds its position."""
 
 UNLIMITED = Region()
 
@@ -61,6 +61,6 @@ class AdjustedMotion:
     text: str = ""
     """Message for the pilot; empty while the wanted motion is flown."""
     motion: Velocity | Position | None = None
-    """None: as wanted."""
+    """None: the wanted motion."""
     yaw_ned_rad: float | None = None
-    """None: as wanted."""
+    """None: the wanted yaw."""

@@ -16,8 +16,8 @@ def align(nominal: Array, flown: Array, open_end: OpenEnd | None = None) -> tupl
     """Pairs of points of two paths with the least sum of squared distances.
 
     The pairs begin with both first points, and both paths are followed forwards only: from pair to pair one
-    index or both increase by one. So each point has a partner, and each pass of a path that crosses or
-    retraces itself has its own.
+    index or both increase by one. So each point has a partner, and two passes of a path that crosses
+    or retraces itself have different partners.
 
     Args:
         nominal: (N, 3) points at even distances along the path.
@@ -40,22 +40,22 @@ def align(nominal: Array, flown: Array, open_end: OpenEnd | None = None) -> tupl
 def _least_sums(nominal: Array, flown: Array) -> Array:
     """(N, 1 + M) least sum of all pairs up to each pair; the first column is infinite.
 
-    The pairs of a row begin at one column, reached from the previous row, and continue to the right. Their
-    sum is a difference of two cumulative sums, so a running minimum finds the best first column for each
-    pair.
+    The pairs of a row begin at one column, reached from the previous row, and continue to the right. The sum
+    of these pairs is a difference of two cumulative sums, so a running minimum finds the best first column
+    for each pair.
     """
     products = nominal @ flown.T
     squares = (nominal**2).sum(axis=1)[:, None] + (flown**2).sum(axis=1) - 2.0 * products
     squares = np.maximum(squares, 0.0)
-    until = np.cumsum(squares, axis=1)
-    before = until - squares
+    row_sums = np.cumsum(squares, axis=1)
+    row_sums_before = row_sums - squares
     sums = np.empty((len(nominal), len(flown) + 1))
-    sums[:, 0], sums[0, 1:] = np.inf, until[0]
+    sums[:, 0], sums[0, 1:] = np.inf, row_sums[0]
     for row in range(1, len(nominal)):
         reached = np.minimum(sums[row - 1, 1:], sums[row - 1, :-1])
-        reached -= before[row]
+        reached -= row_sums_before[row]
         np.minimum.accumulate(reached, out=reached)
-        np.add(reached, until[row], out=sums[row, 1:])
+        np.add(reached, row_sums[row], out=sums[row, 1:])
     return sums
 
 
@@ -66,11 +66,11 @@ def _pairs(sums: Array, i: int, j: int) -> tuple[Indices, Indices]:
         if i == 0:
             j -= 1
         else:
-            both, first, second = sums[i - 1, j], sums[i - 1, j + 1], sums[i, j]
+            diagonal, from_previous_row, from_previous_column = sums[i - 1, j], sums[i - 1, j + 1], sums[i, j]
             i, j = (
                 (i - 1, j - 1)
-                if both <= min(first, second)
-                else ((i - 1, j) if first <= second else (i, j - 1))
+                if diagonal <= min(from_previous_row, from_previous_column)
+                else ((i - 1, j) if from_previous_row <= from_previous_column else (i, j - 1))
             )
         pairs.append((i, j))
     found = np.array(pairs[::-1])

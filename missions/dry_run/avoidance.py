@@ -13,7 +13,7 @@ from missions.runner.player import Player
 from missions.setpoints import DirectSetpoint
 
 STOPPED_S = 5.0
-"""A vehicle that waits before an obstacle for this long has found no way [s]."""
+"""If avoidance stops the vehicle for this long, a finding reports that there is no way around [s]."""
 
 
 class SimulatedAvoidance:
@@ -21,7 +21,7 @@ class SimulatedAvoidance:
 
     Args:
         vehicle: the simulated vehicle.
-        findings: receives a finding for each step with a detour, or without a way.
+        findings: receives a finding for each step in which the vehicle flies a detour or finds no way.
     """
 
     def __init__(self, vehicle: Vehicle, findings: list[DryRunFinding]) -> None:
@@ -33,9 +33,9 @@ class SimulatedAvoidance:
         self.is_needed = not vehicle.autopilot.view.simulation.world.empty
         """Whether the simulated world has anything to avoid."""
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Resets, because no setpoint is flown any more."""
-        self._avoidance.forget()
+        self._avoidance.reset()
         self._stopped_since_s = None
 
     def apply(
@@ -46,11 +46,11 @@ class SimulatedAvoidance:
         Args:
             now_s: simulated time.
             player: the mission, which states whether avoidance is on.
-            requested: its current setpoint.
-            position_ned_m: of the vehicle, in the mission's local frame.
+            requested: the mission's current setpoint.
+            position_ned_m: position of the vehicle in the mission's local frame.
         """
 
-        def around() -> Surroundings:
+        def surroundings() -> Surroundings:
             estimate = self._vehicle.autopilot.view.estimate
             motion = None
             if position_ned_m is not None:
@@ -60,10 +60,10 @@ class SimulatedAvoidance:
         # Avoidance that a step requests ends with the step, but never during a detour.
         avoidance = self._avoidance
         way = avoidance.way if avoidance.on_a_detour else player.avoidance
-        return avoidance.apply(now_s, requested, lambda at_s: player.ahead(at_s - now_s), way, around)
+        return avoidance.apply(now_s, requested, lambda at_s: player.ahead(at_s - now_s), way, surroundings)
 
-    def watch(self, now_s: float, step: Step | None, t_s: float) -> None:
-        """Adds the findings of this moment.
+    def add_findings(self, now_s: float, step: Step | None, t_s: float) -> None:
+        """Adds a finding when the vehicle leaves its path or has no way around.
 
         Args:
             now_s: simulated time.

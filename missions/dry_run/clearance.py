@@ -22,7 +22,7 @@ class FenceDistance:
 
     Args:
         zones: fence zones of the plan or mission.
-        origin: origin of the local frame; home.
+        origin: home, which is the origin of the local frame.
         radius_m: GF_MAX_HOR_DIST; 0: no limit.
         height_m: GF_MAX_VER_DIST; 0: no limit.
     """
@@ -34,19 +34,19 @@ class FenceDistance:
         self._radius_m, self._height_m = radius_m, height_m
         self.exists = bool(zones) or radius_m > 0.0 or height_m > 0.0
 
-    def of(self, position_ned_m: Array) -> Array:
-        """(N,) distance to the fence [m] for positions (N, 3); negative outside, infinite without a fence."""
-        inside = np.full(len(position_ned_m), math.inf)
+    def distance_m(self, position_ned_m: Array) -> Array:
+        """(N,) distance to the fence [m] at positions (N, 3); negative: outside; infinite: no fence."""
+        to_fence_m = np.full(len(position_ned_m), math.inf)
         north, east, down = position_ned_m.T
         if self._area is not None:
             edge_m = shapely.distance(shapely.points(north, east), self._area.boundary)
             within = shapely.contains_xy(self._area, north, east)
-            inside = np.where(within, edge_m, -edge_m)
+            to_fence_m = np.where(within, edge_m, -edge_m)
         if self._radius_m > 0.0:
-            inside = np.minimum(inside, self._radius_m - np.hypot(north, east))
+            to_fence_m = np.minimum(to_fence_m, self._radius_m - np.hypot(north, east))
         if self._height_m > 0.0:
-            inside = np.minimum(inside, self._height_m + down)
-        return inside
+            to_fence_m = np.minimum(to_fence_m, self._height_m + down)
+        return to_fence_m
 
 
 def obstacle_distance_m(
@@ -85,7 +85,7 @@ def _box_distance_m(box: Obstacle, position_ned_m: Array) -> Array:
     c, s = math.cos(box.yaw_ned_rad), math.sin(box.yaw_ned_rad)
     outside_x = np.maximum(np.abs(c * north + s * east) - 0.5 * box.length_m, 0.0)
     outside_y = np.maximum(np.abs(c * east - s * north) - 0.5 * box.width_m, 0.0)
-    height_m = -position_ned_m[:, 2]
-    above = np.maximum(height_m - box.base_alt_home_m - box.height_m, 0.0)
-    below = np.maximum(box.base_alt_home_m - height_m, 0.0)
+    altitude_home_m = -position_ned_m[:, 2]
+    above = np.maximum(altitude_home_m - box.base_alt_home_m - box.height_m, 0.0)
+    below = np.maximum(box.base_alt_home_m - altitude_home_m, 0.0)
     return np.sqrt(outside_x**2 + outside_y**2 + (above + below) ** 2)

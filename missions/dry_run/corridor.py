@@ -1,9 +1,9 @@
 """Deviation of the flights of a Monte Carlo run from the nominal flight, along the nominal path.
 
-Each flown position is compared with the part of the nominal path that it belongs to. The order of the
-positions on both paths (`alignment.py`) determines this part, not the time: a flight that waits for a heading
-or a condition, or flies a leg slower in the wind, does not deviate. Position alone would not be enough
-either: it would select the wrong pass of a path that crosses or retraces itself.
+Each flown position is compared with a part of the nominal path. The order of the positions on both paths
+(`alignment.py`) determines this part, not the time: a flight that waits for a heading
+or a condition, or flies a leg slower in the wind, does not deviate. The nearest position alone could
+be on the wrong pass of a path that crosses or retraces itself.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ Array = NDArray[np.float64]
 MAX_STATIONS = 400
 SPACING_M = 0.5
 """Smallest distance between two stations along the path."""
-FINE = 4
-"""Parts of the path between two stations, for distances from a path with corners."""
-NEAR = 3
-"""The nearest point is searched up to so many stations before and after the aligned one: the alignment
-compares whole stations."""
+PARTS_PER_STATION = 4
+"""Number of parts into which the path between two stations is divided, so that corners are measured well."""
+SEARCHED_STATIONS = 3
+"""Number of stations before and after the aligned station in which the nearest point is searched, because the
+alignment compares whole stations."""
 QUANTILES = (0.05, 0.5, 0.95)
 
 
@@ -77,37 +77,42 @@ class Corridor:
 
 def corridor(nominal: Track, flights: Sequence[Track]) -> Corridor:
     """The corridor of the flights around the nominal flight; its width is 0 without flights."""
-    path = Stations.of(nominal, SPACING_M, MAX_STATIONS)
+    path = Stations.from_track(nominal, SPACING_M, MAX_STATIONS)
     deviations = [deviation(path, flight) for flight in flights]
-    none = np.zeros((1, len(path.t_s)))
-    across = np.array([each[0] for each in deviations]) if deviations else none
-    above = np.array([each[1] for each in deviations]) if deviations else none
+    no_deviation = np.zeros((1, len(path.t_s)))
+    across = np.array([each[0] for each in deviations]) if deviations else no_deviation
+    above = np.array([each[1] for each in deviations]) if deviations else no_deviation
     return Corridor(path.t_s, path.position_ned_m, _band(across), _band(above))
 
 
 def deviation(nominal: Stations, flight: Track) -> tuple[Array, Array]:
-    """Largest horizontal distance and largest height (signed) of a flight from the nominal path [m].
+    """Largest horizontal distance and largest vertical distance (signed, up positive) of a flight from the
+    nominal path [m].
 
     Args:
         nominal: the nominal flight.
         flight: the flight to compare.
 
     Returns:
-        Both at each station (S,), of all flown positions that belong to it; NaN where the flight did not fly:
-        after its end, and in steps that it did not execute.
+        Both (S,), each the largest of all flown positions that are aligned with the station. NaN at stations
+        after the end of the flight and in steps that the flight did not execute.
     """
-    flown = Stations.of(flight, nominal.spacing_m, 2 * MAX_STATIONS)
+    flown = Stations.from_track(flight, nominal.spacing_m, 2 * MAX_STATIONS)
     across, above, below = (np.full(len(nominal.t_s), each) for each in (np.nan, -np.inf, np.inf))
     common, flown_common, open_end = _common_steps(nominal, flown)
     if len(common) and len(flown_common):
         pairs = align(nominal.position_ned_m[common], flown.position_ned_m[flown_common], open_end)
-        at = np.repeat(common[pairs[0]], FINE)
-        parts = FINE * flown_common[pairs[1]][:, None] + np.arange(FINE) - FINE // 2
+        at = np.repeat(common[pairs[0]], PARTS_PER_STATION)
+        parts = (
+            PARTS_PER_STATION * flown_common[pairs[1]][:, None]
+            + np.arange(PARTS_PER_STATION)
+            - PARTS_PER_STATION // 2
+        )
         position = flown.fine_ned_m[np.clip(parts, 0, len(flown.fine_ned_m) - 1)].reshape(-1, 3)
-        off = _from_nearest(nominal.fine_ned_m, at, position)
-        np.fmax.at(across, at, np.hypot(off[:, 0], off[:, 1]))
-        np.maximum.at(above, at, -off[:, 2])
-        np.minimum.at(below, at, -off[:, 2])
+        offset_ned_m = _from_nearest(nominal.fine_ned_m, at, position)
+        np.fmax.at(across, at, np.hypot(offset_ned_m[:, 0], offset_ned_m[:, 1]))
+        np.maximum.at(above, at, -offset_ned_m[:, 2])
+        np.minimum.at(below, at, -offset_ned_m[:, 2])
     vertical = np.where(above >= -below, above, below)
     return across, np.where(np.isnan(across), np.nan, vertical)
 
@@ -122,30 +127,31 @@ class Stations:
     position_ned_m: Array
     """(S, 3)."""
     fine_ned_m: Array
-    """(FINE * (S - 1) + 1, 3) positions at shorter distances."""
-    run: Indices
-    """(S,) index in `places`."""
+    """(PARTS_PER_STATION * (S - 1) + 1, 3) positions at shorter distances."""
+    step_index: Indices
+    """(S,) index of the step in `places`."""
     places: tuple[str, ...]
-    """The steps in the order in which they were executed; "": no step."""
+    """Names of the steps in the order in which they were executed; "": no step."""
     finished: bool
     """Whether the whole plan was flown."""
 
     @classmethod
-    def of(cls, track: Track, spacing_m: float, most: int) -> Stations:
-        """The stations of a flight, at this distance, or a greater one so that there are at most `most`."""
+    def from_track(cls, track: Track, spacing_m: float, max_count: int) -> Stations:
+        """The stations of a flight, `spacing_m` apart, or farther apart so that there are at most
+        `max_count`."""
         moved_m = np.linalg.norm(np.diff(track.position_ned_m, axis=0), axis=1)
         samples = np.arange(len(track.t_s))
         along_m = np.concatenate(([0.0], np.cumsum(moved_m))) + 1e-9 * samples
-        count = min(most, max(2, 1 + math.ceil(along_m[-1] / spacing_m)))
-        fine_m = np.linspace(0.0, along_m[-1], FINE * (count - 1) + 1)
+        count = min(max_count, max(2, 1 + math.ceil(along_m[-1] / spacing_m)))
+        fine_m = np.linspace(0.0, along_m[-1], PARTS_PER_STATION * (count - 1) + 1)
         fine = np.stack([np.interp(fine_m, along_m, axis) for axis in track.position_ned_m.T], axis=1)
-        at_m = fine_m[::FINE]
+        at_m = fine_m[::PARTS_PER_STATION]
         begins = np.flatnonzero(np.diff(track.step, prepend=track.step[0] - 1))
         latest = np.searchsorted(along_m, at_m, side="right") - 1
         return cls(
             along_m[-1] / (count - 1),
             np.interp(at_m, along_m, track.t_s),
-            fine[::FINE],
+            fine[::PARTS_PER_STATION],
             fine,
             np.searchsorted(begins, latest, side="right") - 1,
             tuple(track.steps[at].place if at >= 0 else "" for at in track.step[begins].tolist()),
@@ -154,8 +160,12 @@ class Stations:
 
 
 def _common_steps(nominal: Stations, flown: Stations) -> tuple[Indices, Indices, OpenEnd | None]:
-    """Indices of the stations of both flights in the steps that both have executed, and which flight goes on
-    after the other one has ended within a step. A branch can lead a flight through other steps."""
+    """The steps that both flights executed: a branch can lead a flight through other steps.
+
+    Returns:
+        (P,) indices of the nominal stations and (Q,) of the flown stations in these steps; and the flight
+        that continues although the other one ended within a step (None: neither).
+    """
     matcher = SequenceMatcher(None, nominal.places, flown.places, autojunk=False)
     blocks = [each for each in matcher.get_matching_blocks() if each.size]
     if not blocks:
@@ -170,22 +180,24 @@ def _common_steps(nominal: Stations, flown: Stations) -> tuple[Indices, Indices,
     elif nominal_ends and not (flown_ends and nominal.finished):
         open_end = "flown"
     return (
-        np.flatnonzero(np.isin(nominal.run, runs)),
-        np.flatnonzero(np.isin(flown.run, flown_runs)),
+        np.flatnonzero(np.isin(nominal.step_index, runs)),
+        np.flatnonzero(np.isin(flown.step_index, flown_runs)),
         open_end,
     )
 
 
 def _from_nearest(fine_ned_m: Array, at: Indices, position_ned_m: Array) -> Array:
-    """(P, 3) positions relative to the nearest point of the nominal path around these stations (P,)."""
-    around = FINE * at[:, None] + np.arange(-NEAR * FINE, NEAR * FINE + 1)
+    """(P, 3) positions relative to the nearest point of the nominal path near the stations `at` (P,)."""
+    around = PARTS_PER_STATION * at[:, None] + np.arange(
+        -SEARCHED_STATIONS * PARTS_PER_STATION, SEARCHED_STATIONS * PARTS_PER_STATION + 1
+    )
     path = fine_ned_m[np.clip(around, 0, len(fine_ned_m) - 1)]
     along = np.diff(path, axis=1)
     from_begin = position_ned_m[:, None] - path[:, :-1]
     length_2 = np.maximum(_dot(along, along), 1e-12)
     fraction = np.clip(_dot(from_begin, along) / length_2, 0.0, 1.0)
-    off = from_begin - fraction[:, :, None] * along
-    return off[np.arange(len(at)), _dot(off, off).argmin(axis=1)]
+    offset_ned_m = from_begin - fraction[:, :, None] * along
+    return offset_ned_m[np.arange(len(at)), _dot(offset_ned_m, offset_ned_m).argmin(axis=1)]
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -193,10 +205,10 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _band(values: Array) -> Band:
-    """Quantiles over the flights (F, S); zero where there is no flight."""
+    """Quantiles of the values (F flights, S stations) over the flights; zero at stations without a flight."""
     known = np.isfinite(values)
-    some = known.any(axis=0)
-    filled = np.where(some, values, 0.0)
+    has_flight = known.any(axis=0)
+    filled = np.where(has_flight, values, 0.0)
     low, middle, high = np.nanquantile(filled, QUANTILES, axis=0)
     size = np.where(known, np.abs(values), -1.0)
     greatest = np.take_along_axis(np.where(known, values, 0.0), size.argmax(axis=0)[None], axis=0)[0]

@@ -28,7 +28,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
 
 @dataclass(frozen=True, slots=True)
 class DryRunFinding:
-    """One problem."""
+    """One problem of the simulated flight."""
 
     code: str
     message: str

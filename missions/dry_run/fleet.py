@@ -22,21 +22,21 @@ from vehicle_sim.world.terrain import HeightGrid, Terrain
 from vehicle_sim.world.world import Box, World
 
 TICK_S = 0.02
-"""Time step of the autopilots; commands are possible between two steps."""
+"""Time step of the autopilots [s]. Commands are executed between two steps."""
 SEVERITY_WARNING = 4
 DRAIN_EXPONENT = 1.5
-"""Exponent of the mass in the hover power (momentum theory, `missions.vehicle.hover_power_w`)."""
+"""Hover power is proportional to mass to this power (momentum theory, `missions.vehicle.hover_power_w`)."""
 
 
 class Fleet:
     """N simulated vehicles.
 
     Args:
-        aircraft: one for each vehicle; all stand on the ground. Positions are relative to the home of the
-            first one.
+        aircraft: one for each vehicle; all vehicles start on the ground. Positions are relative to the home
+            of the first one.
         conditions: one for each vehicle.
         seed: seed of noise and gusts.
-        first: number of the first flight; the noise of a flight depends on its number, not on the batch.
+        first: number of the first flight. The noise of a flight depends on this number, not on the batch.
         site: ground and obstacles around the start.
     """
 
@@ -105,7 +105,7 @@ MISSION_REFUSALS = {
     "navigator_geofence_invalid_against_home": "home lies outside the geofence",
 }
 """Texts for events that PX4 sends without a text."""
-_REFUSAL_OF = {EVENTS[name][0]: words for name, words in MISSION_REFUSALS.items()}
+_REFUSAL_BY_EVENT_ID = {EVENTS[name][0]: text for name, text in MISSION_REFUSALS.items()}
 
 
 class Vehicle:
@@ -121,8 +121,8 @@ class Vehicle:
     def _on_message(self, message: StatusText | Event) -> None:
         if isinstance(message, StatusText) and message.severity <= SEVERITY_WARNING:
             self.warnings.append(message.text.strip())
-        elif isinstance(message, Event) and message.id in _REFUSAL_OF:
-            self.warnings.append(f"PX4 refuses the mission: {_REFUSAL_OF[message.id]}")
+        elif isinstance(message, Event) and message.id in _REFUSAL_BY_EVENT_ID:
+            self.warnings.append(f"PX4 refuses the mission: {_REFUSAL_BY_EVENT_ID[message.id]}")
 
     @property
     def armed(self) -> bool:
@@ -136,6 +136,7 @@ class Vehicle:
 
 
 def _from_home(home: HomePosition, other: HomePosition) -> Vector3:
+    """Position of another home relative to the first home, on level ground (NED) [m]."""
     if other == home:
         return (0.0, 0.0, 0.0)
     origin = LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
@@ -147,7 +148,7 @@ def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:
     store = Parameters()
     for name, value in aircraft.simulated_parameters().items():
         if name in store:
-            store.set(name, _fitting(store, name, value))
+            store.set(name, _in_type(store, name, value))
     store.set("SIH_MASS", float(store.get("SIH_MASS")) * conditions.mass_scale)
     if aircraft.endurance_s is not None:
         store.set("SIM_BAT_ENABLE", 1)
@@ -161,7 +162,8 @@ def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:
     return store
 
 
-def _fitting(store: Parameters, name: str, value: float) -> ParameterValue:
+def _in_type(store: Parameters, name: str, value: float) -> ParameterValue:
+    """The value in the type of the parameter."""
     return round(value) if store.type_of(name) == "INT32" else value
 
 
@@ -184,5 +186,5 @@ def _world(site: Site) -> World | None:
     )
     grid = None
     if ground is not None:
-        grid = HeightGrid(ground.north_m, ground.east_m, ground.spacing_m, ground.heights_m)
+        grid = HeightGrid(ground.north_m, ground.east_m, ground.spacing_m, ground.altitudes_home_m)
     return World(name="dry run", boxes=boxes, prisms=prisms, terrain=Terrain(grid=grid))

@@ -24,7 +24,7 @@ class Flight:
 
     conditions: Conditions
     track: Track | None
-    """None: the flight never started."""
+    """None: the flight did not start."""
     finished: bool
     """Whether the whole plan was flown."""
     collided: bool
@@ -45,15 +45,15 @@ def fly(
     site: Site = LEVEL_SITE,
     report: ReportProgress | None = None,
 ) -> list[Flight]:
-    """All flights of a batch at once.
+    """Flies all flights of a batch at once, in simulated time.
 
     Args:
         aircraft: the vehicle.
         conditions: one for each flight.
         make_pilot: creates the pilot of a vehicle.
-        longest_s: a flight that takes longer is ended.
+        longest_s: time limit of a flight.
         seed: seed of noise and gusts.
-        first: number of the first flight; a flight's noise depends on its number.
+        first: number of the first flight. The noise of a flight depends on this number.
         site: ground and obstacles around the start.
         report: called with the progress; an exception from it ends the batch.
     """
@@ -79,7 +79,7 @@ def fly_fleet(
         pilots: one for each vehicle.
         conditions: one for each vehicle.
         recorder: records these vehicles.
-        longest_s: a flight that takes longer is ended.
+        longest_s: time limit of a flight.
         report: called with the progress; an exception from it ends the batch.
         after_pilots: called after the pilots at each tick, to coordinate them.
     """
@@ -96,7 +96,7 @@ def fly_fleet(
         if ticks % EVERY_TICKS == 0:
             recorder.sample()
             for row, pilot in running:
-                if pilot.done or _is_late(pilot, now_s, longest_s):
+                if pilot.ended or _has_timed_out(pilot, now_s, longest_s):
                     flights[row] = _flight(fleet, row, pilot, recorder, conditions[row], longest_s)
                     fleet.retire(row)
             running = [(row, pilot) for row, pilot in running if row not in flights]
@@ -105,7 +105,7 @@ def fly_fleet(
     return [flights[row] for row in range(len(pilots))]
 
 
-def _is_late(pilot: Pilot, now_s: float, longest_s: float) -> bool:
+def _has_timed_out(pilot: Pilot, now_s: float, longest_s: float) -> bool:
     return now_s - (READY_WITHIN_S if pilot.started_s is None else pilot.started_s) >= longest_s
 
 
@@ -115,7 +115,7 @@ def _flight(
     vehicle = fleet.vehicles[row]
     findings = list(pilot.findings)
     collided = fleet.collided(row)
-    if not pilot.done:
+    if not pilot.ended:
         message = f"The flight did not end within {longest_s:.0f} s."
         findings.append(finding_now("not_finished", message, pilot.step, longest_s, vehicle))
     track = recorder.track(row)
@@ -123,7 +123,7 @@ def _flight(
         end_s = 0.0 if track is None else float(track.t_s[-1])
         message = f"{vehicle.last_warning}."
         findings.append(finding_now("obstacle_hit", message, pilot.step, end_s, vehicle))
-    elif pilot.done and track is not None and not pilot.finished:
+    elif pilot.ended and track is not None and not pilot.finished:
         where = "the first item" if pilot.step is None else pilot.step.place
         message = f"The flight ends at {where}, before the end of the plan: {vehicle.last_warning}."
         findings.append(finding_now("mission_left", message, pilot.step, float(track.t_s[-1]), vehicle))

@@ -23,7 +23,7 @@ CHANCES = {
     "failsafe": ("failsafe",),
     "battery_reserve": ("battery_reserve", "battery_empty"),
 }
-"""Outcomes to count, each with the codes of its findings."""
+"""Outcomes to count, each with the codes of the findings that count as this outcome."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +42,10 @@ class FlightSummary:
 
 @dataclass(frozen=True, slots=True)
 class MonteCarlo:
-    """Result of all flights."""
+    """Result of the nominal flight and of all flights with varied conditions."""
 
     nominal: DryRun
-    """The flight in the stated conditions."""
+    """The flight in the mean conditions."""
     spread: Spread
     seed: int
     flights: tuple[FlightSummary, ...]
@@ -66,7 +66,7 @@ class MonteCarlo:
             "nominal": self.nominal.document(),
             "spread": asdict(self.spread),
             "seed": self.seed,
-            "flights": [_summary(each) for each in self.flights],
+            "flights": [_summary_document(each) for each in self.flights],
             "corridor": None if self.corridor is None else self.corridor.document(),
             "duration_s": quantiles_document(self.duration_s),
             "battery_end_share": quantiles_document(self.battery_end_share),
@@ -104,7 +104,7 @@ def monte_carlo(
         PlanError: PX4 refuses the plan, or there are too many flights.
     """
     if not 1 <= flights <= MAX_FLIGHTS:
-        reason = f"{flights} flights, 1 to {MAX_FLIGHTS} are possible"
+        reason = f"{flights} flights, but 1 to {MAX_FLIGHTS} are allowed"
         raise PlanError("flights", reason, "Give a number between these.")
     conditions, spread = conditions or Conditions(), spread or Spread()
     drawn = [spread.draw(conditions, seed, number) for number in range(1, flights + 1)]
@@ -113,27 +113,27 @@ def monte_carlo(
         aircraft, [conditions, *drawn], flyable.pilot, longest_s=flyable.longest_s, seed=seed,
         site=site, report=report,
     )  # fmt: skip
-    spent_s = time.perf_counter() - began_s
-    return summarised(
-        [evaluate(each, flyable, aircraft, site, spent_s) for each in flown], spread, seed, spent_s
+    computing_s = time.perf_counter() - began_s
+    return summarise(
+        [evaluate(each, flyable, aircraft, site, computing_s) for each in flown], spread, seed, computing_s
     )
 
 
-def summarised(evaluated: Sequence[DryRun], spread: Spread, seed: int, spent_s: float) -> MonteCarlo:
+def summarise(evaluated: Sequence[DryRun], spread: Spread, seed: int, computing_s: float) -> MonteCarlo:
     """Summarises the flights of one plan; the first one is the nominal flight."""
-    nominal, others = evaluated[0], evaluated[1:]
-    summaries = tuple(_summarised(each) for each in others)
-    tracks = [each.track for each in others if each.track is not None]
+    nominal, varied = evaluated[0], evaluated[1:]
+    summaries = tuple(_summary_of(each) for each in varied)
+    tracks = [each.track for each in varied if each.track is not None]
     longest_s = max(each.duration_s for each in evaluated)
     return MonteCarlo(
         nominal, spread, seed, summaries,
         None if nominal.track is None else corridor(nominal.track, tracks),
-        Quantiles.of([each.duration_s for each in summaries if each.finished]),
-        Quantiles.of(_known(each.battery_end_share for each in summaries)),
-        Quantiles.of(_known(each.fence_distance_m for each in summaries)),
-        Quantiles.of(_known(each.obstacle_distance_m for each in summaries)),
+        Quantiles.from_values([each.duration_s for each in summaries if each.finished]),
+        Quantiles.from_values(_known(each.battery_end_share for each in summaries)),
+        Quantiles.from_values(_known(each.fence_distance_m for each in summaries)),
+        Quantiles.from_values(_known(each.obstacle_distance_m for each in summaries)),
         chances_of([each.findings for each in summaries], CHANCES),
-        longest_s / max(spent_s, 1e-9),
+        longest_s / max(computing_s, 1e-9),
     )  # fmt: skip
 
 
@@ -147,7 +147,9 @@ def chances_of(
         outcomes: the codes that count as each outcome.
     """
     return {
-        name: Chance.of(sum(any(code in codes for code in flight) for flight in flights), len(flights))
+        name: Chance.from_counts(
+            sum(any(code in codes for code in flight) for flight in flights), len(flights)
+        )
         for name, codes in outcomes.items()
     }
 
@@ -156,7 +158,7 @@ def _known(values: Any) -> list[float]:
     return [each for each in values if each is not None]
 
 
-def _summarised(run: DryRun) -> FlightSummary:
+def _summary_of(run: DryRun) -> FlightSummary:
     codes = tuple(dict.fromkeys(finding.code for finding in run.findings))
     return FlightSummary(
         run.conditions, run.finished, run.duration_s, run.battery_end_share, run.fence_distance_m,
@@ -164,7 +166,7 @@ def _summarised(run: DryRun) -> FlightSummary:
     )  # fmt: skip
 
 
-def _summary(flight: FlightSummary) -> dict[str, Any]:
+def _summary_document(flight: FlightSummary) -> dict[str, Any]:
     return {
         "wind_ned_m_s": [round(each, 2) for each in flight.conditions.wind_ned_m_s],
         "gusts_m_s": round(flight.conditions.gusts_m_s, 2),

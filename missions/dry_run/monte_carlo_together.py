@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from missions.dry_run.flight import ReportProgress
-from missions.dry_run.monte_carlo import CHANCES, MonteCarlo, chances_of, quantiles_document, summarised
+from missions.dry_run.monte_carlo import CHANCES, MonteCarlo, chances_of, quantiles_document, summarise
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles, Spread
 from missions.dry_run.together import DryRunTogether, fly_together
@@ -21,24 +21,24 @@ TOO_NEAR = "nearer_than_minimum"
 
 @dataclass(frozen=True, slots=True)
 class PairDistance:
-    """How near two vehicles come to each other."""
+    """Distance between two vehicles over all flights."""
 
     roles: tuple[str, str]
     distance_m: Quantiles
-    """Of the smallest distance of each flight, between the centres."""
+    """Quantiles of the smallest distance in each flight, between the centres."""
     nearer_than_minimum: Chance
     """Flights with a smaller distance than the mission's minimum separation."""
 
 
 @dataclass(frozen=True, slots=True)
 class MonteCarloTogether:
-    """Result of all flights."""
+    """Result of the nominal flight and of all flights with varied conditions."""
 
     nominal: DryRunTogether
-    """The flight in the stated conditions."""
+    """The flight in the mean conditions."""
     roles: dict[str, MonteCarlo]
     closest: tuple[PairDistance, ...]
-    """One value for each pair of roles that flew."""
+    """One entry for each pair of roles that flew."""
     chances: dict[str, Chance]
     """A flight counts if the outcome happened to any of its vehicles. `separation`: the separation guard
     would act. `nearer_than_minimum`: two vehicles come nearer than the minimum separation."""
@@ -89,28 +89,28 @@ def monte_carlo_together(
         PlanError: a role has no vehicle, the mission cannot be compiled, or there are too many flights.
     """
     count = len(mission.roles)
-    most = min(MAX_FLIGHTS, MAX_VEHICLES // max(1, count))
-    if not 1 <= flights <= most:
-        reason = f"{flights} flights of {count} vehicles, 1 to {most} are possible"
+    max_flights = min(MAX_FLIGHTS, MAX_VEHICLES // max(1, count))
+    if not 1 <= flights <= max_flights:
+        reason = f"{flights} flights of {count} vehicles, but 1 to {max_flights} are allowed"
         raise PlanError("flights", reason, "Give a number between these.")
     conditions, spread = conditions or Conditions(), spread or Spread()
     drawn = [
         [spread.draw(conditions, seed, number, vehicle) for vehicle in range(count)]
         for number in range(1, flights + 1)
     ]
-    flown, spent_s = fly_together(
+    flown, computing_s = fly_together(
         mission, aircraft, [[conditions] * count, *drawn], origins=origins, seed=seed, site=site,
         report=report,
     )  # fmt: skip
-    others = flown[1:]
+    varied = flown[1:]
     return MonteCarloTogether(
         flown[0],
         {
-            role: summarised([each.roles[role] for each in flown], spread, seed, spent_s)
+            role: summarise([each.roles[role] for each in flown], spread, seed, computing_s)
             for role in mission.roles
         },
-        _closest(others, mission.separation_m),
-        _chances(others, mission.separation_m),
+        _closest(varied, mission.separation_m),
+        _chances(varied, mission.separation_m),
     )
 
 
@@ -121,10 +121,10 @@ def _closest(flown: Sequence[DryRunTogether], minimum_m: float) -> tuple[PairDis
             distances.setdefault(pair.roles, []).append(pair.distance_m)
     found: list[PairDistance] = []
     for roles, values in distances.items():
-        quantiles = Quantiles.of(values)
+        quantiles = Quantiles.from_values(values)
         assert quantiles is not None
         near = sum(value < minimum_m for value in values)
-        found.append(PairDistance(roles, quantiles, Chance.of(near, len(flown))))
+        found.append(PairDistance(roles, quantiles, Chance.from_counts(near, len(flown))))
     return tuple(found)
 
 

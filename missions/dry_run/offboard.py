@@ -1,6 +1,6 @@
 """An offboard mission in a dry run: the mission runner of real flights commands a simulated vehicle.
 
-Each question of the mission is answered immediately, and no other client takes control of the vehicle.
+The pilot continues immediately at each question of the mission. No other client takes control of the vehicle.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ RUNNER_EVERY_TICKS = 5
 """The runner runs at 10 Hz, as in the server."""
 STREAMED_BEFORE_S = 0.5
 """Setpoints are streamed for this long before Offboard mode is requested."""
-NAMES: dict[NavState, str] = {mode: mode.name.lower() for mode in NavState}
-"""The modes as `Reading.mode` names them."""
+MODE_NAMES: dict[NavState, str] = {mode: mode.name.lower() for mode in NavState}
+"""The values of `Reading.mode`."""
 MODES: dict[str, NavState] = {"hold": NavState.HOLD, "land": NavState.LAND, "rtl": NavState.RTL}
 LANDED = {0: None, 1: "on_ground", 2: "in_air", 3: "taking_off", 4: "landing"}
-"""MAV_LANDED_STATE as the names that `Reading.landed` uses."""
+"""The values of `Reading.landed` for MAV_LANDED_STATE."""
 STILL_M_S = 0.5
 """A vehicle slower than this counts as holding its position."""
 CONTROL_HOLDER = "the dry run"
-"""The client that has control of the vehicle."""
+"""Id and name of the client that has control of the vehicle."""
 
 
 @cache
@@ -65,8 +65,8 @@ class OffboardPilot:
         vehicle: the vehicle to command; its local origin is its start position.
         runner: the runner of the mission.
         start_ned_m: start position in the mission's local frame.
-        alone: the flight starts as soon as the vehicle is ready; otherwise `begin` or `refuse` must be
-        called.
+        alone: true: the flight starts as soon as the vehicle is ready; false: the caller starts it with
+            `begin`, or ends it with `refuse`.
     """
 
     def __init__(self, vehicle: Vehicle, runner: Runner, start_ned_m: Vector3, *, alone: bool = True) -> None:
@@ -79,14 +79,14 @@ class OffboardPilot:
         self._streaming_since_s = 0.0
         self._ticks = 0
         self._segment: Segment | None = None
-        self._settled_s: float | None = None
+        self._holding_since_s: float | None = None
         self.started_s: float | None = None
-        self.done = self.finished = False
+        self.ended = self.finished = False
         self.step: Step | None = None
 
     def tick(self, now_s: float) -> None:
         """Sends the current setpoint, and runs the runner at 10 Hz."""
-        if self.done:
+        if self.ended:
             return
         if self.started_s is None:
             if self._alone and self.may_start(now_s):
@@ -113,7 +113,7 @@ class OffboardPilot:
         """Ends the flight, because the runner cannot start."""
         message = f"The mission cannot start: {error}."
         self.findings.append(finding_now("start_refused", message, None, 0.0, self._vehicle))
-        self.done = True
+        self.ended = True
 
     def _start(self, now_s: float) -> None:
         try:
@@ -130,7 +130,7 @@ class OffboardPilot:
         if segment is not None and segment is not self._segment:
             self._segment, self.step = segment, Step(segment.place, segment.title, None)
         t_s = now_s - started_s
-        self._avoidance.watch(now_s, self.step, t_s)
+        self._avoidance.add_findings(now_s, self.step, t_s)
         failsafe = self._failsafe.check(self.step, t_s)
         if failsafe is not None:
             self.findings.append(failsafe)
@@ -141,18 +141,18 @@ class OffboardPilot:
             self._end(t_s)
             return
         speed_m_s = math.hypot(*self._vehicle.autopilot.view.estimate.velocity_ned_m_s)
-        holds = self._vehicle.autopilot.commander.active is NavState.HOLD and speed_m_s < STILL_M_S
-        if not holds:
-            self._settled_s = None
-        elif self._settled_s is None:
-            self._settled_s = now_s
-        elif now_s - self._settled_s >= SETTLED_S:
-            message = f"The flight ends in the air after {self.step.place if self.step else 'its start'}."
+        is_holding = self._vehicle.autopilot.commander.active is NavState.HOLD and speed_m_s < STILL_M_S
+        if not is_holding:
+            self._holding_since_s = None
+        elif self._holding_since_s is None:
+            self._holding_since_s = now_s
+        elif now_s - self._holding_since_s >= SETTLED_S:
+            message = f"The flight ends in the air after {self.step.place if self.step else 'the start'}."
             self.findings.append(finding_now("ends_in_air", message, self.step, t_s, self._vehicle))
             self._end(t_s)
 
     def _end(self, t_s: float) -> None:
-        self.done = True
+        self.ended = True
         reason = self.runner.status(self.reading()).reason
         if not self.finished and reason:
             message = f"The mission ends early: {reason.rstrip('.')}."
@@ -171,7 +171,7 @@ class OffboardPilot:
         wind_m_s = commander.monitors.wind_m_s
         distance_m = estimate.height_above_ground_m
         return Reading(
-            mode=NAMES[commander.active],
+            mode=MODE_NAMES[commander.active],
             mode_source="failsafe" if commander.in_failsafe else "command",
             mode_text=None,
             armed=commander.armed,
@@ -236,7 +236,7 @@ class OffboardPilot:
 
     def _stop_stream(self) -> None:
         self._player, self._stream = None, "idle"
-        self._avoidance.forget()
+        self._avoidance.reset()
 
     def _send(self, now_s: float) -> None:
         player = self._player

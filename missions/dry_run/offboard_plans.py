@@ -29,14 +29,17 @@ class FlyableMission:
 
     fence: tuple[FenceZone, ...]
     expected_s: float
+    """Estimated duration of boot and flight [s]."""
     longest_s: float
+    """Time limit of the flight [s]."""
     name: str
     timeline: Timeline
     motion: MotionLimits
     start_ned_m: Vector3
+    """The vehicle's start position in the mission's local frame."""
 
     @classmethod
-    def of(
+    def from_mission(
         cls,
         mission: OffboardMission,
         aircraft: Aircraft,
@@ -44,12 +47,12 @@ class FlyableMission:
         origin: LocalOrigin | None = None,
         role: str | None = None,
     ) -> FlyableMission:
-        """Compiles one mission for one vehicle.
+        """Compiles a mission for one vehicle.
 
         Args:
             mission: the document.
             aircraft: the vehicle and its start position.
-            files: contents of the files that table steps name.
+            files: contents of the table files, by name.
             origin: origin of the vehicle's local frame; None: its start position.
             role: the vehicle's role in a mission of several vehicles.
 
@@ -66,15 +69,15 @@ class FlyableMission:
         )  # fmt: skip
         timeline = compile_mission(mission, vehicle, start, files, role=role)
         if not timeline.segments and timeline.decision is None:
-            raise PlanError("the mission", "it has no step that can be flown", "See its findings.")
-        motion = vehicle.within(mission.limits)
+            raise PlanError("the mission", "no step can be flown", "See the findings of the mission.")
+        motion = vehicle.motion_within(mission.limits)
         speed_m_s = min(motion.speed_m_s, mission.limits.speed_m_s or vehicle.limits.vehicle.cruise_m_s)
         return cls(
             mission.fence, BOOT_S + timeline.duration_s, longest_s(timeline.duration_s), mission.name,
             timeline, replace(motion, speed_m_s=speed_m_s), start_ned_m,
         )  # fmt: skip
 
-    def places(self, origin: LocalOrigin) -> list[tuple[float, float]]:
+    def positions(self, origin: LocalOrigin) -> list[tuple[float, float]]:
         """Latitude and longitude of positions along all paths [deg].
 
         Args:
@@ -84,6 +87,6 @@ class FlyableMission:
         return [origin.to_geodetic((n, e, d))[:2] for leg in lines for _, n, e, d in leg.points]
 
     def pilot(self, vehicle: Vehicle, *, alone: bool = True) -> OffboardPilot:
-        """A pilot for this vehicle; not `alone`: the flight is started together with others."""
+        """A pilot for this vehicle; `alone` false: the caller starts it together with the other roles."""
         runner = Runner(self.timeline, self.name, self.motion)
         return OffboardPilot(vehicle, runner, self.start_ned_m, alone=alone)

@@ -10,9 +10,9 @@ from missions.dry_run.fleet import Vehicle
 from vehicle_sim.autopilot.modes import MODES
 
 READY_WITHIN_S = 30.0
-"""Time after boot by which the vehicle must be ready to arm; otherwise the flight is refused [s]."""
+"""Time after boot by which the vehicle must be ready to arm; otherwise the flight does not start [s]."""
 SETTLED_S = 2.0
-"""Additional simulated time after a flight that ends in the air [s]."""
+"""Time for which the vehicle must hold its position before a flight ends in the air [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +27,11 @@ class Step:
 
 
 class Pilot(Protocol):
-    """Flies one vehicle from boot to the end."""
+    """Flies one vehicle from boot to the end of the flight."""
 
     started_s: float | None
     """Simulated time when the flight started; None: not yet."""
-    done: bool
+    ended: bool
     """Whether the flight has ended."""
     finished: bool
     """Whether the whole plan was flown."""
@@ -45,7 +45,7 @@ class Pilot(Protocol):
 
 
 class FailsafeWatch:
-    """Reports once that a failsafe of the vehicle has acted."""
+    """Reports the first failsafe of the vehicle."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle

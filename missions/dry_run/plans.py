@@ -20,6 +20,7 @@ DURATION_FACTOR = 2.0
 MARGIN_S = 90.0
 """The time limit of a flight is DURATION_FACTOR times its estimated duration plus MARGIN_S."""
 BOOT_S = 5.0
+"""Estimated time from boot to the start of the flight."""
 
 
 def longest_s(expected_s: float) -> float:
@@ -60,8 +61,8 @@ class FlyablePlan:
     upload: Upload
 
     @classmethod
-    def of(cls, plan: Plan, aircraft: Aircraft) -> FlyablePlan:
-        """Prepares one plan for one vehicle.
+    def from_plan(cls, plan: Plan, aircraft: Aircraft) -> FlyablePlan:
+        """Prepares a plan for one vehicle.
 
         Raises:
             PlanError: PX4 refuses the plan.
@@ -69,7 +70,7 @@ class FlyablePlan:
         vehicle = VehicleModel.from_parameters(aircraft.parameters)
         with_home = plan.model_copy(update={"planned_home": aircraft.home})
         expected_s = estimate(with_home, vehicle).time_s
-        return cls(plan.fence, BOOT_S + expected_s, longest_s(expected_s), Upload.of(plan))
+        return cls(plan.fence, BOOT_S + expected_s, longest_s(expected_s), Upload.from_plan(plan))
 
     def pilot(self, vehicle: Vehicle) -> WaypointPilot:
         """A pilot that uploads the plan and starts it."""

@@ -25,14 +25,15 @@ MAX_SAMPLES = 4000
 """Maximum number of path samples in the document."""
 MAX_FINDINGS = 100
 EMPTY_SHARE = 0.005
+"""Battery charge, 0 to 1, at and below which the battery counts as empty."""
 TOUCHING_M, FORWARD_M_S = 0.3, 2.0
-"""A vehicle this near to the ground [m] that moves horizontally faster than this [m/s] has touched the
-ground; take-off and landing are slower."""
+"""A vehicle nearer to the ground than this [m] that moves horizontally faster than this [m/s] counts as
+touching the ground; take-off and landing are slower."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepTime:
-    """When a step was flown."""
+    """A flown step: its time and its smallest distances."""
 
     place: str
     title: str
@@ -67,9 +68,9 @@ class DryRun:
     aircraft: Aircraft
     conditions: Conditions
     times_real_time: float
-    """Simulation speed relative to real time."""
+    """Simulated time divided by computing time."""
     ground_m: Array | None = None
-    """Height of the ground below each sample of the track, above home; None: level ground."""
+    """Altitude of the ground below each sample of the track, above home; None: level ground."""
 
     def document(self, max_samples: int = MAX_SAMPLES) -> dict[str, Any]:
         """As JSON values, with a path of at most `max_samples` samples."""
@@ -124,11 +125,11 @@ def dry_run(
         aircraft, [conditions], flyable.pilot, longest_s=flyable.longest_s, seed=seed, site=site,
         report=report,
     )[0]  # fmt: skip
-    spent_s = time.perf_counter() - began_s
-    return evaluate(flight, flyable, aircraft, site, spent_s)
+    computing_s = time.perf_counter() - began_s
+    return evaluate(flight, flyable, aircraft, site, computing_s)
 
 
-def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, spent_s: float) -> DryRun:
+def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, computing_s: float) -> DryRun:
     """Evaluates one flight."""
     track = flight.track
     if track is None:
@@ -136,16 +137,16 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, s
             False, False, 0.0, 0.0, aircraft.battery_share, None, None, None, (), flight.findings, None,
             aircraft, flight.conditions, 0.0,
         )  # fmt: skip
-    fence = fence_of(flyable, aircraft)
-    fence_m = fence.of(track.position_ned_m)
-    obstacle_m, which = obstacle_distance_m(site.obstacles, track.position_ned_m)
+    fence = effective_fence(flyable, aircraft)
+    fence_m = fence.distance_m(track.position_ned_m)
+    obstacle_m, nearest = obstacle_distance_m(site.obstacles, track.position_ned_m)
     steps = tuple(_steps(track, fence_m, obstacle_m))
     north_m, east_m, _ = track.position_ned_m.T
-    ground_m = None if site.ground is None else site.ground.height_m(north_m, east_m)
+    ground_m = None if site.ground is None else site.ground.altitude_home_m(north_m, east_m)
     findings = [*flight.findings, *_fence(track, fence_m)]
     if not flight.collided:
-        findings += _near(track, obstacle_m, which, site.obstacles)
-        findings += _touched(track, ground_m)
+        findings += _near_obstacle(track, obstacle_m, nearest, site.obstacles)
+        findings += _ground_contact(track, ground_m)
     end_share = float(track.battery_share[_last_armed(track)]) if aircraft.battery_is_known else None
     findings += _battery(track, aircraft, end_share)
     order = {"error": 0, "warning": 1}
@@ -154,15 +155,18 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, s
     return DryRun(
         flight.finished, flight.landed, duration_s, track.length_m, aircraft.battery_share, end_share,
         _least(fence_m), _least(obstacle_m), steps, tuple(findings[:MAX_FINDINGS]), track, aircraft,
-        flight.conditions, duration_s / max(spent_s, 1e-9), ground_m,
+        flight.conditions, duration_s / max(computing_s, 1e-9), ground_m,
     )  # fmt: skip
 
 
-def fence_of(flyable: Flyable, aircraft: Aircraft) -> FenceDistance:
-    """The effective geofence: the plan's zones and the vehicle's own cylinder."""
-    known = aircraft.parameters
+def effective_fence(flyable: Flyable, aircraft: Aircraft) -> FenceDistance:
+    """The effective geofence: the plan's zones and the cylinder of the vehicle's parameters."""
+    parameters = aircraft.parameters
     return FenceDistance(
-        flyable.fence, aircraft.origin, known.get("GF_MAX_HOR_DIST", 0.0), known.get("GF_MAX_VER_DIST", 0.0)
+        flyable.fence,
+        aircraft.origin,
+        parameters.get("GF_MAX_HOR_DIST", 0.0),
+        parameters.get("GF_MAX_VER_DIST", 0.0),
     )
 
 
@@ -183,7 +187,7 @@ def _last_armed(track: Track) -> int:
 
 
 def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
-    """Start and end of each flown step; a repeated step is listed each time."""
+    """The flown steps in order; a repeated step has one entry for each repetition."""
     steps: list[StepTime] = []
     changes = np.flatnonzero(np.diff(track.step)) + 1
     bounds = [0, *changes.tolist(), len(track.step)]
@@ -203,7 +207,8 @@ def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
     return steps
 
 
-def _at(track: Track, sample: int) -> tuple[str | None, float, tuple[float, float, float]]:
+def _moment(track: Track, sample: int) -> tuple[str | None, float, tuple[float, float, float]]:
+    """Step, time [s] and NED position [m] of a sample."""
     index = int(track.step[sample])
     n, e, d = track.position_ned_m[sample].tolist()
     return (track.steps[index].place if index >= 0 else None), round(float(track.t_s[sample]), 2), (n, e, d)
@@ -218,16 +223,16 @@ def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
         after = np.flatnonzero(~outside[first:])
         end = first + int(after[0]) if len(after) else len(outside)
         worst = first + int(fence_m[first:end].argmin())
-        step, t_s, place = _at(track, worst)
+        step, t_s, position_ned_m = _moment(track, worst)
         message = (
-            f"The flight leaves the geofence at {step or 'its start'}, by up to {-fence_m[worst]:.1f} m."
+            f"The flight leaves the geofence at {step or 'the start'}, by up to {-fence_m[worst]:.1f} m."
         )
-        findings.append(DryRunFinding("fence_touched", message, step, t_s, place))
+        findings.append(DryRunFinding("fence_touched", message, step, t_s, position_ned_m))
     return findings
 
 
-def _touched(track: Track, ground_m: Array | None) -> list[DryRunFinding]:
-    """A finding where the vehicle flies forward at the height of the ground."""
+def _ground_contact(track: Track, ground_m: Array | None) -> list[DryRunFinding]:
+    """A finding at the first sample where the vehicle touches the ground while flying forward."""
     if ground_m is None or len(track.t_s) < 2:
         return []
     north_m, east_m, down_m = track.position_ned_m.T
@@ -237,24 +242,28 @@ def _touched(track: Track, ground_m: Array | None) -> list[DryRunFinding]:
     if not len(touching):
         return []
     sample = int(touching[0])
-    step, t_s, place = _at(track, sample)
+    step, t_s, position_ned_m = _moment(track, sample)
     return [
         DryRunFinding(
-            "ground_touched", f"The flight touches the ground at {step or 'its start'}.", step, t_s, place
+            "ground_touched",
+            f"The flight touches the ground at {step or 'the start'}.",
+            step,
+            t_s,
+            position_ned_m,
         )
     ]
 
 
-def _near(
-    track: Track, obstacle_m: Array, which: NDArray[np.intp], obstacles: Sequence[AnyObstacle]
+def _near_obstacle(
+    track: Track, obstacle_m: Array, nearest: NDArray[np.intp], obstacles: Sequence[AnyObstacle]
 ) -> list[DryRunFinding]:
     sample = int(obstacle_m.argmin())
     if not obstacle_m[sample] < NEAR_M:
         return []
-    step, t_s, place = _at(track, sample)
-    name = obstacles[int(which[sample])].name
-    message = f"The flight comes within {obstacle_m[sample]:.1f} m of {name} at {step or 'its start'}."
-    return [DryRunFinding("obstacle_near", message, step, t_s, place)]
+    step, t_s, position_ned_m = _moment(track, sample)
+    name = obstacles[int(nearest[sample])].name
+    message = f"The flight comes within {obstacle_m[sample]:.1f} m of {name} at {step or 'the start'}."
+    return [DryRunFinding("obstacle_near", message, step, t_s, position_ned_m)]
 
 
 def _battery(track: Track, aircraft: Aircraft, end_share: float | None) -> list[DryRunFinding]:
@@ -263,14 +272,14 @@ def _battery(track: Track, aircraft: Aircraft, end_share: float | None) -> list[
         return [DryRunFinding("battery_unknown", message)]
     empty = np.flatnonzero(track.battery_share <= EMPTY_SHARE)
     if len(empty):
-        step, t_s, place = _at(track, int(empty[0]))
+        step, t_s, position_ned_m = _moment(track, int(empty[0]))
         message = f"The battery is empty after {t_s:.0f} s, at {step or 'the start'}."
-        return [DryRunFinding("battery_empty", message, step, t_s, place)]
+        return [DryRunFinding("battery_empty", message, step, t_s, position_ned_m)]
     if end_share < aircraft.battery_reserve:
-        left, reserve = f"{end_share:.0%}", f"{aircraft.battery_reserve:.0%}"
-        message = f"{left} of the battery is left at the end; the reserve is {reserve}."
-        step, t_s, place = _at(track, len(track.t_s) - 1)
-        return [DryRunFinding("battery_reserve", message, step, t_s, place)]
+        remaining, reserve = f"{end_share:.0%}", f"{aircraft.battery_reserve:.0%}"
+        message = f"{remaining} of the battery is left at the end; the reserve is {reserve}."
+        step, t_s, position_ned_m = _moment(track, len(track.t_s) - 1)
+        return [DryRunFinding("battery_reserve", message, step, t_s, position_ned_m)]
     return []
 
 

@@ -13,20 +13,29 @@ from numpy.typing import NDArray
 from missions.errors import PlanError
 from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
-from missions.obstacles import corners_ne_m, name_of
+from missions.obstacles import corners_ne_m, obstacle_name
 from missions.values import HomePosition
 from missions.values import Obstacle as PlannedObstacle
 
-USED = (
+USED_PARAMETERS = (
     "BAT_*_THR", "COM_DISARM_LAND", "COM_FLT_TIME_MAX", "COM_LOW_BAT_ACT", "COM_OBL_RC_ACT", "COM_OF_LOSS_T",
     "COM_SPOOLUP_TIME", "COM_TAKEOFF_ACT", "COM_WIND_*", "GF_*", "LNDMC_*", "MIS_*", "MNT_*", "MPC_*",
     "NAV_ACC_RAD", "NAV_MC_ALT_RAD", "RTL_*",
 )  # fmt: skip
-"""Parameters of a real vehicle that affect the flight and do not depend on the airframe."""
+"""Parameters of a real vehicle that the simulated vehicle uses: they affect the flight and do not depend on
+the airframe."""
 AIRFRAME_SPECIFIC = ("MPC_THR_HOVER", "MPC_THR_MIN", "MPC_THR_MAX", "MPC_USE_HTE")
-"""Parameters in USED that are ignored, because they are tuned for the real airframe."""
-USED_OF_SIMULATED = (*USED, "CA_ROTOR*", "EKF2_*", "IMU_*", "MC_*", "SIH_*", "SIM_BAT_*")
-"""Parameters used if the vehicle itself is simulated."""
+"""Parameters in USED_PARAMETERS that are ignored, because they are tuned for the real airframe."""
+USED_PARAMETERS_OF_SIMULATED = (
+    *USED_PARAMETERS,
+    "CA_ROTOR*",
+    "EKF2_*",
+    "IMU_*",
+    "MC_*",
+    "SIH_*",
+    "SIM_BAT_*",
+)
+"""Parameters that are used if the vehicle to simulate is itself a simulated vehicle."""
 WIND_MAX_M_S = 40.0
 
 
@@ -45,7 +54,7 @@ class Aircraft:
     """Hover time from full to empty [s]; None: the value of SIM_BAT_DRAIN, if the vehicle has this
     parameter."""
     battery_reserve: float = 0.2
-    """Share of the battery that must be left after the flight."""
+    """Battery charge that must remain after the flight, 0 to 1."""
 
     @property
     def origin(self) -> LocalOrigin:
@@ -64,7 +73,7 @@ class Aircraft:
 
     def simulated_parameters(self) -> dict[str, float]:
         """The parameters that the simulated vehicle uses."""
-        patterns = USED_OF_SIMULATED if self.is_simulated else USED
+        patterns = USED_PARAMETERS_OF_SIMULATED if self.is_simulated else USED_PARAMETERS
         return {
             name: value
             for name, value in self.parameters.items()
@@ -110,7 +119,7 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """An upright box; position relative to home, heights above home."""
+    """An upright box; position relative to home."""
 
     name: str
     north_m: float
@@ -141,7 +150,7 @@ def prisms_of(obstacles: Sequence[PlannedObstacle], home: HomePosition) -> list[
     """The obstacles of a plan or mission, relative to the start position of the (first) vehicle."""
     origin = LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     return [
-        Prism(name_of(each, index), corners_ne_m(each, origin), _top_alt_home_m(each, home))
+        Prism(obstacle_name(each, index), corners_ne_m(each, origin), _top_alt_home_m(each, home))
         for index, each in enumerate(obstacles)
     ]
 
@@ -153,31 +162,34 @@ def _top_alt_home_m(obstacle: PlannedObstacle, home: HomePosition) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundGrid:
-    """Heights of the ground on a square grid. Outside the grid the values of its border apply."""
+    """Altitudes of the ground on a square grid. Outside the grid the values of its border apply."""
 
     north_m: float
     """Position of the south-west corner from home."""
     east_m: float
     spacing_m: float
-    heights_m: NDArray[np.float64]
-    """(rows to the north, columns to the east) height above home; at least 2 x 2."""
+    altitudes_home_m: NDArray[np.float64]
+    """(rows to the north, columns to the east) altitude of the ground above home; at least 2 x 2."""
 
-    def height_m(self, north_m: NDArray[np.float64], east_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) heights above home at positions (N,), interpolated between four grid points."""
-        heights = self.heights_m
-        row = np.clip((north_m - self.north_m) / self.spacing_m, 0.0, heights.shape[0] - 1.0)
-        column = np.clip((east_m - self.east_m) / self.spacing_m, 0.0, heights.shape[1] - 1.0)
-        r = np.minimum(row.astype(np.intp), heights.shape[0] - 2)
-        c = np.minimum(column.astype(np.intp), heights.shape[1] - 2)
+    def altitude_home_m(
+        self, north_m: NDArray[np.float64], east_m: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N,) altitudes of the ground above home at positions (N,), interpolated between four grid
+        points."""
+        altitudes = self.altitudes_home_m
+        row = np.clip((north_m - self.north_m) / self.spacing_m, 0.0, altitudes.shape[0] - 1.0)
+        column = np.clip((east_m - self.east_m) / self.spacing_m, 0.0, altitudes.shape[1] - 1.0)
+        r = np.minimum(row.astype(np.intp), altitudes.shape[0] - 2)
+        c = np.minimum(column.astype(np.intp), altitudes.shape[1] - 2)
         v, u = row - r, column - c
-        south = heights[r, c] * (1.0 - u) + heights[r, c + 1] * u
-        north = heights[r + 1, c] * (1.0 - u) + heights[r + 1, c + 1] * u
+        south = altitudes[r, c] * (1.0 - u) + altitudes[r, c + 1] * u
+        north = altitudes[r + 1, c] * (1.0 - u) + altitudes[r + 1, c + 1] * u
         return south * (1.0 - v) + north * v
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """What is around the start."""
+    """Obstacles and ground around the start."""
 
     obstacles: Sequence[AnyObstacle] = ()
     ground: GroundGrid | None = None
@@ -185,7 +197,7 @@ class Site:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is nothing but level ground."""
+        """Whether the ground is level and has no obstacles."""
         return not self.obstacles and self.ground is None
 
 

@@ -23,7 +23,7 @@ from missions.terrain.ground import Ground
 from missions.values import HomePosition
 from missions.values import Obstacle as PlannedObstacle
 
-SENSORS = (
+SIMULATED_SENSORS = (
     "Obstacle avoidance is simulated with a lidar that measures 20 m to all sides and one that points down; "
     "the sensors of the real vehicle may measure less."
 )
@@ -35,25 +35,29 @@ FindGround = Callable[[Sequence[tuple[float, float]]], tuple[Ground | None, Sequ
 
 
 @dataclass(frozen=True, slots=True)
-class _Given:
-    """The plan of a request, and what the site needs to know about it."""
+class _RequestedPlan:
+    """The plan of a request, with the data that `_site` needs."""
 
     flyable: Flyable
     positions: list[tuple[float, float]]
     """Positions of the plan: latitude, longitude [deg]."""
     obstacles: tuple[PlannedObstacle, ...]
-    avoids: bool
-    """Whether obstacle avoidance is on in a step."""
+    uses_avoidance: bool
+    """Whether obstacle avoidance is on in at least one step."""
 
 
-def _given(request: Mapping[str, Any], aircraft: Aircraft) -> _Given:
+def _requested_plan(request: Mapping[str, Any], aircraft: Aircraft) -> _RequestedPlan:
     if request["kind"] == "waypoint_plan":
         plan = plan_document.read(request["plan"])
-        return _Given(FlyablePlan.of(plan, aircraft), places(plan), plan.obstacles, avoids=False)
+        return _RequestedPlan(
+            FlyablePlan.from_plan(plan, aircraft), places(plan), plan.obstacles, uses_avoidance=False
+        )
     mission, origin = mission_reader.read(request["plan"]), _origin(request)
-    flyable = FlyableMission.of(mission, aircraft, origin=origin)
-    avoids = flyable.timeline.avoidance is not None
-    return _Given(flyable, flyable.places(origin or aircraft.origin), mission.obstacles, avoids)
+    flyable = FlyableMission.from_mission(mission, aircraft, origin=origin)
+    uses_avoidance = flyable.timeline.avoidance is not None
+    return _RequestedPlan(
+        flyable, flyable.positions(origin or aircraft.origin), mission.obstacles, uses_avoidance
+    )
 
 
 def _aircraft(request: Mapping[str, Any]) -> Aircraft:
@@ -75,13 +79,13 @@ def run(
         request: `kind` (waypoint_plan, offboard_mission), `plan` (JSON text), `origin` (of the vehicle's
             local frame; null: its start position), `aircraft`, `conditions`, `obstacles`, `seed`, `flights`
             and `spread` (null: one flight). For a mission of several vehicles: `roles`, with `aircraft` and
-            `origin` of each role, instead of these two (absent or null: one vehicle).
+            `origin` of each role, instead of `aircraft` and `origin` (absent or null: one vehicle).
         progress: called with a message and the completed fraction.
-        find_ground: reads elevation data; None: there are none, and the ground is level.
+        find_ground: reads elevation data; None: no elevation data, and level ground.
 
     Returns:
-        `nominal`, `monte_carlo` (null: one flight), `together` (null: one vehicle), and `assumed`: sentences
-        about the ground.
+        `nominal`, `monte_carlo` (null: one flight), `together` (null: one vehicle), and `assumed`:
+        sentences about the ground.
 
     Raises:
         PlanError: the plan cannot be flown.
@@ -93,34 +97,39 @@ def run(
     if request.get("roles") is not None:
         return _together(request, conditions, obstacles, progress, find_ground)
     aircraft = _aircraft(request)
-    given = _given(request, aircraft)
-    flyable = given.flyable
-    site, assumed = _site(
-        [*obstacles, *prisms_of(given.obstacles, aircraft.home)],
+    requested = _requested_plan(request, aircraft)
+    flyable = requested.flyable
+    site, assumptions = _site(
+        [*obstacles, *prisms_of(requested.obstacles, aircraft.home)],
         aircraft.origin,
-        given.positions,
+        requested.positions,
         find_ground,
     )
-    assumed += _about_avoidance(site, given.avoids)
+    assumptions += _avoidance_notes(site, requested.uses_avoidance)
     flights = request["flights"]
 
     def report(now_s: float, ended: int) -> None:
-        share = min(0.97, now_s / flyable.expected_s)
+        fraction = min(0.97, now_s / flyable.expected_s)
         if flights is None:
-            progress(f"{now_s:.0f} s of the flight are simulated.", share)
+            progress(f"{now_s:.0f} s of the flight are simulated.", fraction)
         else:
-            progress(f"{now_s:.0f} s are simulated; {ended} of {flights + 1} flights have ended.", share)
+            progress(f"{now_s:.0f} s are simulated; {ended} of {flights + 1} flights have ended.", fraction)
 
     seed = request["seed"]
     if flights is None:
-        one = dry_run(flyable, aircraft, conditions, seed=seed, site=site, report=report)
-        return {"nominal": one.document(), "monte_carlo": None, "together": None, "assumed": assumed}
+        run_once = dry_run(flyable, aircraft, conditions, seed=seed, site=site, report=report)
+        return {"nominal": run_once.document(), "monte_carlo": None, "together": None, "assumed": assumptions}
     many = monte_carlo(
         flyable, aircraft, conditions, Spread(**request["spread"]), flights=flights, seed=seed,
         site=site, report=report,
     )  # fmt: skip
     document = many.document()
-    return {"nominal": document.pop("nominal"), "monte_carlo": document, "together": None, "assumed": assumed}
+    return {
+        "nominal": document.pop("nominal"),
+        "monte_carlo": document,
+        "together": None,
+        "assumed": assumptions,
+    }
 
 
 def _together(
@@ -130,22 +139,24 @@ def _together(
     progress: Progress,
     find_ground: FindGround | None,
 ) -> dict[str, Any]:
-    """Flies all roles; `nominal` and `monte_carlo` have the path and the corridor of the first role, and the
-    findings and chances of all."""
+    """Flies all roles. `nominal` has the path of the first role and `monte_carlo` its corridor; both have the
+    findings and chances of all roles."""
     mission = mission_reader.read(request["plan"])
     roles, flights = request["roles"], request["flights"]
-    aircraft = {role: _aircraft(given) for role, given in roles.items()}
-    origins = {role: origin for role, given in roles.items() if (origin := _origin(given)) is not None}
+    aircraft = {role: _aircraft(requested) for role, requested in roles.items()}
+    origins = {
+        role: origin for role, requested in roles.items() if (origin := _origin(requested)) is not None
+    }
     positions: list[tuple[float, float]] = []
-    avoids = False
+    uses_avoidance = False
     for role, vehicle in aircraft.items():
-        flyable = FlyableMission.of(mission, vehicle, origin=origins.get(role), role=role)
-        positions += flyable.places(origins.get(role) or vehicle.origin)
-        avoids |= flyable.timeline.avoidance is not None
-    first = next(iter(aircraft.values()))
-    known = [*obstacles, *prisms_of(mission.obstacles, first.home)]
-    site, assumed = _site(known, first.origin, positions, find_ground)
-    assumed += _about_avoidance(site, avoids)
+        flyable = FlyableMission.from_mission(mission, vehicle, origin=origins.get(role), role=role)
+        positions += flyable.positions(origins.get(role) or vehicle.origin)
+        uses_avoidance |= flyable.timeline.avoidance is not None
+    first_aircraft = next(iter(aircraft.values()))
+    all_obstacles = [*obstacles, *prisms_of(mission.obstacles, first_aircraft.home)]
+    site, assumptions = _site(all_obstacles, first_aircraft.origin, positions, find_ground)
+    assumptions += _avoidance_notes(site, uses_avoidance)
     count = len(roles) * (1 if flights is None else flights + 1)
 
     def report(now_s: float, ended: int) -> None:
@@ -169,7 +180,7 @@ def _together(
     if many is not None:
         first_role = {**next(iter(many["roles"].values())), "chances": many.pop("chances")}
     together = {**flown, "monte_carlo": many}
-    return {"nominal": nominal, "monte_carlo": first_role, "together": together, "assumed": assumed}
+    return {"nominal": nominal, "monte_carlo": first_role, "together": together, "assumed": assumptions}
 
 
 def _site(
@@ -185,18 +196,19 @@ def _site(
     ground, messages = find_ground(around)
     if ground is None:
         return Site(obstacles), list(messages)
-    grid, assumed = ground_grid(ground, origin, around)
-    return Site(obstacles, grid), assumed
+    grid, assumptions = ground_grid(ground, origin, around)
+    return Site(obstacles, grid), assumptions
 
 
-def _about_avoidance(site: Site, avoids: bool) -> list[str]:
-    if not avoids:
+def _avoidance_notes(site: Site, uses_avoidance: bool) -> list[str]:
+    if not uses_avoidance:
         return []
-    return [NOTHING_TO_AVOID if site.is_empty else SENSORS]
+    return [NOTHING_TO_AVOID if site.is_empty else SIMULATED_SENSORS]
 
 
 def findings_of(roles: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The findings of all roles; equal findings of several roles become one, with the role names."""
+    """The findings of all roles; equal findings of several roles become one finding. A finding without a step
+    names its roles."""
     merged: dict[tuple[str, str | None, str], tuple[dict[str, Any], list[str]]] = {}
     for role, run in roles.items():
         for each in run["findings"]:

@@ -1,7 +1,7 @@
 """Simulates a mission of several vehicles: all roles in one batch, each from its vehicle's position.
 
-The separation guard, which holds vehicles in real flights, does not act in a dry run. A finding reports where
-it would act.
+The separation guard, which stops vehicles in real flights, does not act in a dry run. A finding reports where
+the guard would act.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Closest:
+class ClosestApproach:
     """The smallest distance between two vehicles."""
 
     roles: tuple[str, str]
@@ -50,10 +50,10 @@ class DryRunTogether:
     """Result of one dry run of all roles. Positions are relative to the home of the first role's vehicle."""
 
     roles: dict[str, DryRun]
-    closest: tuple[Closest, ...]
-    """One value for each pair of roles, if both flew."""
+    closest: tuple[ClosestApproach, ...]
+    """One entry for each pair of roles that both flew."""
     findings: tuple[DryRunFinding, ...]
-    """Findings about separation; all others are in `roles`."""
+    """Findings about separation; `roles` has all other findings."""
 
     def document(self) -> dict[str, Any]:
         """As JSON values."""
@@ -72,7 +72,7 @@ class DryRunTogether:
 
 
 class PilotsTogether:
-    """Starts all roles at the same time, and lets them leave their meeting points together.
+    """Starts all roles at the same time, and lets them continue together from meeting points.
 
     Args:
         pilots: by role; created with `alone=False`.
@@ -164,7 +164,7 @@ def fly_together(
         report: called with the progress; an exception from it ends the dry run.
 
     Returns:
-        The flights, the first with velocity, attitude and gimbal, and the computing time [s].
+        The flights and the computing time [s]. Only the first flight has velocity, attitude and gimbal.
 
     Raises:
         PlanError: a role has no vehicle, or the mission cannot be compiled.
@@ -176,7 +176,7 @@ def fly_together(
         raise PlanError("vehicles", f"role {missing[0]!r} has no vehicle", "Assign a vehicle to each role.")
     origins, roles = origins or {}, list(mission.roles)
     flyable = {
-        role: FlyableMission.of(mission, aircraft[role], origin=origins.get(role), role=role)
+        role: FlyableMission.from_mission(mission, aircraft[role], origin=origins.get(role), role=role)
         for role in roles
     }
     began_s = time.perf_counter()
@@ -195,21 +195,24 @@ def fly_together(
         fleet, pilots, all_conditions, Recorder(fleet, pilots, detailed=len(roles)), report=report,
         after_pilots=coordinate, longest_s=longest_s(sum(each.expected_s for each in flyable.values())),
     )  # fmt: skip
-    spent_s = time.perf_counter() - began_s
+    computing_s = time.perf_counter() - began_s
     home = aircraft[roles[0]].home
     from_home = {role: replace(aircraft[role], home=home) for role in roles}
     ended = iter(flights)
     flown = [
-        _evaluated(
-            {role: evaluate(next(ended), flyable[role], from_home[role], site, spent_s) for role in roles},
+        _evaluate_together(
+            {
+                role: evaluate(next(ended), flyable[role], from_home[role], site, computing_s)
+                for role in roles
+            },
             mission.separation_m,
         )
         for _ in conditions
     ]
-    return flown, spent_s
+    return flown, computing_s
 
 
-def _evaluated(runs: dict[str, DryRun], minimum_m: float) -> DryRunTogether:
+def _evaluate_together(runs: dict[str, DryRun], minimum_m: float) -> DryRunTogether:
     tracks = {role: run.track for role, run in runs.items() if run.track is not None}
     separation = list(_separation(tracks, minimum_m))
     return DryRunTogether(
@@ -221,20 +224,24 @@ def _evaluated(runs: dict[str, DryRun], minimum_m: float) -> DryRunTogether:
 
 def _separation(
     tracks: Mapping[str, Track], minimum_m: float
-) -> Iterator[tuple[Closest, DryRunFinding | None]]:
+) -> Iterator[tuple[ClosestApproach, DryRunFinding | None]]:
     """The smallest distance of each pair of roles while both fly, with a finding if it is too small."""
-    least_m = minimum_m + planned_margin_m()
-    for one, other in itertools.combinations(tracks, 2):
-        count = min(len(tracks[one].t_s), len(tracks[other].t_s))
-        a, b = (tracks[role].position_ned_m[:count] for role in (one, other))
+    required_m = minimum_m + planned_margin_m()
+    for first_role, second_role in itertools.combinations(tracks, 2):
+        count = min(len(tracks[first_role].t_s), len(tracks[second_role].t_s))
+        a, b = (tracks[role].position_ned_m[:count] for role in (first_role, second_role))
         distance_m = np.linalg.norm(a - b, axis=1)
         at = int(distance_m.argmin())
-        closest = Closest((one, other), float(distance_m[at]), float(tracks[one].t_s[at]))
-        separation_m = braking_separation_m(a, _velocity(a), b, _velocity(b), least_m)
-        near = np.flatnonzero(separation_m < least_m)
+        closest = ClosestApproach(
+            (first_role, second_role), float(distance_m[at]), float(tracks[first_role].t_s[at])
+        )
+        separation_m = braking_separation_m(a, _velocity(a), b, _velocity(b), required_m)
+        near = np.flatnonzero(separation_m < required_m)
         yield (
             closest,
-            _too_near(tracks, (one, other), separation_m, int(near[0]), least_m) if len(near) else None,
+            _too_near(tracks, (first_role, second_role), separation_m, int(near[0]), required_m)
+            if len(near)
+            else None,
         )
 
 
@@ -245,18 +252,19 @@ def _velocity(position_ned_m: Array) -> Array:
 
 
 def _too_near(
-    tracks: Mapping[str, Track], roles: tuple[str, str], separation_m: Array, first: int, least_m: float
+    tracks: Mapping[str, Track], roles: tuple[str, str], separation_m: Array, sample: int, required_m: float
 ) -> DryRunFinding:
-    one, other = (tracks[role] for role in roles)
-    t_s = float(one.t_s[first])
+    first_track, second_track = (tracks[role] for role in roles)
+    t_s = float(first_track.t_s[sample])
     steps = [
-        track.steps[at].place if (at := int(track.step[first])) >= 0 else "start" for track in (one, other)
+        track.steps[at].place if (at := int(track.step[sample])) >= 0 else "start"
+        for track in (first_track, second_track)
     ]
-    north, east, down = one.position_ned_m[first].tolist()
+    north, east, down = first_track.position_ned_m[sample].tolist()
     message = (
         f"After {t_s:.0f} s the vehicles of {roles[0]} ({steps[0]}) and {roles[1]} ({steps[1]}) come within "
-        f"{separation_m[first]:.1f} m of each other, including the distance to brake. In a real flight the "
-        f"guard stops both below {least_m:.1f} m."
+        f"{separation_m[sample]:.1f} m of each other, including the distance to brake. In a real flight the "
+        f"separation guard stops both vehicles below {required_m:.1f} m."
     )
-    step = steps[0] if int(one.step[first]) >= 0 else None
+    step = steps[0] if int(first_track.step[sample]) >= 0 else None
     return DryRunFinding("separation", message, step, round(t_s, 2), (north, east, down))

@@ -1,4 +1,4 @@
-"""Recordings of the flights of a batch: positions of all, and the full motion of some."""
+"""Recordings of the flights of a batch: positions of all vehicles, and the full motion of some."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from missions.dry_run.pilot import Pilot, Step
 
 Array = NDArray[np.float64]
 EVERY_TICKS = 5
-"""Sampled at 10 Hz."""
+"""A sample is taken every so many ticks: 10 Hz."""
 EVERY_S = EVERY_TICKS * TICK_S
 
 
@@ -24,15 +24,15 @@ class Track:
     t_s: Array
     """(N,) time since the start."""
     position_ned_m: Array
-    """(N, 3) relative to home."""
+    """(N, 3) position relative to home."""
     battery_share: Array
-    """(N,) 0 to 1."""
+    """(N,) battery charge, 0 to 1."""
     step: NDArray[np.int64]
     """(N,) index in `steps`; -1: no step."""
     steps: tuple[Step, ...]
     """The flown steps, in the order of their first sample."""
     velocity_ned_m_s: Array | None = None
-    """(N, 3); velocity, attitude and gimbal are None unless the flight is recorded in detail."""
+    """(N, 3). Velocity, attitude and gimbal are None unless the flight is recorded in detail."""
     q_ned_frd: Array | None = None
     """(N, 4)."""
     gimbal_rad: Array | None = None
@@ -72,7 +72,7 @@ class Recorder:
     def sample(self) -> None:
         """Adds one sample of all vehicles."""
         simulation, count = self._fleet.sim.simulation, len(self._pilots)
-        truth, at = simulation.truth, len(self._times)
+        truth, sample_index = simulation.truth, len(self._times)
         self._times.append(self._fleet.time_s)
         self._positions.append(truth.position_ned_m.astype(np.float32))
         self._batteries.append(simulation.battery.remaining.astype(np.float32))
@@ -82,19 +82,19 @@ class Recorder:
         self._gimbals.append(np.array([(each.actual.pitch_rad, each.yaw_ned_rad) for each in gimbals]))
         steps = np.full(count, -1, dtype=np.int32)
         for row, pilot in enumerate(self._pilots):
-            if pilot.started_s is None or (pilot.done and self._last[row] >= 0):
+            if pilot.started_s is None or (pilot.ended and self._last[row] >= 0):
                 continue
             if self._first[row] < 0:
-                self._first[row] = at
-            if pilot.done:
-                self._last[row] = at
+                self._first[row] = sample_index
+            if pilot.ended:
+                self._last[row] = sample_index
             if pilot.step is not None:
-                known = self._indices[row]
-                steps[row] = known.setdefault(pilot.step, len(known))
+                step_indices = self._indices[row]
+                steps[row] = step_indices.setdefault(pilot.step, len(step_indices))
         self._steps.append(steps)
 
     def track(self, row: int) -> Track | None:
-        """The flight of one vehicle; None: it never started."""
+        """The flight of one vehicle; None: the flight did not start."""
         first, last = int(self._first[row]), int(self._last[row])
         if first < 0:
             return None

@@ -32,23 +32,23 @@ class Upload:
     """The items of a plan as the vehicle stores them."""
 
     parts: tuple[tuple[int, tuple[Fields, ...]], ...]
-    """Mission type (mission, fence, rally) and its items."""
+    """Mission type (mission, fence or rally points) and items of this type."""
     steps: tuple[Step, ...]
     """One step for each mission item."""
     endless: frozenset[int]
-    """Mission items that never end by themselves."""
+    """Sequence numbers of the mission items that never end by themselves."""
 
     @classmethod
-    def of(cls, plan: Plan) -> Upload:
-        """The items of one plan.
+    def from_plan(cls, plan: Plan) -> Upload:
+        """Converts a plan to the items that the vehicle stores.
 
         Raises:
-            PlanError: PX4 refuses an item, or has no room for so many.
+            PlanError: PX4 refuses an item, or cannot store that many items.
         """
         parts = (
-            (FENCE, _stored(FENCE, fence_items(plan), "fence")),
-            (RALLY, _stored(RALLY, rally_items(plan), "rally point")),
-            (MISSION, _stored(MISSION, mission_items(plan), "item")),
+            (FENCE, _stored_items(FENCE, fence_items(plan), "fence")),
+            (RALLY, _stored_items(RALLY, rally_items(plan), "rally point")),
+            (MISSION, _stored_items(MISSION, mission_items(plan), "item")),
         )
         if not parts[-1][1]:
             raise PlanError("the plan", "it has no items", "Add items: there is nothing to fly.")
@@ -64,7 +64,7 @@ class Upload:
         return cls(parts, steps, endless)
 
 
-def _stored(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ...]:
+def _stored_items(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ...]:
     if len(items) > CAPACITY[kind]:
         reason = f"it has {len(items)} {name}s, PX4 has room for {CAPACITY[kind]}"
         raise PlanError("the plan", reason, "Remove some.")
@@ -72,8 +72,8 @@ def _stored(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ..
     for item in items:
         fields = dataclasses.asdict(item)
         if check_item(kind, fields, as_int=True) != ACCEPTED:
-            reason = f"PX4 does not accept command {item.command} in frame {item.frame} there"
-            raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or give it another altitude.")
+            reason = f"PX4 does not accept command {item.command} in frame {item.frame}"
+            raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or change its altitude.")
         stored.append(fields)
     return tuple(stored)
 
@@ -85,9 +85,9 @@ class WaypointPilot:
         self._vehicle = vehicle
         self._upload = upload
         self._failsafe = FailsafeWatch(vehicle)
-        self._settled_s: float | None = None
+        self._in_air_since_s: float | None = None
         self.started_s: float | None = None
-        self.done = self.finished = False
+        self.ended = self.finished = False
         self.step: Step | None = None
         self.findings: list[DryRunFinding] = []
         for kind, items in upload.parts:
@@ -95,11 +95,11 @@ class WaypointPilot:
 
     def tick(self, now_s: float) -> None:
         """Starts the mission when the vehicle is ready, then monitors its progress."""
-        if self.done:
+        if self.ended:
             return
         if self.started_s is None:
             self._start(now_s)
-        elif self._vehicle.autopilot.ran_full_tick or self._settled_s is not None:
+        elif self._vehicle.autopilot.ran_full_tick or self._in_air_since_s is not None:
             self._watch(now_s, now_s - self.started_s)
 
     def _start(self, now_s: float) -> None:
@@ -117,7 +117,7 @@ class WaypointPilot:
             return
         message = f"The vehicle does not start the mission: {self._vehicle.last_warning}."
         self.findings.append(finding_now("start_refused", message, None, 0.0, self._vehicle))
-        self.done = True
+        self.ended = True
 
     def _watch(self, now_s: float, t_s: float) -> None:
         commander = self._vehicle.autopilot.commander
@@ -128,17 +128,17 @@ class WaypointPilot:
         if finding is not None:
             self.findings.append(finding)
         if not commander.armed:
-            self.done = True
-            self.finished = mission.finished or (not self._failsafe.acted and self._returned())
+            self.ended = True
+            self.finished = mission.finished or (not self._failsafe.acted and self._ended_with_return())
             return
-        if self._ends_in_air(commander.active) and self._settled_s is None:
-            self._settled_s = now_s
-        if self._settled_s is not None and now_s - self._settled_s >= SETTLED_S:
-            self.done = self.finished = True
-            message = f"The mission ends in the air after {self.step.place if self.step else 'its start'}."
+        if self._ends_in_air(commander.active) and self._in_air_since_s is None:
+            self._in_air_since_s = now_s
+        if self._in_air_since_s is not None and now_s - self._in_air_since_s >= SETTLED_S:
+            self.ended = self.finished = True
+            message = f"The mission ends in the air after {self.step.place if self.step else 'the start'}."
             self.findings.append(finding_now("ends_in_air", message, self.step, t_s, self._vehicle))
 
-    def _returned(self) -> bool:
+    def _ended_with_return(self) -> bool:
         """Whether the last item was a return: PX4 lands in Return mode and never reports the mission as
         finished."""
         mission = self._vehicle.autopilot.navigator.mission

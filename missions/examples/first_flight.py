@@ -13,7 +13,7 @@ import math
 from gcs_server.client import Gcs, Offboard, Vehicle
 from missions.examples.arguments import parse
 
-UP_5_M = (0.0, 0.0, -5.0)
+ABOVE_START_NED_M = (0.0, 0.0, -5.0)
 EAST_RAD = math.pi / 2
 ARRIVED_M = 0.25
 
@@ -22,7 +22,9 @@ async def fly(server: str, vehicle: str | None) -> None:
     """Waits until the vehicle is ready, flies, and returns once it is disarmed."""
     async with Gcs(server, client="first_flight") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
-        async with drone.offboard(position_ned_m=UP_5_M, yaw_ned_rad=EAST_RAD, valid_for_s=0.5) as offboard:
+        async with drone.offboard(
+            position_ned_m=ABOVE_START_NED_M, yaw_ned_rad=EAST_RAD, valid_for_s=0.5
+        ) as offboard:
             print(offboard.started["if_stream_stops"])
             await asyncio.gather(drone.arm(), climb(drone, offboard))
             await drone.land()
@@ -32,8 +34,8 @@ async def fly(server: str, vehicle: str | None) -> None:
 
 async def climb(drone: Vehicle, offboard: Offboard) -> None:
     """Renews the setpoint until the vehicle has reached it."""
-    while (await drone.position_ned_m())[2] > UP_5_M[2] + ARRIVED_M:
-        await offboard.position_ned(*UP_5_M, yaw_ned_rad=EAST_RAD)
+    while (await drone.position_ned_m())[2] > ABOVE_START_NED_M[2] + ARRIVED_M:
+        await offboard.position_ned(*ABOVE_START_NED_M, yaw_ned_rad=EAST_RAD)
         await asyncio.sleep(0.1)
 
 

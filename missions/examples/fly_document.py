@@ -23,7 +23,7 @@ async def fly(
         server: address of the ground station.
         vehicle: id of the vehicle; None: the first connected one.
         mission: the mission, or the name of a file in this folder.
-        yes: answer each question of the mission with yes, without asking on the terminal.
+        yes: continue at each question of the mission without waiting for the Enter key.
         client: name of this program, shown to other clients.
 
     Raises:
@@ -47,14 +47,14 @@ async def fly(
 
 async def follow(drone: Vehicle, *, yes: bool) -> dict[str, Any]:
     """Prints each new step, asks the mission's questions on the terminal, and returns its final state."""
-    shown = None
+    printed_step = None
     while True:
         state = await drone.offboard_mission.state()
         assert state is not None
         if state["state"] in ENDED_STATES:
             return state
-        if state["place"] is not None and (state["place"], state["title"]) != shown:
-            shown = (state["place"], state["title"])
+        if state["place"] is not None and (state["place"], state["title"]) != printed_step:
+            printed_step = (state["place"], state["title"])
             print(f"{state['place']}: {state['title']}, {state['remaining_s']:.0f} s left")
         if state["question"] is not None:
             if yes:

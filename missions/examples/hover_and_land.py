@@ -1,4 +1,5 @@
-"""Arm, hold at 1 m until 21 s after the start, and land; an example of the blocking client.
+"""Arm, hold 1 m above the start until 21 s after the first setpoint, and land; an example of the blocking
+client.
 
 `python -m missions.examples.hover_and_land`
 """
@@ -10,7 +11,7 @@ import time
 from gcs_server.client import SyncGcs
 from missions.examples.arguments import parse
 
-ONE_METRE_UP = (0.0, 0.0, -1.0)
+ABOVE_START_NED_M = (0.0, 0.0, -1.0)
 LAND_AFTER_S = 21.0
 
 
@@ -19,10 +20,10 @@ def fly(server: str, vehicle: str | None) -> None:
     with SyncGcs(server, client="hover_and_land") as gcs:
         drone = gcs.wait_for_vehicle(vehicle, ready=True)
         start_s = time.monotonic()
-        with drone.offboard(position_ned_m=ONE_METRE_UP, valid_for_s=2) as offboard:
+        with drone.offboard(position_ned_m=ABOVE_START_NED_M, valid_for_s=2) as offboard:
             drone.arm()
             while time.monotonic() - start_s < LAND_AFTER_S:
-                offboard.position_ned(*ONE_METRE_UP)
+                offboard.position_ned(*ABOVE_START_NED_M)
                 time.sleep(0.1)
             drone.land()
         drone.until_disarmed()

@@ -14,8 +14,8 @@ from gcs_server.client import Gcs, Offboard, Vehicle
 from missions.examples.arguments import parse
 
 PositionNed = tuple[float, float, float]
-UP_1_M: PositionNed = (0.0, 0.0, -1.0)
-BEHIND_THE_BOX: PositionNed = (10.0, 0.0, -1.0)
+ABOVE_START_NED_M: PositionNed = (0.0, 0.0, -1.0)
+BEHIND_BOX_NED_M: PositionNed = (10.0, 0.0, -1.0)
 ARRIVED_M = 0.4
 GIVE_UP_S = 60.0
 
@@ -25,9 +25,11 @@ async def fly(server: str, vehicle: str | None, *, avoid: bool) -> None:
     async with Gcs(server, client="obstacle_flight") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
         await drone.set_obstacle_avoidance(avoid)
-        async with drone.offboard(position_ned_m=UP_1_M, yaw_ned_rad=0.0, valid_for_s=2.0) as offboard:
-            await asyncio.gather(drone.arm(), go_to(drone, offboard, UP_1_M))
-            arrived = await go_to(drone, offboard, BEHIND_THE_BOX)
+        async with drone.offboard(
+            position_ned_m=ABOVE_START_NED_M, yaw_ned_rad=0.0, valid_for_s=2.0
+        ) as offboard:
+            await asyncio.gather(drone.arm(), go_to(drone, offboard, ABOVE_START_NED_M))
+            arrived = await go_to(drone, offboard, BEHIND_BOX_NED_M)
             await drone.land()
         await drone.until_disarmed()
         await drone.set_obstacle_avoidance(False)

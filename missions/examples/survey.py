@@ -1,7 +1,7 @@
 """Survey a field north of the home with a camera, flown by PX4: `python -m missions.examples.survey`.
 
-The server computes the survey lines from the area, camera and overlaps. Then the plan is uploaded and
-started.
+The server computes the survey lines from the area, camera and overlaps. The program uploads the plan and
+starts it.
 """
 
 from __future__ import annotations
@@ -44,9 +44,16 @@ async def make_plan(gcs: Gcs, drone: Vehicle) -> dict[str, Any]:
     assert home is not None, "a vehicle that is ready has a home"
     lat, lon = home["lat_deg"], home["lon_deg"]
     altitude = {"value_m": HEIGHT_M, "reference": "home"}
-    north = [lat + metres / METRES_PER_DEGREE for metres in (NORTH_OF_HOME_M, NORTH_OF_HOME_M + DEPTH_M)]
+    south_and_north_deg = [
+        lat + metres / METRES_PER_DEGREE for metres in (NORTH_OF_HOME_M, NORTH_OF_HOME_M + DEPTH_M)
+    ]
     half_deg = WIDTH_M / 2 / (METRES_PER_DEGREE * math.cos(math.radians(lat)))
-    corners = [(north[0], -half_deg), (north[0], half_deg), (north[1], half_deg), (north[1], -half_deg)]
+    corners = [
+        (south_and_north_deg[0], -half_deg),
+        (south_and_north_deg[0], half_deg),
+        (south_and_north_deg[1], half_deg),
+        (south_and_north_deg[1], -half_deg),
+    ]
     pattern = await gcs.plans().pattern(
         "survey",
         outer=[{"lat_deg": corner, "lon_deg": lon + east} for corner, east in corners],
@@ -55,22 +62,22 @@ async def make_plan(gcs: Gcs, drone: Vehicle) -> dict[str, Any]:
     )
     figures = pattern["figures"]
     print(f"{figures['photos']} pictures on {figures['lines_length_m']:.0f} m.")
-    here = {"lat_deg": lat, "lon_deg": lon}
-    up = {"kind": "takeoff", **here, "altitude": altitude}
-    down = {"kind": "land", **here, "altitude": {"value_m": 0.0, "reference": "home"}}
-    return {**pattern["plan"], "items": [up, *pattern["plan"]["items"], down]}
+    home_position = {"lat_deg": lat, "lon_deg": lon}
+    takeoff = {"kind": "takeoff", **home_position, "altitude": altitude}
+    landing = {"kind": "land", **home_position, "altitude": {"value_m": 0.0, "reference": "home"}}
+    return {**pattern["plan"], "items": [takeoff, *pattern["plan"]["items"], landing]}
 
 
 async def follow(drone: Vehicle) -> None:
     """Prints each item when the vehicle reaches it, until the motors have stopped."""
-    shown = None
+    printed_item = None
 
     def landed(vehicle: dict[str, Any]) -> bool:
-        nonlocal shown
+        nonlocal printed_item
         mission = (vehicle["topics"].get("mission") or {"value": None})["value"]
-        if mission is not None and mission["current"] != shown:
-            shown = mission["current"]
-            print(f"Item {shown + 1} of {mission['count']}")
+        if mission is not None and mission["current"] != printed_item:
+            printed_item = mission["current"]
+            print(f"Item {printed_item + 1} of {mission['count']}")
         return not vehicle["status"]["armed"]
 
     await drone.until(landed, timeout_s=TIMEOUT_S, what="the end of the survey")

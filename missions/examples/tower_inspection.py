@@ -1,4 +1,5 @@
-"""Inspect a tower from all sides, gimbal pointed at it: `python -m missions.examples.tower_inspection`.
+"""Inspect a tower from all sides, with the gimbal pointed at the tower: `python -m
+missions.examples.tower_inspection`.
 
 Start the ground station with a camera on the simulated vehicle: `make run ARGS="--sim-args=--camera"`.
 """

@@ -1,6 +1,7 @@
 """Two vehicles that fly one mission together: `python -m missions.examples.two_vehicle_show`.
 
-The first and the last vehicle of the ground station fly it; they must be at least 7 m apart (`gcs --sim 4`).
+The first and the last vehicle of the ground station fly the mission. They must be at least 7 m apart, as with
+`gcs --sim 4`.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ DOCUMENT = "two_vehicle_show.yaml"
 
 
 async def fly(server: str) -> None:
-    """Waits until both vehicles are ready, flies the mission, and returns once they are disarmed.
+    """Waits until both vehicles are ready, flies the mission, and returns once both vehicles are disarmed.
 
     Raises:
-        SystemExit: the mission of one of the two ended early.
+        SystemExit: the mission ended early on one of the two vehicles.
     """
     async with Gcs(server, client="two_vehicle_show") as gcs:
         await gcs.wait_for_vehicle(ready=True)

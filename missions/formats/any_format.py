@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, get_args
 
-from missions import plan as own
+from missions import plan as plan_document
 from missions.bounded_json import load
 from missions.documents import MISSION_FORMAT, Document
 from missions.errors import PlanError
@@ -24,18 +24,18 @@ MISSION_FORMATS: tuple[FormatName, ...] = ("json", "yaml")
 """Formats of offboard missions; `yaml` is for offboard missions only."""
 
 _READERS: dict[FormatName, Callable[[bytes, ImportOptions], Imported]] = {
-    "json": lambda data, _: _own(data),
+    "json": lambda data, _: _read_json(data),
     "plan": lambda data, _: qgc_plan.read(data),
     "waypoints": lambda data, _: waypoints.read(data),
     "csv": csv_table.read,
     "geojson": geojson.read,
     "kml": kml.read,
     "kmz": kml.read,
-    "yaml": lambda data, _: _mission(data),
+    "yaml": lambda data, _: _read_mission(data),
 }
 _WRITERS: dict[FormatName, Callable[[Plan], Written]] = {
-    "json": lambda plan: Written(own.write(plan)),
-    "yaml": lambda _: _no_mission(),
+    "json": lambda plan: Written(plan_document.write(plan)),
+    "yaml": lambda _: _refuse_plan(),
     "plan": qgc_plan.write,
     "waypoints": waypoints.write,
     "csv": csv_table.write,
@@ -110,18 +110,18 @@ def write(name: FormatName, document: Document) -> Written:
     return Written(mission_writer.write_yaml(document) if name == "yaml" else write_mission(document))
 
 
-def _own(data: bytes) -> Imported:
+def _read_json(data: bytes) -> Imported:
     value = load(data)
     is_mission = isinstance(value, dict) and value.get("format") == MISSION_FORMAT
-    return Imported(mission_reader.read(data) if is_mission else own.read(data))
+    return Imported(mission_reader.read(data) if is_mission else plan_document.read(data))
 
 
-def _mission(data: bytes) -> Imported:
+def _read_mission(data: bytes) -> Imported:
     comments = any(line.lstrip().startswith(b"#") for line in data.splitlines())
     notes = ("The comments of the file are not kept.",) if comments else ()
     return Imported(mission_reader.read(data), notes=notes)
 
 
-def _no_mission() -> Written:
+def _refuse_plan() -> Written:
     reason = "yaml is for offboard missions, and this is a waypoint plan"
     raise PlanError("the format", reason, "Write it as json, or convert it to an offboard mission first.")

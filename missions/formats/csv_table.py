@@ -1,8 +1,8 @@
 """Plans as a CSV table: one item per row, columns named after the item's fields.
 
 `kind` is optional (default: waypoint). `altitude_m` and `altitude_reference` are the altitude. An empty cell
-means the field's default, "none" means no value. The separator is a comma, semicolon or tab. The first row
-names the columns.
+stands for the default of the field, "none" for no value. The separator is a comma, semicolon or tab. The
+first row names the columns.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A plan as geographic features, shared by GeoJSON and KML.
 
 Items with a position, fence zones, rally points, obstacles and home are features with a geometry; other items
-are features without one. The properties contain the item's fields, so that a file written here can be read
-back without loss. A feature of another program has no `role`: its points and lines become waypoints, and its
-areas become `Area`s.
+are features without a geometry. The properties contain the item's fields, so that a file written here can be
+read back without loss. A feature of another program has no `role`: its points and lines become waypoints, and
+its areas become `Area`s.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ class Feature:
 
     geometry: Geometry
     rings: tuple[tuple[Coordinate, ...], ...] = ()
-    """One list of coordinates for a point or line; for an area the outer ring, then the holes. Rings are not
-    closed."""
+    """A point or line has one list of coordinates; an area has the outer ring, then the holes. The first
+    corner of a ring is not repeated at its end."""
     properties: dict[str, Any] = field(default_factory=dict[str, Any])
     name: str = ""
     altitude: Altitude | None = None
     """Altitude reference of the coordinates; None if the format does not state it."""
 
 
-def of_plan(plan: Plan) -> list[Feature]:
+def features_of_plan(plan: Plan) -> list[Feature]:
     """The features of a plan."""
     features: list[Feature] = []
     if plan.planned_home is not None:
@@ -77,7 +77,7 @@ def of_plan(plan: Plan) -> list[Feature]:
     return features
 
 
-def written(data: bytes, plan: Plan, name: str) -> Written:
+def result_with_notes(data: bytes, plan: Plan, name: str) -> Written:
     """The file, with notes about data that it cannot store."""
     return Written(data, loss_notes(plan, name, fence=True, rally=True, home=True, obstacles=True))
 
@@ -97,7 +97,7 @@ def _point_feature(
 
 
 def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> Imported:
-    """The plan of a file's features.
+    """The plan that the features of a file describe.
 
     Raises:
         PlanError: A value is wrong, a point has no altitude, or there are too many items; the error names the
@@ -124,7 +124,7 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
                 case "home":
                     home = HomePosition.model_validate_json(_json_without_role(feature))
                 case _:
-                    _add_foreign(feature, options, items, areas)
+                    _add_from_other_program(feature, options, items, areas)
         except ValidationError as error:
             invalid = from_validation(error)
             raise PlanError(f"{place}, {invalid.place}", invalid.reason, invalid.fix) from None
@@ -180,7 +180,7 @@ def _read_fence_zone(feature: Feature) -> FenceZone:
     return _ZONE.validate_json(json.dumps(fields))
 
 
-def _add_foreign(
+def _add_from_other_program(
     feature: Feature, options: ImportOptions, items: list[SimpleItem], areas: list[Area]
 ) -> None:
     if len(items) + sum(map(len, feature.rings)) > MAX_ITEMS:

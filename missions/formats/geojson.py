@@ -109,10 +109,10 @@ def write(plan: Plan) -> Written:
             "geometry": _to_json(feature),
             "properties": {"name": feature.name, **feature.properties},
         }
-        for feature in features.of_plan(plan)
+        for feature in features.features_of_plan(plan)
     ]
     text = json.dumps({"type": "FeatureCollection", "features": written}, allow_nan=False, indent=1)
-    return features.written(text.encode(), plan, "A GeoJSON file")
+    return features.result_with_notes(text.encode(), plan, "A GeoJSON file")
 
 
 def _to_json(feature: Feature) -> dict[str, Any] | None:

@@ -29,7 +29,7 @@ from missions.plan import MAX_ITEMS, Plan
 from missions.values import Altitude
 
 NAMESPACE = "http://www.opengis.net/kml/2.2"
-_DATA = "offboard-gcs"
+_DATA_NAME = "offboard-gcs"
 _REFERENCE = {"absolute": "amsl", "relativeToGround": "terrain"}
 MAX_ZIP_ENTRIES = 1000
 _CHUNK_BYTES = 64 * 1024
@@ -47,7 +47,7 @@ def read(data: bytes, options: ImportOptions | None = None) -> Imported:
     """
     text = decode(_unpacked(data) if data[:2] == b"PK" else data)
     root = _parse(text)
-    placed = [feature for placemark in _all(root, "Placemark") for feature in _placemark(placemark)]
+    placed = [feature for placemark in _descendants(root, "Placemark") for feature in _placemark(placemark)]
     return features.to_plan(placed, options or ImportOptions(), "The KML file")
 
 
@@ -61,10 +61,10 @@ def _unpacked(data: bytes) -> bytes:
                 raise PlanError(
                     "the KMZ file", f"more than {MAX_ZIP_ENTRIES} entries", "Choose another file."
                 )
-            names = [entry for entry in entries if entry.filename.lower().endswith(".kml")]
-            if not names:
+            documents = [entry for entry in entries if entry.filename.lower().endswith(".kml")]
+            if not documents:
                 raise PlanError("the KMZ file", "it has no KML document", "Choose another file.")
-            with archive.open(names[0]) as file:
+            with archive.open(documents[0]) as file:
                 chunks: list[bytes] = []
                 while chunk := file.read(_CHUNK_BYTES):
                     chunks.append(chunk)
@@ -127,16 +127,16 @@ def _parse(text: str) -> Element:
         raise PlanError("the KML file", "it has entities or a document type", "Remove them.") from None
 
 
-def _name(element: Element) -> str:
+def _local_name(element: Element) -> str:
     return element.tag.rpartition("}")[2]
 
 
-def _all(element: Element, name: str) -> Iterator[Element]:
-    return (each for each in element.iter() if _name(each) == name)
+def _descendants(element: Element, name: str) -> Iterator[Element]:
+    return (each for each in element.iter() if _local_name(each) == name)
 
 
 def _text(element: Element, name: str) -> str:
-    return next(((each.text or "").strip() for each in element if _name(each) == name), "")
+    return next(((each.text or "").strip() for each in element if _local_name(each) == name), "")
 
 
 def _placemark(placemark: Element) -> Iterator[Feature]:
@@ -144,10 +144,10 @@ def _placemark(placemark: Element) -> Iterator[Feature]:
     properties = _properties(placemark)
     has_geometry = False
     for geometry in placemark.iter():
-        match _name(geometry):
+        match _local_name(geometry):
             case "Point" | "LineString":
                 has_geometry = True
-                kind = "point" if _name(geometry) == "Point" else "line"
+                kind = "point" if _local_name(geometry) == "Point" else "line"
                 ring = _coordinates(geometry, name)
                 if kind == "point" and len(ring) != 1:
                     raise PlanError(
@@ -156,8 +156,8 @@ def _placemark(placemark: Element) -> Iterator[Feature]:
                 yield Feature(kind, (ring,), properties, name, _altitude(geometry))
             case "Polygon":
                 has_geometry = True
-                outer = [_coordinates(each, name) for each in _all(geometry, "outerBoundaryIs")]
-                holes = [_coordinates(each, name) for each in _all(geometry, "innerBoundaryIs")]
+                outer = [_coordinates(each, name) for each in _descendants(geometry, "outerBoundaryIs")]
+                holes = [_coordinates(each, name) for each in _descendants(geometry, "innerBoundaryIs")]
                 if len(outer) != 1:
                     raise PlanError(
                         f"placemark {name!r}",
@@ -177,15 +177,15 @@ def _altitude(geometry: Element) -> Altitude | None:
 
 
 def _properties(placemark: Element) -> dict[str, Any]:
-    for data in _all(placemark, "Data"):
-        if data.get("name") == _DATA:
+    for data in _descendants(placemark, "Data"):
+        if data.get("name") == _DATA_NAME:
             properties = load_json(_text(data, "value"))
             return properties if isinstance(properties, dict) else {}
     return {}
 
 
 def _coordinates(geometry: Element, name: str) -> tuple[Coordinate, ...]:
-    text = next(((each.text or "") for each in _all(geometry, "coordinates")), "")
+    text = next(((each.text or "") for each in _descendants(geometry, "coordinates")), "")
     coordinates = text.split()
     if len(coordinates) > MAX_ITEMS:
         raise PlanError(f"placemark {name!r}", f"more than {MAX_ITEMS} coordinates", "Simplify it.")
@@ -207,14 +207,14 @@ def write(plan: Plan) -> Written:
     """The plan as KML: a placemark for each item, fence zone, rally point and home."""
     root = Element("kml", {"xmlns": NAMESPACE})
     document = SubElement(root, "Document")
-    for feature in features.of_plan(plan):
+    for feature in features.features_of_plan(plan):
         placemark = SubElement(document, "Placemark")
         SubElement(placemark, "name").text = feature.name
-        data = SubElement(SubElement(placemark, "ExtendedData"), "Data", {"name": _DATA})
+        data = SubElement(SubElement(placemark, "ExtendedData"), "Data", {"name": _DATA_NAME})
         SubElement(data, "value").text = json.dumps(feature.properties, allow_nan=False)
         _write_geometry(placemark, feature)
     text = b'<?xml version="1.0" encoding="UTF-8"?>\n' + tostring(root, encoding="utf-8")
-    return features.written(text + b"\n", plan, "A KML file")
+    return features.result_with_notes(text + b"\n", plan, "A KML file")
 
 
 def write_kmz(plan: Plan) -> Written:

@@ -36,7 +36,7 @@ REFERENCE_OF_FRAME: dict[int, Reference] = {
     MAV_FRAME_GLOBAL_TERRAIN_ALT_INT: "terrain",
 }
 FILE_FRAME: dict[Reference, int] = {"amsl": 0, "home": 3, "terrain": 10}
-"""Frames in files: those without _INT."""
+"""Frames in files; files do not use _INT frames."""
 WIRE_FRAME: dict[Reference, int] = {"amsl": 5, "home": 6, "terrain": 11}
 RALLY_FRAME: dict[Reference, int] = FILE_FRAME
 """PX4's Return mode refuses _INT frames in rally points ("RTL: unsupported MAV_FRAME")."""
@@ -70,12 +70,12 @@ class WireItem:
 
 
 def altitude_of(item: SimpleItem) -> Altitude | None:
-    """The altitude of an item; None if it has no position."""
+    """The altitude of an item; None: the item has no position."""
     return item.altitude if isinstance(item, PlacedItem) else None
 
 
 def params_of(item: SimpleItem) -> Params:
-    """The seven parameters of an item; parameter 7 of a terrain altitude is the height above ground."""
+    """The seven parameters of an item. For a terrain altitude, parameter 7 is the height above ground."""
     if isinstance(item, CommandItem):
         return item.params
     values: list[float | None] = [_slot_value(item, slot) for slot in item.SLOTS]
@@ -90,13 +90,13 @@ def _slot_value(item: Item, slot: Slot) -> float | None:
     return getattr(item, slot) if isinstance(slot, str) else slot
 
 
-def item_of(
+def item_from_params(
     command: int, frame: int, params: Params, *, autocontinue: bool = True, original: str | None = None
 ) -> SimpleItem:
-    """Converts seven parameters to an item. A command without a class of its own becomes a `CommandItem`.
+    """Converts seven parameters to an item. A command for which no class exists becomes a `CommandItem`.
 
-    The frame of an item without a position is ignored, because files of other autopilots contain any value
-    there.
+    The frame of an item without a position is ignored, because files of other autopilots contain any
+    value in this field.
 
     Raises:
         PlanError: A value is out of range; `place` names the parameter's field only.
@@ -163,7 +163,7 @@ def frame_of(item: SimpleItem, frames: dict[Reference, int]) -> int:
 
 
 def mission_items(plan: Plan) -> tuple[WireItem, ...]:
-    """The mission items to upload. A terrain altitude is sent as its `resolved_amsl_m` if it has one.
+    """The mission items to upload. A terrain altitude is sent as `resolved_amsl_m` if that is known.
 
     Raises:
         PlanError: A value does not fit into the message; the error names the item.
@@ -221,7 +221,7 @@ def _from_wire(item: WireItem) -> SimpleItem:
     raw = (item.param1, item.param2, item.param3, item.param4, item.x / scale, item.y / scale, item.z)
     params = tuple(_bounded(value) for value in raw)
     try:
-        return item_of(item.command, item.frame, params, autocontinue=item.autocontinue)
+        return item_from_params(item.command, item.frame, params, autocontinue=item.autocontinue)
     except PlanError:
         return CommandItem(
             command=item.command,

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from missions import bounded_json
 from missions.errors import PlanError, from_validation
-from missions.formats.mavlink_items import FILE_FRAME, frame_of, item_of, params_of
+from missions.formats.mavlink_items import FILE_FRAME, frame_of, item_from_params, params_of
 from missions.items import CommandItem, PlacedItem
 from missions.plan import SimpleItem
 from missions.values import Altitude, Reference
@@ -72,7 +72,7 @@ def _integer(part: dict[str, Any], key: str, place: str) -> int:
 
 
 def read_simple(part: dict[str, Any], place: str) -> SimpleItem:
-    """Reads a SimpleItem; the target of a jump is still the file's doJumpId.
+    """Reads a SimpleItem; the target of a jump remains the doJumpId of the file.
 
     Raises:
         PlanError: A value is wrong; the message starts with `place`.
@@ -91,7 +91,9 @@ def read_simple(part: dict[str, Any], place: str) -> SimpleItem:
             f"{place}, field autoContinue", "it is neither true nor false", "Write true or false."
         )
     try:
-        item = item_of(command, frame, params, autocontinue=autocontinue, original=bounded_json.dump(part))
+        item = item_from_params(
+            command, frame, params, autocontinue=autocontinue, original=bounded_json.dump(part)
+        )
     except PlanError as error:
         raise PlanError(f"{place}, {error.place}", error.reason, error.fix) from None
     altitude = part.get("Altitude")
@@ -115,7 +117,7 @@ def _above_terrain(altitude: Any, amsl_m: float, place: str) -> Altitude:
 
 
 def jump_id(part: dict[str, Any], index: int) -> int:
-    """The doJumpId of an item, or else its number, counted from 1."""
+    """The doJumpId of an item; if the item has none, its number, counted from 1."""
     value = part.get("doJumpId")
     return value if isinstance(value, int) and not isinstance(value, bool) else index + 1
 

@@ -27,7 +27,8 @@ _VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
 _SPEEDS: Final = {"cruiseSpeed": "cruise_speed_m_s", "hoverSpeed": "hover_speed_m_s"}
 _PX4, _QUADROTOR = 12, 2
 _OBSTACLES: Final = "offboardGcsObstacles"
-"""Key for the obstacles, as in this project's JSON. QGroundControl ignores it, and drops it when it saves."""
+"""Key of the obstacles, which are written as in this project's JSON. QGroundControl ignores this key, and
+does not save it."""
 _READ_OBSTACLES: TypeAdapter[tuple[Obstacle, ...]] = TypeAdapter(Obstacles)
 
 
@@ -124,7 +125,7 @@ def _empty() -> dict[str, Any]:
 
 
 def _checked(original: str) -> dict[str, Any]:
-    """The original document, checked again because the plan's JSON may have been edited."""
+    """The original document. It is checked again, because the JSON of the plan may have been edited."""
     document = require_object(bounded_json.load(original), "field original")
     for key in ("mission", *(key for key in ("geoFence", "rallyPoints") if key in document)):
         require_object(document.get(key), f"field original, field {key}")
@@ -133,7 +134,7 @@ def _checked(original: str) -> dict[str, Any]:
 
 
 def _template(document: dict[str, Any]) -> dict[str, Any]:
-    """The document without items and zones, because these have their own JSON."""
+    """The document without items and zones, because each item and zone keeps its own JSON."""
     kept = dict(document)
     kept["mission"] = {**document["mission"], "items": []}
     if "geoFence" in document:
@@ -168,7 +169,7 @@ def _obstacles(document: dict[str, Any]) -> tuple[Obstacle, ...]:
 
 
 def _speed(mission: dict[str, Any], key: str) -> float | None:
-    """A planned speed in m/s; QGroundControl writes 0 or null if there is none."""
+    """A planned speed in m/s; QGroundControl writes 0 or null for no planned speed."""
     raw = mission.get(key)
     if raw is None:
         return None
@@ -262,7 +263,7 @@ def _write_items(plan: Plan) -> list[Any]:
 
 
 def _jump_ids(items: Sequence[SimpleItem]) -> list[int]:
-    """A doJumpId for each item: the one from its file if it is unique, otherwise a new one."""
+    """A doJumpId for each item: the doJumpId from the file if it is unique, otherwise a new one."""
     originals: list[int | None] = []
     taken: set[int] = set()
     for item in items:
@@ -285,16 +286,16 @@ def _jump_ids(items: Sequence[SimpleItem]) -> list[int]:
 def _write_simple(
     item: SimpleItem, item_jump_id: int, ids: list[int], index_of: dict[int, int]
 ) -> dict[str, Any]:
-    fresh = qgc_item.simple_object(item, item_jump_id)
+    new_object = qgc_item.simple_object(item, item_jump_id)
     if isinstance(item, Jump):
         target = item.target_index
-        fresh["params"][0] = ids[target] if target < len(ids) else max(ids) + 1
+        new_object["params"][0] = ids[target] if target < len(ids) else max(ids) + 1
     if item.original is None:
-        return fresh
+        return new_object
     raw = require_object(bounded_json.load(item.original), "the item")
     as_read = _with_targets(qgc_item.read_simple(raw, "the item"), index_of)
     if as_read != item:
-        return {**raw, **fresh}
+        return {**raw, **new_object}
     if "doJumpId" in raw:
         raw["doJumpId"] = item_jump_id
     return raw

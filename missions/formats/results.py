@@ -46,7 +46,7 @@ class ImportOptions:
 
 
 def count(number: int, noun: str) -> str:
-    """`1 rally point`, `2 rally points`."""
+    """A number with its noun, in singular or plural: `1 rally point`, `2 rally points`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
@@ -59,8 +59,8 @@ def loss_notes(
     home: bool = False,
     obstacles: bool = False,
 ) -> tuple[str, ...]:
-    """Notes about the parts of a plan that a format cannot store; the flags are the parts that it can
-    store."""
+    """Notes about the parts of a plan that a format cannot store; the flags name the parts that
+    the format can store."""
     parts: list[str] = []
     if plan.fence and not fence:
         parts.append(f"the geofence ({count(len(plan.fence), 'zone')})")

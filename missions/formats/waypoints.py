@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from missions.bounded_json import decode_lines
 from missions.errors import PlanError, from_validation
-from missions.formats.mavlink_items import FILE_FRAME, frame_of, item_of, params_of
+from missions.formats.mavlink_items import FILE_FRAME, frame_of, item_from_params, params_of
 from missions.formats.results import Imported, Written, loss_notes
 from missions.items import CommandItem, Jump, PlacedItem
 from missions.plan import MAX_ITEMS, Plan, SimpleItem
@@ -85,7 +85,7 @@ def _home(row: list[float | None], line: int) -> HomePosition:
 def _item(line: int, row: list[float | None], first: int) -> SimpleItem:
     frame, command = int(row[2] or 0), int(row[3] or 0)
     try:
-        item = item_of(command, frame, tuple(row[4:11]), autocontinue=bool(row[11]))
+        item = item_from_params(command, frame, tuple(row[4:11]), autocontinue=bool(row[11]))
     except PlanError as error:
         raise PlanError(f"line {line}, {error.place}", error.reason, error.fix) from None
     if not isinstance(item, Jump):

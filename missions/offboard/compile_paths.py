@@ -42,20 +42,22 @@ from missions.trajectory.points import SAME_POINT_M, PassPoint
 from missions.trajectory.solve import Heading, along, through
 
 TURN_RAD = math.radians(1.0)
-"""Smaller heading changes need no separate turn."""
+"""Smaller heading changes get no separate turn."""
 MAX_PHOTOS = 10_000
 """Maximum number of pictures of one segment."""
 
 
-def hold(state: State, step: Hold) -> None:
-    """Turns if a yaw is given, then holds the position."""
+def compile_hold(state: State, step: Hold) -> None:
+    """Adds a turn if a yaw is given, then a hold of the position."""
     if step.yaw_ned_rad is not None:
         turn_to(state, step.yaw_ned_rad)
-    stay(state, step.duration_s)
+    hold_position(state, step.duration_s)
 
 
-def stay(state: State, duration_s: float, events: tuple[Event, ...] = (), title: str | None = None) -> None:
-    """Holds the current position."""
+def hold_position(
+    state: State, duration_s: float, events: tuple[Event, ...] = (), title: str | None = None
+) -> None:
+    """Adds a segment that holds the current position."""
     state.add(
         HoldSegment(
             state.place, title or state.title, duration_s, state.position_ned_m, state.yaw_ned_rad,
@@ -64,19 +66,20 @@ def stay(state: State, duration_s: float, events: tuple[Event, ...] = (), title:
     )  # fmt: skip
 
 
-def photo(state: State, step: Photo) -> None:
-    """Takes pictures while holding the position."""
+def compile_photo(state: State, step: Photo) -> None:
+    """Adds a hold of the position with the pictures."""
     events = tuple(Event(k * step.interval_s, "photo", step.component) for k in range(step.count))
-    stay(state, (step.count - 1) * step.interval_s, events)
+    hold_position(state, (step.count - 1) * step.interval_s, events)
 
 
 def turn_to(state: State, yaw_ned_rad: float) -> None:
-    """Turns on the spot if the heading differs."""
+    """Adds a turn on the spot if the heading differs."""
     if abs(wrap_pi(yaw_ned_rad - state.yaw_ned_rad)) < TURN_RAD:
         return
-    here = state.position_ned_m
+    start_point = state.position_ned_m
     curve = through(
-        [PassPoint(here, state.yaw_ned_rad), PassPoint(here, yaw_ned_rad)], state.compilation.motion
+        [PassPoint(start_point, state.yaw_ned_rad), PassPoint(start_point, yaw_ned_rad)],
+        state.compilation.motion,
     )
     add_curve(state, curve, "Turn")
 
@@ -99,7 +102,7 @@ def _photos(curve: TimedCurve, every_m: float) -> tuple[Event, ...]:
     """A picture event at the start and after every `every_m` metres."""
     if curve.length_m / every_m > MAX_PHOTOS:
         reason = f"{curve.length_m / every_m:.0f} pictures, the maximum is {MAX_PHOTOS}"
-        raise PlanError("field photo_every_m", reason, "Give a longer distance.")
+        raise PlanError("field photo_every_m", reason, "Give a larger distance.")
     times = np.linspace(0.0, curve.duration_s, 20 * (10 + int(curve.duration_s)))
     positions_ned_m = curve.sample(times).position_ned_m
     flown_m = np.concatenate(([0.0], np.cumsum(np.sqrt((np.diff(positions_ned_m, axis=0) ** 2).sum(axis=1)))))
@@ -107,8 +110,8 @@ def _photos(curve: TimedCurve, every_m: float) -> tuple[Event, ...]:
     return tuple(Event(t, "photo") for t in np.interp(picture_at_m, flown_m, times).tolist())
 
 
-def fly(state: State, step: Fly) -> None:
-    """Flies through points; a point with a hold time ends one path and starts the next."""
+def compile_fly(state: State, step: Fly) -> None:
+    """Adds paths through the points; a point with a hold time ends one path and starts the next."""
     limits = state.limits_for(step)
     positions = [state.locate(point) for point in step.points]
     has_yaw = any(point.yaw_ned_rad is not None for point in step.points)
@@ -119,17 +122,17 @@ def fly(state: State, step: Fly) -> None:
             _fly_part(state, step, part, limits, has_yaw=has_yaw)
             first = index + 1
             if point.hold_s > 0.0:
-                stay(state, point.hold_s, title="Hold")
+                hold_position(state, point.hold_s, title="Hold")
 
 
 def _fly_part(
     state: State, step: Fly, part: list[tuple[FlyPoint, Vector3]], limits: MotionLimits, *, has_yaw: bool
 ) -> None:
-    here = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
-    points = [here]
+    start_point = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
+    points = [start_point]
     for point, position in part:
         points.append(PassPoint(position, point.yaw_ned_rad, point.stop, point.corner_m))
-    state.compilation.count(points=len(points))
+    state.compilation.add_size(points=len(points))
     heading = None if has_yaw else heading_of(state, step)
     curve = through(points, limits, exact=step.curve == "smooth", heading=heading)
     _add_turn_and_curve(state, curve, step)
@@ -153,8 +156,8 @@ def _add_turn_and_curve(state: State, curve: TimedCurve, step: PathStep) -> None
         add_curve(state, curve, state.title, step.photo_every_m)
 
 
-def shape(state: State, step: Orbit | FigureEight) -> None:
-    """Adds a segment to the start of the shape, then the shape."""
+def compile_shape(state: State, step: Orbit | FigureEight) -> None:
+    """Adds an approach to the start of the shape, then the shape."""
     limits = state.limits_for(step)
     center = state.locate(step.center)
     if isinstance(step, FigureEight):
@@ -169,7 +172,7 @@ def shape(state: State, step: Orbit | FigureEight) -> None:
             climb_m=step.climb_m if isinstance(step, Helix | Spiral) else 0.0,
             end_radius_m=step.end_radius_m if isinstance(step, Spiral) else None,
         )  # fmt: skip
-    state.compilation.count(points=len(path.spans))
+    state.compilation.add_size(points=len(path.spans))
     curve = along(path, limits, heading_of(state, step))
     begin = curve.at(0.0)
     _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, limits)
@@ -189,22 +192,22 @@ def _vector(position: tuple[float | None, float | None, float | None]) -> Vector
 
 
 def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: MotionLimits) -> None:
-    """Flies straight to the start of a path, and turns on the way."""
+    """Adds a straight line to the start of a path; the vehicle turns on this line."""
     has_yaw = yaw_ned_rad is not None
     if math.dist(begin, state.position_ned_m) >= SAME_POINT_M:
-        here = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
-        add_curve(state, through([here, PassPoint(begin, yaw_ned_rad)], limits), "Approach")
+        start_point = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
+        add_curve(state, through([start_point, PassPoint(begin, yaw_ned_rad)], limits), "Approach")
     elif yaw_ned_rad is not None:
         turn_to(state, yaw_ned_rad)
 
 
-def table(state: State, step: Table) -> None:
-    """Adds a segment to the start of the table, then the table with its own times."""
+def compile_table(state: State, step: Table) -> None:
+    """Adds an approach to the start of the table, then the table with its own times."""
     data = state.compilation.table(step.file)
     offset = state.compilation.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
     path = tables.read(data, offset, state.yaw_ned_rad)
     begin = path.at(0.0)
-    state.compilation.count(points=max(2, int(path.duration_s)))
+    state.compilation.add_size(points=max(2, int(path.duration_s)))
     motion = state.compilation.motion
     cruise_m_s = min(motion.speed_m_s, state.compilation.vehicle.limits.vehicle.cruise_m_s)
     _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, replace(motion, speed_m_s=cruise_m_s))
@@ -221,12 +224,12 @@ def table(state: State, step: Table) -> None:
     )  # fmt: skip
 
 
-def velocity(state: State, step: VelocityStep) -> None:
-    """Flies a straight line at a velocity for a time, from rest to rest."""
+def compile_velocity(state: State, step: VelocityStep) -> None:
+    """Adds a straight line that is flown at a velocity for a time, from rest to rest."""
     if step.yaw_ned_rad is not None:
         turn_to(state, step.yaw_ned_rad)
     state.report(
-        "position_not_held", "The velocity step does not hold a position: wind moves the vehicle.",
+        "position_not_held", "The velocity step does not control the position: wind moves the vehicle.",
         "Use a fly step if the position matters.",
     )  # fmt: skip
     north, east, down = step.velocity_ned_m_s
@@ -248,7 +251,7 @@ def velocity(state: State, step: VelocityStep) -> None:
             message = f"The velocity is not reached in {step.duration_s:g} s; it takes {2.0 * ramp_s:.1f} s."
             state.report("duration_too_short", message, "Give more time, or a lower velocity.", 2.0 * ramp_s)
             return
-        speed_s = step.duration_s - ramp_s  # the same distance at constant speed takes this time
+        speed_s = step.duration_s - ramp_s  # time for the same distance at constant speed
         end = _vector(
             tuple(p + v * speed_s for p, v in zip(end, step.velocity_ned_m_s, strict=True))  # type: ignore[arg-type]
         )
@@ -267,8 +270,9 @@ def velocity(state: State, step: VelocityStep) -> None:
     )  # fmt: skip
 
 
-def attitude(state: State, step: AttitudeStep) -> None:
-    """Flies an attitude for a time; the plan continues from the same position, since the end is unknown."""
+def compile_attitude(state: State, step: AttitudeStep) -> None:
+    """Adds an attitude for a time. The real end is unknown, so the next step is planned from the same
+    position."""
     yaw_rad = state.yaw_ned_rad if step.yaw_ned_rad is None else step.yaw_ned_rad
     turn_to(state, yaw_rad)
     tilt_rad = math.acos(math.cos(step.roll_rad) * math.cos(step.pitch_rad))
@@ -279,8 +283,8 @@ def attitude(state: State, step: AttitudeStep) -> None:
         return
     state.needs.add("heading")
     state.report(
-        "position_not_held", "The attitude step holds neither position nor height.",
-        "Keep it short, and high above the ground.",
+        "position_not_held", "The attitude step controls neither position nor altitude.",
+        "Keep the step short, and fly it high above the ground.",
     )  # fmt: skip
     setpoint = Attitude(q_from_euler(step.roll_rad, step.pitch_rad, yaw_rad), step.thrust)
     state.add(

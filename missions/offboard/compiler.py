@@ -41,11 +41,11 @@ from missions.offboard.steps import (
 from missions.offboard.timeline import FlightActions, Timeline
 
 COMMON_START = "start"
-"""Name of the meeting that all roles have before their first step."""
+"""Name of the meeting of all roles before their first step."""
 COMMON_START_TIMEOUT_S = 60.0
 """Time in which all roles must be at the common start [s]."""
 MAX_DECISIONS = 12
-"""Maximum number of successive branches: each one doubles the number of paths through the mission."""
+"""Maximum number of successive branches; each branch doubles the number of paths through the mission."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,9 +72,9 @@ def compile_mission(
     Args:
         mission: the document.
         vehicle: limits of the vehicle; None: PX4's defaults.
-        start: state of the vehicle at the start; None: on the ground at the local origin, which is then the
-            document's home.
-        files: contents of the files that table steps name.
+        start: state of the vehicle at the start; None: on the ground at the local origin, which is then at
+            the home of the document.
+        files: contents of the table files, by name.
         first_step: index of the first step to fly, to continue a mission; earlier gimbal tracks still apply.
         role: the role to compile, in a mission for several vehicles; its timeline starts with a meeting of
             all roles.
@@ -85,13 +85,13 @@ def compile_mission(
     steps = _steps_of(mission, role)
     vehicle = vehicle or MissionVehicle()
     start = _with_home(mission, start or Start())
-    compilation = Compilation(mission, vehicle, start, files or {}, vehicle.within(mission.limits))
+    compilation = Compilation(mission, vehicle, start, files or {}, vehicle.motion_within(mission.limits))
     state = State(compilation, start.position_ned_m, start.yaw_ned_rad, start.in_air)
-    _skip(state, steps[:first_step])
+    _apply_gimbal_tracks(state, steps[:first_step])
     if role is not None:
         state.place, state.title = f"{role}, start", "Common start"
         _meet(state, Meet(meeting=COMMON_START, timeout_s=COMMON_START_TIMEOUT_S))
-    timeline = _continue(
+    timeline = _compile_from(
         state, _StepCursor(steps, "step " if role is None else f"{role}, step ", first_step), 0
     )
     findings = (*compilation.findings, *mission_checks.check(timeline, compilation))
@@ -112,8 +112,8 @@ def _steps_of(mission: OffboardMission, role: str | None) -> tuple[MissionStep, 
     return mission.steps_by_role[role]
 
 
-def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
-    """Skips steps that have been flown; only their gimbal tracks still apply."""
+def _apply_gimbal_tracks(state: State, steps: tuple[MissionStep, ...]) -> None:
+    """Applies the gimbal tracks of steps that are not flown again."""
     for index, step in enumerate(steps, 1):
         if isinstance(step, Gimbal):
             state.place, state.title = f"step {index}", "Gimbal"
@@ -121,7 +121,7 @@ def _skip(state: State, steps: tuple[MissionStep, ...]) -> None:
 
 
 def _with_home(mission: OffboardMission, start: Start) -> Start:
-    """The start, with the planned home if the vehicle's home is unknown."""
+    """The start; if the vehicle's home is unknown, with the planned home."""
     home = mission.home
     if home is None or start.origin is not None:
         return start
@@ -129,12 +129,13 @@ def _with_home(mission: OffboardMission, start: Start) -> Start:
     return replace(start, origin=origin, home_alt_amsl_m=home.alt_amsl_m)
 
 
-def _continue(state: State, cursor: _StepCursor | None, decisions: int) -> Timeline:
-    """Compiles from the cursor to the end of the mission, or to a branch and both its continuations."""
-    while (following := _next(cursor)) is not None:
-        step, state.place, cursor = following
+def _compile_from(state: State, cursor: _StepCursor | None, decisions: int) -> Timeline:
+    """Compiles the steps from the cursor to the end of the mission. At a branch it compiles both
+    continuations."""
+    while (next_step := _next_step(cursor)) is not None:
+        step, state.place, cursor = next_step
         state.title = step.name or step.step.replace("_", " ").capitalize()
-        state.compilation.count(steps=1)
+        state.compilation.add_size(steps=1)
         state.visit = state.compilation.steps
         if isinstance(step, Repeat):
             cursor = _StepCursor(step.steps, f"{state.place}.", times_left=step.times, after=cursor)
@@ -158,26 +159,26 @@ def _continue(state: State, cursor: _StepCursor | None, decisions: int) -> Timel
     return _timeline(state)
 
 
-def _next(cursor: _StepCursor | None) -> tuple[MissionStep, str, _StepCursor | None] | None:
-    """The next step, its name, and the cursor after it; None: the mission ends."""
+def _next_step(cursor: _StepCursor | None) -> tuple[MissionStep, str, _StepCursor | None] | None:
+    """The next step, its name, and the cursor after this step; None: the mission ends."""
     while cursor is not None:
         if cursor.index < len(cursor.steps):
             step = cursor.steps[cursor.index]
             return step, f"{cursor.prefix}{cursor.index + 1}", replace(cursor, index=cursor.index + 1)
-        again = cursor.times_left > 1
-        cursor = replace(cursor, index=0, times_left=cursor.times_left - 1) if again else cursor.after
+        repeats = cursor.times_left > 1
+        cursor = replace(cursor, index=0, times_left=cursor.times_left - 1) if repeats else cursor.after
     return None
 
 
 def _branch(state: State, step: Branch, cursor: _StepCursor | None, decisions: int) -> Timeline:
-    c = step.condition
-    _check_condition(state, c, "the mission continues with `otherwise`")
-    decision = Decision(state.place, c.value, c.above, c.below, c.for_s)
+    condition = step.condition
+    _check_condition(state, condition, "the mission continues with `otherwise`")
+    decision = Decision(state.place, condition.value, condition.above, condition.below, condition.for_s)
     continuations: list[Timeline] = []
     for keyword, steps in (("then", step.then), ("otherwise", step.otherwise)):
         branch_state = state.fork()
         continuations.append(
-            _continue(
+            _compile_from(
                 branch_state, _StepCursor(steps, f"{decision.place} {keyword} ", after=cursor), decisions + 1
             )
         )
@@ -201,16 +202,16 @@ def _timeline(state: State) -> Timeline:
 
 def _compile_step(state: State, step: Any) -> None:
     """Compiles one step; a step that cannot be flown becomes a finding and is omitted."""
-    flies = not isinstance(step, TakeOff | Gimbal | Photo | Wait | Meet)
-    if flies and not state.in_air:
+    requires_flight = not isinstance(step, TakeOff | Gimbal | Photo | Wait | Meet)
+    if requires_flight and not state.in_air:
         state.report(
             "takeoff_missing",
             f"{state.title}: the vehicle is on the ground.",
             "Add a take-off before this step.",
         )
         state.in_air = True
-    of_step = step.avoidance if isinstance(step, PathStep) else None
-    requested = state.compilation.mission.avoidance if of_step is None else of_step
+    step_setting = step.avoidance if isinstance(step, PathStep) else None
+    requested = state.compilation.mission.avoidance if step_setting is None else step_setting
     state.avoidance = ("over" if requested else None) if isinstance(requested, bool) else requested
     segments_before = len(state.segments)
     pose_before = (state.position_ned_m, state.yaw_ned_rad)
@@ -258,14 +259,19 @@ def _land(state: State, step: Land) -> None:
 
 
 def _wait_step(state: State, step: Wait) -> None:
-    rest: dict[str, Any] = {"message": step.message, "on_timeout": step.on_timeout}
+    fields: dict[str, Any] = {"message": step.message, "on_timeout": step.on_timeout}
     if step.until == "person":
-        _wait(state, "person", 0.0, state.position_ned_m, step.timeout_s, **rest)
+        _wait(state, "person", 0.0, state.position_ned_m, step.timeout_s, **fields)
         return
-    c = step.until
-    _check_condition(state, c, f"after {step.timeout_s:g} s the action is {step.on_timeout}")
-    rest |= {"value": c.value, "above": c.above, "below": c.below, "for_s": c.for_s}
-    _wait(state, "condition", c.for_s, state.position_ned_m, step.timeout_s, **rest)
+    condition = step.until
+    _check_condition(state, condition, f"after {step.timeout_s:g} s the action is {step.on_timeout}")
+    fields |= {
+        "value": condition.value,
+        "above": condition.above,
+        "below": condition.below,
+        "for_s": condition.for_s,
+    }
+    _wait(state, "condition", condition.for_s, state.position_ned_m, step.timeout_s, **fields)
 
 
 def _meet(state: State, step: Meet) -> None:
@@ -293,12 +299,12 @@ def _wait(
     duration_s: float,
     end: tuple[float, float, float],
     timeout_s: float,
-    **rest: Any,
+    **fields: Any,
 ) -> None:
     state.add(
         WaitSegment(
             state.place, state.title, duration_s, end, state.yaw_ned_rad, gimbal=state.gimbal, kind=kind,
-            timeout_s=timeout_s, **rest,
+            timeout_s=timeout_s, **fields,
         )
     )  # fmt: skip
 
@@ -321,7 +327,7 @@ def _gimbal(state: State, step: Gimbal) -> None:
             step.sweep_yaw_rad,
             step.period_s,
         )
-    compile_paths.stay(state, 0.0, (Event(0.0, "gimbal"),))
+    compile_paths.hold_position(state, 0.0, (Event(0.0, "gimbal"),))
 
 
 _COMPILERS: dict[type, Callable[[State, Any], None]] = {
@@ -330,14 +336,14 @@ _COMPILERS: dict[type, Callable[[State, Any], None]] = {
     Wait: _wait_step,
     Meet: _meet,
     Gimbal: _gimbal,
-    Hold: compile_paths.hold,
-    Photo: compile_paths.photo,
-    Fly: compile_paths.fly,
-    Orbit: compile_paths.shape,
-    Helix: compile_paths.shape,
-    Spiral: compile_paths.shape,
-    FigureEight: compile_paths.shape,
-    Table: compile_paths.table,
-    VelocityStep: compile_paths.velocity,
-    AttitudeStep: compile_paths.attitude,
+    Hold: compile_paths.compile_hold,
+    Photo: compile_paths.compile_photo,
+    Fly: compile_paths.compile_fly,
+    Orbit: compile_paths.compile_shape,
+    Helix: compile_paths.compile_shape,
+    Spiral: compile_paths.compile_shape,
+    FigureEight: compile_paths.compile_shape,
+    Table: compile_paths.compile_table,
+    VelocityStep: compile_paths.compile_velocity,
+    AttitudeStep: compile_paths.compile_attitude,
 }

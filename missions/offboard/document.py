@@ -25,7 +25,7 @@ from missions.values import FenceZone, HomePosition, Model, Obstacles
 MAX_CALL_DEPTH = 8
 MAX_ROLES = 10
 MINIMUM_SEPARATION_M = 5.0
-"""Same default as for groups of vehicles."""
+"""Default of `minimum_separation_m`, as for groups of vehicles."""
 MAX_TABLE_LENGTH = 1_000_000
 """Maximum length of a table's CSV text."""
 Steps = Annotated[tuple[MissionStep, ...], Field(min_length=1, max_length=MAX_STEPS)]
@@ -45,7 +45,7 @@ class Actions(Model):
 
 
 class Bounds(Model):
-    """Limits of this mission, lower than the vehicle's own."""
+    """Limits of this mission; each applies if it is lower than the vehicle's limit."""
 
     speed_m_s: Speed | None = None
     climb_m_s: Speed | None = None
@@ -125,10 +125,10 @@ def write(mission: OffboardMission) -> bytes:
 
 
 def check_calls(mission: OffboardMission) -> None:
-    """Checks all calls.
+    """Checks the calls of all step lists.
 
     Raises:
-        PlanError: A call of an unknown mission, a circular call, or calls nested too deeply.
+        PlanError: A call of an unknown list, a circular call, or calls nested too deeply.
     """
     depths: dict[str, int] = {}
     for name in mission.missions:
@@ -140,24 +140,24 @@ def check_calls(mission: OffboardMission) -> None:
 
 def _check_exists(mission: OffboardMission, place: str, name: str) -> None:
     if name not in mission.missions:
-        fix = "Add it below `missions`, or correct the name."
-        raise PlanError(f"{place}, call of {name!r}", "there is no such mission", fix)
+        fix = "Add the list below `missions`, or correct the name."
+        raise PlanError(f"{place}, call of {name!r}", "there is no list with this name", fix)
 
 
-def _depth(mission: OffboardMission, name: str, depths: dict[str, int], above: tuple[str, ...]) -> int:
-    """Depth of nested calls, starting from this mission."""
-    if name in above:
-        circle = " → ".join((*above[above.index(name) :], name))
-        raise PlanError(f"mission {name!r}", f"the calls form a loop ({circle})", "Remove one of them.")
+def _depth(mission: OffboardMission, name: str, depths: dict[str, int], callers: tuple[str, ...]) -> int:
+    """Depth of nested calls, starting from this list."""
+    if name in callers:
+        circle = " → ".join((*callers[callers.index(name) :], name))
+        raise PlanError(f"list {name!r}", f"the calls form a loop ({circle})", "Remove one of these calls.")
     if name not in depths:
         deepest = 0
         for called in dict.fromkeys(calls_of(mission.missions[name])):
-            _check_exists(mission, f"mission {name!r}", called)
-            deepest = max(deepest, _depth(mission, called, depths, (*above, name)))
+            _check_exists(mission, f"list {name!r}", called)
+            deepest = max(deepest, _depth(mission, called, depths, (*callers, name)))
         depths[name] = deepest + 1
     if depths[name] > MAX_CALL_DEPTH:
         reason = f"its calls are nested deeper than {MAX_CALL_DEPTH}"
-        raise PlanError(f"mission {name!r}", reason, "Replace some calls with their steps.")
+        raise PlanError(f"list {name!r}", reason, "Replace some calls with their steps.")
     return depths[name]
 
 

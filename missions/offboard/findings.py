@@ -22,9 +22,12 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "position_not_held": ("warning", "the position is not controlled during this step"),
     "altitude_too_high": ("warning", "more than 120 m above home"),
     "altitude_fence": ("error", "above GF_MAX_VER_DIST"),
-    "altitude_below_home": ("warning", "at or below the height of home or of the start"),
+    "altitude_below_home": ("warning", "at or below the altitude of home or of the start"),
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
-    "limit_exceeded": ("error", "beyond the operator's limits for this vehicle; the server holds it there"),
+    "limit_exceeded": (
+        "error",
+        "beyond the operator's limits for this vehicle; the server keeps the vehicle inside",
+    ),
     "fence_crossed": ("error", "the path leaves the geofence"),
     "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
     "obstacle_hit": ("error", "the path passes through an obstacle"),
@@ -62,8 +65,8 @@ class MissionFinding:
     """The step: "step 3", "step 4.2"; None: the whole mission."""
     fix: str | None = None
     limit: float | None = None
-    """The limit that was exceeded: height above home [m], speed [m/s], tilt [rad] or shortest duration [s];
-    None: the finding has none."""
+    """The limit that was exceeded: altitude above home [m], speed [m/s], tilt [rad] or shortest duration [s];
+    None: no limit."""
     obstacle: int | None = None
     """Index of the obstacle in the document; None: the finding is not about an obstacle."""
 

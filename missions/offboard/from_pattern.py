@@ -1,8 +1,8 @@
 """Converts a pattern to the steps of an offboard mission: the same lines, flown by setpoints.
 
-The steps belong into a mission after its take-off. As in a waypoint plan, the nose points along the path,
-or towards the position that the camera looks at; the pictures then have the orientation that the pattern
-assumes.
+The steps are placed in a mission after its take-off. As in a waypoint plan, the nose points along the path,
+or towards the position that the camera looks at; so that the pictures have the orientation that the
+pattern assumes.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ TITLES = {
     "orbit": "Orbit",
     "structure": "Structure scan, round",
 }
-"""Names of the steps that the pilot sees."""
+"""Step names, shown to the pilot."""
 
 
-def steps_of(
+def steps_from_pattern(
     pattern: PatternDocument, items: Sequence[SimpleItem], vehicle: VehicleModel | None = None
 ) -> tuple[s.MissionStep, ...]:
     """The steps of a pattern.
 
     Args:
         pattern: the document of the pattern.
-        items: its items (`patterns.document.make`), with resolved altitudes if they are above the ground.
+        items: items of the pattern (`patterns.document.make`); terrain altitudes must be resolved.
         vehicle: the vehicle's parameters; None: PX4's defaults.
 
     Raises:
-        PlanError: There are too many steps, or an altitude above the ground is not resolved.
+        PlanError: There are too many steps, or a terrain altitude is not resolved.
     """
     if isinstance(pattern, OrbitPattern) and not _is_above_ground(pattern):
         return _orbit(pattern)
@@ -54,10 +54,10 @@ def steps_of(
 
 
 def _check_altitudes(pattern: PatternDocument, items: Sequence[SimpleItem]) -> None:
-    """Refuses altitudes that cannot be converted; an unresolved terrain altitude has no height to fly at."""
+    """Refuses terrain altitudes that are not resolved, because they cannot be converted to altitudes AMSL."""
     altitudes = [item.altitude for item in items if isinstance(item, PlacedItem)]
     if any(each.reference == "terrain" and each.resolved_amsl_m is None for each in altitudes):
-        reason = "it is above the ground, whose elevation is not known here"
+        reason = "it is relative to the ground, and the elevation of the ground is unknown"
         fix = "Put elevation files of this area into the data folder, or choose another reference."
         field = "base" if isinstance(pattern, StructurePattern) else "altitude"
         raise PlanError(f"field {field}", reason, fix, field=field)
@@ -69,7 +69,7 @@ def _is_above_ground(orbit: OrbitPattern) -> bool:
 
 
 def _orbit(orbit: OrbitPattern) -> tuple[s.MissionStep, ...]:
-    """Exact circles in one step, which can be edited, instead of their corners."""
+    """An orbit pattern as one orbit step, so that the pilot can edit the circle itself."""
     look_at = None if orbit.look_at is None else _position(orbit.center, orbit.look_at)
     circles = s.Orbit(
         name=TITLES["orbit"],
@@ -97,7 +97,7 @@ def _position(point: Point, altitude: Altitude) -> MissionPosition:
 
 
 def _named(steps: Sequence[s.MissionStep], title: str) -> tuple[s.MissionStep, ...]:
-    """The steps with headings, and names that count the lines with pictures."""
+    """The steps with headings and names; the names number the lines with pictures."""
     takes_pictures = any(isinstance(step, s.Fly) and step.photo_every_m is not None for step in steps)
     line, looked_at, named = 0, None, list[s.MissionStep]()
     for step in steps:
@@ -115,7 +115,7 @@ def _named(steps: Sequence[s.MissionStep], title: str) -> tuple[s.MissionStep, .
 
 
 def _heading(step: s.Fly, looked_at: MissionPosition | None) -> dict[str, object]:
-    """The fields of the heading; none if the points have their own."""
+    """The fields for the heading of a step; empty if the points have yaws."""
     if any(point.yaw_ned_rad is not None for point in step.points):
         return {}
     return {"heading": "along_path"} if looked_at is None else {"look_at": looked_at}

@@ -34,14 +34,14 @@ from missions.vehicle import VehicleModel
 
 WAIT_S = 3600.0
 """Timeout of an unlimited loiter, which waits for the pilot."""
-LOWEST_TAKEOFF_M = 2.5
-FASTEST_M_S = 100.0
-LONGEST_S = 86_400.0
+MIN_TAKEOFF_M = 2.5
+MAX_SPEED_M_S = 100.0
+MAX_HOLD_S = 86_400.0
 MAX_POINTS = 5000
 
 
 @dataclass(frozen=True, slots=True)
-class Converted:
+class ConvertedPlan:
     """A mission converted from a plan."""
 
     mission: OffboardMission
@@ -61,7 +61,7 @@ class _MissionBuilder:
     in_air: bool = False
 
     def flush(self) -> None:
-        """Turns the points collected so far into one step."""
+        """Makes one step of the collected points."""
         if self.points:
             self.steps.append(
                 s.Fly(points=tuple(self.points), speed_m_s=self.speed_m_s, photo_every_m=self.photo_every_m)
@@ -69,11 +69,11 @@ class _MissionBuilder:
             self.points = []
 
     def add(self, step: s.MissionStep) -> None:
-        """Adds a step after the points collected so far."""
+        """Adds a step after the collected points."""
         self.flush()
         self.steps.append(step)
 
-    def point(self, item: PlacedItem, altitude: Altitude | None = None, **rest: Any) -> None:
+    def add_point(self, item: PlacedItem, altitude: Altitude | None = None, **fields: Any) -> None:
         """Adds a point at the position of an item."""
         yaw_deg = getattr(item, "yaw_ned_deg", None)
         yaw_rad = _radians(yaw_deg)
@@ -82,17 +82,17 @@ class _MissionBuilder:
             self.flush()
         position = _position(item, altitude or item.altitude)
         corner_m = self.vehicle.acceptance_m
-        self.points.append(s.FlyPoint(**position, yaw_ned_rad=yaw_rad, corner_m=corner_m, **rest))
+        self.points.append(s.FlyPoint(**position, yaw_ned_rad=yaw_rad, corner_m=corner_m, **fields))
 
 
-def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Converted:
+def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> ConvertedPlan:
     """The mission that flies a plan's items as PX4 would; jumps become repeated steps.
 
     Raises:
         PlanError: The plan has no item that can be flown, repeats without end, or has a terrain altitude
             without elevation data.
     """
-    builder = _built(plan, vehicle, in_air=False)
+    builder = _build(plan, vehicle, in_air=False)
     mission = OffboardMission(
         name=name,
         home=plan.planned_home,
@@ -105,27 +105,27 @@ def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Con
         builder.notes.append("Rally points are omitted: they belong to the vehicle.")
     if len(plan.fence) > 100:
         builder.notes.append("Only the first 100 fence zones are kept.")
-    return Converted(mission, tuple(dict.fromkeys(builder.notes)))
+    return ConvertedPlan(mission, tuple(dict.fromkeys(builder.notes)))
 
 
 def steps_in_air(
     items: Sequence[SimpleItem], vehicle: VehicleModel | None = None
 ) -> tuple[s.MissionStep, ...]:
-    """The steps that fly items, for a part of a mission that begins in the air: without a take-off.
+    """The steps that fly these items, without a take-off, for a part of a mission that begins in the air.
 
     Raises:
-        PlanError: As `from_plan`.
+        PlanError: The errors of `from_plan`.
     """
-    return tuple(_built(Plan(items=tuple(items)), vehicle, in_air=True).steps)
+    return tuple(_build(Plan(items=tuple(items)), vehicle, in_air=True).steps)
 
 
-def _built(plan: Plan, vehicle: VehicleModel | None, *, in_air: bool) -> _MissionBuilder:
+def _build(plan: Plan, vehicle: VehicleModel | None, *, in_air: bool) -> _MissionBuilder:
     """The steps and notes of a plan."""
     vehicle = vehicle or VehicleModel()
     route = follow(plan)
     if route.endless or route.truncated or route.stalled_row is not None:
         raise PlanError("the plan", "it repeats without end", "Give its jumps a number of repeats.")
-    speed_m_s = None if plan.hover_speed_m_s is None else min(FASTEST_M_S, plan.hover_speed_m_s)
+    speed_m_s = None if plan.hover_speed_m_s is None else min(MAX_SPEED_M_S, plan.hover_speed_m_s)
     builder = _MissionBuilder(plan, vehicle, speed_m_s=speed_m_s, in_air=in_air)
     for step in route.steps:
         _add_item(builder, step.item, f"item {step.row + 1} ({step.item.kind.replace('_', ' ')})")
@@ -145,10 +145,10 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
         if (item.delay_s or 0.0) < 0.0:
             builder.notes.append(f"{description.capitalize()} waits for a time of day; it is omitted.")
         else:
-            builder.add(s.Hold(duration_s=min(LONGEST_S, item.delay_s or 0.0)))
+            builder.add(s.Hold(duration_s=min(MAX_HOLD_S, item.delay_s or 0.0)))
     elif isinstance(item, ChangeSpeed) and (item.speed_m_s or 0.0) > 0.0 and item.speed_type in (0.0, 1.0):
         builder.flush()
-        builder.speed_m_s = min(FASTEST_M_S, item.speed_m_s or 0.0)
+        builder.speed_m_s = min(MAX_SPEED_M_S, item.speed_m_s or 0.0)
     elif isinstance(item, ReturnHome):
         _return(builder, description)
     elif isinstance(item, TriggerDistance):
@@ -157,7 +157,9 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
     elif isinstance(item, PhotoStart):
         count = max(1, int(item.count or 0))
         if not item.count:
-            builder.notes.append(f"{description.capitalize()} takes pictures until stopped; one is taken.")
+            builder.notes.append(
+                f"{description.capitalize()} takes pictures until stopped; the mission takes one picture."
+            )
         builder.add(
             s.Photo(count=min(count, 10_000), interval_s=min(3600.0, max(0.1, item.interval_s or 1.0)))
         )
@@ -176,12 +178,12 @@ def _add_positioned(builder: _MissionBuilder, item: PlacedItem, description: str
     if not builder.in_air:
         _take_off(builder, item, description)
     if isinstance(item, Takeoff):
-        builder.point(item, stop=True)
+        builder.add_point(item, stop=True)
     elif isinstance(item, Land):
         return_altitude = Altitude(value_m=builder.vehicle.return_alt_m, reference="home")
         previous = builder.points[-1] if builder.points else _last_point(builder)
         if previous is None:
-            builder.point(item, return_altitude)
+            builder.add_point(item, return_altitude)
         else:
             altitude = previous.model_dump(include={"alt_amsl_m", "alt_home_m"}, exclude_none=True)
             yaw = _radians(item.yaw_ned_deg)
@@ -193,13 +195,13 @@ def _add_positioned(builder: _MissionBuilder, item: PlacedItem, description: str
         builder.add(s.Land())
         builder.in_air = False
     elif isinstance(item, LoiterUnlimited):
-        builder.point(item, stop=True)
+        builder.add_point(item, stop=True)
         builder.add(s.Wait(until="person", message="Go on?", timeout_s=WAIT_S, on_timeout="return"))
     elif isinstance(item, LoiterTime | Waypoint):
-        hold_s = min(LONGEST_S, max(0.0, item.hold_s or 0.0))
-        builder.point(item, hold_s=hold_s)
+        hold_s = min(MAX_HOLD_S, max(0.0, item.hold_s or 0.0))
+        builder.add_point(item, hold_s=hold_s)
     else:
-        builder.point(item)
+        builder.add_point(item)
         if not isinstance(item, LoiterToAltitude):
             builder.notes.append(f"{description.capitalize()} is flown as a point.")
 
@@ -210,15 +212,15 @@ def _last_point(builder: _MissionBuilder) -> s.FlyPoint | None:
 
 
 def _take_off(builder: _MissionBuilder, item: PlacedItem, description: str) -> None:
-    """Adds a take-off to the height of the first item."""
+    """Adds a take-off to the altitude of the first item."""
     home = builder.plan.planned_home
     height_m = item.altitude.value_m
     if item.altitude.reference != "home":
         amsl_m = item.altitude.amsl_m(None)
         if home is None or amsl_m is None:
-            raise PlanError(description, "its height above home is unknown", "Set the planned home.")
+            raise PlanError(description, "its altitude above home is unknown", "Set the planned home.")
         height_m = amsl_m - home.alt_amsl_m
-    builder.steps.append(s.TakeOff(height_m=min(500.0, max(LOWEST_TAKEOFF_M, height_m))))
+    builder.steps.append(s.TakeOff(height_m=min(500.0, max(MIN_TAKEOFF_M, height_m))))
     builder.in_air = True
 
 
@@ -246,6 +248,6 @@ def _position(item: PlacedItem, altitude: Altitude) -> dict[str, Any]:
         return position | {"alt_home_m": altitude.value_m}
     amsl_m = altitude.amsl_m(None)
     if amsl_m is None:
-        where = f"the position {item.lat_deg:.5f}, {item.lon_deg:.5f}"
-        raise PlanError(where, "its terrain altitude is not resolved", "Resolve it with elevation data.")
+        place = f"the position {item.lat_deg:.5f}, {item.lon_deg:.5f}"
+        raise PlanError(place, "its terrain altitude is not resolved", "Resolve it with elevation data.")
     return position | {"alt_amsl_m": amsl_m}

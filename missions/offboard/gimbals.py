@@ -12,20 +12,21 @@ from missions.setpoints import Position, Setpoint, Trajectory, Velocity, complet
 
 @dataclass(frozen=True, slots=True)
 class GimbalTrack:
-    """Gimbal direction: fixed relative to the nose, aimed at a position, along the path, or sweeping. Up is
-    positive."""
+    """Gimbal direction: fixed relative to the nose, aimed at a position, along the path, or sweeping.
+    Positive pitch is up."""
 
     kind: Literal["fixed", "look_at", "along_path", "sweep"]
     pitch_rad: float = 0.0
     yaw_rad: float = 0.0
     """Yaw relative to the nose."""
-    place_ned_m: Vector3 = (0.0, 0.0, 0.0)
+    target_ned_m: Vector3 = (0.0, 0.0, 0.0)
+    """Position that `look_at` aims at, in the local frame."""
     sweep_pitch_rad: float = 0.0
     sweep_yaw_rad: float = 0.0
     period_s: float = 10.0
 
     def at(self, t_s: float, setpoint: Setpoint, default_yaw_ned_rad: float) -> tuple[float, float]:
-        """Pitch, and yaw from north, at a time of the segment [rad].
+        """Gimbal pitch (up is positive) and yaw from north at a time of the segment [rad].
 
         Args:
             t_s: time since the start of the segment.
@@ -46,10 +47,15 @@ class GimbalTrack:
         return pitch_rad, wrap_pi(yaw_rad)
 
     def _towards(self, setpoint: Setpoint, nose_rad: float) -> tuple[float, float]:
-        here = complete(setpoint.position_ned_m) if isinstance(setpoint, Trajectory | Position) else None
-        if here is None:
+        position_ned_m = (
+            complete(setpoint.position_ned_m) if isinstance(setpoint, Trajectory | Position) else None
+        )
+        if position_ned_m is None:
             return self.pitch_rad, wrap_pi(nose_rad)
-        n, e, d = (target - own for target, own in zip(self.place_ned_m, here, strict=True))
+        n, e, d = (
+            target_coordinate - coordinate
+            for target_coordinate, coordinate in zip(self.target_ned_m, position_ned_m, strict=True)
+        )
         across_m = math.hypot(n, e)
         yaw_rad = math.atan2(e, n) if across_m > 1e-6 else wrap_pi(nose_rad)
         return math.atan2(-d, across_m), yaw_rad

@@ -1,7 +1,7 @@
 """Inserts a mission into another one: its steps become a list in `missions`, which a new `call` step calls.
 
-API and page share this code (`POST /plans/insert`) instead of an edit of the page in TypeScript: the new
-document is checked as a whole, like one that is read, and positions are converted, which only Python does.
+The page uses this code through `POST /plans/insert`, because the new document must be checked as a whole and
+positions must be converted.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from missions.errors import PlanError
 from missions.offboard import reader
 from missions.offboard.document import OffboardMission, calls_of, write
 from missions.offboard.insertion_settings import merged_settings
-from missions.offboard.insertion_steps import Adapter, Positions, move_of
+from missions.offboard.insertion_steps import Adapter, Positions, move_between
 from missions.offboard.names import free_name, valid_name
 from missions.offboard.steps import Branch, Call, Gimbal, Land, MissionStep, Photo, Repeat, TakeOff, Wait
 from missions.values import Model
@@ -28,8 +28,8 @@ _KEYS = ("steps", "roles", "missions", "then", "otherwise")
 
 
 @dataclass(frozen=True, slots=True)
-class Inserted:
-    """A mission with another one inserted."""
+class InsertionResult:
+    """A mission into which another mission was inserted."""
 
     mission: OffboardMission
     called: str
@@ -45,16 +45,18 @@ def insert(
     *,
     in_air: bool = False,
     positions: Positions | None = None,
-) -> Inserted:
+) -> InsertionResult:
     """Inserts a mission. Lists and tables that the mission already has are reused.
 
     Args:
         mission: the mission to change.
         added: the mission to insert, for one vehicle.
-        at: place of the new step; steps from there on move back by one.
-        in_air: leave out the inserted take-off and last landing, because the vehicle is flying there.
-        positions: if the planned starts differ: whether positions relative to start or home are relative to
-            those of `mission`, or are converted so that they stay at the same places.
+        at: position of the new step in the document; the steps from this position on move back by one.
+        in_air: omit the inserted take-off and last landing, because the vehicle is already flying at that
+            step.
+        positions: used if the planned starts differ. `from_start`: positions relative to start or home refer
+            to the start and home of `mission`. `same_places`: these positions are converted, so that they
+            stay at the same places.
 
     Raises:
         PlanError: The mission cannot be inserted; the error names the part and the fix.
@@ -63,32 +65,34 @@ def insert(
         reason = f"it is for {len(added.roles)} vehicles (roles: {', '.join(added.roles)})"
         raise PlanError(f"mission {added.name!r}", reason, "A call inserts a mission for one vehicle only.")
     if len(at) < 2:
-        raise _no_place(at, f"{list(at)} is no place for a step")
-    _with_step(mission, at, Call(mission="-"), at)  # a wrong place is reported before everything else
+        raise _invalid_position(at, f"{list(at)} is not a valid position for a step")
+    _with_step(mission, at, Call(mission="-"), at)  # a wrong position is reported before all other errors
     steps, notes = _flown_steps(added, in_air)
-    adapter = Adapter(mission, added, move_of(mission, added, _role_of(mission, at)), positions)
+    adapter = Adapter(mission, added, move_between(mission, added, _role_at(mission, at)), positions)
     lists: Lists = {None: adapter.steps(steps)}
-    for name in _reachable(added, steps):
+    for name in _called_lists(added, steps):
         lists[name] = adapter.steps(added.missions[name])
     merged, called = _merged(mission, valid_name(added.name, "mission"), lists, at)
-    fields, more = merged_settings(mission, added)
+    fields, setting_notes = merged_settings(mission, added)
     merged = merged.model_copy(update={**fields, "tables": adapter.tables})
-    return Inserted(reader.read_json(write(merged)), called, (*notes, *adapter.notes(), *more))
+    return InsertionResult(
+        reader.read_json(write(merged)), called, (*notes, *adapter.notes(), *setting_notes)
+    )
 
 
-def _role_of(mission: OffboardMission, at: Place) -> str | None:
+def _role_at(mission: OffboardMission, at: Place) -> str | None:
     return str(at[1]) if at[0] == "roles" and str(at[1]) in mission.roles else None
 
 
 def _flown_steps(added: OffboardMission, in_air: bool) -> tuple[tuple[MissionStep, ...], list[str]]:
-    """The steps to insert, and a sentence about those that are left out."""
+    """The steps to insert, and a sentence about the omitted steps."""
     steps = added.steps
     if not in_air:
         return steps, []
-    first = next((i for i, step in enumerate(steps) if not isinstance(step, Gimbal | Photo | Wait)), 0)
+    first_step = next((i for i, step in enumerate(steps) if not isinstance(step, Gimbal | Photo | Wait)), 0)
     left_out: list[str] = []
-    if isinstance(steps[first], TakeOff):
-        steps = (*steps[:first], *steps[first + 1 :])
+    if isinstance(steps[first_step], TakeOff):
+        steps = (*steps[:first_step], *steps[first_step + 1 :])
         left_out.append("take-off")
     if steps and isinstance(steps[-1], Land):
         steps = steps[:-1]
@@ -103,15 +107,15 @@ def _flown_steps(added: OffboardMission, in_air: bool) -> tuple[tuple[MissionSte
     return steps, [f"{' and '.join(left_out).capitalize()} of {added.name!r} {verb} left out.{straight}"]
 
 
-def _reachable(added: OffboardMission, steps: Iterable[MissionStep]) -> list[str]:
+def _called_lists(added: OffboardMission, steps: Iterable[MissionStep]) -> list[str]:
     """Names of the lists that these steps call, also indirectly."""
     found: dict[str, None] = {}
-    waiting = list(calls_of(steps))
-    while waiting:
-        name = waiting.pop(0)
+    to_visit = list(calls_of(steps))
+    while to_visit:
+        name = to_visit.pop(0)
         if name not in found:
             found[name] = None
-            waiting += calls_of(added.missions[name])
+            to_visit += calls_of(added.missions[name])
     return list(found)
 
 
@@ -119,28 +123,30 @@ def _merged(mission: OffboardMission, wanted: str, lists: Lists, at: Place) -> t
     """The mission with the new step and the lists that it needs, and the name of the called list."""
     called = free_name(wanted, lambda name: name in mission.missions or name in lists)
     merged = _with_step(mission, at, Call(mission=called), at)
-    with_existing = _with_step(mission, at, Call(mission=wanted), at)
-    if with_existing.missions.get(wanted) == lists[None] and not _unknown(with_existing.missions, lists):
-        return with_existing, wanted
-    unknown = _unknown(merged.missions, lists)
+    with_existing_list = _with_step(mission, at, Call(mission=wanted), at)
+    if with_existing_list.missions.get(wanted) == lists[None] and not _missing_lists(
+        with_existing_list.missions, lists
+    ):
+        return with_existing_list, wanted
+    missing = _missing_lists(merged.missions, lists)
     names: dict[str | None, str] = {None: called}
     for name in lists:
         if name is not None:
             taken = {*merged.missions, *names.values()}
-            names[name] = free_name(name, taken.__contains__) if name in unknown else name
+            names[name] = free_name(name, taken.__contains__) if name in missing else name
     missions = dict(merged.missions)
     for name, steps in lists.items():
         missions.setdefault(names[name], _renamed(steps, names))
     return merged.model_copy(update={"missions": missions}), called
 
 
-def _unknown(missions: Mapping[str, tuple[MissionStep, ...]], lists: Lists) -> set[str]:
-    """Names of the lists that the mission does not have, or not with all lists that they call."""
+def _missing_lists(missions: Mapping[str, tuple[MissionStep, ...]], lists: Lists) -> set[str]:
+    """Names of the lists that the mission lacks, or whose called lists it lacks."""
     calls = {name: set(calls_of(steps)) for name, steps in lists.items() if name is not None}
-    unknown = {name for name in calls if missions.get(name) != lists[name]}
-    while more := {name for name in calls if name not in unknown and calls[name] & unknown}:
-        unknown |= more
-    return unknown
+    missing = {name for name in calls if missions.get(name) != lists[name]}
+    while callers := {name for name in calls if name not in missing and calls[name] & missing}:
+        missing |= callers
+    return missing
 
 
 def _renamed(steps: Iterable[MissionStep], names: Mapping[str | None, str]) -> tuple[MissionStep, ...]:
@@ -162,7 +168,7 @@ def _renamed(steps: Iterable[MissionStep], names: Mapping[str | None, str]) -> t
 def _with_step(value: Any, path: Place, step: MissionStep, at: Place) -> Any:
     """A copy of the document with a step inserted."""
     if isinstance(value, OffboardMission) and value.roles and path[0] == "steps":
-        raise _no_place(at, f"the mission has roles ({', '.join(value.roles)})")
+        raise _invalid_position(at, f"the mission has roles ({', '.join(value.roles)})")
     key, rest = path[0], path[1:]
     if isinstance(value, tuple) and isinstance(key, int) and 0 <= key < len(value) + (not rest):
         inner = (_with_step(value[key], rest, step, at), *value[key + 1 :]) if rest else (step, *value[key:])
@@ -171,9 +177,9 @@ def _with_step(value: Any, path: Place, step: MissionStep, at: Place) -> Any:
         return {**value, key: _with_step(value[key], rest, step, at)}
     if isinstance(value, Model) and rest and key in _KEYS and key in type(value).model_fields:
         return value.model_copy(update={key: _with_step(getattr(value, key), rest, step, at)})
-    raise _no_place(at, f"{list(at)} is no place for a step")
+    raise _invalid_position(at, f"{list(at)} is not a valid position for a step")
 
 
-def _no_place(at: Place, reason: str) -> PlanError:
+def _invalid_position(at: Place, reason: str) -> PlanError:
     fix = 'Give the keys and indexes of a step: ["steps", 2], or ["roles", "lead", "steps", 0].'
     return PlanError("field at", reason, fix, field="at")

@@ -12,32 +12,32 @@ from missions.values import FenceZone, Obstacle
 def merged_settings(mission: OffboardMission, added: OffboardMission) -> tuple[dict[str, Any], list[str]]:
     """The fields of `mission` that change when `added` is inserted, and notes about them for the operator.
 
-    The lower value of each limit applies to the whole flight, and so do the geofence zones and the obstacles
-    of both missions. The actions remain those of `mission`.
+    For the whole flight, the lower value of each limit and the geofence zones and obstacles of both missions
+    apply. The actions remain those of `mission`.
 
     Raises:
-        PlanError: The geofences cannot both apply.
+        PlanError: The two geofences cannot be combined.
     """
     notes: list[str] = []
     limits, lowered = _limits(mission.limits, added.limits)
     if lowered:
-        words = ", ".join(f"{name} {value:g}" for name, value in lowered.items())
-        notes.append(f"Lower limits of {added.name!r} now apply to the whole mission: {words}.")
+        limits_text = ", ".join(f"{name} {value:g}" for name, value in lowered.items())
+        notes.append(f"Lower limits of {added.name!r} now apply to the whole mission: {limits_text}.")
     zones = _new_zones(mission, added)
     if zones:
         notes.append(f"The geofence of {added.name!r} now applies to the whole mission.")
-    known = set(mission.obstacles)
-    obstacles = [each for each in _obstacles(mission, added) if each not in known]
+    existing = set(mission.obstacles)
+    obstacles = [each for each in _obstacles(mission, added) if each not in existing]
     if obstacles:
         nouns, verb = ("obstacle", "is") if len(obstacles) == 1 else ("obstacles", "are")
         notes.append(f"{len(obstacles)} {nouns} of {added.name!r} {verb} added.")
-    other = [
-        f"{name} {here}, not {there}"
-        for (name, here), (_, there) in zip(mission.actions, added.actions, strict=True)
-        if here != there
+    differences = [
+        f"{name} {value}, not {added_value}"
+        for (name, value), (_, added_value) in zip(mission.actions, added.actions, strict=True)
+        if value != added_value
     ]
-    if other:
-        notes.append(f"The actions of this mission apply: {'; '.join(other)}.")
+    if differences:
+        notes.append(f"The actions of this mission apply: {'; '.join(differences)}.")
     fields = {
         "limits": limits,
         "fence": (*mission.fence, *zones),
@@ -52,22 +52,22 @@ def _limits(limits: Bounds, added: Bounds) -> tuple[Bounds, dict[str, float]]:
     `speed_m_s` is not merged: it is written into each inserted step (`insertion_steps.py`).
     """
     lowered: dict[str, float] = {}
-    for (name, here), (_, there) in zip(limits, added, strict=True):
-        if name != "speed_m_s" and there is not None and (here is None or there < here):
-            lowered[name] = there
+    for (name, value), (_, added_value) in zip(limits, added, strict=True):
+        if name != "speed_m_s" and added_value is not None and (value is None or added_value < value):
+            lowered[name] = added_value
     return limits.model_copy(update=lowered), lowered
 
 
 def _new_zones(mission: OffboardMission, added: OffboardMission) -> list[FenceZone]:
-    own, others = list(mission.fence), list(added.fence)
-    stay_inside = [zone for zone in own if zone.inclusion], [zone for zone in others if zone.inclusion]
+    zones, added_zones = list(mission.fence), list(added.fence)
+    stay_inside = [zone for zone in zones if zone.inclusion], [zone for zone in added_zones if zone.inclusion]
     if all(stay_inside) and any(zone not in stay_inside[0] for zone in stay_inside[1]):
         raise PlanError(
             f"mission {added.name!r}, field fence",
             "both missions have a geofence to stay inside; together they would allow the areas of both",
             "Give both missions the same zones, or remove those of one mission.",
         )
-    return [zone for zone in others if zone not in own]
+    return [zone for zone in added_zones if zone not in zones]
 
 
 def _obstacles(mission: OffboardMission, added: OffboardMission) -> list[Obstacle]:

@@ -1,4 +1,5 @@
-"""Adapts the steps of an inserted mission, so that the vehicle flies them there as in their own mission."""
+"""Adapts the steps of an inserted mission, so that the vehicle flies them as in the mission they come
+from."""
 
 from __future__ import annotations
 
@@ -20,41 +21,42 @@ from missions.values import Model
 
 Positions = Literal["from_start", "same_places"]
 SAME_PLACE_M = 0.5
-"""Homes that are nearer to each other count as the same."""
+"""Planned starts that are nearer to each other count as the same."""
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """From the planned start of the inserted mission to the planned start of the vehicle that flies it."""
+    """Converts positions from the planned start of the inserted mission to the planned start of its
+    vehicle."""
 
     home: LocalOrigin
     added_home: LocalOrigin
     starts_ned_m: tuple[Vector3, ...]
     """Planned starts of the vehicles that fly the inserted steps, from `home`."""
 
-    def local(self, position_ned_m: Vector3) -> Vector3:
-        """The same place, relative to the other home."""
+    def convert_local(self, position_ned_m: Vector3) -> Vector3:
+        """A position from `added_home`, converted to `home` (NED)."""
         return self.home.to_ned(*self.added_home.to_geodetic(position_ned_m))
 
-    def offset(self, offset_ned_m: Vector3) -> Vector3:
-        """The same place, relative to the vehicle's start."""
-        n, e, d = self.local(offset_ned_m)
+    def convert_offset(self, offset_ned_m: Vector3) -> Vector3:
+        """An offset from `added_home`, converted to the vehicle's start (NED)."""
+        n, e, d = self.convert_local(offset_ned_m)
         from_n, from_e, from_d = self.starts_ned_m[0]
         return (n - from_n, e - from_e, d - from_d)
 
-    def alt_home_m(self, alt_home_m: float) -> float:
-        """The same altitude, relative to the altitude of the vehicle's start."""
+    def convert_alt_home(self, alt_home_m: float) -> float:
+        """An altitude above `added_home`, converted to the altitude of the vehicle's start."""
         return alt_home_m + self.added_home.alt_amsl_m - self.home.alt_amsl_m + self.starts_ned_m[0][2]
 
     @property
     def distance_m(self) -> float:
         """The largest distance between the two starts."""
-        north, east, down = self.local((0.0, 0.0, 0.0))
+        north, east, down = self.convert_local((0.0, 0.0, 0.0))
         return max(math.dist((north, east, down), start) for start in self.starts_ned_m)
 
 
-def move_of(mission: OffboardMission, added: OffboardMission, role: str | None) -> Move | None:
-    """The move from one planned start to the other; None: they are the same, or one of them is not given.
+def move_between(mission: OffboardMission, added: OffboardMission, role: str | None) -> Move | None:
+    """The move from one planned start to the other; None: the starts are the same, or one is not given.
 
     Args:
         mission: the mission to change.
@@ -76,9 +78,9 @@ class Adapter:
     Args:
         mission: the mission to change.
         added: the inserted mission.
-        move: as from `move_of`.
-        positions: how positions relative to start or home are inserted; None: refused if it makes a
-            difference.
+        move: the result of `move_between`.
+        positions: how positions relative to start or home are inserted; None: refused if
+            the planned starts differ.
     """
 
     def __init__(
@@ -90,13 +92,13 @@ class Adapter:
         self._positions = positions
         self._has_relative = False
         self.tables = dict(mission.tables)
-        """The tables of the mission, with those of the adapted steps."""
+        """The tables of the mission and of the adapted steps."""
 
     def steps(self, steps: Iterable[MissionStep]) -> tuple[MissionStep, ...]:
         """The adapted steps.
 
         Raises:
-            PlanError: A step cannot be flown in the other mission as in its own.
+            PlanError: A step cannot be flown in the new mission as in its own mission.
         """
         return tuple(self._step(step) for step in steps)
 
@@ -104,15 +106,17 @@ class Adapter:
         """Changes of the positions, as sentences."""
         if not self._has_relative or self._added.home is None:
             return []
-        from_start = "Positions relative to start or home now refer to the start and home of this mission"
+        new_reference = "Positions relative to start or home now refer to the start and home of this mission"
         if self._mission.home is None:
-            return [f"{from_start}, which has no planned home."]
+            return [f"{new_reference}, which has no planned home."]
         if self._move is None:
             return []
-        apart = f"The planned starts are {self._move.distance_m:.0f} m apart."
+        distance_text = f"The planned starts are {self._move.distance_m:.0f} m apart."
         if self._positions == "from_start":
-            return [f"{apart} {from_start}."]
-        return [f"{apart} Positions relative to start or home are converted and stay at the same places."]
+            return [f"{distance_text} {new_reference}."]
+        return [
+            f"{distance_text} Positions relative to start or home are converted and stay at the same places."
+        ]
 
     def _step(self, step: MissionStep) -> MissionStep:
         if isinstance(step, Repeat):
@@ -120,7 +124,7 @@ class Adapter:
         if isinstance(step, Branch):
             lists = {"then": self.steps(step.then), "otherwise": self.steps(step.otherwise)}
             return step.model_copy(update=lists)
-        adapted: MissionStep = _mapped(step, self._position)
+        adapted: MissionStep = _with_positions_changed(step, self._position)
         if isinstance(adapted, PathStep):
             return adapted.model_copy(update=self._path_settings(adapted))
         if isinstance(adapted, Table | VelocityStep):
@@ -130,47 +134,47 @@ class Adapter:
         return adapted
 
     def _path_settings(self, step: PathStep) -> dict[str, Any]:
-        """Speed and avoidance that the step had from its own mission."""
+        """The speed and avoidance that its own mission sets for the step."""
         settings: dict[str, Any] = {}
-        limit_m_s, other_m_s = self._added.limits.speed_m_s, self._mission.limits.speed_m_s
-        if limit_m_s is not None and (other_m_s is None or limit_m_s < other_m_s):
+        limit_m_s, mission_m_s = self._added.limits.speed_m_s, self._mission.limits.speed_m_s
+        if limit_m_s is not None and (mission_m_s is None or limit_m_s < mission_m_s):
             settings["speed_m_s"] = min(step.speed_m_s or limit_m_s, limit_m_s)
         if step.avoidance is None and self._avoids_differently():
             settings["avoidance"] = self._added.avoidance
         return settings
 
     def _avoids_differently(self) -> bool:
-        return _way(self._added.avoidance) != _way(self._mission.avoidance)
+        return _avoidance_way(self._added.avoidance) != _avoidance_way(self._mission.avoidance)
 
     def _check_avoidance(self, step: Table | VelocityStep) -> None:
         if self._avoids_differently():
             reason = (
-                f"its `avoidance` is {_words(self._added.avoidance)}, that of this mission is "
-                f"{_words(self._mission.avoidance)}, and a {step.step} step has none of its own"
+                f"its `avoidance` is {_avoidance_text(self._added.avoidance)}, that of this mission is "
+                f"{_avoidance_text(self._mission.avoidance)}, and a {step.step} step has no own `avoidance`"
             )
             raise self._error(step, reason, "Set `avoidance` of both missions to the same value.")
 
-    def _position(self, place: MissionPosition) -> MissionPosition:
+    def _position(self, position: MissionPosition) -> MissionPosition:
         move = self._move
-        is_local = place.position_ned_m is not None or place.offset_ned_m is not None
-        if not is_local and place.alt_home_m is None:
-            return place
+        is_local = position.position_ned_m is not None or position.offset_ned_m is not None
+        if not is_local and position.alt_home_m is None:
+            return position
         self._has_relative = True
         if move is None or not self._converts(move):
-            return place
+            return position
         converted: dict[str, Any] = {}
-        if place.position_ned_m is not None:
-            converted["position_ned_m"] = move.local(place.position_ned_m)
-        if place.offset_ned_m is not None:
-            converted["offset_ned_m"] = move.offset(place.offset_ned_m)
-        if place.alt_home_m is not None:
-            converted["alt_home_m"] = move.alt_home_m(place.alt_home_m)
+        if position.position_ned_m is not None:
+            converted["position_ned_m"] = move.convert_local(position.position_ned_m)
+        if position.offset_ned_m is not None:
+            converted["offset_ned_m"] = move.convert_offset(position.offset_ned_m)
+        if position.alt_home_m is not None:
+            converted["alt_home_m"] = move.convert_alt_home(position.alt_home_m)
         for value in converted.values():
             _check_near(value if isinstance(value, tuple) else (value,))
-        return place.model_copy(update=converted)
+        return position.model_copy(update=converted)
 
     def _converts(self, move: Move) -> bool:
-        """Whether relative positions are converted to the same places."""
+        """Whether positions relative to start or home are converted, so that they stay at the same places."""
         if self._positions is None:
             raise PlanError(
                 "field positions",
@@ -190,14 +194,16 @@ class Adapter:
         return self._positions == "same_places"
 
     def _table(self, step: Table) -> str:
-        """The name of the step's table in the mission, which is added unless the mission has it."""
+        """Adds the step's table to the mission unless the mission has it; returns the name of the table."""
         text = self._added.tables.get(step.file)
         if text is None:
-            fix = "Add it to the mission: a table step of an inserted mission cannot read other files."
+            fix = "Add the table to the mission: steps of an inserted mission cannot read other files."
             raise self._error(step, f"the mission has no table {step.file!r}", fix)
         self._has_relative = True
         if self._move is not None and self._converts(self._move):
-            text = _moved_table(text, self._move.offset if step.relative else self._move.local)
+            text = _moved_table(
+                text, self._move.convert_offset if step.relative else self._move.convert_local
+            )
         name = free_name(step.file, lambda name: self.tables.get(name, text) != text)
         self.tables[name] = text
         return name
@@ -225,20 +231,20 @@ def _check_near(values: Sequence[float]) -> None:
         )
 
 
-def _mapped(value: Any, change: Callable[[MissionPosition], MissionPosition]) -> Any:
-    """A copy of a step with all positions changed."""
+def _with_positions_changed(value: Any, change: Callable[[MissionPosition], MissionPosition]) -> Any:
+    """A copy of a step in which `change` was applied to all positions."""
     if isinstance(value, MissionPosition):
         return change(value)
     if isinstance(value, Model):
-        return value.model_copy(update={name: _mapped(each, change) for name, each in value})
+        return value.model_copy(update={name: _with_positions_changed(each, change) for name, each in value})
     if isinstance(value, tuple):
-        return tuple(_mapped(each, change) for each in value)
+        return tuple(_with_positions_changed(each, change) for each in value)
     return value
 
 
-def _way(avoidance: Avoidance) -> str | None:
+def _avoidance_way(avoidance: Avoidance) -> str | None:
     return ("over" if avoidance else None) if isinstance(avoidance, bool) else avoidance
 
 
-def _words(avoidance: Avoidance) -> str:
-    return _way(avoidance) or "off"
+def _avoidance_text(avoidance: Avoidance) -> str:
+    return _avoidance_way(avoidance) or "off"

@@ -29,13 +29,13 @@ def check_meetings(mission: OffboardMission) -> None:
         if meetings_of[None]:
             raise PlanError("the steps", "a `meet`, but the mission has no roles", "Remove the `meet` step.")
         return
-    (first, expected), *others = meetings_of.items()
-    for role, names in others:
-        for number, (one, two) in enumerate(itertools.zip_longest(expected, names), 1):
-            if one != two:
+    (first_role, expected), *other_roles = meetings_of.items()
+    for role, names in other_roles:
+        for number, (expected_name, name) in enumerate(itertools.zip_longest(expected, names), 1):
+            if expected_name != name:
                 raise PlanError(
                     f"role {role!r}, meeting {number}",
-                    f"it is {_quoted(two)}, but {_quoted(one)} in role {first!r}",
+                    f"it is {_quoted(name)}, but {_quoted(expected_name)} in role {first_role!r}",
                     "Give all roles the same meetings, in the same order.",
                 )
 
@@ -64,18 +64,21 @@ class _Meetings:
         return names
 
     def refuse_in_branches(self) -> None:
-        """Raises PlanError for a meeting inside a branch, because the other roles cannot know which branch is
-        flown."""
+        """Refuses meetings inside branches, because the other roles cannot know which branch is flown.
+
+        Raises:
+            PlanError: A branch contains a meeting.
+        """
         lists = {
             "the steps" if role is None else f"role {role!r}": s
             for role, s in self._mission.steps_by_role.items()
         }
-        lists |= {f"mission {name!r}": steps for name, steps in self._mission.missions.items()}
+        lists |= {f"list {name!r}": steps for name, steps in self._mission.missions.items()}
         for place, steps in lists.items():
             for branch in _branches(steps):
                 if self._has_meeting((*branch.then, *branch.otherwise)):
                     reason = "a `meet` inside a branch: other roles cannot know whether it is reached"
-                    raise PlanError(place, reason, "Put it before or after the branch.")
+                    raise PlanError(place, reason, "Move the meeting before or after the branch.")
 
     def _names(self, steps: Iterable[MissionStep]) -> Iterator[str]:
         for step in steps:

@@ -23,22 +23,22 @@ SPACING_S = 0.25
 MAX_SAMPLES = 4000
 """Maximum number of samples of one segment."""
 GROUND_M = 0.3
-"""A height below this counts as on the ground."""
+"""At a lower altitude above home, a path that should be in the air has reached the ground."""
 TOLERANCE = 1.01
-"""Tables may exceed a limit by one per cent."""
+"""Factor by which tables may exceed a limit."""
 
 
 def check(timeline: Timeline, compilation: Compilation) -> tuple[MissionFinding, ...]:
     """All findings about all branches of a timeline."""
-    area = None
+    allowed = None
     findings: list[MissionFinding] = []
     if compilation.mission.fence:
         if compilation.start.origin is None:
             message = "The geofence requires the global position of the local origin, which is unknown."
             findings.append(MissionFinding("fence_unknown", message, None, "Give the mission a home."))
         else:
-            area = allowed_area(compilation.mission.fence, compilation.start.origin)
-            shapely.prepare(area)
+            allowed = allowed_area(compilation.mission.fence, compilation.start.origin)
+            shapely.prepare(allowed)
     obstacles = ObstacleCheck(compilation, findings)
     for part in samples.parts(timeline, compilation.start.position_ned_m):
         start_ned_m = part.start_ned_m
@@ -46,8 +46,8 @@ def check(timeline: Timeline, compilation: Compilation) -> tuple[MissionFinding,
             count = int(min(MAX_SAMPLES, 2 + segment.duration_s / SPACING_S))
             path = samples.path_along(segment, start_ned_m, np.linspace(0.0, segment.duration_s, count))
             findings += _positions(segment, path, compilation)
-            if area is not None:
-                findings += _fence(segment, path, area)
+            if allowed is not None:
+                findings += _fence(segment, path, allowed)
             findings += obstacles.check_segment(segment, path)
             if isinstance(segment, TableSegment):
                 findings += _table(segment, compilation.motion)
@@ -61,21 +61,27 @@ def _positions(segment: Segment, path: Array, compilation: Compilation) -> Itera
     home_down_m = start.reference_ned_m[2]
     if start.origin is not None and start.home_alt_amsl_m is not None:
         home_down_m = start.origin.alt_amsl_m - start.home_alt_amsl_m
-    height_m = home_down_m - path[:, 2]
-    highest_m = float(height_m.max())
+    altitudes_home_m = home_down_m - path[:, 2]
+    highest_m = float(altitudes_home_m.max())
     max_m, fence_m = limits.altitude_home_max_m, limits.vehicle.fence_height_m
     if max_m is not None and highest_m > max_m + 0.01:
         message = f"{segment.title} climbs to {highest_m:.0f} m above home, the limit is {max_m:.0f} m."
-        yield MissionFinding("altitude_too_high", message, segment.place, "Lower it.", max_m)
+        yield MissionFinding("altitude_too_high", message, segment.place, "Lower the altitude.", max_m)
     if 0.0 < fence_m < highest_m:
         message = (
             f"{segment.title} climbs to {highest_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
         )
-        yield MissionFinding("altitude_fence", message, segment.place, "Lower it.", fence_m)
-    if isinstance(segment, CurveSegment | TableSegment | VelocitySegment) and height_m.min() < GROUND_M:
-        message = f"{segment.title} descends to {height_m.min():.1f} m above home."
+        yield MissionFinding("altitude_fence", message, segment.place, "Lower the altitude.", fence_m)
+    if (
+        isinstance(segment, CurveSegment | TableSegment | VelocitySegment)
+        and altitudes_home_m.min() < GROUND_M
+    ):
+        message = f"{segment.title} descends to {altitudes_home_m.min():.1f} m above home."
         yield MissionFinding(
-            "altitude_below_home", message, segment.place, "Raise it; down is negative above the origin."
+            "altitude_below_home",
+            message,
+            segment.place,
+            "Increase the altitude; down is negative above the origin.",
         )
     radius_m = limits.vehicle.fence_radius_m
     north, east = path[:, 0] - start.reference_ned_m[0], path[:, 1] - start.reference_ned_m[1]
@@ -84,9 +90,9 @@ def _positions(segment: Segment, path: Array, compilation: Compilation) -> Itera
         message = (
             f"{segment.title} is up to {away_m:.0f} m from the start; the fence limit is {radius_m:.0f} m."
         )
-        yield MissionFinding("radius_exceeded", message, segment.place, "Move it nearer to the start.")
-    for beyond, limit_m in _beyond_operator_limits(path, highest_m, away_m, compilation):
-        message = f"{segment.title} {beyond}. The server would hold the vehicle back there."
+        yield MissionFinding("radius_exceeded", message, segment.place, "Move the path nearer to the start.")
+    for excess, limit_m in _beyond_operator_limits(path, highest_m, away_m, compilation):
+        message = f"{segment.title} {excess}. In flight, the server would keep the vehicle inside this limit."
         fix = "Change the step, or your limits."
         yield MissionFinding("limit_exceeded", message, segment.place, fix, limit_m)
 
@@ -94,7 +100,8 @@ def _positions(segment: Segment, path: Array, compilation: Compilation) -> Itera
 def _beyond_operator_limits(
     path: Array, highest_m: float, away_m: float, compilation: Compilation
 ) -> Iterator[tuple[str, float | None]]:
-    """Each limit that a path exceeds: a text, and the limit if it is one of the height."""
+    """Each of the operator's limits that a path exceeds: a text, and the limit if it limits the altitude
+    [m]."""
     operator, start = compilation.vehicle.operator, compilation.start
     if operator.height_max_m is not None and highest_m > operator.height_max_m + 0.01:
         text = f"climbs to {highest_m:.0f} m above home, your limit is {operator.height_max_m:g} m"
@@ -112,12 +119,12 @@ def _beyond_operator_limits(
 
 
 def _fence(
-    segment: Segment, path: Array, area: shapely.geometry.base.BaseGeometry
+    segment: Segment, path: Array, allowed: shapely.geometry.base.BaseGeometry
 ) -> Iterator[MissionFinding]:
     line = shapely.LineString(path[:, :2])
-    if area.covers(line):
+    if allowed.covers(line):
         return
-    outside = ~shapely.contains_xy(area, path[:, 0], path[:, 1])
+    outside = ~shapely.contains_xy(allowed, path[:, 0], path[:, 1])
     first = path[int(outside.argmax())]
     message = f"{segment.title} leaves the geofence near north {first[0]:.0f} m, east {first[1]:.0f} m."
     yield MissionFinding(
@@ -129,11 +136,11 @@ def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFindi
     times = np.linspace(0.0, segment.duration_s, MAX_SAMPLES)
     _, v = segment.path.sample(times)
     horizontal = float(np.hypot(v[:, 0], v[:, 1]).max())
-    up, down = float(-v[:, 2].min()), float(v[:, 2].max())
+    climb, descent = float(-v[:, 2].min()), float(v[:, 2].max())
     limits = (
         (horizontal, motion.speed_m_s, "over the ground"),
-        (up, motion.climb_m_s, "up"),
-        (down, motion.descent_m_s, "down"),
+        (climb, motion.climb_m_s, "up"),
+        (descent, motion.descent_m_s, "down"),
     )
     for speed, limit, direction in limits:
         if speed > limit * TOLERANCE:

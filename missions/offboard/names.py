@@ -8,13 +8,13 @@ MAX_NAME_LENGTH = 100
 
 
 def valid_name(text: str, fallback: str) -> str:
-    """A name made of any text: printable, not empty, of limited length."""
+    """Makes a valid name from a text: printable, not empty, of limited length."""
     printable = "".join(c if c.isprintable() else " " for c in text)
     return printable.strip()[:MAX_NAME_LENGTH].strip() or fallback
 
 
 def free_name(wanted: str, is_taken: Callable[[str], bool]) -> str:
-    """The wanted name, or with the first number that makes it free: `Tower 2`, `loop 2.csv`."""
+    """The wanted name; if it is taken, the name with the first free number: `Tower 2`, `loop 2.csv`."""
     name, number = wanted, 2
     stem, ending = (wanted[:-4], wanted[-4:]) if wanted.lower().endswith(".csv") else (wanted, "")
     while is_taken(name):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.obstacles import Clearance, ObstacleShapes, is_valid, name_of
+from missions.obstacles import Clearance, ObstacleShapes, is_valid, obstacle_name
 from missions.offboard.findings import MissionFinding
 from missions.offboard.segments import CurveSegment, HoldSegment, Segment, TableSegment
 from missions.offboard.state import Compilation
@@ -37,7 +37,7 @@ class ObstacleCheck:
             return
         for index, obstacle in enumerate(obstacles):
             if not is_valid(obstacle, origin):
-                message = f"The sides of {name_of(obstacle, index)} cross, or it has no area."
+                message = f"The sides of {obstacle_name(obstacle, index)} cross, or it has no area."
                 findings.append(
                     MissionFinding(
                         "obstacle_invalid", message, None, "Draw the obstacle again.", obstacle=index
@@ -53,20 +53,20 @@ class ObstacleCheck:
 
         Args:
             segment: a segment of the timeline.
-            path: (N, 3) positions along it.
+            path: (N, 3) positions along the segment.
         """
-        for clearance in () if self._shapes is None else self._shapes.near(path):
+        for clearance in () if self._shapes is None else self._shapes.clearances(path):
             yield _finding(segment, clearance)
 
 
 def _finding(segment: Segment, clearance: Clearance) -> MissionFinding:
     step, index = segment.place, clearance.index
     where = f"near north {clearance.north_m:.0f} m, east {clearance.east_m:.0f} m"
-    if not clearance.hits:
+    if not clearance.passes_through:
         message = f"{segment.title} comes within {clearance.distance_m:.1f} m of {clearance.name} {where}."
         return MissionFinding("obstacle_near", message, step, MOVE_POINTS, obstacle=index)
     message = f"{segment.title} passes through {clearance.name} {where}"
     if segment.avoidance is None or not isinstance(segment, CurveSegment | HoldSegment | TableSegment):
         return MissionFinding("obstacle_hit", f"{message}.", step, MOVE_POINTS, obstacle=index)
-    message += ": the vehicle depends on its obstacle sensor to avoid it."
+    message += ": only the obstacle sensor of the vehicle can avoid the obstacle."
     return MissionFinding("obstacle_avoided", message, step, CHECK_SENSOR, obstacle=index)

@@ -23,9 +23,9 @@ class MissionPosition(Model):
     """A position: local, relative to the start of the mission, or latitude and longitude."""
 
     position_ned_m: Ned | None = None
-    """Relative to the vehicle's local origin."""
+    """Position relative to the vehicle's local origin."""
     offset_ned_m: Ned | None = None
-    """Relative to the start of the mission."""
+    """Position relative to the start of the mission."""
     lat_deg: LatDeg | None = None
     lon_deg: LonDeg | None = None
     alt_amsl_m: AltitudeM | None = None
@@ -66,7 +66,7 @@ class Start:
 
     @property
     def reference_ned_m(self) -> Vector3:
-        """The reference of offsets; the ground is assumed to be at this height."""
+        """The position to which offsets are relative; the ground is assumed to be at this altitude."""
         return self.position_ned_m if self.mission_start_ned_m is None else self.mission_start_ned_m
 
 
@@ -82,34 +82,34 @@ class MissingReference(Exception):
         self.missing = missing
 
 
-def to_local(place: MissionPosition, start: Start) -> Vector3:
+def to_local(position: MissionPosition, start: Start) -> Vector3:
     """A position in the local frame.
 
     Args:
-        place: the position as given in the document.
+        position: the position as given in the document.
         start: the vehicle's position and origin, and the mission's start.
 
     Raises:
         MissingReference: The origin or the altitude of home is unknown.
     """
-    if place.position_ned_m is not None:
-        return place.position_ned_m
-    if place.offset_ned_m is not None:
-        n, e, d = place.offset_ned_m
+    if position.position_ned_m is not None:
+        return position.position_ned_m
+    if position.offset_ned_m is not None:
+        n, e, d = position.offset_ned_m
         from_n, from_e, from_d = start.reference_ned_m
         return (from_n + n, from_e + e, from_d + d)
     if start.origin is None:
         raise MissingReference("global_position")
-    amsl_m = place.alt_amsl_m
+    amsl_m = position.alt_amsl_m
     if amsl_m is None:
         if start.home_alt_amsl_m is None:
             raise MissingReference("home")
-        amsl_m = start.home_alt_amsl_m + (place.alt_home_m or 0.0)
-    return start.origin.to_ned(place.lat_deg or 0.0, place.lon_deg or 0.0, amsl_m)
+        amsl_m = start.home_alt_amsl_m + (position.alt_home_m or 0.0)
+    return start.origin.to_ned(position.lat_deg or 0.0, position.lon_deg or 0.0, amsl_m)
 
 
 def fence_area(zones: Sequence[FenceZone], origin: LocalOrigin) -> FenceArea | None:
-    """A document's geofence in the local frame; None without zones."""
+    """The geofence of a document in the local frame; None: no zones."""
     if not zones:
         return None
     inclusions, exclusions = Region(), list[Region]()

@@ -60,7 +60,7 @@ def read_json(data: str | bytes) -> OffboardMission:
     if isinstance(value, dict) and "items" in value:
         fix = "Convert it to an offboard mission (POST /plans/convert)."
         raise PlanError("the mission", "it is a waypoint plan", fix)
-    if _size(value, 0) > MAX_VALUES:
+    if _count_values(value, 0) > MAX_VALUES:
         raise PlanError("the mission", f"more than {MAX_VALUES} values", "Split the mission.")
     try:
         mission = OffboardMission.model_validate_json(text)
@@ -71,12 +71,12 @@ def read_json(data: str | bytes) -> OffboardMission:
     return mission
 
 
-def _size(value: Any, depth: int) -> int:
+def _count_values(value: Any, depth: int) -> int:
     """Number of values, including nested ones."""
     if depth > MAX_DEPTH:
         raise PlanError("the mission", f"nested deeper than {MAX_DEPTH} levels", "Use `call`.")
     parts = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return 1 + sum(_size(part, depth + 1) for part in parts)
+    return 1 + sum(_count_values(part, depth + 1) for part in parts)
 
 
 def _parse(text: str, lines: dict[Path, int]) -> Any:
@@ -86,10 +86,10 @@ def _parse(text: str, lines: dict[Path, int]) -> Any:
         if loader.check_event(yaml.StreamEndEvent):
             raise PlanError("the file", "it is empty", "Write `name:` and `steps:`.")
         loader.get_event()
-        value = _Reader(loader, lines).value(())
+        value = _ValueReader(loader, lines).read_value(())
         loader.get_event()
         if not loader.check_event(yaml.StreamEndEvent):
-            raise PlanError("the file", "it contains more than one document", "Keep one.")
+            raise PlanError("the file", "it contains more than one document", "Keep one document.")
         return value
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
@@ -102,15 +102,15 @@ def _parse(text: str, lines: dict[Path, int]) -> Any:
         loader.dispose()
 
 
-class _Reader:
-    """Converts YAML events to values, and records the line of each."""
+class _ValueReader:
+    """Converts YAML events to values, and records the line of each value."""
 
     def __init__(self, loader: Any, lines: dict[Path, int]) -> None:
         self._loader = loader
         self._lines = lines
         self._count = 0
 
-    def value(self, path: Path) -> Any:
+    def read_value(self, path: Path) -> Any:
         """Reads the next value."""
         event = self._loader.get_event()
         line = event.start_mark.line + 1
@@ -133,7 +133,7 @@ class _Reader:
     def _list(self, path: Path) -> list[Any]:
         values: list[Any] = []
         while not self._loader.check_event(yaml.SequenceEndEvent):
-            values.append(self.value((*path, len(values))))
+            values.append(self.read_value((*path, len(values))))
         self._loader.get_event()
         return values
 
@@ -148,7 +148,7 @@ class _Reader:
                 raise PlanError(
                     f"line {line}", f"key {event.value[:60]!r} appears twice", "Keep one of them."
                 )
-            mapping[event.value] = self.value((*path, event.value))
+            mapping[event.value] = self.read_value((*path, event.value))
         self._loader.get_event()
         return mapping
 
@@ -187,19 +187,19 @@ def _plan_error(error: ValidationError, value: Any, lines: dict[Path, int]) -> P
     """The first validation error as a PlanError with line, step and field."""
     first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
     path = _without_tags(first["loc"], value)
-    known_path = path
-    while known_path not in lines and known_path:
-        known_path = known_path[:-1]
+    path_with_line = path
+    while path_with_line not in lines and path_with_line:
+        path_with_line = path_with_line[:-1]
     message = str(first["msg"]).removeprefix("Value error, ").rstrip(".")[:300]
     if str(first["type"]) == "union_tag_not_found":
         message = "it has no `step` field"
     fix = _FIXES.get(str(first["type"]), "Correct this value.")
-    line = f"line {lines[known_path]}" if known_path in lines else ""
-    return PlanError(f"{line}{place_of(path)}".removeprefix(", ") or "the mission", message, fix)
+    line = f"line {lines[path_with_line]}" if path_with_line in lines else ""
+    return PlanError(f"{line}{describe_path(path)}".removeprefix(", ") or "the mission", message, fix)
 
 
 def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
-    """The path in the file; Pydantic's location also contains the kind that a union selected."""
+    """The path in the file; Pydantic's location also contains the kind of each union member."""
     path: list[str | int] = []
     for part in location:
         if isinstance(value, dict) and part not in value and part in (value.get("step"), value.get("shape")):
@@ -212,20 +212,20 @@ def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
     return tuple(path)
 
 
-def place_of(path: Path) -> str:
+def describe_path(path: Path) -> str:
     """A path as shown in messages: `, step 3.2, field points[0].corner_m`; steps are numbered from 1."""
     numbers: list[str] = []
     rest = list(path)
     text = ""
     if len(rest) > 2 and rest[0] == "missions":
-        text, rest = f", mission {rest[1]!r}", rest[2:]
+        text, rest = f", list {rest[1]!r}", rest[2:]
         if isinstance(rest[0], int):
             rest = ["steps", *rest]
     elif len(rest) > 2 and rest[0] == "roles":
         text, rest = f", role {rest[1]!r}", rest[2:]
     while len(rest) > 1 and rest[0] in ("steps", "then", "otherwise") and isinstance(rest[1], int):
-        word = "" if rest[0] == "steps" else f"{rest[0]} "
-        numbers.append(f"{word}{rest[1] + 1}")
+        prefix = "" if rest[0] == "steps" else f"{rest[0]} "
+        numbers.append(f"{prefix}{rest[1] + 1}")
         rest = rest[2:]
     if numbers:
         text += f", step {'.'.join(numbers)}"

@@ -1,7 +1,7 @@
 """A mission of several vehicles: each role's timeline, and the planned separation of the vehicles.
 
-All roles start together. They continue together after each meeting, at the planned arrival of the last role.
-The plan uses the longest path of each branch.
+All roles start at the same time. After each meeting they continue at the planned arrival of the last role.
+The plan follows the longest path of each branch.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class CompiledRoles:
 
 
 def planned_starts(mission: OffboardMission) -> dict[str, Start]:
-    """Planned start position of each role; home if the role has none."""
+    """Planned start position of each role; a role without one starts at home."""
     starts: dict[str, Start] = {}
     for name, role in mission.roles.items():
         home, start_ned_m = mission.home, role.start_ned_m or (0.0, 0.0, 0.0)
@@ -75,29 +75,31 @@ def compile_roles(
     }
     blocks = {role: _blocks(timeline) for role, timeline in timelines.items()}
     block_starts_s, duration_s = _planned_times(blocks)
-    each = (finding for timeline in timelines.values() for finding in timeline.findings)
-    findings = list(dict.fromkeys(each))  # each role has the findings of the whole mission
+    all_findings = (finding for timeline in timelines.values() for finding in timeline.findings)
+    findings = list(
+        dict.fromkeys(all_findings)
+    )  # the timeline of each role also has the findings about the whole mission
     offsets = _common_frame_offsets(mission, starts)
     if offsets is None:
         message = "The positions of the vehicles are unknown, so their separation is not checked."
         fix = "Choose a vehicle for each role, or give each role `start_ned_m` and the mission a home."
         findings.append(MissionFinding("separation_unknown", message, None, fix))
     else:
-        findings += _too_near(mission, blocks, block_starts_s, duration_s, starts, offsets)
+        findings += _separation_findings(mission, blocks, block_starts_s, duration_s, starts, offsets)
     return CompiledRoles(timelines, tuple(findings), duration_s)
 
 
 def _common_frame_offsets(mission: OffboardMission, starts: Mapping[str, Start]) -> dict[str, Vector3] | None:
-    """For each role, the offset from its frame to the frame of the first role; None: unknown."""
-    first = next(iter(starts.values())).origin
+    """For each role, the offset from its local frame to that of the first role [m]; None: unknown."""
+    first_origin = next(iter(starts.values())).origin
     offsets: dict[str, Vector3] = {}
-    planned = all(start.origin is None for start in starts.values())
-    if planned and all(role.start_ned_m is not None for role in mission.roles.values()):
+    without_origins = all(start.origin is None for start in starts.values())
+    if without_origins and all(role.start_ned_m is not None for role in mission.roles.values()):
         return dict.fromkeys(starts, (0.0, 0.0, 0.0))
     for role, start in starts.items():
-        if start.origin is None or first is None:
+        if start.origin is None or first_origin is None:
             return None
-        offsets[role] = start.origin.to_frame_of(first, (0.0, 0.0, 0.0))
+        offsets[role] = start.origin.to_frame_of(first_origin, (0.0, 0.0, 0.0))
     positions = {
         tuple(a + b for a, b in zip(offsets[role], start.position_ned_m, strict=True))
         for role, start in starts.items()
@@ -113,7 +115,7 @@ class _PlacedSegment:
 
 
 def _blocks(timeline: Timeline) -> list[list[_PlacedSegment]]:
-    """The longest path, divided at the meetings."""
+    """The segments of the longest path, divided at the meetings."""
     blocks: list[list[_PlacedSegment]] = [[]]
     for part in samples.parts(timeline, (0.0, 0.0, 0.0)):
         if not part.main:
@@ -128,40 +130,40 @@ def _blocks(timeline: Timeline) -> list[list[_PlacedSegment]]:
 
 
 def _planned_times(blocks: Mapping[str, list[list[_PlacedSegment]]]) -> tuple[list[float], float]:
-    """Planned start of each block, and planned end of the last one."""
+    """Planned start of each block, and planned end of the last block [s]."""
     starts_s, now_s = list[float](), 0.0
-    for together in zip(*blocks.values(), strict=True):
+    for simultaneous in zip(*blocks.values(), strict=True):
         starts_s.append(now_s)
-        now_s += max(sum(each.segment.duration_s for each in block) for block in together)
+        now_s += max(sum(each.segment.duration_s for each in block) for block in simultaneous)
     return starts_s, now_s
 
 
-def _sampled(
+def _sample_positions(
     blocks: list[list[_PlacedSegment]], block_starts_s: list[float], times_s: Array, start: Vector3
 ) -> tuple[Array, list[tuple[float, str]]]:
-    """Positions at these times, (N, 3), and the start time of each step."""
+    """Positions at the times (N, 3), in the role's local frame, and the start time and name of each step."""
     positions = np.tile(np.array(start), (len(times_s), 1))
     steps: list[tuple[float, str]] = []
     previous: Vector3 = start
     for block_start_s, block in zip(block_starts_s, blocks, strict=True):
         now_s = block_start_s
-        for flown in block:
-            segment = flown.segment
+        for placed in block:
+            segment = placed.segment
             steps.append((now_s, segment.place))
             first, end = np.searchsorted(times_s, (now_s, now_s + segment.duration_s)).tolist()
             within_s = times_s[first:end] - now_s
             path = samples.path_along(segment, previous, within_s)
             if len(path) != len(within_s) or path.shape[0] == 2:
-                share = within_s / max(segment.duration_s, 1e-9)
+                fraction = within_s / max(segment.duration_s, 1e-9)
                 start_ned_m, end_ned_m = np.array(previous), np.array(segment.end_ned_m)
-                path = start_ned_m + share[:, None] * (end_ned_m - start_ned_m)
+                path = start_ned_m + fraction[:, None] * (end_ned_m - start_ned_m)
             positions[first:end] = path
             positions[end:] = segment.end_ned_m
             previous, now_s = segment.end_ned_m, now_s + segment.duration_s
     return positions, steps
 
 
-def _too_near(
+def _separation_findings(
     mission: OffboardMission,
     blocks: Mapping[str, list[list[_PlacedSegment]]],
     block_starts_s: list[float],
@@ -169,32 +171,34 @@ def _too_near(
     starts: Mapping[str, Start],
     offsets: Mapping[str, Vector3],
 ) -> Iterator[MissionFinding]:
-    """For each pair of roles, a finding about the first time at which they are too close."""
+    """For each pair of roles, a finding about the first time at which their vehicles are too close."""
     count = int(min(MAX_SAMPLES, 2 + duration_s / SPACING_S))
     times_s = np.linspace(0.0, max(duration_s, SPACING_S), count)
     tracks: dict[str, tuple[Array, Array]] = {}
     steps: dict[str, list[tuple[float, str]]] = {}
     for role in blocks:
-        positions, steps[role] = _sampled(blocks[role], block_starts_s, times_s, starts[role].position_ned_m)
+        positions, steps[role] = _sample_positions(
+            blocks[role], block_starts_s, times_s, starts[role].position_ned_m
+        )
         tracks[role] = positions + np.array(offsets[role]), np.gradient(positions, times_s, axis=0)
     margin_m = planned_margin_m()
     required_m = mission.separation_m + margin_m
-    for one, other in itertools.combinations(tracks, 2):
-        separation_m = braking_separation_m(*tracks[one], *tracks[other], required_m)
-        near = np.flatnonzero(separation_m < required_m)
-        if not len(near):
+    for first_role, second_role in itertools.combinations(tracks, 2):
+        separation_m = braking_separation_m(*tracks[first_role], *tracks[second_role], required_m)
+        too_near = np.flatnonzero(separation_m < required_m)
+        if not len(too_near):
             continue
-        begin = int(near[0])
+        begin = int(too_near[0])
         after = np.flatnonzero(separation_m[begin:] >= required_m)
         end = begin + int(after[0]) if len(after) else len(separation_m)
         worst = begin + int(separation_m[begin:end].argmin())
         t_s = float(times_s[worst])
-        step, other_step = _step_at(steps[one], t_s), _step_at(steps[other], t_s)
-        n, e, d = (tracks[one][0][worst] - np.array(offsets[one])).tolist()
+        step, second_step = _step_at(steps[first_role], t_s), _step_at(steps[second_role], t_s)
+        n, e, d = (tracks[first_role][0][worst] - np.array(offsets[first_role])).tolist()
         message = (
-            f"As planned, after {t_s:.0f} s the vehicles of {one} and {other} come within "
-            f"{separation_m[worst]:.1f} m of each other, braking included ({step}; {other_step}): "
-            f"{one} at {n:.0f} m north, {e:.0f} m east, {d:.0f} m down. "
+            f"As planned, after {t_s:.0f} s the vehicles of {first_role} and {second_role} come within "
+            f"{separation_m[worst]:.1f} m of each other, including the distance to brake ({step}; {second_step}): "
+            f"{first_role} at {n:.0f} m north, {e:.0f} m east, {d:.0f} m down. "
             f"The minimum is {mission.separation_m:g} m plus {margin_m:.1f} m of margin."
         )
         fix = "Move their paths apart, add a meeting before this step, or lower minimum_separation_m."

@@ -42,14 +42,15 @@ class StepTime:
 
     place: str
     start_s: float
-    """Planned time of its first start."""
+    """Planned time at which the step starts first."""
     duration_s: float
     length_m: float
     photos: int
 
 
 def path_along(segment: Segment, start_ned_m: Vector3, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions along a segment, (N, 3) [m]; for a segment without a path, its start and end."""
+    """Positions along a segment, (N, 3), in the local frame [m]; for a segment without a path, its start and
+    end."""
     if isinstance(segment, CurveSegment):
         return segment.curve.sample(times_s).position_ned_m
     if isinstance(segment, TableSegment):
@@ -73,7 +74,7 @@ class Part:
 
 
 def parts(timeline: Timeline, start_ned_m: Vector3) -> Iterator[Part]:
-    """All parts of a timeline; each part comes before those that continue it."""
+    """All parts of a timeline; each part comes before its continuations."""
     yield from _parts(Part(timeline, 0.0, start_ned_m, main=True))
 
 
@@ -84,13 +85,13 @@ def _parts(part: Part) -> Iterator[Part]:
         return
     end_s = part.start_s + line.own_duration_s
     end_ned_m = line.segments[-1].end_ned_m if line.segments else part.start_ned_m
-    then_longer = line.then.duration_s >= line.otherwise.duration_s
-    yield from _parts(Part(line.then, end_s, end_ned_m, main=part.main and then_longer))
-    yield from _parts(Part(line.otherwise, end_s, end_ned_m, main=part.main and not then_longer))
+    then_is_longer = line.then.duration_s >= line.otherwise.duration_s
+    yield from _parts(Part(line.then, end_s, end_ned_m, main=part.main and then_is_longer))
+    yield from _parts(Part(line.otherwise, end_s, end_ned_m, main=part.main and not then_is_longer))
 
 
 def legs(timeline: Timeline, start_ned_m: Vector3) -> tuple[Leg, ...]:
-    """All segments as lines, in order; both continuations of a branch, one after the other."""
+    """All segments as lines, in order; for a branch, the lines of `then` and of `otherwise`."""
     all_parts = list(parts(timeline, start_ned_m))
     point_count = sum(
         MIN_POINTS + each.duration_s / SPACING_S for part in all_parts for each in part.timeline.segments
@@ -123,20 +124,20 @@ def step_times(timeline: Timeline) -> tuple[StepTime, ...]:
         if not part.main:
             continue
         for start_s, segment in zip(part.timeline.starts_s, part.timeline.segments, strict=True):
-            old = steps.get(segment.place) or StepTime(segment.place, part.start_s + start_s, 0.0, 0.0, 0)
+            earlier = steps.get(segment.place) or StepTime(segment.place, part.start_s + start_s, 0.0, 0.0, 0)
             steps[segment.place] = StepTime(
                 segment.place,
-                old.start_s,
-                old.duration_s + segment.duration_s,
-                old.length_m + segment.length_m,
-                old.photos + sum(event.kind == "photo" for event in segment.events),
+                earlier.start_s,
+                earlier.duration_s + segment.duration_s,
+                earlier.length_m + segment.length_m,
+                earlier.photos + sum(event.kind == "photo" for event in segment.events),
             )
     return tuple(steps.values())
 
 
 def setpoint_time_s(timeline: Timeline) -> float:
-    """Planned time of the steps that are flown by setpoints, with the longest branch [s]: without PX4's own
-    take-off and landing, and without steps on the ground."""
+    """Planned time of the steps that are flown by setpoints, on the longest path [s]. PX4's own take-off and
+    landing and steps on the ground do not count."""
     segments = [
         each for part in parts(timeline, (0.0, 0.0, 0.0)) if part.main for each in part.timeline.segments
     ]

@@ -1,7 +1,7 @@
 """The segments of a compiled mission: a setpoint for each time, or a condition to wait for.
 
-Segments are frozen values, so that a timeline can be sent to another process and sampled there. `at(t_s)` is
-the setpoint `t_s` after the segment's start; after its end it is the last setpoint.
+Segments are frozen values, so that another process can receive and sample a timeline. `at(t_s)` is the
+setpoint `t_s` after the start of the segment; after the end of the segment, `at` is the last setpoint.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Event:
     """Time since the start of the segment."""
     kind: Literal["photo", "gimbal"]
     component: int | None = None
-    """Component id of the camera that takes the picture; None: the lowest that is connected."""
+    """Component id of the camera that takes the picture; None: the connected camera with the lowest id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Segment:
     """None: the gimbal is not commanded."""
     events: tuple[Event, ...] = ()
     avoidance: AvoidanceWay | None = None
-    """What obstacle avoidance tries first; None: it is off."""
+    """What obstacle avoidance tries first; None: avoidance is off."""
     visit: int = 0
     """Number of the executed step; each round of a repeat has its own number."""
 
@@ -66,7 +66,7 @@ class HoldSegment(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveSegment(Segment):
-    """Fly a curve, with its yaw or with the current one."""
+    """Fly a curve; if the curve has no yaw, with the current yaw."""
 
     curve: TimedCurve
 
@@ -100,10 +100,10 @@ class VelocitySegment(Segment):
     """Fly a velocity, with limited acceleration and jerk; the position is not controlled."""
 
     line: TimedCurve
-    """The same flight without wind, from which velocity and acceleration are sampled."""
+    """The path without wind, from which the velocity is sampled."""
 
     def at(self, t_s: float) -> Setpoint:
-        """The velocity at that time."""
+        """The velocity setpoint of that time."""
         return Velocity(self.line.at(t_s).velocity_ned_m_s, self.end_yaw_ned_rad)
 
 
@@ -123,7 +123,7 @@ WaitKind = Literal["person", "condition", "take_off", "land", "meet"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WaitSegment(Segment):
-    """Hold until a condition is true; the runner then continues."""
+    """Hold until a condition is true; then the runner continues with the next segment."""
 
     kind: WaitKind
     timeout_s: float
@@ -136,7 +136,7 @@ class WaitSegment(Segment):
     message: str | None = None
     """The question to the pilot, or the name of a meeting."""
     height_m: float | None = None
-    """Height of a take-off above the ground position."""
+    """Height of a take-off above the take-off position."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,5 @@
-"""The state of a compilation: the segments so far, and the planned state of the vehicle after them."""
+"""The state of a compilation: the compiled segments, and the planned state of the vehicle after these
+segments."""
 
 from __future__ import annotations
 
@@ -31,10 +32,10 @@ MAX_POINTS = 50_000
 
 @dataclass(frozen=True, slots=True)
 class OperatorArea:
-    """Where the operator's limits of a vehicle allow the stream to fly; None: no limit."""
+    """The area in which the operator's limits allow the vehicle to fly; None: no limit."""
 
     height_max_m: float | None = None
-    """Above home."""
+    """Altitude above home."""
     distance_max_m: float | None = None
     """Horizontal distance from home."""
     fence: Fence | None = None
@@ -45,7 +46,7 @@ class OperatorArea:
 
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> OperatorArea:
-        """The area of `to_json`."""
+        """The area from the values that `to_json` returned."""
         fence = values["fence"]
         return cls(
             values["height_max_m"],
@@ -79,8 +80,8 @@ class MissionVehicle:
             None if reported is None else frozenset(reported), operator or OperatorArea(),
         )  # fmt: skip
 
-    def within(self, bounds: Bounds) -> MotionLimits:
-        """The vehicle's limits, lowered by those of a mission."""
+    def motion_within(self, bounds: Bounds) -> MotionLimits:
+        """The vehicle's motion limits, or the limits of a mission where these are lower."""
         lower = {
             name: min(value, getattr(self.motion, name))
             for name, value in bounds
@@ -104,7 +105,7 @@ class Compilation:
     steps: int = 0
     points: int = 0
 
-    def count(self, *, segments: int = 0, steps: int = 0, points: int = 0) -> None:
+    def add_size(self, *, segments: int = 0, steps: int = 0, points: int = 0) -> None:
         """Adds to the counters that limit the size of a mission.
 
         Raises:
@@ -125,7 +126,7 @@ class Compilation:
         """The trajectory of a table step, from the given files or from the document.
 
         Raises:
-            PlanError: There is no trajectory with this name.
+            PlanError: No trajectory has this name.
         """
         if name in self.files:
             return self.files[name]
@@ -152,30 +153,30 @@ class State:
     segments: list[Segment] = field(default_factory=list)
 
     def fork(self) -> State:
-        """A copy of the state for a branch, without the segments so far."""
+        """A copy of the state for a branch, without segments."""
         return replace(self, needs=set(), segments=[])
 
     def add(self, segment: Segment) -> None:
-        """Adds a segment and moves the planned position to its end."""
-        self.compilation.count(segments=1)
+        """Adds a segment and moves the planned position to the end of the segment."""
+        self.compilation.add_size(segments=1)
         self.segments.append(replace(segment, avoidance=self.avoidance, visit=self.visit))
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
     def report(self, code: str, message: str, fix: str | None = None, limit: float | None = None) -> None:
-        """Adds a finding about the current step; its fields as in `MissionFinding`."""
+        """Adds a finding about the current step; the arguments are fields of `MissionFinding`."""
         self.compilation.findings[MissionFinding(code, message, self.place, fix, limit)] = None
 
-    def locate(self, place: MissionPosition) -> Vector3:
+    def locate(self, position: MissionPosition) -> Vector3:
         """Converts a position to the local frame.
 
         Raises:
             MissingReference: A value for the conversion is unknown.
         """
-        if place.lat_deg is not None:
+        if position.lat_deg is not None:
             self.needs.add("global_position")
-        if place.alt_home_m is not None:
+        if position.alt_home_m is not None:
             self.needs.add("home")
-        return to_local(place, self.compilation.start)
+        return to_local(position, self.compilation.start)
 
     def limits_for(self, step: PathStep) -> MotionLimits:
         """The limits of a step: the vehicle's, the mission's, and the step's speed."""

@@ -49,7 +49,7 @@ class Step(Model):
 
 
 class TakeOff(Step):
-    """Arm and climb; the mission continues at that height."""
+    """Arm and climb to `height_m`; the next step starts there."""
 
     step: Literal["take_off"] = "take_off"
     height_m: Annotated[float, Field(ge=0.5, le=500.0, allow_inf_nan=False)]
@@ -105,7 +105,7 @@ class FlyPoint(MissionPosition):
     hold_s: Seconds = 0.0
     """Time to wait at the point; the vehicle stops there."""
     corner_m: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 1.0
-    """Maximum distance between the point and the rounded corner that passes it."""
+    """Maximum distance between the point and the rounded corner."""
 
 
 class Fly(PathStep):
@@ -210,7 +210,7 @@ class Gimbal(Step):
     place: MissionPosition | None = None
     """The position to look at, for look_at."""
     sweep_pitch_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
-    """Amplitude of a sweep, to both sides of its middle."""
+    """Amplitude of a sweep, to both sides of its middle pitch."""
     sweep_yaw_rad: Annotated[float, Field(ge=0.0, le=3.15, allow_inf_nan=False)] = 0.0
     period_s: Annotated[float, Field(ge=0.5, le=3600.0, allow_inf_nan=False)] = 10.0
 
@@ -222,13 +222,13 @@ class Gimbal(Step):
 
 
 class Photo(Step):
-    """Take pictures while holding."""
+    """Take pictures while holding the position."""
 
     step: Literal["photo"] = "photo"
     count: Annotated[int, Field(ge=1, le=10_000)] = 1
     interval_s: Annotated[float, Field(ge=0.1, le=3600.0, allow_inf_nan=False)] = 1.0
     component: Annotated[int, Field(ge=1, le=255)] | None = None
-    """MAVLink component id of the camera; None: the lowest that is connected."""
+    """MAVLink component id of the camera; None: the connected camera with the lowest id."""
 
 
 class Condition(Model):
@@ -255,7 +255,8 @@ class Condition(Model):
 
 
 class Wait(Step):
-    """Hold until the pilot continues or a condition is true; after the timeout do `on_timeout`."""
+    """Hold until the pilot continues or a condition is true. After the timeout, the action `on_timeout`
+    follows."""
 
     step: Literal["wait"] = "wait"
     until: Condition | Literal["person"]
@@ -284,7 +285,7 @@ class Branch(Step):
 
 
 class Call(Step):
-    """Fly the steps of a mission from the document's `missions`."""
+    """Fly the steps of a list from the document's `missions`."""
 
     step: Literal["call"] = "call"
     mission: Name
@@ -295,9 +296,9 @@ class Meet(Step):
 
     step: Literal["meet"] = "meet"
     meeting: Name
-    """All roles have the same meetings, in the same order."""
+    """Name of the meeting. All roles must have the same meetings in the same order."""
     timeout_s: Timeout = 120.0
-    """Timeout: if another role has not arrived by then, all roles hold and the mission ends."""
+    """If another role has not arrived within this time, all roles hold and the mission ends."""
 
 
 MissionStep = Annotated[

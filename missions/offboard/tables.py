@@ -1,6 +1,6 @@
 """Reads trajectories from tables of limited size: CSV text or a NumPy array.
 
-A document keeps its tables as CSV text, so an imported NumPy array becomes CSV (`import_file`).
+A document stores tables as CSV text, so `import_file` converts a NumPy array to CSV.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from missions.trajectory.points import MAX_COORDINATE_M
 COLUMNS = ("t_s", "north_m", "east_m", "down_m", "yaw_ned_rad")
 MAX_ROWS = 20_000
 MAX_NPY_BYTES = 4 * 1024 * 1024
-LONGEST_S = 86_400.0
-_MAGIC = b"\x93NUMPY"
-_ARCHIVE = b"PK"
+MAX_DURATION_S = 86_400.0
+_NPY_MAGIC = b"\x93NUMPY"
+_ZIP_MAGIC = b"PK"
 _HEADER_ERRORS = (
     ValueError, TypeError, KeyError, OSError, EOFError, OverflowError, SyntaxError, MemoryError,
     RecursionError, tokenize.TokenError,
@@ -39,18 +39,18 @@ _HEADER_ERRORS = (
 
 @dataclass(frozen=True, slots=True)
 class ImportedTable:
-    """A trajectory from a file, as a document keeps it."""
+    """A trajectory from a file, in the form that a document stores."""
 
     name: str
-    """Name for the document's `tables`: that of the file, with `.csv`."""
+    """Name for the document's `tables`: the name of the file, with `.csv`."""
     text: str
     """CSV text for the document's `tables`."""
     rows: int
     """Number of rows."""
     duration_s: float
-    """From the first row to the last [s]."""
+    """Time from the first row to the last [s]."""
     has_yaw: bool
-    """Whether it has the column `yaw_ned_rad`."""
+    """Whether the trajectory has the column `yaw_ned_rad`."""
 
 
 def import_file(data: bytes, filename: str) -> ImportedTable:
@@ -58,14 +58,14 @@ def import_file(data: bytes, filename: str) -> ImportedTable:
 
     Args:
         data: content of the file.
-        filename: its name; it becomes the name of the table.
+        filename: name of the file, from which the name of the table is made.
 
     Raises:
         PlanError: The file cannot be read or flown; the error names the row and the fix.
     """
-    is_array = data.startswith(_MAGIC)
+    is_array = data.startswith(_NPY_MAGIC)
     if not is_array and filename.lower().endswith((".npy", ".npz")):
-        reason = "it is an archive of arrays" if data.startswith(_ARCHIVE) else "it is not a NumPy array"
+        reason = "it is an archive of arrays" if data.startswith(_ZIP_MAGIC) else "it is not a NumPy array"
         raise PlanError("the table", reason, "Save one array with numpy.save.")
     rows = read_rows(data)
     text = csv_text(rows) if is_array else decode_lines(data)
@@ -97,7 +97,7 @@ def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurv
 
     Args:
         data: content of the file.
-        offset_ned_m: added to its positions.
+        offset_ned_m: added to the positions of the table.
         default_yaw_rad: the heading for a table without yaw.
 
     Raises:
@@ -113,12 +113,12 @@ def read(data: bytes, offset_ned_m: Vector3, default_yaw_rad: float) -> PathCurv
 
 
 def read_rows(data: bytes) -> list[list[float]]:
-    """The checked rows of a table: time, north, east, down, and the heading if it has one.
+    """The checked rows of a table: time, north, east, down, and the heading if the table has one.
 
     Raises:
         PlanError: The table cannot be read or flown; the error names the row and the fix.
     """
-    rows = _array(data) if data.startswith(_MAGIC) else _csv(data)
+    rows = _array(data) if data.startswith(_NPY_MAGIC) else _csv(data)
     if not 2 <= len(rows) <= MAX_ROWS:
         reason = f"it has {len(rows)} rows; it must have 2 to {MAX_ROWS}"
         raise PlanError("the table", reason, "Change the number of rows.")
@@ -126,7 +126,7 @@ def read_rows(data: bytes) -> list[list[float]]:
     for number, row in enumerate(rows, 1):
         if not all(abs(value) <= MAX_COORDINATE_M for value in row):
             raise PlanError(f"row {number}", "a value is not finite or too large", "Correct this row.")
-        if row[0] <= previous_s or row[0] - rows[0][0] > LONGEST_S:
+        if row[0] <= previous_s or row[0] - rows[0][0] > MAX_DURATION_S:
             raise PlanError(
                 f"row {number}, column t_s", "times must increase, and cover a day at most", "Sort the rows."
             )
@@ -166,7 +166,7 @@ def _csv(data: bytes) -> list[list[float]]:
 def _array(data: bytes) -> list[list[float]]:
     if len(data) > MAX_NPY_BYTES:
         raise PlanError("the table", f"{len(data) / 1e6:.0f} MB are too large", "Give fewer rows.")
-    shape, is_fortran, dtype, begin = _header(data)
+    shape, is_fortran, dtype, values_begin = _header(data)
     if dtype.kind not in "fiu":
         reason = f"its values are of type {dtype!s:.60}, not numbers"
         raise PlanError("the table", reason, "Save it as numbers: numpy.save(file, array.astype(float)).")
@@ -176,11 +176,11 @@ def _array(data: bytes) -> list[list[float]]:
         transpose_hint = " Rows and columns may be swapped: save array.T." if is_transposed else ""
         fix = f"Save shape (N, 4) or (N, 5): {', '.join(COLUMNS)}.{transpose_hint}"
         raise PlanError("the table", reason, fix)
-    needed = shape[0] * shape[1] * dtype.itemsize
-    if not 0 <= needed <= len(data) - begin:
+    size_bytes = shape[0] * shape[1] * dtype.itemsize
+    if not 0 <= size_bytes <= len(data) - values_begin:
         reason = f"its header states {shape[0]} rows, but the file ends before them"
         raise PlanError("the table", reason, "Copy the file again, or save it again with numpy.save.")
-    values: NDArray[np.generic] = np.frombuffer(data[begin : begin + needed], dtype)
+    values: NDArray[np.generic] = np.frombuffer(data[values_begin : values_begin + size_bytes], dtype)
     if dtype.kind == "f" and dtype.itemsize < 8:
         values = values.astype(str)  # a float32 of 0.1 becomes 0.1, not 0.10000000149
     with np.errstate(over="ignore"):  # `read_rows` refuses infinity

@@ -1,6 +1,6 @@
 """A compiled mission: segments in order, and totals that are known before the flight.
 
-Timelines are frozen values, so that they can be sent to another process.
+Timelines are frozen values, so that another process can receive them.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class TimedEvent:
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """Segments in order; a decision at the end selects one of two timelines to continue with."""
+    """Segments in order. A decision at the end selects `then` or `otherwise` as the continuation."""
 
     segments: tuple[Segment, ...]
     starts_s: tuple[float, ...]
@@ -51,11 +51,11 @@ class Timeline:
     energy_wh: float | None = None
     """Energy of the longest path; None without a power model."""
     fence: FenceArea | None = None
-    """The mission's own geofence; None: it has none, or the origin is unknown."""
+    """The mission's own geofence; None: no geofence, or the origin of the local frame is unknown."""
 
     @property
     def own_duration_s(self) -> float:
-        """Duration of these segments, without the continuation."""
+        """Duration of the segments, without a continuation."""
         return self.starts_s[-1] + self.segments[-1].duration_s if self.segments else 0.0
 
     @property
@@ -66,18 +66,18 @@ class Timeline:
     @property
     def length_m(self) -> float:
         """Length of the longest path, including take-off and landing."""
-        own_m = sum(segment.length_m for segment in self.segments)
-        return own_m + max((each.length_m for each in self._continuations), default=0.0)
+        segments_m = sum(segment.length_m for segment in self.segments)
+        return segments_m + max((each.length_m for each in self._continuations), default=0.0)
 
     @property
     def photos(self) -> int:
         """Largest number of pictures of all paths."""
-        own = sum(event.kind == "photo" for segment in self.segments for event in segment.events)
-        return own + max((each.photos for each in self._continuations), default=0)
+        segment_photos = sum(event.kind == "photo" for segment in self.segments for event in segment.events)
+        return segment_photos + max((each.photos for each in self._continuations), default=0)
 
     @property
     def events(self) -> tuple[TimedEvent, ...]:
-        """The events of these segments, in order."""
+        """The events of the segments, in order."""
         return tuple(
             TimedEvent(start_s + event.t_s, event.kind, segment.place)
             for start_s, segment in zip(self.starts_s, self.segments, strict=True)
@@ -105,5 +105,5 @@ class Timeline:
 
     def at(self, t_s: float) -> Setpoint | None:
         """The setpoint at a planned time; None: there are no segments."""
-        at_time = self.segment_at(t_s)
-        return None if at_time is None else at_time[0].at(at_time[1])
+        segment_and_time = self.segment_at(t_s)
+        return None if segment_and_time is None else segment_and_time[0].at(segment_and_time[1])

@@ -28,7 +28,7 @@ def write_yaml(mission: OffboardMission) -> bytes:
 
 
 def _plain(value: Any) -> Any:
-    """Converts to mappings, lists, strings and numbers; whole numbers to int."""
+    """Converts a value to mappings, lists, strings and numbers; whole numbers become int."""
     if isinstance(value, Model):
         fields = type(value).model_fields
         return {
@@ -37,7 +37,7 @@ def _plain(value: Any) -> Any:
             if each is not None
             and (
                 name in (*FIRST, "actions")
-                or isinstance(value, Actions)  # actions on failures are always written
+                or isinstance(value, Actions)  # all actions are always written
                 or each != fields[name].get_default(call_default_factory=True)
             )
         }
@@ -51,7 +51,7 @@ def _plain(value: Any) -> Any:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes YAML without anchors, and quotes strings that would otherwise be read as a number or keyword."""
+    """Writes YAML without anchors, and quotes strings that could be read as a number or keyword."""
 
     def ignore_aliases(self, data: Any) -> bool:
         """Always true, because the reader refuses anchors."""
@@ -60,11 +60,11 @@ class _Dumper(yaml.SafeDumper):
 
 def _text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
     lines = text.split("\n")
-    unquoted = all(line.isprintable() and line == line.strip() for line in lines)
+    is_plain_text = all(line.isprintable() and line == line.strip() for line in lines)
     style = '"'
-    if unquoted and len(lines) > 1:
+    if is_plain_text and len(lines) > 1:
         style = "|"
-    elif unquoted and is_text(text):
+    elif is_plain_text and is_text(text):
         style = None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 

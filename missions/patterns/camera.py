@@ -26,7 +26,7 @@ class Camera:
         return (width_m, height_m) if self.landscape else (height_m, width_m)
 
     def resolution_m_px(self, distance_m: float) -> float:
-        """Ground sampling distance: the coarser of the two directions [m per pixel]."""
+        """Ground sampling distance in the coarser of the two directions [m per pixel]."""
         across_m = self.sensor_width_mm / self.image_width_px
         along_m = self.sensor_height_mm / self.image_height_px
         return max(across_m, along_m) * distance_m / self.focal_length_mm
@@ -53,7 +53,7 @@ class Coverage:
         sizes = (camera.sensor_width_mm, camera.sensor_height_mm, camera.focal_length_mm, self.distance_m)
         if not all(0.0 < size < 1e6 for size in sizes):
             reason = "a size or the distance is not above 0"
-            raise PlanError("the camera", reason, "Correct them.", field="coverage")
+            raise PlanError("the camera", reason, "Correct the values.", field="coverage")
 
     @property
     def spacing_m(self) -> float:

@@ -17,7 +17,7 @@ from missions.patterns.sweep import MAX_LINES
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
 
-SHARPEST = -0.5
+MIN_BEND_COSINE = -0.5
 """Cosine of the sharpest allowed bend, 120 degrees."""
 
 
@@ -30,9 +30,9 @@ def corridor(
 ) -> Pattern:
     """Parallel lines over a corridor of this width, flown in alternating directions.
 
-    The lines are evenly spaced around the centre line, at most `spacing_m` apart. In a bend of θ the pictures
-    show the outer corner if half the footprint along the line, minus the trigger distance, is at least
-    spacing / 2 · tan(θ / 2). With the usual overlaps this is true for bends of up to 30 degrees and more.
+    The lines are evenly spaced around the centre line, at most `spacing_m` apart. In a bend of angle θ, the
+    pictures show the outer corner if half the footprint along the line, minus the trigger distance, is at
+    least spacing / 2 · tan(θ / 2). With the usual overlaps, bends of 30 degrees and more are possible.
 
     Raises:
         PlanError: The line or the width is invalid, or the line bends too sharply for the width.
@@ -76,14 +76,14 @@ def corridor(
 
 
 def _offset(center_line: LineString, offset_m: float) -> list[EastNorth]:
-    """A line parallel to another one, `offset_m` to its right."""
+    """A line parallel to the centre line, `offset_m` to the right of it."""
     corners = np.array(center_line.simplify(0.0).coords)
     ahead = np.diff(corners, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     right = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1)
     before, after = np.vstack([right[:1], right]), np.vstack([right, right[-1:]])
     cos_bend = np.sum(before * after, axis=1)
-    if cos_bend.min() < SHARPEST:
+    if cos_bend.min() < MIN_BEND_COSINE:
         reason = "it bends by more than 120 degrees"
         raise PlanError("the line", reason, "Split it at the bend.", field="points")
     parallel = corners + offset_m * (before + after) / (1.0 + cos_bend[:, None])

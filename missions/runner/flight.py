@@ -152,5 +152,5 @@ def _size(segment: Segment) -> int:
     if isinstance(segment, CurveSegment):
         return segment.curve.coefficients.nbytes + 5 * segment.curve.phase_start_s.nbytes
     if isinstance(segment, TableSegment):
-        return ROW_BYTES * segment.path.rows
+        return ROW_BYTES * segment.path.point_count
     return 0

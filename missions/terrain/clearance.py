@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from missions.check_context import Finding, name
+from missions.check_context import Finding, item_name
 from missions.geodesy import LocalOrigin
 from missions.items import PlacedItem, ReturnHome
 from missions.offboard.findings import MissionFinding
@@ -57,7 +57,7 @@ def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]
     above_m = altitude.resolved_amsl_m - ground_m
     if abs(above_m - altitude.value_m) > OUTDATED_M:
         message = (
-            f"{name(step.row, step.item)} would be {above_m:.0f} m above the ground, not "
+            f"{item_name(step.row, step.item)} would be {above_m:.0f} m above the ground, not "
             f"{altitude.value_m:.0f} m: the item was moved, or the elevation data changed."
         )
         yield Finding("terrain_outdated", message, step.row, fix="Resolve the altitudes again.")
@@ -71,9 +71,9 @@ def _low_clearance(flown: FlownLine, ground: Ground) -> Iterator[Finding]:
     if np.isnan(above_m).all():
         return
     lowest_m = float(np.nanmin(above_m))
-    what = f"The straight path to {name(step.row, step.item).lower()}"
+    what = f"The straight path to {item_name(step.row, step.item).lower()}"
     if isinstance(step.item, ReturnHome):
-        what = f"The straight path home of {name(step.row, step.item).lower()}"
+        what = f"The straight path home of {item_name(step.row, step.item).lower()}"
     found = _code_and_message(lowest_m, what)
     if found is not None:
         yield Finding(

@@ -323,7 +323,12 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
         ({"plan": far}, 422, "positions", "from_start"),
         ({"positions": "there"}, 422, "positions", "from_start"),
         ({"plan": PLAN}, 422, "plan", "waypoint plan"),
-        ({"plan": {**MISSION, "steps": [{"step": "call", "mission": "x"}]}}, 422, "plan", "no such mission"),
+        (
+            {"plan": {**MISSION, "steps": [{"step": "call", "mission": "x"}]}},
+            422,
+            "plan",
+            "no list with this name",
+        ),
     ):
         body = {"plan": MISSION, "plan_id": mission, "at": ["steps", 1], **changes}
         answer = client.post(

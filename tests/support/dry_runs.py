@@ -34,4 +34,4 @@ def hop(north_m: float = 15.0, *, fence_m: float | None = None, land: bool = Tru
 
 def flyable(plan: Plan, aircraft: Aircraft = AIRCRAFT) -> FlyablePlan:
     """The plan, resolved for the tests' aircraft."""
-    return FlyablePlan.of(plan, aircraft)
+    return FlyablePlan.from_plan(plan, aircraft)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
-from missions.avoidance.setpoints import AvoidanceStatus, Later, SetpointAvoidance, Surroundings
+from missions.avoidance.setpoints import AvoidanceStatus, SetpointAt, SetpointAvoidance, Surroundings
 from missions.avoidance.values import AvoidanceWay, DetourLimits, MotionState
 from missions.fence import FenceArea
 from missions.setpoints import DirectSetpoint
@@ -34,7 +34,7 @@ class AvoidanceStage:
 
     def reset(self) -> None:
         """Resets avoidance: a new stream begins, or the accepted setpoint is no longer flown."""
-        self._avoidance.forget()
+        self._avoidance.reset()
 
     def take_reports(self) -> list[StreamEvent]:
         """Returns the reports since the last call."""
@@ -46,7 +46,7 @@ class AvoidanceStage:
         now_s: float,
         snapshot: Snapshot,
         requested: DirectSetpoint,
-        later: Later | None,
+        later: SetpointAt | None,
         way: AvoidanceWay | None,
         fence: FenceArea | None = None,
     ) -> DirectSetpoint:

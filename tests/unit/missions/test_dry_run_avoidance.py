@@ -34,7 +34,7 @@ def through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
 
 def fly_avoiding(document: OffboardMission, longest_s: float = 60.0) -> DryRun:
     site = Site(prisms_of(document.obstacles, AIRCRAFT.home))
-    flyable = replace(FlyableMission.of(document, AIRCRAFT), longest_s=longest_s)
+    flyable = replace(FlyableMission.from_mission(document, AIRCRAFT), longest_s=longest_s)
     return dry_run(flyable, AIRCRAFT, site=site)
 
 

@@ -59,7 +59,7 @@ def fly(
 
 def compared(nominal: Track, flight: Track) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions of the stations, horizontal and vertical deviation."""
-    path = Stations.of(nominal, SPACING_M, MAX_STATIONS)
+    path = Stations.from_track(nominal, SPACING_M, MAX_STATIONS)
     return path.position_ned_m, *deviation(path, flight)
 
 

@@ -36,7 +36,7 @@ DISTANT_ORIGIN = LocalOrigin(*LocalOrigin(HOME.lat_deg, HOME.lon_deg, 470.0).to_
 @pytest.fixture(scope="module")
 def flown() -> DryRun:
     """A mission flown with the vehicle 30 m south and 20 m east of its local origin, and 10 m above it."""
-    return dry_run(FlyableMission.of(mission(STEPS), AIRCRAFT, origin=DISTANT_ORIGIN), AIRCRAFT)
+    return dry_run(FlyableMission.from_mission(mission(STEPS), AIRCRAFT, origin=DISTANT_ORIGIN), AIRCRAFT)
 
 
 def test_a_mission_is_flown_to_its_end_step_by_step(flown):
@@ -66,7 +66,7 @@ def test_a_gimbal_step_sets_the_pitch_of_the_gimbal(flown):
 
 def test_the_flown_path_matches_the_planned_one(flown):
     assert flown.track is not None
-    timeline = FlyableMission.of(mission(STEPS), AIRCRAFT).timeline
+    timeline = FlyableMission.from_mission(mission(STEPS), AIRCRAFT).timeline
     fly = next(step for step in flown.steps if step.title == "North")
     planned = next(segment for segment in timeline.segments if segment.title == "North")
     assert fly.end_s - fly.start_s == pytest.approx(planned.duration_s, abs=0.5)

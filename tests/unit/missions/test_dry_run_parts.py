@@ -58,10 +58,10 @@ def test_random_conditions_depend_on_seed_and_number_and_have_the_given_spread()
 
 
 def test_a_probability_has_an_interval_that_depends_on_the_number_of_flights():
-    assert Chance.of(0, 100).upper == pytest.approx(0.037, abs=0.001)
-    assert Chance.of(0, 10).upper > 0.25
-    assert Chance.of(50, 100).share == 0.5
-    assert Chance.of(10, 10).upper == pytest.approx(1.0)
+    assert Chance.from_counts(0, 100).upper == pytest.approx(0.037, abs=0.001)
+    assert Chance.from_counts(0, 10).upper > 0.25
+    assert Chance.from_counts(50, 100).share == 0.5
+    assert Chance.from_counts(10, 10).upper == pytest.approx(1.0)
 
 
 def test_the_distance_to_the_fence_is_negative_outside_and_includes_the_vehicles_cylinder():
@@ -71,10 +71,12 @@ def test_the_distance_to_the_fence_is_negative_outside_and_includes_the_vehicles
         FenceCircle(inclusion=False, center=centre, radius_m=10.0),
     )
     positions = np.array([[30.0, 0.0, -5.0], [60.0, 0.0, -5.0], [0.0, 5.0, -5.0]])
-    assert FenceDistance(zones, ORIGIN, 0.0, 0.0).of(positions) == pytest.approx([20.0, -10.0, -5.0], abs=0.1)
+    assert FenceDistance(zones, ORIGIN, 0.0, 0.0).distance_m(positions) == pytest.approx(
+        [20.0, -10.0, -5.0], abs=0.1
+    )
     high = FenceDistance((), ORIGIN, 40.0, 8.0)
-    assert high.of(positions) == pytest.approx([3.0, -20.0, 3.0], abs=0.01)
-    assert FenceDistance((), ORIGIN, 0.0, 0.0).of(positions).tolist() == [math.inf] * 3
+    assert high.distance_m(positions) == pytest.approx([3.0, -20.0, 3.0], abs=0.01)
+    assert FenceDistance((), ORIGIN, 0.0, 0.0).distance_m(positions).tolist() == [math.inf] * 3
 
 
 def test_the_distance_to_an_obstacle_is_that_to_its_nearest_side_edge_or_roof():

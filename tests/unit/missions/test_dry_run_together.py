@@ -162,7 +162,7 @@ def test_vehicles_that_cross_at_one_height_come_too_near_in_every_flight():
 
 def test_too_many_flights_of_all_vehicles_are_refused():
     mission = read(CROSSING.format(height_m=4, minimum_m=3))
-    with pytest.raises(PlanError, match="201 flights of 2 vehicles, 1 to 200 are possible"):
+    with pytest.raises(PlanError, match="201 flights of 2 vehicles, but 1 to 200 are allowed"):
         monte_carlo_together(mission, aircraft(), flights=201)
 
 

@@ -116,7 +116,7 @@ def test_the_call_is_inserted_at_any_place(at: tuple[str | int, ...], place: str
     ],
 )  # fmt: skip
 def test_an_invalid_place_for_a_step_is_refused(at: tuple[str | int, ...]) -> None:
-    with pytest.raises(PlanError, match=r"no place for a step.*\[\"steps\", 2\]") as raised:
+    with pytest.raises(PlanError, match=r"not a valid position for a step.*\[\"steps\", 2\]") as raised:
         insert(FIELD, tower(), at)
     assert raised.value.field == "at"
 

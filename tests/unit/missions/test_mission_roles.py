@@ -50,7 +50,7 @@ def test_roles_are_read_written_and_counted() -> None:
     mission = crossing("    - {step: meet, meeting: crossed}\n")
     assert list(mission.roles) == ["lead", "left"]
     assert mission.steps == ()
-    assert documents.count(mission) == 8
+    assert documents.count_steps(mission) == 8
     assert read(document.write(mission)) == mission
     assert read(write_yaml(mission)) == mission
     assert documents.read(documents.write(mission)) == mission
@@ -77,7 +77,7 @@ def test_a_mission_without_roles_is_written_without_roles() -> None:
         (
             f"roles:\n  a: {{steps: [{DOWN}]}}\n  b: {{steps: [{{step: call, mission: x}}]}}",
             "role 'b', call of 'x'",
-            "no such mission",
+            "no list with this name",
         ),
         ("steps: [{step: meet, meeting: x}]", "the steps", "no roles"),
         (

@@ -76,13 +76,13 @@ def test_the_schema_names_every_step() -> None:
         ),
         (
             HEAD + LAND_ONLY + "missions:\n  a:\n    - step: take_off\n      height_m: 0",
-            "line 7, mission 'a', step 1, field height_m",
+            "line 7, list 'a', step 1, field height_m",
             "greater",
         ),
-        (HEAD + "  - {step: call, mission: b}", "the steps, call of 'b'", "no such mission"),
+        (HEAD + "  - {step: call, mission: b}", "the steps, call of 'b'", "no list with this name"),
         (
             HEAD + LAND_ONLY + "missions:\n  a: [{step: call, mission: b}]\n  b: [{step: call, mission: a}]",
-            "mission 'a'",
+            "list 'a'",
             "loop",
         ),
         (
@@ -193,7 +193,7 @@ def test_an_error_in_json_names_step_and_field() -> None:
     with pytest.raises(PlanError) as caught:
         read_json(json.dumps({"name": "a", "steps": steps}))
     assert caught.value.place == "step 1.1, field duration_s"
-    with pytest.raises(PlanError, match="no such mission"):
+    with pytest.raises(PlanError, match="no list with this name"):
         read_json(json.dumps({"name": "a", "steps": [{"step": "call", "mission": "b"}]}))
     deep: dict[str, object] = {"step": "land"}
     for _ in range(12):
