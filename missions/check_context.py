@@ -8,7 +8,7 @@ from typing import Literal
 from missions.geodesy import LocalOrigin
 from missions.items import PlacedItem
 from missions.plan import Plan, SimpleItem
-from missions.route import Leg, Route, follow, legs
+from missions.route import Leg, Route, legs, route_of
 from missions.vehicle import PowerModel, VehicleModel
 
 CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
@@ -137,7 +137,7 @@ class Context:
     def from_plan(cls, plan: Plan, limits: CheckLimits) -> Context:
         """The plan with its items, route, legs and origin."""
         items = tuple(plan.simple_items())
-        route = follow(plan)
+        route = route_of(plan)
         return cls(plan, limits, items, route, legs(plan, route), _origin(plan, items))
 
     @property

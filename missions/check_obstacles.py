@@ -9,7 +9,7 @@ import numpy as np
 from missions.check_context import Context, Finding, item_name
 from missions.items import Land, ReturnHome, Takeoff
 from missions.obstacles import Clearance, ObstacleShapes, is_valid, obstacle_name
-from missions.route import FlownLine, GeoPlace, flown_lines
+from missions.route import FlightLine, GeoPosition, flight_lines
 
 ADD_WAYPOINT = "Add a waypoint around the obstacle, or fly above it."
 
@@ -25,7 +25,7 @@ def _obstacles(context: Context) -> Iterator[Finding]:
             yield Finding("obstacle_invalid", message, obstacle=index, fix="Draw the obstacle again.")
     shapes = ObstacleShapes(plan.obstacles, origin, context.home_amsl_m)
     reported: set[tuple[int, int]] = set()
-    for line in flown_lines(plan, context.vehicle.return_alt_m):
+    for line in flight_lines(plan, context.vehicle.return_alt_m):
         positions = [origin.to_ned(*position) for position in _flown_path(line, context)]
         for clearance in shapes.clearances(np.array(positions)):
             if (line.step.seq, clearance.index) not in reported:
@@ -33,7 +33,7 @@ def _obstacles(context: Context) -> Iterator[Finding]:
                 yield _finding(line, clearance)
 
 
-def _flown_path(line: FlownLine, context: Context) -> list[GeoPlace]:
+def _flown_path(line: FlightLine, context: Context) -> list[GeoPosition]:
     """The straight path, with the climb or the descent at its ends."""
     item, home = line.step.item, context.plan.planned_home
     ground_m = line.end[2] if home is None else home.alt_amsl_m
@@ -48,7 +48,7 @@ def _flown_path(line: FlownLine, context: Context) -> list[GeoPlace]:
     return path
 
 
-def _finding(line: FlownLine, clearance: Clearance) -> Finding:
+def _finding(line: FlightLine, clearance: Clearance) -> Finding:
     step = line.step
     what = f"The straight path to {item_name(step.row, step.item).lower()}"
     if isinstance(step.item, ReturnHome):

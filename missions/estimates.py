@@ -15,7 +15,7 @@ from missions.camera_items import PhotoStart, TriggerDistance
 from missions.geodesy import distance_m
 from missions.items import ChangeSpeed, Delay, Land, LoiterTime, PlacedItem, ReturnHome, Takeoff, Waypoint
 from missions.plan import Plan, SimpleItem
-from missions.route import Leg, Route, Step, follow, legs
+from missions.route import Leg, Route, Step, legs, route_of
 from missions.vehicle import PowerModel, VehicleModel
 
 GROUND_SPEED_TYPES = (0.0, 1.0)
@@ -83,7 +83,7 @@ def step_estimates(plan: Plan, vehicle: VehicleModel, route: Route) -> Iterator[
 
 def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None) -> Estimate:
     """Estimates a whole flight."""
-    route = follow(plan)
+    route = route_of(plan)
     length_m = time_s = climbed_m = 0.0
     photos, spacing_m, since_photo_m = 0, 0.0, 0.0
     known_altitudes = True

@@ -59,7 +59,7 @@ class ComplexItem(Model):
 
 
 PlanItem = Annotated[SimpleItem | ComplexItem, Field(discriminator="kind")]
-"""One row of a plan: a simple item, or a complex item that contains several."""
+"""One row of a plan: a simple item, or a complex item that contains several mission items."""
 
 Speed = Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)]
 
@@ -73,14 +73,15 @@ class Plan(Model):
     cruise_speed_m_s: Speed | None = None
     """Planned speed of fixed-wing aircraft; unused, but kept because plan files contain it."""
     hover_speed_m_s: Speed | None = None
-    """Planned speed of multicopters, used by estimates, not uploaded; None: the vehicle's MPC_XY_CRUISE."""
+    """Planned speed of multicopters. Estimates use it; it is not uploaded. None: the vehicle's
+    MPC_XY_CRUISE."""
     items: Annotated[tuple[PlanItem, ...], Field(max_length=MAX_ITEMS)] = ()
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=MAX_FENCE_ZONES)] = ()
     rally_points: Annotated[tuple[RallyPoint, ...], Field(max_length=MAX_RALLY_POINTS)] = ()
     obstacles: Obstacles = ()
-    """For checks and dry runs; not uploaded, because PX4 does not store obstacles."""
+    """Obstacles for checks and dry runs; they are not uploaded, because PX4 does not store obstacles."""
     original: str | None = None
-    """JSON text of the .plan file it was read from, without the data of the fields above."""
+    """JSON text of the .plan file that the plan was read from, without the data of the fields above."""
 
     def simple_items(self) -> Iterator[tuple[int, SimpleItem]]:
         """The items in upload order, each with its row in `items`; a complex item yields its mission
@@ -127,7 +128,7 @@ def write(plan: Plan) -> bytes:
 
 
 def without_originals(plan: Plan) -> Plan:
-    """A copy of the plan without the JSON text of the file it was read from."""
+    """A copy of the plan without the JSON text of the file that it was read from."""
     return plan.model_copy(
         update={
             "original": None,

@@ -15,7 +15,7 @@ MAX_STEPS = 20_000
 """Maximum number of executed items; jumps may repeat items many times."""
 
 
-def places(plan: Plan) -> list[tuple[float, float]]:
+def plan_positions(plan: Plan) -> list[tuple[float, float]]:
     """Latitude and longitude of home, all items with a position, and the rally points [deg]."""
     items = [item for _, item in plan.simple_items() if isinstance(item, PlacedItem)]
     home = [] if plan.planned_home is None else [plan.planned_home]
@@ -29,7 +29,7 @@ class Step:
     seq: int
     """Index in upload order."""
     row: int
-    """Index of its row in `Plan.items`."""
+    """Index of the item's row in `Plan.items`."""
     item: SimpleItem
 
 
@@ -43,7 +43,7 @@ class Route:
     truncated: bool
     """Whether there are more steps than `MAX_STEPS`."""
     stalled_row: int | None
-    """The row of a jump that loops without flying to an item or waiting."""
+    """The row of a jump whose loop neither flies to an item nor waits; None: no such jump."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,27 +63,27 @@ def is_flown_to(item: SimpleItem) -> bool:
     return isinstance(item, PlacedItem) and not isinstance(item, LegacyRoi | RoiLocation)
 
 
-def follow(plan: Plan) -> Route:
+def route_of(plan: Plan) -> Route:
     """The items as PX4 executes them, including jumps, up to a landing or return."""
     items = [Step(seq, row, item) for seq, (row, item) in enumerate(plan.simple_items())]
     steps: list[Step] = []
     jumps: dict[int, int] = {}
     endless, stalled_row = False, None
-    seq = since_position = 0
+    seq = steps_without_flight = 0
     while seq < len(items) and len(steps) < MAX_STEPS:
         step = items[seq]
         steps.append(step)
         item = step.item
-        since_position = 0 if is_flown_to(item) or isinstance(item, Delay) else since_position + 1
-        if since_position > len(items) + 1:
+        steps_without_flight = 0 if is_flown_to(item) or isinstance(item, Delay) else steps_without_flight + 1
+        if steps_without_flight > len(items) + 1:
             stalled_row = step.row
             break
         seq += 1
         if isinstance(item, Jump):
-            done = jumps.get(step.seq, 0)
+            times_jumped = jumps.get(step.seq, 0)
             endless |= item.repeat < 0
-            if item.target_index < len(items) and done < (1 if item.repeat < 0 else item.repeat):
-                jumps[step.seq] = done + 1
+            if item.target_index < len(items) and times_jumped < (1 if item.repeat < 0 else item.repeat):
+                jumps[step.seq] = times_jumped + 1
                 seq = item.target_index
             else:
                 jumps.pop(step.seq, None)
@@ -93,81 +93,82 @@ def follow(plan: Plan) -> Route:
 
 
 def legs(plan: Plan, route: Route) -> tuple[Leg, ...]:
-    """The legs between the positions of a route; the first one starts at the planned home, if there is
-    one."""
+    """The legs between the positions of a route; the first leg starts at the planned home, if the plan
+    has a home."""
     home = plan.planned_home
-    here = None if home is None else (home.lat_deg, home.lon_deg)
+    position = None if home is None else (home.lat_deg, home.lon_deg)
     altitude = None if home is None else Altitude(value_m=home.alt_amsl_m, reference="amsl")
     home_amsl_m = None if home is None else home.alt_amsl_m
-    legs_flown: list[Leg] = []
+    route_legs: list[Leg] = []
     for step in route.steps:
         item = step.item
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
-        if here is not None:
-            length_m = distance_m(*here, item.lat_deg, item.lon_deg)
-            legs_flown.append(Leg(step, length_m, climb_m(altitude, item.altitude, home_amsl_m)))
-        here, altitude = (item.lat_deg, item.lon_deg), item.altitude
-    return tuple(legs_flown)
+        if position is not None:
+            length_m = distance_m(*position, item.lat_deg, item.lon_deg)
+            route_legs.append(Leg(step, length_m, climb_m(altitude, item.altitude, home_amsl_m)))
+        position, altitude = (item.lat_deg, item.lon_deg), item.altitude
+    return tuple(route_legs)
 
 
 def climb_m(start: Altitude | None, end: Altitude, home_alt_amsl_m: float | None) -> float | None:
-    """Altitude difference from start to end; None if it requires an unknown home or terrain altitude."""
+    """Altitude difference from start to end; None: the altitude of home or of the terrain is unknown."""
     if start is None:
         return None
     if start.reference == end.reference == "home":
         return end.value_m - start.value_m
-    low, high = start.amsl_m(home_alt_amsl_m), end.amsl_m(home_alt_amsl_m)
-    return None if low is None or high is None else high - low
+    start_amsl_m, end_amsl_m = start.amsl_m(home_alt_amsl_m), end.amsl_m(home_alt_amsl_m)
+    return None if start_amsl_m is None or end_amsl_m is None else end_amsl_m - start_amsl_m
 
 
-GeoPlace = tuple[float, float, float]
+GeoPosition = tuple[float, float, float]
 """Latitude, longitude [deg], altitude AMSL [m]."""
 
 
 @dataclass(frozen=True, slots=True)
-class FlownLine:
+class FlightLine:
     """The straight path that is flown for one item. Without a planned home, the path of the first item begins
-    and ends at its position."""
+    and ends at the position of the item."""
 
     step: Step
-    start: GeoPlace
-    end: GeoPlace
+    start: GeoPosition
+    end: GeoPosition
     from_home: bool = False
-    """Whether it begins above home, after the vehicle has climbed there to the altitude of the path."""
+    """Whether the path begins above home, after the vehicle has climbed at home to the altitude of the
+    path."""
 
 
-def flown_lines(plan: Plan, return_alt_m: float) -> Iterator[FlownLine]:
+def flight_lines(plan: Plan, return_alt_m: float) -> Iterator[FlightLine]:
     """The straight paths of a plan's flight, at most one for each item, and one for each return.
 
-    The first one is flown at the altitude of its end, because the vehicle climbs first. A landing is
-    approached at the altitude of the item before it. A return is flown at RTL_RETURN_ALT above home or
-    higher. Paths with an unknown altitude are left out.
+    The first path is flown at the altitude of its end, because the vehicle climbs first. The path to a
+    landing is flown at the altitude of the previous item. A return is flown at RTL_RETURN_ALT above home or
+    higher. Paths with an unknown altitude are omitted.
 
     Args:
-        plan: with resolved altitudes above the ground.
+        plan: a plan with resolved terrain altitudes.
         return_alt_m: the vehicle's RTL_RETURN_ALT, above home.
     """
     home = plan.planned_home
     home_amsl_m = None if home is None else home.alt_amsl_m
-    seen: set[int] = set()
-    here: GeoPlace | None = None
-    for step in follow(plan).steps:
+    yielded: set[int] = set()
+    position: GeoPosition | None = None
+    for step in route_of(plan).steps:
         item = step.item
-        if isinstance(item, ReturnHome) and home is not None and here is not None:
-            height_m = max(here[2], home.alt_amsl_m + return_alt_m)
-            yield FlownLine(step, (*here[:2], height_m), (home.lat_deg, home.lon_deg, height_m))
+        if isinstance(item, ReturnHome) and home is not None and position is not None:
+            path_amsl_m = max(position[2], home.alt_amsl_m + return_alt_m)
+            yield FlightLine(step, (*position[:2], path_amsl_m), (home.lat_deg, home.lon_deg, path_amsl_m))
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
         amsl_m = item.altitude.amsl_m(home_amsl_m)
         if amsl_m is None:
-            here = None
+            position = None
             continue
-        start, from_home = here, here is None and home is not None and not seen
+        start, from_home = position, position is None and home is not None and not yielded
         if from_home and home is not None:
             start = (home.lat_deg, home.lon_deg, amsl_m)
-        height_m = start[2] if isinstance(item, Land) and start is not None else amsl_m
-        here = (item.lat_deg, item.lon_deg, height_m)
-        if step.seq not in seen:
-            seen.add(step.seq)
-            yield FlownLine(step, start or here, here, from_home)
+        path_amsl_m = start[2] if isinstance(item, Land) and start is not None else amsl_m
+        position = (item.lat_deg, item.lon_deg, path_amsl_m)
+        if step.seq not in yielded:
+            yielded.add(step.seq)
+            yield FlightLine(step, start or position, position, from_home)

@@ -14,7 +14,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard.findings import MissionFinding
 from missions.offboard.samples import Leg
 from missions.plan import Plan
-from missions.route import places
+from missions.route import plan_positions
 from missions.terrain import clearance, profile
 from missions.terrain.files import Area, Elevation, ElevationFile
 from missions.terrain.follow import follow_ground
@@ -29,7 +29,7 @@ LONGEST_SIDE_M = 100_000.0
 
 def ground_of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
     """Findings about a waypoint plan, and the ground below it."""
-    ground, not_known = _ground(Elevation.of(map(Path, paths)), places(plan))
+    ground, not_known = _ground(Elevation.of(map(Path, paths)), plan_positions(plan))
     if ground is None:
         return [], PlanGround(not_known=not_known)
     findings = list(clearance.plan_findings(plan, ground, return_alt_m))
@@ -63,7 +63,7 @@ def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Resolves the altitudes of a plan. Arguments: `plan` (JSON text), `elevation` (paths), `tolerance_m`
     (null: no waypoints are added)."""
     plan = plan_document.read(arguments["plan"])
-    ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), places(plan))
+    ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), plan_positions(plan))
     found = follow_ground(plan, ground, arguments["tolerance_m"])
     return {
         "plan": plan_document.write(found.plan).decode(),

@@ -9,7 +9,7 @@ from missions.dry_run.fleet import Vehicle
 from missions.dry_run.lidar import ObstacleLidar
 from missions.dry_run.pilot import Step, finding_now
 from missions.frames import Vector3
-from missions.runner.player import Player
+from missions.runner.sampler import ScriptSampler
 from missions.setpoints import DirectSetpoint
 
 STOPPED_S = 5.0
@@ -39,13 +39,13 @@ class SimulatedAvoidance:
         self._stopped_since_s = None
 
     def apply(
-        self, now_s: float, player: Player, requested: DirectSetpoint, position_ned_m: Vector3 | None
+        self, now_s: float, sampler: ScriptSampler, requested: DirectSetpoint, position_ned_m: Vector3 | None
     ) -> DirectSetpoint:
         """The setpoint to send instead of the requested one.
 
         Args:
             now_s: simulated time.
-            player: the mission, which states whether avoidance is on.
+            sampler: the mission, which states whether avoidance is on.
             requested: the mission's current setpoint.
             position_ned_m: position of the vehicle in the mission's local frame.
         """
@@ -55,12 +55,14 @@ class SimulatedAvoidance:
             motion = None
             if position_ned_m is not None:
                 motion = MotionState(position_ned_m, estimate.velocity_ned_m_s, estimate.yaw_ned_rad)
-            return Surroundings(motion, self._lidar.scans(now_s), DetourLimits(fence=player.fence))
+            return Surroundings(motion, self._lidar.scans(now_s), DetourLimits(fence=sampler.fence))
 
         # Avoidance that a step requests ends with the step, but never during a detour.
         avoidance = self._avoidance
-        way = avoidance.way if avoidance.on_a_detour else player.avoidance
-        return avoidance.apply(now_s, requested, lambda at_s: player.ahead(at_s - now_s), way, surroundings)
+        way = avoidance.way if avoidance.on_a_detour else sampler.avoidance
+        return avoidance.apply(
+            now_s, requested, lambda at_s: sampler.setpoint_ahead(at_s - now_s), way, surroundings
+        )
 
     def add_findings(self, now_s: float, step: Step | None, t_s: float) -> None:
         """Adds a finding when the vehicle leaves its path or has no way around.

@@ -15,19 +15,19 @@ from missions.dry_run.pilot import READY_WITHIN_S, SETTLED_S, FailsafeWatch, Ste
 from missions.dry_run.setpoint_input import send
 from missions.frames import Vector3
 from missions.offboard.segments import Segment
-from missions.runner.player import Player
 from missions.runner.reading import Reading, StreamPhase
 from missions.runner.requests import (
     ChangeScript,
-    Play,
     PointGimbal,
     ReleaseGimbal,
     Request,
     SetMode,
     StopStream,
+    StreamScript,
     TakeOff,
 )
 from missions.runner.runner import CannotDo, Runner
+from missions.runner.sampler import ScriptSampler
 from missions.setpoints import Estimate
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.payload.gimbal import Flag
@@ -74,7 +74,7 @@ class OffboardPilot:
         self._failsafe = FailsafeWatch(vehicle)
         self.findings: list[DryRunFinding] = []
         self._avoidance = SimulatedAvoidance(vehicle, self.findings)
-        self._player: Player | None = None
+        self._sampler: ScriptSampler | None = None
         self._stream: StreamPhase = "idle"
         self._streaming_since_s = 0.0
         self._ticks = 0
@@ -126,7 +126,7 @@ class OffboardPilot:
         self.carry_out(now_s, runner.tick(now_s, self.reading()))
         state, segment = runner.state, runner.segment
         if runner.question is not None:
-            self.carry_out(now_s, runner.go_on(CONTROL_HOLDER))
+            self.carry_out(now_s, runner.continue_after_question(CONTROL_HOLDER))
         if segment is not None and segment is not self._segment:
             self._segment, self.step = segment, Step(segment.place, segment.title, None)
         t_s = now_s - started_s
@@ -180,15 +180,15 @@ class OffboardPilot:
             velocity_ned_m_s=estimate.velocity_ned_m_s if estimate.valid_velocity else None,
             yaw_ned_rad=estimate.yaw_ned_rad,
             estimates=valid,
-            holder=CONTROL_HOLDER,
-            holder_name=CONTROL_HOLDER,
+            control_holder=CONTROL_HOLDER,
+            control_holder_name=CONTROL_HOLDER,
             battery_share=simulation.battery.remaining.item(row),
             wind_speed_m_s=wind_m_s if math.isfinite(wind_m_s) else None,
             distance_m=distance_m if math.isfinite(distance_m) else None,
             satellites=simulation.sensors.gps_satellites.item(row),
             horizontal_error_m=simulation.estimate.horizontal_accuracy_m.item(row),
             stream=self._stream,
-            played=None if self._player is None else self._player.played,
+            progress=None if self._sampler is None else self._sampler.progress,
         )
 
     def _position_ned_m(self, estimate: VehicleEstimate) -> Vector3 | None:
@@ -203,7 +203,7 @@ class OffboardPilot:
         for request in requests:
             refusal = self._carry_out(now_s, request)
             if refusal is not None:
-                self.carry_out(now_s, self.runner.failed(request, self.reading(), refusal))
+                self.carry_out(now_s, self.runner.request_failed(request, self.reading(), refusal))
 
     def _carry_out(self, now_s: float, request: Request) -> str | None:
         """Why the request failed; None: it succeeded."""
@@ -212,13 +212,13 @@ class OffboardPilot:
             autopilot.navigator.request_takeoff(autopilot.view.estimate.alt_amsl_m + request.height_m)
             if not (commander.set_mode(NavState.TAKEOFF) and commander.arm()):
                 return self._vehicle.last_warning
-        elif isinstance(request, Play):
+        elif isinstance(request, StreamScript):
             if self._stream == "idle":
                 self._stream, self._streaming_since_s = "starting", now_s
-            self._player = Player(request.script, now_s)
+            self._sampler = ScriptSampler(request.script, now_s)
         elif isinstance(request, ChangeScript):
-            if self._player is not None:
-                self._player.change_script(request.change)
+            if self._sampler is not None:
+                self._sampler.change_script(request.change)
         elif isinstance(request, SetMode):
             self._stop_stream()
             if not commander.set_mode(MODES[request.mode]):
@@ -235,23 +235,23 @@ class OffboardPilot:
     # --- the stream --------------------------------------------------------------------------------
 
     def _stop_stream(self) -> None:
-        self._player, self._stream = None, "idle"
+        self._sampler, self._stream = None, "idle"
         self._avoidance.reset()
 
     def _send(self, now_s: float) -> None:
-        player = self._player
-        if player is None:
+        sampler = self._sampler
+        if sampler is None:
             return
         autopilot = self._vehicle.autopilot
         estimate, commander = autopilot.view.estimate, autopilot.commander
         waiting = self._stream == "starting"
         position = self._position_ned_m(estimate)
-        setpoint = player.at(now_s, position, estimate.velocity_ned_m_s, waiting=waiting)
+        setpoint = sampler.at(now_s, position, estimate.velocity_ned_m_s, waiting=waiting)
         if self._avoidance.is_needed and not waiting:
-            setpoint = self._avoidance.apply(now_s, player, setpoint, position)
+            setpoint = self._avoidance.apply(now_s, sampler, setpoint, position)
         send(autopilot.offboard, setpoint, self._start_ned_m)
         if waiting and now_s - self._streaming_since_s >= STREAMED_BEFORE_S:
             commander.set_mode(NavState.OFFBOARD)
             if commander.active is NavState.OFFBOARD:
-                player.restart_time(now_s)
+                sampler.restart_time(now_s)
                 self._stream = "flying"

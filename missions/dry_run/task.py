@@ -18,7 +18,7 @@ from missions.dry_run.spread import Spread
 from missions.dry_run.together import dry_run_together
 from missions.geodesy import LocalOrigin
 from missions.offboard import reader as mission_reader
-from missions.route import places
+from missions.route import plan_positions
 from missions.terrain.ground import Ground
 from missions.values import HomePosition
 from missions.values import Obstacle as PlannedObstacle
@@ -50,7 +50,7 @@ def _requested_plan(request: Mapping[str, Any], aircraft: Aircraft) -> _Requeste
     if request["kind"] == "waypoint_plan":
         plan = plan_document.read(request["plan"])
         return _RequestedPlan(
-            FlyablePlan.from_plan(plan, aircraft), places(plan), plan.obstacles, uses_avoidance=False
+            FlyablePlan.from_plan(plan, aircraft), plan_positions(plan), plan.obstacles, uses_avoidance=False
         )
     mission, origin = mission_reader.read(request["plan"]), _origin(request)
     flyable = FlyableMission.from_mission(mission, aircraft, origin=origin)

@@ -28,7 +28,7 @@ from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
 from missions.runner.status import CannotDo
-from missions.runner.together import Together
+from missions.runner.together import JointRunner
 from missions.separation import braking_separation_m, planned_margin_m
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ class PilotsTogether:
 
     def __init__(self, pilots: Mapping[str, OffboardPilot]) -> None:
         self._pilots = pilots
-        self._together = Together({role: pilot.runner for role, pilot in pilots.items()})
+        self._together = JointRunner({role: pilot.runner for role, pilot in pilots.items()})
         self._started = False
         self._ticks = 0
 

@@ -28,7 +28,7 @@ from missions.offboard import steps as s
 from missions.offboard.document import OffboardMission
 from missions.offboard.positions import MissionPosition
 from missions.plan import Plan, SimpleItem
-from missions.route import follow, is_flown_to
+from missions.route import is_flown_to, route_of
 from missions.values import Altitude
 from missions.vehicle import VehicleModel
 
@@ -122,7 +122,7 @@ def steps_in_air(
 def _build(plan: Plan, vehicle: VehicleModel | None, *, in_air: bool) -> _MissionBuilder:
     """The steps and notes of a plan."""
     vehicle = vehicle or VehicleModel()
-    route = follow(plan)
+    route = route_of(plan)
     if route.endless or route.truncated or route.stalled_row is not None:
         raise PlanError("the plan", "it repeats without end", "Give its jumps a number of repeats.")
     speed_m_s = None if plan.hover_speed_m_s is None else min(MAX_SPEED_M_S, plan.hover_speed_m_s)

@@ -76,9 +76,8 @@ def compile_roles(
     blocks = {role: _blocks(timeline) for role, timeline in timelines.items()}
     block_starts_s, duration_s = _planned_times(blocks)
     all_findings = (finding for timeline in timelines.values() for finding in timeline.findings)
-    findings = list(
-        dict.fromkeys(all_findings)
-    )  # the timeline of each role also has the findings about the whole mission
+    # The timeline of each role also has the findings about the whole mission.
+    findings = list(dict.fromkeys(all_findings))
     offsets = _common_frame_offsets(mission, starts)
     if offsets is None:
         message = "The positions of the vehicles are unknown, so their separation is not checked."
@@ -197,7 +196,8 @@ def _separation_findings(
         n, e, d = (tracks[first_role][0][worst] - np.array(offsets[first_role])).tolist()
         message = (
             f"As planned, after {t_s:.0f} s the vehicles of {first_role} and {second_role} come within "
-            f"{separation_m[worst]:.1f} m of each other, including the distance to brake ({step}; {second_step}): "
+            f"{separation_m[worst]:.1f} m of each other, including the distance to brake "
+            f"({step}; {second_step}): "
             f"{first_role} at {n:.0f} m north, {e:.0f} m east, {d:.0f} m down. "
             f"The minimum is {mission.separation_m:g} m plus {margin_m:.1f} m of margin."
         )

@@ -12,7 +12,7 @@ from shapely.geometry import LineString
 from missions.errors import PlanError
 from missions.patterns.camera import Coverage
 from missions.patterns.ground import EastNorth, Map
-from missions.patterns.result import Pattern, bounded, photo_count, photographed
+from missions.patterns.result import Pattern, photo_count, photo_path_items, within_item_limit
 from missions.patterns.sweep import MAX_LINES
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
@@ -44,7 +44,7 @@ def corridor(
             "Correct this value.",
             field="width_m",
         )
-    chart = Map.about(points, "the line", "points")
+    chart = Map.centred_on(points, "the line", "points")
     center_line = chart.line(points)
     count = max(1, math.ceil(width_m / coverage.spacing_m - 1e-9))
     if count > MAX_LINES:
@@ -57,13 +57,13 @@ def corridor(
     for number in range(count):
         path = _offset(center_line, (number - (count - 1) / 2.0) * spacing_m)
         path = path if number % 2 == 0 else path[::-1]
-        items += photographed(path, chart, altitude, coverage, turnaround_m)
+        items += photo_path_items(path, chart, altitude, coverage, turnaround_m)
         parts = list(pairwise(path))
         lines += [(chart.point(a), chart.point(b)) for a, b in parts]
         length_m += sum(math.dist(a, b) for a, b in parts)
         photos += photo_count(sum(math.dist(a, b) for a, b in parts), coverage)
     return Pattern(
-        items=bounded(items),
+        items=within_item_limit(items),
         lines=tuple(lines),
         lines_length_m=length_m,
         lower_bound_m=center_line.length * width_m / coverage.spacing_m,

@@ -45,7 +45,7 @@ class PhotoCoverage(Model):
     side_overlap: Overlap = 0.65
     """Overlap of neighbouring lines, as a fraction of the picture."""
 
-    def values(self) -> Coverage:
+    def to_coverage(self) -> Coverage:
         """The values that the pattern generators use."""
         camera = Camera(**self.camera.model_dump())
         return Coverage(camera, self.distance_m, self.front_overlap, self.side_overlap)
@@ -103,7 +103,7 @@ class OrbitPattern(Model):
 
 
 class StructurePattern(Model):
-    """Rounds around a structure at several heights, with pictures of its sides."""
+    """Rounds around a structure at several heights, with pictures of the sides of the structure."""
 
     kind: Literal["structure"]
     outline: Points
@@ -122,7 +122,7 @@ PatternDocument = Annotated[
     SurveyPattern | CorridorPattern | PerimeterPattern | OrbitPattern | StructurePattern,
     Field(discriminator="kind"),
 ]
-"""Any pattern."""
+"""A pattern of any kind."""
 _adapter: TypeAdapter[PatternDocument] = TypeAdapter(PatternDocument)
 
 
@@ -142,7 +142,7 @@ def read(data: str | bytes) -> PatternDocument:
 
 
 def _field_of(error: ValidationError) -> str | None:
-    """The first invalid field, without the kind, which Pydantic adds to its path."""
+    """The first invalid field, without the kind that Pydantic adds to the path."""
     return field_path(list(error.errors(include_url=False)[0]["loc"][1:])) or None
 
 
@@ -150,7 +150,7 @@ def make(pattern: PatternDocument) -> Pattern:
     """The items of a pattern.
 
     Raises:
-        PlanError: the pattern cannot be flown: no area, too many lines, or an invalid size.
+        PlanError: the pattern cannot be flown: it has no area, too many lines, or an invalid size.
     """
     match pattern:
         case SurveyPattern():
@@ -158,7 +158,7 @@ def make(pattern: PatternDocument) -> Pattern:
                 survey.Survey(
                     outer=pattern.outer,
                     holes=pattern.holes,
-                    coverage=pattern.coverage.values(),
+                    coverage=pattern.coverage.to_coverage(),
                     altitude=pattern.altitude,
                     heading_deg=pattern.heading_deg,
                     turnaround_m=pattern.turnaround_m,
@@ -170,7 +170,7 @@ def make(pattern: PatternDocument) -> Pattern:
             return corridor.corridor(
                 pattern.points,
                 pattern.width_m,
-                pattern.coverage.values(),
+                pattern.coverage.to_coverage(),
                 pattern.altitude,
                 pattern.turnaround_m,
             )
@@ -187,11 +187,11 @@ def make(pattern: PatternDocument) -> Pattern:
                 start_deg=pattern.start_deg,
             )
         case StructurePattern():
-            return rounds.structure(_scan(pattern))
+            return rounds.structure(_structure_scan(pattern))
 
 
-def _scan(pattern: StructurePattern) -> rounds.StructureScan:
+def _structure_scan(pattern: StructurePattern) -> rounds.StructureScan:
     names = [each.name for each in dataclasses.fields(rounds.StructureScan)]
     values: dict[str, Any] = {name: getattr(pattern, name) for name in names}
-    values["coverage"] = pattern.coverage.values()
+    values["coverage"] = pattern.coverage.to_coverage()
     return rounds.StructureScan(**values)

@@ -29,12 +29,12 @@ class Map:
     origin: LocalOrigin
 
     @classmethod
-    def about(cls, points: Sequence[Point], what: str, field: str) -> Map:
-        """A map around the centre of some points.
+    def centred_on(cls, points: Sequence[Point], subject: str, field: str) -> Map:
+        """A map whose origin is the centre of some points.
 
         Args:
             points: the points.
-            what: the name of the points in errors.
+            subject: the name of the points in errors.
             field: the field of the pattern that contains them.
 
         Raises:
@@ -42,9 +42,9 @@ class Map:
         """
         if not 1 <= len(points) <= MAX_POINTS:
             raise PlanError(
-                what,
-                f"it has {len(points)} points, 1 to {MAX_POINTS} are possible",
-                "Redraw it.",
+                subject,
+                f"it has {len(points)} points, but 1 to {MAX_POINTS} are allowed",
+                "Draw it again.",
                 field=field,
             )
         first = points[0]
@@ -53,10 +53,12 @@ class Map:
         middle_lon = math.remainder((min(lons) + max(lons)) / 2.0, 360.0)
         chart = cls(LocalOrigin((min(lats) + max(lats)) / 2.0, middle_lon, 0.0))
         if max(abs(lat) for lat in lats) > 85.0:
-            raise PlanError(what, "it is beyond 85 degrees of latitude", "Choose another area.", field=field)
+            raise PlanError(
+                subject, "it is beyond 85 degrees of latitude", "Choose another area.", field=field
+            )
         if max(math.hypot(*chart.local(each)) for each in points) > MAX_EXTENT_M:
             reason = f"it extends more than {MAX_EXTENT_M / 1000:.0f} km from its centre"
-            raise PlanError(what, reason, "Split it into smaller ones.", field=field)
+            raise PlanError(subject, reason, "Split it into smaller ones.", field=field)
         return chart
 
     def local(self, point: Point) -> EastNorth:
@@ -80,20 +82,20 @@ class Map:
         """An area without holes.
 
         Raises:
-            PlanError: The sides of the polygon cross, or it has no area.
+            PlanError: The sides of the polygon cross, or the polygon has no area.
         """
         return self._area(outer, "the area", field)
 
     def polygon_with_holes(self, outer: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Polygon:
-        """An area with holes inside it.
+        """An area with holes.
 
         Raises:
-            PlanError: The sides of a polygon cross, it has no area, or a hole is not inside the area.
+            PlanError: The sides of a polygon cross, a polygon has no area, or a hole is not inside the area.
         """
         area = self.polygon(outer)
         for number, hole in enumerate(holes, 1):
-            cut = self._area(hole, f"hole {number}", "holes")
-            if not area.contains(cut):
+            hole_area = self._area(hole, f"hole {number}", "holes")
+            if not area.contains(hole_area):
                 reason = "it is not completely inside the area"
                 raise PlanError(f"hole {number}", reason, "Move its corners into the area.", field="holes")
         shape = Polygon(area.exterior, [[self.local(each) for each in hole] for hole in holes])
@@ -102,17 +104,17 @@ class Map:
             raise PlanError("the holes", reason, "Move them apart.", field="holes")
         return shape
 
-    def _area(self, outline: Sequence[Point], what: str, field: str) -> Polygon:
+    def _area(self, outline: Sequence[Point], subject: str, field: str) -> Polygon:
         if len(outline) < 3:
             raise PlanError(
-                what, "its outline has fewer than 3 corners", "Add corners to the outline.", field=field
+                subject, "its outline has fewer than 3 corners", "Add corners to the outline.", field=field
             )
         shape = Polygon([self.local(each) for each in outline])
         if not shape.is_valid:
             reason = f"its sides cross or touch ({shapely.is_valid_reason(shape)})"
-            raise PlanError(what, reason, "Move its corners.", field=field)
+            raise PlanError(subject, reason, "Move its corners.", field=field)
         if shape.area < 1.0:
-            raise PlanError(what, "it is smaller than 1 m²", "Draw it larger.", field=field)
+            raise PlanError(subject, "it is smaller than 1 m²", "Draw it larger.", field=field)
         return shape
 
     def line(self, points: Sequence[Point]) -> LineString:

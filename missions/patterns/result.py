@@ -35,11 +35,11 @@ class Pattern:
     """Area that the pictures show; None: the pattern takes no pictures."""
 
 
-def photographed(
+def photo_path_items(
     path: Sequence[EastNorth], chart: Map, altitude: Altitude, coverage: Coverage, turnaround_m: float = 0.0
 ) -> list[SimpleItem]:
-    """Items that fly a path and take pictures; the path is extended straight at both ends by the
-    turnaround."""
+    """Items that fly a path and take pictures; the path is extended straight by `turnaround_m` at both
+    ends."""
     start, end = path[0], path[-1]
     last = _beyond(path[-2], end, coverage.lead_out_m)
     items: list[SimpleItem] = []
@@ -55,12 +55,12 @@ def photographed(
 
 
 def photo_count(length_m: float, coverage: Coverage) -> int:
-    """Number of pictures on a line: one at its start, then one for each trigger distance."""
+    """Number of pictures on a line: one at the start, then one for each trigger distance."""
     return 1 + int((length_m + coverage.lead_out_m) / coverage.trigger_m + 1e-9)
 
 
-def bounded(items: Sequence[SimpleItem]) -> tuple[SimpleItem, ...]:
-    """Returns the items if a plan can store this many.
+def within_item_limit(items: Sequence[SimpleItem]) -> tuple[SimpleItem, ...]:
+    """Returns the items if a plan can store that many.
 
     Raises:
         PlanError: There are too many items.

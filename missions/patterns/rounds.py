@@ -1,4 +1,5 @@
-"""Closed paths: perimeter of an area, orbit around a point, layers around a structure."""
+"""Closed paths: perimeter of an area, orbit around a point, and rounds at several heights around a
+structure."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from missions.errors import PlanError
 from missions.items import RoiLocation, RoiNone
 from missions.patterns.camera import Coverage
 from missions.patterns.ground import EastNorth, Map, heading_deg
-from missions.patterns.result import Pattern, bounded, photo_count
+from missions.patterns.result import Pattern, photo_count, within_item_limit
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
 
@@ -22,22 +23,22 @@ MAX_ROUNDS = 100
 YAW_IN_VEHICLE_FRAME = 32.0
 """GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME."""
 MITRE_LIMIT = 2.0
-"""Corners farther out than this multiple of the distance are cut off."""
+"""A corner that would be farther from the area than this multiple of the distance is cut off."""
 
 
 def perimeter(outer: Sequence[Point], offset_m: float, altitude: Altitude, rounds: int = 1) -> Pattern:
     """A path around an area, clockwise, at a distance from its edge: positive outside, negative inside.
 
     Raises:
-        PlanError: The area is invalid, nothing is left inside, or there are too many rounds.
+        PlanError: The area is invalid, the path inside it is empty, or there are too many rounds.
     """
-    chart = Map.about(outer, "the area", "outer")
+    chart = Map.centred_on(outer, "the area", "outer")
     area = chart.polygon(outer)
-    ring = _ring(area, offset_m, "offset_m")
-    path = ring * _checked_rounds(rounds) + ring[:1]
+    ring = _offset_outline(area, offset_m, "offset_m")
+    path = ring * _valid_rounds(rounds) + ring[:1]
     items = [chart.waypoint(position, altitude) for position in path]
     length_m = sum(math.dist(a, b) for a, b in pairwise(path))
-    return Pattern(items=bounded(items), lines_length_m=length_m)
+    return Pattern(items=within_item_limit(items), lines_length_m=length_m)
 
 
 def orbit(
@@ -68,19 +69,19 @@ def orbit(
             field="radius_m",
         )
     corners = max(8, math.ceil(math.pi / math.acos(1.0 - deviation_m / radius_m)))
-    chart = Map.about([center], "the centre", "center")
+    chart = Map.centred_on([center], "the centre", "center")
     step = math.tau / corners * (1.0 if clockwise else -1.0)
     items: list[SimpleItem] = []
     if look_at is not None:
         items.append(RoiLocation(lat_deg=center.lat_deg, lon_deg=center.lon_deg, altitude=look_at))
-    count = corners * _checked_rounds(rounds)
+    count = corners * _valid_rounds(rounds)
     for number in range(count + 1):
         angle = math.radians(start_deg) + number * step
         items.append(chart.waypoint((radius_m * math.sin(angle), radius_m * math.cos(angle)), altitude))
     if look_at is not None:
         items.append(RoiNone())
     side_m = 2.0 * radius_m * math.sin(math.pi / corners)
-    return Pattern(items=bounded(items), lines_length_m=count * side_m)
+    return Pattern(items=within_item_limit(items), lines_length_m=count * side_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +90,8 @@ class StructureScan:
 
     outline: Sequence[Point]
     coverage: Coverage
-    """`distance_m` is from the camera to the sides; side overlap is between layers."""
+    """`distance_m` is the distance from the camera to the sides; `side_overlap` is the overlap between
+    layers."""
     base: Altitude
     """Altitude of the structure's base."""
     height_m: float
@@ -97,11 +99,12 @@ class StructureScan:
     lowest_m: float = 3.0
     """Height of the lowest layer above the base."""
     from_top: bool = False
+    """Whether to fly the highest layer first."""
     gimbal_pitch_deg: float = 0.0
 
 
 def structure(scan: StructureScan) -> Pattern:
-    """Clockwise rounds around a structure at several heights, nose and camera towards its sides.
+    """Clockwise rounds around a structure at several heights, with the nose and the camera towards the sides.
 
     Layers are at most `footprint · (1 − side overlap)` apart; the pictures of the highest layer show the top.
     The picture's width is along the path.
@@ -113,26 +116,26 @@ def structure(scan: StructureScan) -> Pattern:
         if not 0.0 < height_m <= 10_000.0:
             reason = f"{height_m:g} m is not above 0 and at most 10,000 m"
             raise PlanError(f"field {name}", reason, "Correct this value.", field=name)
-    chart = Map.about(scan.outline, "the outline", "outline")
+    chart = Map.centred_on(scan.outline, "the outline", "outline")
     outline = chart.polygon(scan.outline, field="outline")
-    ring = _ring(outline, scan.coverage.distance_m, "coverage.distance_m")
+    ring = _offset_outline(outline, scan.coverage.distance_m, "coverage.distance_m")
     path = [*ring, ring[0]]
-    heights, coverage = layer_heights(scan), _sideways(scan.coverage)
+    heights, coverage = layer_heights(scan), _sideways_coverage(scan.coverage)
     items: list[SimpleItem] = [
         GimbalPitchYaw(pitch_deg=scan.gimbal_pitch_deg, yaw_deg=0.0, flags=YAW_IN_VEHICLE_FRAME)
     ]
     for height_m in reversed(heights) if scan.from_top else heights:
-        altitude = raised_altitude(scan.base, height_m)
-        facing = [(heading_deg(a, b) + 90.0) % 360.0 for a, b in pairwise(path)]
-        items.append(chart.waypoint(path[0], altitude, facing[0]))
+        altitude = altitude_above(scan.base, height_m)
+        yaws_deg = [(heading_deg(a, b) + 90.0) % 360.0 for a, b in pairwise(path)]
+        items.append(chart.waypoint(path[0], altitude, yaws_deg[0]))
         items.append(TriggerDistance(distance_m=coverage.trigger_m, at_once=1.0))
         items += [
-            chart.waypoint(position, altitude, yaw) for position, yaw in zip(path[1:], facing, strict=True)
+            chart.waypoint(position, altitude, yaw) for position, yaw in zip(path[1:], yaws_deg, strict=True)
         ]
         items.append(TriggerDistance(distance_m=0.0))
     around_m = sum(math.dist(a, b) for a, b in pairwise(path))
     return Pattern(
-        items=bounded(items),
+        items=within_item_limit(items),
         lines_length_m=around_m * len(heights),
         photos=len(heights) * photo_count(around_m, coverage),
         spacing_m=heights[1] - heights[0] if len(heights) > 1 else 0.0,
@@ -143,8 +146,9 @@ def structure(scan: StructureScan) -> Pattern:
 
 
 def layer_heights(scan: StructureScan) -> list[float]:
-    """Height of each layer above the base [m], from the lowest; evenly spaced, the highest shows the top."""
-    coverage = _sideways(scan.coverage)
+    """Height of each layer above the base [m], from the lowest to the highest; evenly spaced. The pictures of
+    the highest layer show the top."""
+    coverage = _sideways_coverage(scan.coverage)
     picture_m, spacing_m = coverage.camera.footprint_m(coverage.distance_m)[0], coverage.spacing_m
     highest_m = max(scan.lowest_m, scan.height_m - picture_m / 2.0)
     count = 1 + max(0, math.ceil((highest_m - scan.lowest_m) / spacing_m - 1e-9))
@@ -159,12 +163,12 @@ def layer_heights(scan: StructureScan) -> list[float]:
     return [scan.lowest_m + number * step_m for number in range(count)]
 
 
-def _sideways(coverage: Coverage) -> Coverage:
+def _sideways_coverage(coverage: Coverage) -> Coverage:
     """The coverage for sideways flight: the picture's width is along the path."""
     return replace(coverage, camera=replace(coverage.camera, landscape=False))
 
 
-def raised_altitude(base: Altitude, above_m: float) -> Altitude:
+def altitude_above(base: Altitude, above_m: float) -> Altitude:
     """An altitude `above_m` higher than `base`, with the same reference."""
     resolved = base.resolved_amsl_m
     return Altitude(
@@ -174,24 +178,24 @@ def raised_altitude(base: Altitude, above_m: float) -> Altitude:
     )
 
 
-def _ring(area: Polygon, offset_m: float, field: str) -> list[EastNorth]:
-    """The corners of the enlarged area's outline, clockwise; the first corner is not repeated.
+def _offset_outline(area: Polygon, offset_m: float, field: str) -> list[EastNorth]:
+    """The corners of the outline at a distance from an area, clockwise; the first corner is not repeated.
 
-    `field` is the field of the distance, for errors.
+    `field` is the name of the distance's field in errors.
     """
-    grown = area.buffer(offset_m, join_style="mitre", mitre_limit=MITRE_LIMIT)
-    if grown.geom_type != "Polygon" or grown.is_empty:
+    offset_area = area.buffer(offset_m, join_style="mitre", mitre_limit=MITRE_LIMIT)
+    if offset_area.geom_type != "Polygon" or offset_area.is_empty:
         raise PlanError(
             f"field {field}",
             "at this distance the area is empty or in several parts",
             "Reduce the distance.",
             field=field,
         )
-    corners = [(float(x), float(y)) for x, y in grown.exterior.coords[:-1]]
-    return corners if not grown.exterior.is_ccw else corners[::-1]
+    corners = [(float(x), float(y)) for x, y in offset_area.exterior.coords[:-1]]
+    return corners if not offset_area.exterior.is_ccw else corners[::-1]
 
 
-def _checked_rounds(rounds: int) -> int:
+def _valid_rounds(rounds: int) -> int:
     if not 1 <= rounds <= MAX_ROUNDS:
         reason = f"{rounds} is not between 1 and {MAX_ROUNDS}"
         raise PlanError("field rounds", reason, "Correct this value.", field="rounds")

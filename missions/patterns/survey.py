@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from missions.items import ChangeSpeed
 from missions.patterns.camera import Coverage
 from missions.patterns.ground import Map
-from missions.patterns.result import Pattern, bounded, photo_count, photographed
+from missions.patterns.result import Pattern, photo_count, photo_path_items, within_item_limit
 from missions.patterns.sweep import Sweep, sweep
 from missions.plan import SimpleItem
 from missions.values import Altitude, Point
@@ -40,7 +40,7 @@ def make(survey: Survey) -> Pattern:
         PlanError: The area is invalid, or there would be too many lines.
     """
     corners = [*survey.outer, *(point for hole in survey.holes for point in hole)]
-    chart = Map.about(corners, "the area", "outer")
+    chart = Map.centred_on(corners, "the area", "outer")
     area = chart.polygon_with_holes(survey.outer, survey.holes)
     coverage = survey.coverage
     sweeps: list[Sweep] = [sweep(area, coverage.spacing_m, survey.heading_deg)]
@@ -52,9 +52,9 @@ def make(survey: Survey) -> Pattern:
         items.append(ChangeSpeed(speed_m_s=survey.speed_m_s))
     lines = [line for each in sweeps for line in each.lines]
     for line in lines:
-        items += photographed(line, chart, survey.altitude, coverage, survey.turnaround_m)
+        items += photo_path_items(line, chart, survey.altitude, coverage, survey.turnaround_m)
     return Pattern(
-        items=bounded(items),
+        items=within_item_limit(items),
         lines=tuple((chart.point(start), chart.point(end)) for start, end in lines),
         lines_length_m=sum(each.length_m for each in sweeps),
         lower_bound_m=len(sweeps) * area.area / coverage.spacing_m,

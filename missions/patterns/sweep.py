@@ -24,7 +24,7 @@ from missions.patterns.ground import EastNorth, heading_deg
 MAX_LINES = 1500
 MAX_ANGLES = 12
 TURN_M = 20.0
-"""Cost of a turn in metres when headings are compared: about the distance lost by braking for it."""
+"""Cost of a turn when headings are compared [m]: about the distance that braking for the turn costs."""
 _SLIVER_M2 = 1e-6
 
 Line = tuple[EastNorth, EastNorth]
@@ -45,7 +45,7 @@ class Sweep:
 
 
 def sweep(area: Polygon, spacing_m: float, heading: float | None, start: EastNorth | None = None) -> Sweep:
-    """Lines over an area; without a heading, the heading with the shortest path is used.
+    """Lines over an area. If `heading` is None, the heading with the shortest path is used.
 
     Raises:
         PlanError: There would be too many lines.
@@ -57,7 +57,7 @@ def sweep(area: Polygon, spacing_m: float, heading: float | None, start: EastNor
         if best is None or _cost(candidate, spacing_m) < _cost(best, spacing_m):
             best = candidate
     assert best is not None
-    return Sweep(tuple(_ordered(best.lines, start)), best.heading_deg)
+    return Sweep(tuple(_in_flight_order(best.lines, start)), best.heading_deg)
 
 
 def _cost(candidate: Sweep, spacing_m: float) -> float:
@@ -66,51 +66,51 @@ def _cost(candidate: Sweep, spacing_m: float) -> float:
 
 
 def _candidates(area: Polygon) -> Iterator[float]:
-    """Headings along the edges of the convex hull, because a convex area is narrowest across one of its
-    edges."""
+    """Headings along the edges of the convex hull, because the smallest width of a convex area is at right
+    angles to one of the edges."""
     ring = area.convex_hull.exterior  # type: ignore[attr-defined]
     corners: list[EastNorth] = [(float(x), float(y)) for x, y in ring.coords]
-    edges = sorted(pairwise(corners), key=_shortness)
-    seen: set[int] = set()
+    edges = sorted(pairwise(corners), key=_negative_length)
+    yielded: set[int] = set()
     for a, b in edges:
         angle = heading_deg(a, b) % 180.0
-        if round(angle) not in seen:
-            seen.add(round(angle))
+        if round(angle) not in yielded:
+            yielded.add(round(angle))
             yield angle
-        if len(seen) >= MAX_ANGLES:
+        if len(yielded) >= MAX_ANGLES:
             return
 
 
-def _shortness(edge: tuple[EastNorth, EastNorth]) -> float:
+def _negative_length(edge: tuple[EastNorth, EastNorth]) -> float:
     return -math.dist(*edge)
 
 
 def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
     """The lines of one heading, from one side of the area to the other."""
     turn_deg = angle - 90.0
-    turned = affinity.rotate(area, turn_deg, origin=(0.0, 0.0))
-    x_min, y_min, x_max, y_max = turned.bounds
+    rotated = affinity.rotate(area, turn_deg, origin=(0.0, 0.0))
+    x_min, y_min, x_max, y_max = rotated.bounds
     count = max(1, math.ceil((y_max - y_min) / spacing_m - 1e-9))
     if count > MAX_LINES:
         fix = "Fly higher, reduce the overlap, or split the area."
         reason = f"there would be {count} of them, the maximum is {MAX_LINES}"
         raise PlanError("the lines", reason, fix, field="coverage")
-    first = (y_min + y_max) / 2.0 - (count - 1) * spacing_m / 2.0
-    back = math.radians(-turn_deg)
-    cos, sin = math.cos(back), math.sin(back)
+    first_y = (y_min + y_max) / 2.0 - (count - 1) * spacing_m / 2.0
+    back_rad = math.radians(-turn_deg)
+    cos, sin = math.cos(back_rad), math.sin(back_rad)
     total = 0
     for number in range(count):
-        y = first + number * spacing_m
+        y = first_y + number * spacing_m
         band = shapely.box(x_min - 1.0, y - spacing_m / 2.0, x_max + 1.0, y + spacing_m / 2.0)
-        for low, high in _extents(turned.intersection(band)):
+        for x_low, x_high in _extents(rotated.intersection(band)):
             total += 1
             if total > MAX_LINES:
                 fix = "Fly higher, reduce the overlap, or split the area."
                 reason = f"there are more than {MAX_LINES} of them"
                 raise PlanError("the lines", reason, fix, field="coverage")
             yield (
-                (low * cos - y * sin, low * sin + y * cos),
-                (high * cos - y * sin, high * sin + y * cos),
+                (x_low * cos - y * sin, x_low * sin + y * cos),
+                (x_high * cos - y * sin, x_high * sin + y * cos),
             )
 
 
@@ -118,24 +118,24 @@ def _extents(pieces: BaseGeometry) -> list[tuple[float, float]]:
     """The x ranges of the pieces; overlapping ranges are merged."""
     parts = [part for part in shapely.get_parts(pieces) if part.area > _SLIVER_M2]
     ranges: list[tuple[float, float]] = []
-    for low, high in sorted((part.bounds[0], part.bounds[2]) for part in parts):
-        if ranges and low <= ranges[-1][1]:
-            ranges[-1] = (ranges[-1][0], max(ranges[-1][1], high))
+    for x_low, x_high in sorted((part.bounds[0], part.bounds[2]) for part in parts):
+        if ranges and x_low <= ranges[-1][1]:
+            ranges[-1] = (ranges[-1][0], max(ranges[-1][1], x_high))
         else:
-            ranges.append((low, high))
+            ranges.append((x_low, x_high))
     return ranges
 
 
-def _ordered(lines: tuple[Line, ...], start: EastNorth | None) -> Iterator[Line]:
+def _in_flight_order(lines: tuple[Line, ...], start: EastNorth | None) -> Iterator[Line]:
     """The lines in flight order. The next line is always the one with the nearest end, which gives a
     back-and-forth path."""
     ends = np.array(lines, dtype=np.float64)
-    """(N, 2, 2): line, end, east and north."""
-    here = np.array(lines[0][0] if start is None else start)
+    """(N, 2, 2): line; end of the line; east and north."""
+    position = np.array(lines[0][0] if start is None else start)
     for _ in lines:
-        distances = np.hypot(*np.moveaxis(ends - here, 2, 0))
+        distances = np.hypot(*np.moveaxis(ends - position, 2, 0))
         index, end = np.unravel_index(int(distances.argmin()), distances.shape)
         line = lines[index] if end == 0 else (lines[index][1], lines[index][0])
         ends[index] = np.inf
-        here = np.array(line[1])
+        position = np.array(line[1])
         yield line

@@ -13,7 +13,9 @@ from missions.runner.requests import Notify
 TOLERANCE_M = 0.5
 """Tolerance for the error of the vehicle's position estimate."""
 OUTSIDE_FOR_S = 1.0
+"""The vehicle has left the corridor when it was outside for this long [s]."""
 MAX_POSITIONS = 2000
+"""Maximum number of positions of one corridor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,8 +27,9 @@ class Corridor:
     beside_m: tuple[float, ...]
     """Largest horizontal deviation of the flights at each position."""
     above_m: tuple[float, ...]
+    """Largest deviation upwards."""
     below_m: tuple[float, ...]
-    """Largest deviations upwards and downwards, positive."""
+    """Largest deviation downwards, positive."""
 
     def __post_init__(self) -> None:
         sizes = {len(self.position_ned_m), len(self.beside_m), len(self.above_m), len(self.below_m)}
@@ -46,34 +49,34 @@ class CorridorWatch:
         self._outside_since_s: float | None = None
         self.outside_m = 0.0
         """Distance outside the corridor [m]; 0 inside."""
-        self.left = False
+        self.has_left = False
         """Whether the vehicle has been outside for at least `OUTSIDE_FOR_S`."""
 
-    def update(self, now_s: float, here: Vector3 | None) -> bool:
-        """Updates with a position; True if `left` has changed."""
-        if here is not None:
-            self.outside_m = self._outside_m(here)
+    def update(self, now_s: float, position_ned_m: Vector3 | None) -> bool:
+        """Updates the state with the vehicle's position; returns whether `has_left` has changed."""
+        if position_ned_m is not None:
+            self.outside_m = self._outside_m(position_ned_m)
         if self.outside_m == 0.0:
             self._outside_since_s = None
         elif self._outside_since_s is None:
             self._outside_since_s = now_s
         since_s = self._outside_since_s
-        was_left, self.left = self.left, since_s is not None and now_s - since_s >= OUTSIDE_FOR_S
-        return self.left != was_left
+        had_left, self.has_left = self.has_left, since_s is not None and now_s - since_s >= OUTSIDE_FOR_S
+        return self.has_left != had_left
 
     def notification(self) -> Notify:
         """The message that the vehicle has left the corridor, or is back inside."""
-        if self.left:
+        if self.has_left:
             text = f"The vehicle is {self.outside_m:.1f} m outside the corridor of the dry run."
             return Notify("corridor_left", text, warning=True)
         return Notify("corridor_back", "The vehicle is inside the corridor of the dry run again.")
 
-    def _outside_m(self, here: Vector3) -> float:
+    def _outside_m(self, position_ned_m: Vector3) -> float:
         """Distance to the corridor [m]."""
-        from_begin = np.array(here) - self._begin
+        from_begin = np.array(position_ned_m) - self._begin
         along = np.clip((from_begin[:, :2] * self._step[:, :2]).sum(axis=1) / self._step_2, 0.0, 1.0)
-        off = from_begin - along[:, None] * self._step
-        sideways, above, below = self._bounds
-        horizontal = np.maximum(np.hypot(off[:, 0], off[:, 1]) - sideways, 0.0)
-        vertical = np.maximum(np.maximum(-off[:, 2] - above, off[:, 2] - below), 0.0)
+        offset_ned_m = from_begin - along[:, None] * self._step
+        beside, above, below = self._bounds
+        horizontal = np.maximum(np.hypot(offset_ned_m[:, 0], offset_ned_m[:, 1]) - beside, 0.0)
+        vertical = np.maximum(np.maximum(-offset_ned_m[:, 2] - above, offset_ned_m[:, 2] - below), 0.0)
         return float(np.hypot(horizontal, vertical).min())

@@ -1,4 +1,4 @@
-"""The path through a mission: the segments of the branches chosen so far, and the next decision."""
+"""The path through a mission: the segments of the chosen branches, and the next decision."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class Course:
         self._node = timeline
         self.segments = list(timeline.segments)
         self._cached_from, self._cached_px4 = 0, -1
-        """Cache of `next_px4_segment`: the first index for which the result is valid, and the result."""
+        """Cached result of `next_px4_segment`, and the first index for which the result is valid."""
 
     @property
     def decision(self) -> Decision | None:
-        """The decision after the last segment; None: there is none."""
+        """The decision after the last segment; None: the mission ends after this segment."""
         return self._node.decision
 
-    def rest(self, index: int) -> Timeline:
+    def remaining_timeline(self, index: int) -> Timeline:
         """The segments from `index` on, with both continuations of the next decision."""
         starts_s, now_s = list[float](), 0.0
         for segment in self.segments[index:]:
@@ -32,7 +32,7 @@ class Course:
         return replace(self._node, segments=tuple(self.segments[index:]), starts_s=tuple(starts_s))
 
     def choose(self, fulfilled: bool) -> None:
-        """Continues in one of the two timelines."""
+        """Continues with the timeline `then` if the condition is fulfilled, or else with `otherwise`."""
         continuation = self._node.then if fulfilled else self._node.otherwise
         if continuation is not None:  # a decision always has both continuations
             self._node = continuation
@@ -40,10 +40,13 @@ class Course:
             self._cached_px4 = -1
 
     def next_px4_segment(self, index: int) -> int:
-        """Index of the first take-off or landing at or after `index`, or of the end of the segments."""
+        """Index of the first take-off or landing at or after `index`; without one, the number of segments."""
         if not self._cached_from <= index <= self._cached_px4:  # a mission can have many segments
-            rest = range(index, len(self.segments))
-            found = next((at for at in rest if flown_by_px4(self.segments[at])), len(self.segments))
+            indices = range(index, len(self.segments))
+            found = next(
+                (candidate for candidate in indices if flown_by_px4(self.segments[candidate])),
+                len(self.segments),
+            )
             self._cached_from, self._cached_px4 = index, found
         return self._cached_px4
 
@@ -62,10 +65,10 @@ class Course:
 
     def remaining_s(self, index: int, t_s: float) -> float:
         """Planned remaining time [s] on the longest continuation."""
-        left_s = sum(segment.duration_s for segment in self.segments[index:])
+        remaining_s = sum(segment.duration_s for segment in self.segments[index:])
         if index < len(self.segments):
-            left_s -= min(t_s, self.segments[index].duration_s)
-        return left_s + self._node.duration_s - self._node.own_duration_s
+            remaining_s -= min(t_s, self.segments[index].duration_s)
+        return remaining_s + self._node.duration_s - self._node.own_duration_s
 
 
 def flown_by_px4(segment: Segment) -> bool:
@@ -80,8 +83,8 @@ class ConditionWatch:
         self._value, self._above, self._below, self._for_s = value, above, below, for_s
         self._since_s: float | None = None
 
-    def true_now(self, reading: Reading) -> bool:
-        """Whether the condition is true now; false if the value is unknown."""
+    def is_true(self, reading: Reading) -> bool:
+        """Whether the condition is true at this time; false if the value is unknown."""
         value = reading.value(self._value)
         if value is None:
             return False
@@ -89,7 +92,7 @@ class ConditionWatch:
 
     def fulfilled(self, now_s: float, reading: Reading) -> bool:
         """Whether the condition has been true for `for_s` seconds without interruption."""
-        if not self.true_now(reading):
+        if not self.is_true(reading):
             self._since_s = None
             return False
         if self._since_s is None:

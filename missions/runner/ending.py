@@ -7,14 +7,14 @@ from missions.runner.status import CannotDo
 
 
 class Ending:
-    """Base class of the runner: the state after the end or a suspension, and the collected requests."""
+    """Base class of the runner: its end, its suspension, and the requests collected in one update."""
 
     def __init__(self) -> None:
         self._final_state: str | None = None
         self._reason: str | None = None
         self._suspended = False
         self._paused_in_hold = False
-        """Suspended because the operator paused it during take-off or landing."""
+        """Whether the mission is suspended because the operator paused it during take-off or landing."""
         self._requests: list[Request] = []
         self._reported_payload_failures: set[str] = set()
 
@@ -25,9 +25,9 @@ class Ending:
 
     @property
     def early_end_reason(self) -> str | None:
-        """The reason why the mission ended early; None: it is active or done."""
+        """The reason why the mission ended early or is suspended; None: it is active, paused or done."""
         if self._final_state in ("aborted", "stopped") or (self._suspended and not self._paused_in_hold):
-            return self._reason or "It was interrupted"
+            return self._reason or "The mission was interrupted"
         return None
 
     def _take_requests(self) -> list[Request]:
@@ -54,4 +54,4 @@ class Ending:
 
     def _require_not_over(self, what: str) -> None:
         if self._final_state is not None:
-            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it again.")
+            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start the mission again.")

@@ -10,7 +10,7 @@ from missions.runner.reading import Reading
 
 CONFIRM_S = 1.0
 """Time to wait for the new mode, which shows who took control [s]."""
-REPLACED = "Someone else commands the vehicle: PX4 no longer accepts commands of the mission's mode"
+REPLACED = "Another party commands the vehicle: PX4 no longer accepts commands of the mission's mode"
 """Reason for suspending the mission if the mode has not changed within `CONFIRM_S`."""
 
 
@@ -22,11 +22,11 @@ class ExecutorControl:
         self._lost_since_s: float | None = None
 
     def begin_part(self, reading: Reading) -> None:
-        """Starts with a new part of the mission."""
+        """Resets the detection for a new part of the mission."""
         self._was_in_charge, self._lost_since_s = reading.executor_in_charge is True, None
 
     def lost(self, reading: Reading) -> bool:
-        """Whether the executor was in charge during this part, and no longer is."""
+        """Whether the executor was in charge during this part and is no longer in charge."""
         self._was_in_charge |= reading.executor_in_charge is True
         if self._was_in_charge and reading.executor_in_charge is False and reading.armed is not False:
             return True

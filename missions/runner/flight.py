@@ -18,23 +18,24 @@ from missions.trajectory.points import PassPoint
 from missions.trajectory.solve import through
 
 ON_PATH_M = 0.3
-"""A vehicle within these tolerances of its path needs no approach."""
 ON_PATH_RAD = math.radians(5.0)
+"""A vehicle whose distance and heading are within these tolerances of the path needs no approach."""
 MAX_MESSAGE_BYTES = 400_000
 """Maximum size of the segments in one message, because the stream process reads the message between two
 setpoints."""
 MAX_MESSAGE_S = 120.0
+"""Maximum duration of the segments in one message."""
 ROW_BYTES = 150
-"""Bytes of one row of a table."""
+"""Approximate bytes of one row of a table."""
 
 
 class Flight:
     """The state of one offboard mission during one flight.
 
     Args:
-        timeline: compiled for the vehicle's position.
+        timeline: the mission, compiled for the vehicle's position.
         name: name of the mission.
-        motion: limits for approaches and pauses, with the wanted speed.
+        motion: limits for approaches and pauses, including the speed.
         mode: mode in which the vehicle follows the setpoints, as in the API's `Status.mode`.
     """
 
@@ -53,14 +54,14 @@ class Flight:
         self.t_s = 0.0
         """Mission time since the start of the segment."""
         self.paused = False
-        self.by_pilot = True
-        """Whether a pilot or another station started it, by selecting its flight mode; known once the mission
-        has started."""
+        self.started_by_pilot = True
+        """Whether a pilot or another station started the mission by selecting its flight mode; valid after
+        the start of the mission."""
         self.photo_index = 0
-        """Index of the first segment with pictures that are still to be taken."""
+        """Index of the first segment whose pictures are not all taken."""
         self.photos_taken = 0
-        """Number of pictures already taken in that segment."""
-        self.pointed: tuple[float, float, float] | None = None
+        """Number of pictures taken in the segment `photo_index`."""
+        self.last_gimbal_request: tuple[float, float, float] | None = None
         """Last gimbal request: pitch, yaw relative to north [rad], and its time; None: no request."""
         self._scripts = 0
 
@@ -76,10 +77,12 @@ class Flight:
         self.photo_index, self.photos_taken = index, 0
 
     def chunk_end(self, first: int, end_index: int) -> int:
-        """Index after the segments that fit into one message."""
-        size, duration_s, end = 0, 0.0, first
-        while end < end_index and (end == first or (size < MAX_MESSAGE_BYTES and duration_s < MAX_MESSAGE_S)):
-            size += _size(self.course.segments[end])
+        """Index after the segments from `first` on that fit into one message."""
+        total_bytes, duration_s, end = 0, 0.0, first
+        while end < end_index and (
+            end == first or (total_bytes < MAX_MESSAGE_BYTES and duration_s < MAX_MESSAGE_S)
+        ):
+            total_bytes += _segment_bytes(self.course.segments[end])
             duration_s += self.course.segments[end].duration_s
             end += 1
         return end
@@ -108,24 +111,24 @@ class Flight:
         return script, self.index, end
 
     def _approach(self, reading: Reading, segment: Segment, begin_s: float) -> CurveSegment | None:
-        here, yaw_rad = reading.position_ned_m, reading.yaw_ned_rad
-        if here is None:
+        position_ned_m, yaw_rad = reading.position_ned_m, reading.yaw_ned_rad
+        if position_ned_m is None:
             raise PlanError(segment.place, "the vehicle's position is unknown", "Wait for a valid estimate.")
         begin, begin_yaw_rad = _start_of(self.course.segments, self.index, segment, begin_s)
         if begin is None:
             return None
         if begin_yaw_rad is None or yaw_rad is None:
-            turn_rad, ends = 0.0, (PassPoint(here), PassPoint(begin))
+            turn_rad, ends = 0.0, (PassPoint(position_ned_m), PassPoint(begin))
         else:
             turn_rad = abs(wrap_pi(begin_yaw_rad - yaw_rad))
-            ends = (PassPoint(here, yaw_rad), PassPoint(begin, begin_yaw_rad))
-        if math.dist(here, begin) < ON_PATH_M and turn_rad < ON_PATH_RAD:
+            ends = (PassPoint(position_ned_m, yaw_rad), PassPoint(begin, begin_yaw_rad))
+        if math.dist(position_ned_m, begin) < ON_PATH_M and turn_rad < ON_PATH_RAD:
             return None
-        if self.fence is not None and self.fence.line_leaves(here[:2], begin[:2]):
+        if self.fence is not None and self.fence.line_leaves(position_ned_m[:2], begin[:2]):
             raise PlanError(
                 segment.place,
-                "the straight path to it leaves the mission's geofence",
-                "Fly to a position from which the straight path stays inside, then resume.",
+                "the straight path to this step leaves the mission's geofence",
+                "Fly to a position from which the straight path stays inside, then resume the mission.",
             )
         curve = through(ends, self.motion)
         end_yaw_rad = (yaw_rad or 0.0) if begin_yaw_rad is None else begin_yaw_rad
@@ -147,7 +150,7 @@ def _start_of(
     return None, segment.end_yaw_ned_rad
 
 
-def _size(segment: Segment) -> int:
+def _segment_bytes(segment: Segment) -> int:
     """Approximate size of a segment's arrays in bytes."""
     if isinstance(segment, CurveSegment):
         return segment.curve.coefficients.nbytes + 5 * segment.curve.phase_start_s.nbytes

@@ -16,13 +16,13 @@ from missions.runner.status import RunnerStatus
 
 PERIOD_S = 0.5
 MAX_SAMPLES = 4000
-"""Half an hour at 2 Hz; after that every second sample is deleted and the period doubled."""
+"""Half an hour at 2 Hz. For a longer flight every second sample is deleted, and the period is doubled."""
 PlannedBy = Literal["mission", "dry_run", "plan"]
 
 
 @dataclass(frozen=True, slots=True)
 class FlownSample:
-    """One sample."""
+    """The flown and the planned position at one time."""
 
     t_s: float
     """Time since the start of the mission."""
@@ -31,11 +31,11 @@ class FlownSample:
     flown_ned_m: Vector3
     """The vehicle's position estimate, in its local frame."""
     planned_ned_m: Vector3 | None
-    """Offboard mission: the position setpoint; null: PX4 flew in one of its own modes, or no position was
-    sent. Waypoint plan: the nearest point of the planned path; null: the vehicle was not on it (Hold, another
-    mode, the way to the path), or it is not known."""
+    """Offboard mission: the position setpoint; null: PX4 flew in one of its own modes, or the setpoint had no
+    position. Waypoint plan: the nearest point of the planned path; null: the vehicle was not on the planned
+    path (Hold, another mode, before the path), or the planned path is not known."""
     deviation_m: float | None
-    """Distance between the two."""
+    """Distance between the flown and the planned position; null: the planned position is null."""
     outside_corridor_m: float | None
     """Distance outside the dry run's corridor, 0 inside; null: no corridor is monitored."""
 
@@ -47,11 +47,11 @@ class PlannedState:
     place: str | None = None
     """Current step."""
     planned_ned_m: Vector3 | None = None
-    """As in `FlownSample`."""
+    """See `FlownSample.planned_ned_m`."""
     outside_corridor_m: float | None = None
-    """As in `FlownSample`."""
-    counts: bool | None = None
-    """Whether this moment counts for `FlownMission.duration_s`; None: not known."""
+    """See `FlownSample.outside_corridor_m`."""
+    is_counted: bool | None = None
+    """Whether this time counts for `FlownMission.duration_s`; None: not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +68,18 @@ class PlannedFlight:
 
 @dataclass(frozen=True, slots=True)
 class FlownMission:
-    """The flown path of a vehicle's newest mission, with the planned one."""
+    """The flown path of a vehicle's newest mission, with the planned path."""
 
     name: str
     started_unix_s: float
     over: bool
     """Whether the mission has ended."""
     duration_s: float
-    """Until the end of the mission or until now. Offboard mission: time flown by setpoints, without PX4's own
-    take-off and landing. Waypoint plan: from arming to disarming."""
+    """Duration until the end of the mission, or until now. Offboard mission: time flown by setpoints, without
+    PX4's own take-off and landing. Waypoint plan: from arming to disarming."""
     planned_duration_s: float | None
-    """Planned duration of the same part, with the longest branch; null: not known. A plan that was not flown
-    from its beginning counts from the first flown item."""
+    """Planned value of `duration_s`, with the longest branch; null: not known. If a plan was not flown from
+    its beginning, this duration begins at the first flown item."""
     planned_length_m: float | None
     """Planned length of the whole path, with the longest branch, take-off and landing; null: not known."""
     planned_by: PlannedBy
@@ -88,7 +88,7 @@ class FlownMission:
     planned_legs: tuple[Leg, ...]
     """The planned path of each step, on all branches."""
     origin: LocalOrigin | None
-    """Global position of the local origin at the start; null: it was not known."""
+    """Global position of the local origin at the start; null: not known."""
     battery_start_share: float | None
     """Battery charge at the start, 0 to 1; null: the vehicle did not report it."""
     battery_end_share: float | None
@@ -109,16 +109,17 @@ class FlownTrack:
         self._period_s = PERIOD_S
         self._next_s = 0.0
 
-    def record(self, t_s: float, here: Vector3 | None, state: PlannedState) -> None:
+    def record(self, t_s: float, position_ned_m: Vector3 | None, state: PlannedState) -> None:
         """Adds a sample if one is due and the vehicle's position is known."""
-        if here is None or t_s < self._next_s:
+        if position_ned_m is None or t_s < self._next_s:
             return
         planned = state.planned_ned_m
         self.samples.append(
             FlownSample(
-                round(t_s, 2), state.place, _millimetres(here),
+                round(t_s, 2), state.place, _millimetres(position_ned_m),
                 None if planned is None else _millimetres(planned),
-                None if planned is None else round(math.dist(here, planned), 3), state.outside_corridor_m,
+                None if planned is None else round(math.dist(position_ned_m, planned), 3),
+                state.outside_corridor_m,
             )
         )  # fmt: skip
         if len(self.samples) >= MAX_SAMPLES:
@@ -128,17 +129,17 @@ class FlownTrack:
 
 
 class Stopwatch:
-    """Adds up the parts of a flight that count."""
+    """Adds up the time of the parts of a flight that count."""
 
     def __init__(self) -> None:
         self._counted_s = 0.0
         self._since_s: float | None = None
 
-    def update(self, now_s: float, counts: bool | None) -> None:
-        """Counts from now on, or not; None: unknown, which changes nothing."""
-        if counts is True and self._since_s is None:
+    def update(self, now_s: float, is_counted: bool | None) -> None:
+        """Starts or stops counting; None: unknown, and counting does not change."""
+        if is_counted is True and self._since_s is None:
             self._since_s = now_s
-        elif counts is False:
+        elif is_counted is False:
             self._counted_s, self._since_s = self.read(now_s), None
 
     def read(self, now_s: float) -> float:
@@ -152,9 +153,9 @@ class FlightRecord:
     Args:
         name: name of the mission.
         unix_s: time of the start.
-        now_s: the same on the monotonic clock.
+        now_s: the same time on the monotonic clock.
         reading: the vehicle's state at the start.
-        origin: global position of its local origin; None: it is not known.
+        origin: global position of the vehicle's local origin; None: not known.
         planned: returns the planned flight; called for each comparison.
     """
 
@@ -179,7 +180,7 @@ class FlightRecord:
     def record(self, now_s: float, reading: Reading, state: PlannedState) -> None:
         """Adds the vehicle's state, while the mission has not ended."""
         self._track.record(now_s - self._started_s, reading.position_ned_m, state)
-        self._stopwatch.update(now_s, state.counts)
+        self._stopwatch.update(now_s, state.is_counted)
         if reading.battery_share is not None:
             self._battery_end_share = reading.battery_share
             if self._battery_start_share is None:
@@ -189,10 +190,10 @@ class FlightRecord:
         """Ends the record; later calls do nothing."""
         if not self._over:
             self._over = True
-            self._stopwatch.update(now_s, counts=False)
+            self._stopwatch.update(now_s, is_counted=False)
 
     def flown(self, now_s: float) -> FlownMission:
-        """The flight so far."""
+        """The record of the flight until now."""
         planned = self._planned()
         samples = tuple(self._track.samples)
         deviations_m = [each.deviation_m for each in samples if each.deviation_m is not None]
@@ -221,11 +222,12 @@ def planned_by_mission(timeline: Timeline, start_ned_m: Vector3) -> PlannedFligh
 
 
 def state_in_mission(reading: Reading, status: RunnerStatus) -> PlannedState:
-    """The planned values of an offboard mission: the current step, and the position that is being sent."""
-    played = reading.played
+    """The planned values of an offboard mission: the current step, and the position of the current
+    setpoint."""
+    progress = reading.progress
     by_setpoints = reading.stream == "flying"
-    sent = played.position_ned_m if played is not None and by_setpoints else None
-    return PlannedState(status.place, sent, status.outside_corridor_m, by_setpoints)
+    setpoint_ned_m = progress.position_ned_m if progress is not None and by_setpoints else None
+    return PlannedState(status.place, setpoint_ned_m, status.outside_corridor_m, by_setpoints)
 
 
 def _millimetres(position_ned_m: Vector3) -> Vector3:

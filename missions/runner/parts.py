@@ -17,9 +17,10 @@ from missions.runner.requests import Notify, Request, SetMode, TakeOff
 LANDED_AFTER_S = 10.0
 """Time on the ground after which the vehicle counts as landed, even if it is still armed [s]."""
 NEAR_HEIGHT_M = 1.0
+"""A vehicle is near the take-off height within this distance."""
 HOVERS_AFTER_S = 5.0
 """Time near the take-off height after which a take-off by an executor counts as complete, because PX4 reports
-this only once, and the report may be lost [s]."""
+the end of the take-off only once, and this report may be lost [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Failure:
     """Why a part cannot continue, and the action to execute."""
 
     action: str
-    """continue, hold, return, land; from `FlightWatch` also pause."""
+    """continue, hold, return or land; a failure of `FlightWatch` can also have pause."""
     text: str
 
 
@@ -37,9 +38,9 @@ class Part(ABC):
     state: str
     """State in the API: taking_off, starting, flying, waiting, pausing, paused, landing."""
     in_offboard = False
-    """Whether it flies by setpoints from the server."""
+    """Whether the part is flown by setpoints from the server."""
     question: str | None = None
-    """The question to the pilot; None: there is none."""
+    """The question to the pilot; None: no question."""
 
     def __init__(self, flight: Flight) -> None:
         self.flight = flight
@@ -56,8 +57,8 @@ class Part(ABC):
 
     @abstractmethod
     def expects(self, reading: Reading) -> bool:
-        """Whether this part requested the vehicle's current mode. If not, someone else controls the
-        vehicle."""
+        """Whether this part requested the vehicle's current mode. False: another party
+        controls the vehicle."""
 
 
 class Px4Part(Part):
@@ -76,13 +77,14 @@ class Px4Part(Part):
 
     @abstractmethod
     def _request(self) -> Request:
-        """What starts the mode."""
+        """The request that starts the mode."""
 
 
 class TakeOffPart(Px4Part):
-    """PX4's own take-off; done when the vehicle holds at the take-off height.
+    """PX4's own take-off; done when the vehicle holds its position at the take-off height.
 
-    PX4 switches to Hold by itself, except under an executor, to which it reports the end of the take-off.
+    PX4 switches to Hold by itself, except under an executor: to the executor, PX4 reports the end of the
+    take-off.
     """
 
     state = "taking_off"
@@ -96,8 +98,8 @@ class TakeOffPart(Px4Part):
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
         self._mode_reached |= reading.mode == "takeoff"
-        holds = reading.mode == "hold" or self._complete_under_executor(now_s, reading)
-        if self._mode_reached and holds and reading.armed:
+        is_holding = reading.mode == "hold" or self._complete_under_executor(now_s, reading)
+        if self._mode_reached and is_holding and reading.armed:
             self.done = True
         elif now_s - self._began_s > self._segment.timeout_s:
             text = f"The take-off did not end within {self._segment.timeout_s:g} s"
@@ -106,13 +108,13 @@ class TakeOffPart(Px4Part):
 
     def expects(self, reading: Reading) -> bool:
         if reading.mode == "hold" and self._mode_reached:
-            return reading.mode_source in (None, "vehicle") or self._is_up(reading)
+            return reading.mode_source in (None, "vehicle") or self._is_near_height(reading)
         return reading.mode == "takeoff" or (not self._mode_reached and reading.mode == self._initial_mode)
 
     def _complete_under_executor(self, now_s: float, reading: Reading) -> bool:
         if not reading.executor_in_charge or reading.mode != "takeoff":
             return False
-        if not self._is_up(reading):
+        if not self._is_near_height(reading):
             self._near_height_since_s = None
         elif self._near_height_since_s is None:
             self._near_height_since_s = now_s
@@ -121,9 +123,11 @@ class TakeOffPart(Px4Part):
             near_since_s is not None and now_s - near_since_s >= HOVERS_AFTER_S
         )
 
-    def _is_up(self, reading: Reading) -> bool:
-        here = reading.position_ned_m
-        return here is not None and abs(here[2] - self._segment.end_ned_m[2]) < NEAR_HEIGHT_M
+    def _is_near_height(self, reading: Reading) -> bool:
+        position_ned_m = reading.position_ned_m
+        return (
+            position_ned_m is not None and abs(position_ned_m[2] - self._segment.end_ned_m[2]) < NEAR_HEIGHT_M
+        )
 
 
 class LandPart(Px4Part):

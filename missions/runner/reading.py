@@ -5,21 +5,22 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 from missions.frames import Vector3
-from missions.runner.script import Played
+from missions.runner.script import ScriptProgress
 from missions.setpoints import Estimate
 
 StreamPhase = Literal["idle", "starting", "flying", "ending"]
 
 
 class Reading(NamedTuple):
-    """The vehicle's state at one time. A tuple: a dry run makes ten a second for each of its vehicles."""
+    """The vehicle's state at one time. A named tuple is fast to make; a dry run makes ten a second for each
+    vehicle."""
 
     mode: str | None = None
     """The vehicle's mode, as in the API's `Status.mode`: offboard, hold, land, rtl, takeoff, position, …"""
     mode_source: str | None = None
-    """Who changed the mode: command, vehicle, failsafe, pilot, station, unknown."""
+    """Source of the mode change: command, vehicle, failsafe, pilot, station, unknown."""
     mode_text: str | None = None
-    """The same as text for messages."""
+    """Source of the mode change as a text for messages."""
     armed: bool | None = None
     landed: str | None = None
     """on_ground, in_air, taking_off, landing."""
@@ -33,12 +34,12 @@ class Reading(NamedTuple):
     take_off_complete: bool = False
     """Whether PX4 has reported to the executor that its take-off is complete."""
     link_active: bool = True
-    holder: str | None = None
+    control_holder: str | None = None
     """Unique id of the client in control; None: no client has control."""
-    holder_name: str | None = None
-    """The same as text for messages."""
+    control_holder_name: str | None = None
+    """Name of the client in control, for messages."""
     battery_share: float | None = None
-    """0 to 1."""
+    """Battery charge, 0 to 1."""
     wind_speed_m_s: float | None = None
     distance_m: float | None = None
     """Value of the distance sensor."""
@@ -49,7 +50,7 @@ class Reading(NamedTuple):
     """Phase of the mission's setpoint stream; `flying` when the vehicle is in Offboard."""
     stream_text: str | None = None
     """Reason for the end of the stream."""
-    played: Played | None = None
+    progress: ScriptProgress | None = None
     """Progress of the script that is being streamed."""
 
     @property

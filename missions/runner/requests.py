@@ -8,9 +8,9 @@ from typing import Literal
 from missions.runner.script import Script, ScriptChange
 
 Mode = Literal["hold", "land", "rtl"]
-MODE_OF: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
+MODE_BY_ACTION: dict[str, Mode] = {"hold": "hold", "return": "rtl", "land": "land"}
 """PX4 mode for each action of a mission."""
-NAME_OF = {"hold": "holding here", "return": "returning", "land": "landing"}
+ACTION_TEXTS = {"hold": "holding the position", "return": "returning home", "land": "landing"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,12 +18,12 @@ class TakeOff:
     """Arm, and climb in PX4's own Takeoff mode."""
 
     height_m: float
-    """Height above the ground position."""
+    """Height above the take-off position."""
 
 
 @dataclass(frozen=True, slots=True)
-class Play:
-    """Stream this script and switch to Offboard; it replaces a script that is being streamed."""
+class StreamScript:
+    """Stream the setpoints of this script and switch to Offboard. The script replaces the current script."""
 
     script: Script
 
@@ -44,7 +44,7 @@ class SetMode:
 
 @dataclass(frozen=True, slots=True)
 class StopStream:
-    """Stop the setpoint stream without a mode change, because someone else controls the vehicle."""
+    """Stop the setpoint stream without a mode change, because another party controls the vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Photo:
     """Take one picture now."""
 
     component: int | None = None
-    """Component id of the camera; None: the lowest that is connected."""
+    """Component id of the camera; None: the connected camera with the lowest id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class PointGimbal:
     """Point the gimbal; repeated while it moves."""
 
     pitch_rad: float
-    """Up is positive."""
+    """Pitch, up is positive."""
     yaw_ned_rad: float
 
 
@@ -78,4 +78,14 @@ class Notify:
     warning: bool = False
 
 
-Request = TakeOff | Play | ChangeScript | SetMode | StopStream | Photo | PointGimbal | ReleaseGimbal | Notify
+Request = (
+    TakeOff
+    | StreamScript
+    | ChangeScript
+    | SetMode
+    | StopStream
+    | Photo
+    | PointGimbal
+    | ReleaseGimbal
+    | Notify
+)

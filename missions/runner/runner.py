@@ -1,7 +1,7 @@
 """Executes a compiled mission part by part, without clock, server or simulator.
 
 The caller calls `tick` about ten times a second with the vehicle's state, executes the returned requests, and
-reports those that failed. The runner acts only while the mission controls the vehicle. If the RC pilot, an
+reports failed requests. The runner acts only while the mission controls the vehicle. If the RC pilot, an
 operator's command or a PX4 failsafe takes over, the runner requests nothing until an operator resumes the
 mission.
 """
@@ -17,7 +17,15 @@ from missions.runner.flight import Flight
 from missions.runner.parts import LandPart, Part, TakeOffPart
 from missions.runner.payload import release_gimbal
 from missions.runner.reading import Reading
-from missions.runner.requests import MODE_OF, NAME_OF, Play, Request, SetMode, StopStream, TakeOff
+from missions.runner.requests import (
+    ACTION_TEXTS,
+    MODE_BY_ACTION,
+    Request,
+    SetMode,
+    StopStream,
+    StreamScript,
+    TakeOff,
+)
 from missions.runner.setpoint_part import SetpointPart
 from missions.runner.status import CannotDo, RunnerStatus
 from missions.runner.watch import IN_FLIGHT, FlightWatch, missing_estimate, takeover_reason
@@ -31,11 +39,11 @@ class Runner(Ending):
     """One flight of a mission.
 
     Args:
-        timeline: compiled for the vehicle's position.
+        timeline: the mission, compiled for the vehicle's position.
         name: name of the mission.
         motion: limits, including the speed, for pauses and for approaches to the path.
         low_battery_share: battery charge at which the mission's low-battery action is executed.
-        corridor: corridor of a dry run; leaving it is reported.
+        corridor: corridor of a dry run; the runner reports when the vehicle leaves it.
         mode: mode in which the vehicle follows setpoints: Offboard, or a mode registered with PX4.
     """
 
@@ -66,7 +74,7 @@ class Runner(Ending):
             CannotDo: The mission needs an estimate that the vehicle does not have.
         """
         self.require_startable(reading)
-        self._watch.set_owner(reading)
+        self._watch.record_start(reading)
         self._begin_part(now_s, reading)
         return self._take_requests()
 
@@ -77,7 +85,7 @@ class Runner(Ending):
             raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
 
     def pause(self, now_s: float, reading: Reading, by: str) -> list[Request]:
-        """Pauses: on the path in Offboard, or in Hold during take-off and landing."""
+        """Pauses the mission: on the path, or in Hold mode during take-off and landing."""
         part = self._controlling_part("pause")
         if isinstance(part, SetpointPart):
             self.flight.paused = True
@@ -90,14 +98,14 @@ class Runner(Ending):
         return self._take_requests()
 
     def resume(self, now_s: float, reading: Reading, by: str) -> list[Request]:
-        """Resumes: along the path, or back to it if the vehicle has left it.
+        """Resumes the mission along the path. If the vehicle has left the path, it first returns to the path.
 
         Raises:
             CannotDo: The mission is neither paused nor suspended, or an estimate is missing.
         """
         self.require_resumable(reading)
         part = self._part
-        self._watch.set_owner(reading, by_mode=self._suspended)
+        self._watch.record_start(reading, may_be_selected=self._suspended)
         if not self._suspended and isinstance(part, SetpointPart):
             part.resume()
         else:
@@ -108,18 +116,18 @@ class Runner(Ending):
         return self._take_requests()
 
     def require_resumable(self, reading: Reading) -> None:
-        """Raises CannotDo if it cannot be resumed now."""
+        """Raises CannotDo if the mission cannot be resumed now."""
         self._require_not_over("resume")
         if not self._suspended:
             if not self.flight.paused or not isinstance(self._part, SetpointPart):
-                raise CannotDo("the mission is not paused", "Pause it first.")
+                raise CannotDo("the mission is not paused", "Pause the mission first.")
             return
         missing = missing_estimate(self.flight, reading, IN_FLIGHT)
         if missing is not None and not reading.on_ground:
             raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
 
     def skip(self, now_s: float, reading: Reading, by: str) -> list[Request]:
-        """Continues with the next step; a suspended mission will resume there.
+        """Continues with the next step. A suspended mission continues with this step when it is resumed.
 
         Raises:
             CannotDo: The vehicle is on the ground and the step is its take-off.
@@ -138,14 +146,14 @@ class Runner(Ending):
             self._begin_part(now_s, reading)
         return self._take_requests()
 
-    def go_on(self, by: str) -> list[Request]:
+    def continue_after_question(self, by: str) -> list[Request]:
         """Continues after a wait for the operator.
 
         Raises:
             CannotDo: The mission is not waiting for the operator.
         """
         part = self._part
-        if self._suspended or not isinstance(part, SetpointPart) or not part.answer():
+        if self._suspended or not isinstance(part, SetpointPart) or not part.continue_after_question():
             raise CannotDo(
                 "the mission is not waiting for the operator",
                 "See the mission's status for what it is waiting for.",
@@ -162,7 +170,7 @@ class Runner(Ending):
         self._require_not_over("abort")
         is_flying_or_armed = not reading.on_ground or bool(reading.armed)
         if is_flying_or_armed and (not self._suspended or then != "hold"):
-            self._requests.append(SetMode(MODE_OF[then]))
+            self._requests.append(SetMode(MODE_BY_ACTION[then]))
         self._end("aborted", f"{by} aborted the mission")
         return self._take_requests()
 
@@ -170,8 +178,7 @@ class Runner(Ending):
 
     @property
     def setpoint_part(self) -> SetpointPart | None:
-        """The current part flown by setpoints; None: another kind of part, or the mission does not control
-        the vehicle."""
+        """The current part; None: PX4 flies it, or the mission does not control the vehicle."""
         return self._part if self.in_charge and isinstance(self._part, SetpointPart) else None
 
     @property
@@ -180,12 +187,12 @@ class Runner(Ending):
         return self._final_state is None and (self._paused_in_hold or (self.in_charge and self.flight.paused))
 
     def stop(self, reading: Reading, reason: str) -> list[Request]:
-        """Ends the mission because another role has left it: the vehicle holds; a landing continues."""
+        """Ends the mission because another role has left it; the vehicle holds, a landing continues."""
         if self._final_state is not None:
             return []
-        lands = isinstance(self._part, LandPart) and not self._suspended
-        begun = isinstance(self._part, TakeOffPart) or not reading.on_ground
-        if self.in_charge and begun and not lands:
+        is_landing = isinstance(self._part, LandPart) and not self._suspended
+        has_taken_off = isinstance(self._part, TakeOffPart) or not reading.on_ground
+        if self.in_charge and has_taken_off and not is_landing:
             self._requests.append(SetMode("hold"))
         self._end("stopped", reason)
         return self._take_requests()
@@ -193,14 +200,14 @@ class Runner(Ending):
     # --- time -------------------------------------------------------------------------------------
 
     def tick(self, now_s: float, reading: Reading) -> list[Request]:
-        """Updates with the vehicle's state; returns the requests to execute."""
+        """Updates the mission with the vehicle's state; returns the requests to execute."""
         self._update(now_s, reading)
         return self._take_requests()
 
-    def failed(self, request: Request, reading: Reading, text: str) -> list[Request]:
+    def request_failed(self, request: Request, reading: Reading, text: str) -> list[Request]:
         """Handles a failed request."""
         text = text.rstrip(".")
-        is_flight_command = isinstance(request, TakeOff | Play | SetMode)
+        is_flight_command = isinstance(request, TakeOff | StreamScript | SetMode)
         if self._final_state is not None:
             self._notify("failed", f"{text}.", warning=True)
         elif is_flight_command and not self._suspended and self._executor_control.lost(reading):
@@ -208,11 +215,10 @@ class Runner(Ending):
         elif isinstance(request, TakeOff):
             if not self._suspended:
                 self._suspend(f"The take-off failed: {text}")
-        elif isinstance(request, Play):
+        elif isinstance(request, StreamScript):
             if not self._suspended:
-                self._execute_action(
-                    self.flight.actions.failure, f"The path cannot be flown: {text}", reading
-                )
+                reason = f"The path cannot be flown: {text}"
+                self._execute_action(self.flight.actions.failure, reason, reading)
         elif isinstance(request, SetMode):
             if not self._suspended:
                 self._suspend(f"The vehicle did not change its mode: {text}")
@@ -236,7 +242,7 @@ class Runner(Ending):
 
     @property
     def question(self) -> str | None:
-        """The question to the pilot; None: there is none."""
+        """The question to the pilot; None: no question."""
         return self._part.question if self._part is not None and self.in_charge else None
 
     def status(self, reading: Reading) -> RunnerStatus:
@@ -270,13 +276,13 @@ class Runner(Ending):
         if not reading.link_active:
             self._had_link = False
             return
-        link_came_back, self._had_link = not self._had_link, True
+        link_is_back, self._had_link = not self._had_link, True
         self._was_in_air |= reading.in_air
         if self._suspended:
             if reading.armed is False and self._was_in_air:
                 self._end("stopped", self._reason or "The vehicle has landed")
             return
-        if link_came_back and self._after_lost_link(now_s, reading, part):
+        if link_is_back and self._after_lost_link(now_s, reading, part):
             return
         if part.in_offboard and self._was_in_air and reading.armed is False:
             self._end("stopped", "The vehicle disarmed")
@@ -310,11 +316,11 @@ class Runner(Ending):
         self._requests.append(watch.notification())
 
     def _begin_part(self, now_s: float, reading: Reading) -> None:
-        """Starts the part of the current segment; skips a take-off or landing that is already done."""
+        """Starts the part of the current segment; skips a take-off in the air and a landing on the ground."""
         flight = self.flight
         while isinstance(segment := flight.segment, WaitSegment) and flight.course.flown_by_px4(flight.index):
-            done = reading.on_ground if segment.kind == "land" else not reading.on_ground
-            if not done:
+            is_reached = reading.on_ground if segment.kind == "land" else not reading.on_ground
+            if not is_reached:
                 part = (TakeOffPart if segment.kind == "take_off" else LandPart)(flight, segment)
                 break
             flight.move_to(flight.index + 1)
@@ -346,19 +352,19 @@ class Runner(Ending):
         self._suspend(reason or takeover_reason(reading))
 
     def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
-        """Handles a restored link; True: this update is complete.
+        """Handles a restored link; returns whether this update is complete.
 
         PX4 flies take-off and landing by itself. The stream has ended with the link, and PX4 or the server
         has changed the mode. The mission continues only if the vehicle is in the mission's mode or in Hold,
-        and no other party commanded this.
+        and no other party commanded this mode.
         """
         if not part.in_offboard or reading.stream == "flying":
             return False
         action = self.flight.actions.link_loss
-        own_mode = reading.mode == self.flight.mode or (
+        is_in_own_mode = reading.mode == self.flight.mode or (
             reading.mode == "hold" and reading.mode_source not in ("pilot", "failsafe", "station")
         )
-        if not own_mode or reading.on_ground:
+        if not is_in_own_mode or reading.on_ground:
             self._taken_over(reading)
         elif action == "continue":
             self._notify("link_back", "The link was lost and is back: continuing.")
@@ -369,25 +375,25 @@ class Runner(Ending):
 
     # --- inside: actions --------------------------------------------------------------------------
 
-    def _execute_action(self, action: str, why: str, reading: Reading) -> None:
+    def _execute_action(self, action: str, reason: str, reading: Reading) -> None:
         """Executes the mission's action for a problem; a landing always continues."""
         if action == "pause":
             self.flight.paused = True
-            self._notify("control_taken", f"{why}: paused.", warning=True)
+            self._notify("control_taken", f"{reason}: paused.", warning=True)
             return
         if action == "continue" or isinstance(self._part, LandPart):
-            self._notify("continued", f"{why}: continuing.", warning=True)
+            self._notify("continued", f"{reason}: continuing.", warning=True)
             return
         if reading.on_ground and not reading.armed:
-            self._suspend(why)
+            self._suspend(reason)
             return
         if missing_estimate(self.flight, reading, ("position",)) is not None:
             action = "land"
-        self._suspend(f"{why}: {NAME_OF[action]}")
-        self._requests.append(SetMode(MODE_OF[action]))
+        self._suspend(f"{reason}: {ACTION_TEXTS[action]}")
+        self._requests.append(SetMode(MODE_BY_ACTION[action]))
 
     def _controlling_part(self, what: str) -> Part:
         self._require_not_over(what)
         if self._part is None or self._suspended:
-            raise CannotDo("the mission does not control the vehicle now", "Resume it first.")
+            raise CannotDo("the mission does not control the vehicle now", "Resume the mission first.")
         return self._part

@@ -20,14 +20,14 @@ class Pace:
     """Limits for braking and accelerating along the path when a mission is paused and resumed."""
 
     acceleration_m_s2: float = 3.0
-    """Horizontal."""
+    """Horizontal acceleration."""
     vertical_acceleration_m_s2: float = 3.0
     jerk_m_s3: float = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """Segments that are flown in order without leaving Offboard."""
+    """Segments that the stream process flies in order by setpoints, without leaving Offboard."""
 
     type: ClassVar[str] = "mission"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
@@ -37,10 +37,10 @@ class Script:
     begin_s: float = 0.0
     """Time in the first segment at which the flight starts; not 0 when a mission is resumed."""
     approach: CurveSegment | None = None
-    """Segment from the vehicle's position to the start of the first segment, flown first."""
+    """Segment from the vehicle's position to the start of the first segment; None: not needed."""
     pace: Pace = Pace()
     number: int = 0
-    """Number of the script in the mission."""
+    """Number of the script among all scripts of the mission."""
     fence: FenceArea | None = None
     """The mission's own geofence, which also limits detours around obstacles."""
 
@@ -50,34 +50,34 @@ class ScriptChange:
     """Changes to a script that is being flown."""
 
     paused: bool = False
-    """Whether to stop on the path."""
-    go_past: int = 0
-    """Index of a segment; waits before it have ended."""
+    """Whether mission time must stop, so that the vehicle stops on its path."""
+    first_open_wait: int = 0
+    """Waits in segments with a lower index than this have ended."""
     appended: tuple[Segment, ...] = ()
     """Segments added to the end of the script."""
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
-    """How far a script has been flown."""
+class ScriptProgress:
+    """Progress of a script."""
 
     number: int = 0
     """Number of the script."""
     index: int = 0
-    """Index of the current segment. If it equals the number of segments, all segments are flown and the end
-    position is held."""
+    """Index of the current segment. Equal to the number of segments: all segments were flown, and the vehicle
+    holds the end position."""
     t_s: float = 0.0
-    """Mission time since the start of the segment; it stops while paused."""
+    """Mission time since the start of the segment; mission time stops during a pause."""
     rate: float = 1.0
     """Rate of mission time: 1 is as planned, 0 is stopped."""
     approaching: bool = False
     """Whether the vehicle is flying to the start of the first segment."""
     waiting: bool = False
-    """Whether the vehicle holds at a wait that has not ended."""
+    """Whether the vehicle holds its position in a wait that has not ended."""
     diverted: bool = False
-    """Whether a velocity or attitude segment was interrupted; the vehicle holds where it stopped, away from
-    its path."""
+    """Whether a velocity or attitude segment was interrupted; the vehicle then stops and holds its position,
+    away from its path."""
     position_ned_m: Vector3 | None = None
-    """The position setpoint; None: no position is sent."""
+    """The position setpoint; None: the setpoint has no position."""
     held_back: bool = False
     """Whether mission time has stopped because the vehicle is too far behind on its path."""

@@ -9,7 +9,7 @@ class CannotDo(Exception):
     """A request of a client that is not possible now.
 
     Attributes:
-        remedy: what to do.
+        remedy: what the pilot can do.
     """
 
     def __init__(self, reason: str, remedy: str) -> None:
@@ -23,7 +23,8 @@ class RunnerStatus:
 
     state: str
     """ready, taking_off, starting, flying, waiting, pausing, paused, landing, suspended, done, aborted,
-    stopped. A suspended mission sends nothing until an operator resumes it; the last three are final."""
+    stopped. A suspended mission sends nothing until an operator resumes it; done, aborted and
+    stopped are final."""
     place: str | None
     """Current step: "step 3", "step 4.2"."""
     title: str | None
@@ -32,7 +33,7 @@ class RunnerStatus:
     remaining_s: float | None
     """Planned remaining time of the longest path."""
     deviation_m: float | None
-    """Distance from the position setpoint."""
+    """Distance of the vehicle from the position setpoint."""
     outside_corridor_m: float | None
     """Distance outside the dry run's corridor, 0 inside; None: no corridor was given."""
     question: str | None

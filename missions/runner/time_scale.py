@@ -15,13 +15,13 @@ MAX_RATE_CHANGE = 1.0
 """Largest derivative of the rate [1/s], also for slow vehicles."""
 MAX_RATE_JERK = 4.0
 """Largest second derivative of the rate [1/s²]."""
-BRAKING = 1.1
-"""Factor on the acceleration limit while braking, needed on a path that is already at the limit (a
-circle)."""
-MARGIN = 0.8
+BRAKING_FACTOR = 1.1
+"""Factor on the acceleration limit while braking. On a path that is already at the limit, such as a circle,
+the vehicle could not brake without it."""
+JERK_FRACTION = 0.8
 """Fraction of the jerk limit that is used near the goal, because time steps are finite."""
-NEAR = 2e-3
-"""A rate closer than this to its goal is set to the goal."""
+GOAL_TOLERANCE = 2e-3
+"""A rate closer than this to the goal is set to the goal."""
 MAX_STEP_S = 0.05
 """Longer time steps are split [s]."""
 STILL: Vector3 = (0.0, 0.0, 0.0)
@@ -42,43 +42,43 @@ class TimeScale:
         """Current change of the rate [1/s]."""
 
     def is_at(self, goal: float) -> bool:
-        """Whether the rate is at its goal and no longer changes."""
+        """Whether the rate is at the goal and no longer changes."""
         return self.rate == goal and self.change == 0.0
 
     def step(
         self, dt_s: float, goal: float, velocity: Vector3 = STILL, acceleration: Vector3 = STILL
     ) -> float:
-        """Moves the rate towards its goal; returns the passed mission time [s].
+        """Moves the rate towards the goal; returns by how much mission time advances [s].
 
         Args:
             dt_s: real time.
             goal: 0 to pause, 1 for planned speed.
-            velocity: of the path at rate 1 [m/s]; not used if `is_at(goal)`.
-            acceleration: of the path at rate 1 [m/s²].
+            velocity: velocity of the path at rate 1 [m/s]; not used if `is_at(goal)`.
+            acceleration: acceleration of the path at rate 1 [m/s²].
         """
         if 0.0 < dt_s <= MAX_STEP_S and self.rate == goal and self.change == 0.0:  # the usual case
             return dt_s * (goal + goal) / 2.0
         passed_s = 0.0
         while dt_s > 0.0:
             part_s = min(dt_s, MAX_STEP_S)
-            before = self.rate
+            rate_before = self.rate
             self._change_rate(part_s, goal, velocity, acceleration)
-            passed_s += part_s * (before + self.rate) / 2.0
+            passed_s += part_s * (rate_before + self.rate) / 2.0
             dt_s -= part_s
         return passed_s
 
     def _change_rate(self, dt_s: float, goal: float, velocity: Vector3, acceleration: Vector3) -> None:
         gap = goal - self.rate
-        if abs(gap) < NEAR:
+        if abs(gap) < GOAL_TOLERANCE:
             self.rate, self.change = goal, 0.0
             return
         speed = max(math.hypot(*velocity), 1e-6)
         jerk = min(MAX_RATE_JERK, self.pace.jerk_m_s3 / speed)
         limit = min(MAX_RATE_CHANGE, self.pace.acceleration_m_s2 / speed)
-        wanted = math.copysign(min(limit, math.sqrt(2.0 * MARGIN * jerk * abs(gap))), gap)
+        wanted = math.copysign(min(limit, math.sqrt(2.0 * JERK_FRACTION * jerk * abs(gap))), gap)
         change = min(max(wanted, self.change - jerk * dt_s), self.change + jerk * dt_s)
-        low, high = self._change_bounds(velocity, acceleration)
-        self.change = min(max(change, low), high)
+        lower, upper = self._change_bounds(velocity, acceleration)
+        self.change = min(max(change, lower), upper)
         rate = self.rate + self.change * dt_s
         if (goal - rate) * gap <= 0.0:
             rate = goal
@@ -88,17 +88,23 @@ class TimeScale:
 
     def _change_bounds(self, velocity: Vector3, acceleration: Vector3) -> tuple[float, float]:
         """Bounds of the change of rate that keep the acceleration within the vehicle's limits."""
-        rr = self.rate * self.rate
-        n, e, d = (axis * rr for axis in acceleration)
-        low, high = -math.inf, math.inf
-        horizontal = (math.hypot(*velocity[:2]), n * velocity[0] + e * velocity[1], math.hypot(n, e))
-        vertical = (abs(velocity[2]), d * velocity[2], abs(d))
+        rate_squared = self.rate * self.rate
+        north, east, down = (axis * rate_squared for axis in acceleration)
+        lower, upper = -math.inf, math.inf
+        horizontal = (
+            math.hypot(*velocity[:2]),
+            north * velocity[0] + east * velocity[1],
+            math.hypot(north, east),
+        )
+        vertical = (abs(velocity[2]), down * velocity[2], abs(down))
         limits = (self.pace.acceleration_m_s2, self.pace.vertical_acceleration_m_s2)
-        for (speed, along, flown), limit in zip((horizontal, vertical), limits, strict=True):
+        for (speed, along, path_acceleration), limit in zip((horizontal, vertical), limits, strict=True):
             if speed > 1e-6:
-                limit = max(limit, flown)
-                slower = math.hypot(along, speed * math.sqrt((BRAKING * limit) ** 2 - flown**2))
-                faster = math.hypot(along, speed * math.sqrt(limit**2 - flown**2))
-                low = max(low, (-along - slower) / speed**2)
-                high = min(high, (-along + faster) / speed**2)
-        return low, high
+                limit = max(limit, path_acceleration)
+                slower = math.hypot(
+                    along, speed * math.sqrt((BRAKING_FACTOR * limit) ** 2 - path_acceleration**2)
+                )
+                faster = math.hypot(along, speed * math.sqrt(limit**2 - path_acceleration**2))
+                lower = max(lower, (-along - slower) / speed**2)
+                upper = min(upper, (-along + faster) / speed**2)
+        return lower, upper

@@ -1,8 +1,8 @@
-"""Coordinates the runners of a mission of several vehicles: they leave each meeting together, and end
-together.
+"""Coordinates the runners of a mission of several vehicles: they continue from each meeting at the same time,
+and end at the same time.
 
-Each role's runner flies its own vehicle. `Together` is updated after all runners. If one vehicle leaves the
-mission early, all others hold and the mission ends. If one is paused, all are paused.
+Each role's runner flies its own vehicle. `JointRunner` is updated after all runners. If one vehicle leaves
+the mission early, all others hold and the mission ends. If one vehicle is paused, all vehicles are paused.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Requests = dict[str, list[Request]]
 """Requests of each runner, by role."""
 
 
-class Together:
+class JointRunner:
     """All roles of one mission.
 
     Args:
@@ -46,10 +46,12 @@ class Together:
     def update(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
         """Requests in addition to those of the runners; called after all runners were updated."""
         reasons = {role: runner.early_end_reason for role, runner in self.runners.items()}
-        left = {role: why for role, why in reasons.items() if why is not None}
-        if left:
-            role, why = next(iter(left.items()))
-            return self.stop(readings, f"{role} has left the mission ({why.rstrip('.')}): all others hold")
+        early_ends = {role: reason for role, reason in reasons.items() if reason is not None}
+        if early_ends:
+            role, reason = next(iter(early_ends.items()))
+            return self.stop(
+                readings, f"{role} has left the mission ({reason.rstrip('.')}): all other vehicles hold"
+            )
         flying = {role: runner for role, runner in self.runners.items() if not runner.over}
         if any(runner.paused for runner in flying.values()):
             return self._pause(now_s, readings, "The pause of another vehicle")
@@ -115,7 +117,7 @@ class Together:
 
     def _require_not_over(self, what: str) -> None:
         if self.over:
-            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start it again.")
+            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start the mission again.")
 
     @staticmethod
     def _check_role(role: str, check: Callable[[Reading], None], reading: Reading) -> None:

@@ -1,4 +1,4 @@
-"""Checks during a mission: a client in control, the battery, the estimates."""
+"""Checks during a mission: control by a client, battery charge and estimates."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ IN_FLIGHT: tuple[Estimate, ...] = ("position", "velocity", "heading")
 """Estimates that are needed during the whole flight; global positions are already converted to local ones."""
 
 PX4_SOURCES = ("vehicle", "failsafe")
-"""Sources of a mode change by PX4 itself. They do not change who started the mission: while the vehicle is
-disarmed, the source is always `vehicle`, and in flight PX4 returns to the mode after a failsafe."""
+"""Sources of a mode change by PX4 itself. They do not change which party started the mission: while the
+vehicle is disarmed, the source is always `vehicle`, and after a failsafe in flight PX4 returns to the
+mode."""
 
 
 def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimate, ...]) -> str | None:
@@ -29,13 +30,13 @@ def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimat
 def takeover_reason(reading: Reading) -> str:
     """A message that names who took over control of the vehicle, and the new mode."""
     name = (reading.mode or "another mode").capitalize()
-    who = {
+    party = {
         "command": reading.mode_text or "A command",
         "pilot": "The RC pilot",
         "failsafe": "The vehicle's failsafe",
         "station": "Another ground station",
-    }.get(reading.mode_source or "", "Someone else (RC pilot, another station, or the vehicle itself)")
-    return who if reading.mode_source == "command" else f"{who} switched to {name}"
+    }.get(reading.mode_source or "", "Another party (RC pilot, another station, or the vehicle itself)")
+    return party if reading.mode_source == "command" else f"{party} switched to {name}"
 
 
 class FlightWatch:
@@ -49,26 +50,26 @@ class FlightWatch:
     def __init__(self, flight: Flight, low_battery_share: float) -> None:
         self._flight = flight
         self._low_battery_share = low_battery_share
-        self._owner: str | None = None
+        self._starting_client: str | None = None
         self._control_lost_reported = self._low_battery_reported = False
         self._estimate_lost_s: float | None = None
 
-    def set_owner(self, reading: Reading, *, by_mode: bool = True) -> None:
-        """Records who has started or resumed the mission: the client in control, or the pilot or other ground
-        station that selected its flight mode.
+    def record_start(self, reading: Reading, *, may_be_selected: bool = True) -> None:
+        """Records which party has started or resumed the mission: the client in control, or the pilot or
+        other ground station that selected the flight mode of the mission.
 
         Args:
             reading: the vehicle's state.
-            by_mode: whether the mission may have been started by selecting its flight mode; False: a client's
-                request has started or resumed it.
+            may_be_selected: whether the mission may have been started by selecting its flight mode; False: a
+                request of a client has started or resumed the mission.
         """
-        self._owner, self._control_lost_reported = reading.holder, False
+        self._starting_client, self._control_lost_reported = reading.control_holder, False
         flight = self._flight
-        selected = by_mode and flight.mode != "offboard" and reading.mode == flight.mode
+        selected = may_be_selected and flight.mode != "offboard" and reading.mode == flight.mode
         if not selected or reading.mode_source == "command":
-            flight.by_pilot = False
+            flight.started_by_pilot = False
         elif reading.mode_source not in PX4_SOURCES:
-            flight.by_pilot = True
+            flight.started_by_pilot = True
 
     def begin_part(self) -> None:
         """Resets the checks for a new part of the flight."""
@@ -78,7 +79,7 @@ class FlightWatch:
         """Yields each current problem; the caller may stop after the first.
 
         Args:
-            now_s: monotonic.
+            now_s: monotonic time.
             reading: the vehicle's state.
             by_setpoints: whether the server's setpoints fly the vehicle, which requires its estimates.
         """
@@ -88,24 +89,24 @@ class FlightWatch:
             yield from self._estimates(now_s, reading)
 
     def _control(self, reading: Reading) -> Iterator[Failure]:
-        holder = reading.holder
-        if holder == self._owner:
+        control_holder = reading.control_holder
+        if control_holder == self._starting_client:
             return
-        if self._flight.by_pilot:
-            self._owner = holder
-            who = "No client" if holder is None else reading.holder_name or "Another client"
-            yield Failure("continue", f"{who} has control now, but somebody else selected this flight mode")
+        if self._flight.started_by_pilot:
+            self._starting_client = control_holder
+            party = "No client" if control_holder is None else reading.control_holder_name or "Another client"
+            yield Failure("continue", f"{party} has control now, but another party selected this flight mode")
             return
-        if holder is None:
-            self._owner = None
+        if control_holder is None:
+            self._starting_client = None
             if not self._control_lost_reported:
                 self._control_lost_reported = True
                 yield Failure(self._flight.actions.control_lost, "No client has control")
             return
-        control_changed, self._owner = self._owner is not None, holder
+        control_changed, self._starting_client = self._starting_client is not None, control_holder
         self._control_lost_reported = False
         if control_changed:
-            yield Failure("pause", f"{reading.holder_name or 'Another client'} has control now")
+            yield Failure("pause", f"{reading.control_holder_name or 'Another client'} has control now")
 
     def _battery(self, reading: Reading) -> Iterator[Failure]:
         share = reading.battery_share

@@ -13,7 +13,7 @@ from missions.items import PlacedItem, ReturnHome
 from missions.offboard.findings import MissionFinding
 from missions.offboard.samples import Leg
 from missions.plan import Plan
-from missions.route import FlownLine, Step, flown_lines
+from missions.route import FlightLine, Step, flight_lines
 from missions.terrain.ground import Floats, Ground, between
 
 CLEARANCE_M = 10.0
@@ -41,7 +41,7 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
                 "by the elevation data."
             )
             yield Finding("home_off_ground", message, fix="Check the altitude of the planned home.")
-    for line in flown_lines(plan, return_alt_m):
+    for line in flight_lines(plan, return_alt_m):
         if isinstance(line.step.item, PlacedItem):
             yield from _outdated(line.step, line.step.item, ground)
         yield from _low_clearance(line, ground)
@@ -63,7 +63,7 @@ def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]
         yield Finding("terrain_outdated", message, step.row, fix="Resolve the altitudes again.")
 
 
-def _low_clearance(flown: FlownLine, ground: Ground) -> Iterator[Finding]:
+def _low_clearance(flown: FlightLine, ground: Ground) -> Iterator[Finding]:
     step, start, end = flown.step, flown.start, flown.end
     line = between(start[:2], end[:2], ground.spacing_m)
     path_amsl_m = start[2] + (end[2] - start[2]) * line[:, 2]

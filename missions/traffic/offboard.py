@@ -26,7 +26,7 @@ def predict_mission(vehicle: str, origin: LocalOrigin, flight: Flight, here: Vec
         flight: the mission in flight.
         here: the vehicle's position, where the current segment began or later.
     """
-    path = predict_timeline(vehicle, origin, flight.course.rest(flight.index), here, flight.t_s)
+    path = predict_timeline(vehicle, origin, flight.course.remaining_timeline(flight.index), here, flight.t_s)
     # a paused mission continues at an unknown time
     return path.at_any_time() if path is not None and flight.paused else path
 

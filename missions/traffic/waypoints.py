@@ -8,7 +8,7 @@ from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 from missions.items import Land, ReturnHome
 from missions.plan import Plan
-from missions.route import follow
+from missions.route import route_of
 from missions.traffic.path import (
     BY_DRY_RUN,
     BY_ESTIMATE,
@@ -22,7 +22,7 @@ from missions.waypoints.planned import PlannedPasses
 
 def lands(plan: Plan) -> bool:
     """Whether the plan ends with a landing or a return."""
-    steps = follow(plan).steps
+    steps = route_of(plan).steps
     return bool(steps) and isinstance(steps[-1].item, Land | ReturnHome)
 
 

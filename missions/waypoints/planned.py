@@ -17,7 +17,7 @@ from missions.geodesy import LocalOrigin
 from missions.items import Land, PlacedItem, ReturnHome, Takeoff
 from missions.offboard.samples import Leg
 from missions.plan import Plan, SimpleItem
-from missions.route import follow, is_flown_to
+from missions.route import is_flown_to, route_of
 from missions.runner.flown import PlannedFlight
 from missions.values import HomePosition
 from missions.vehicle import VehicleModel
@@ -130,7 +130,7 @@ def planned_by_plan(
         origin: origin of its local frame.
     """
     plan = plan.model_copy(update={"planned_home": home})
-    route = follow(plan)
+    route = route_of(plan)
     home_ned_m = origin.to_ned(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     here, now_s = home_ned_m, 0.0
     passes: list[Pass] = []

@@ -35,10 +35,10 @@ class FlightRecorder:
             status = flight.status()
             if status.question is not None:
                 flight.go_on("Alice")
-            played = self.world.streamer._streams.state("1").played
-            if status.state == "flying" and played is not None and played.position_ned_m is not None:
+            progress = self.world.streamer._streams.state("1").progress
+            if status.state == "flying" and progress is not None and progress.position_ned_m is not None:
                 self.flown.append(tuple(view.estimate.position_ned_m))
-                self.sent.append(played.position_ned_m)
+                self.sent.append(progress.position_ned_m)
                 gimbal = self.vehicle.topic("gimbal")
                 self.gimbal.append((status.title, None if gimbal is None else gimbal.value))
             await asyncio.sleep(0.1)

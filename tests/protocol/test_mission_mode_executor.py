@@ -168,7 +168,7 @@ def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(jump: Any
         await seconds(1)
         at.other.command(sim.MAV_CMD_NAV_TAKEOFF, -1, 0, 0, *(float("nan"),) * 4)
         await until(lambda: at.mission == "suspended", 5)
-        assert "Someone else commands the vehicle" in at.station.missions.status("1").reason
+        assert "Another party commands the vehicle" in at.station.missions.status("1").reason
         assert executor_commands(at) == [NAV_TAKEOFF]
         await at.mode("hold", 30)
         await seconds(3)

@@ -9,7 +9,7 @@ from missions.offboard.reader import read
 from missions.offboard.roles import compile_roles
 from missions.offboard.state import MissionVehicle
 from missions.runner.requests import Request
-from missions.runner.together import Together
+from missions.runner.together import JointRunner
 from tests.support.mission_vehicle import FakeFlight
 
 
@@ -28,7 +28,7 @@ class Squad:
         self.flights = {role: FakeFlight(mission, timeline=way) for role, way in compiled.timelines.items()}
         for role in in_air:
             self.flights[role].set_reading(armed=True, landed="in_air")
-        self.together = Together({role: one.runner for role, one in self.flights.items()})
+        self.together = JointRunner({role: one.runner for role, one in self.flights.items()})
         self.now_s = 100.0
 
     def start(self) -> Squad:

@@ -8,10 +8,10 @@ from typing import Any
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
 from missions.offboard.timeline import Timeline
-from missions.runner.player import Player
 from missions.runner.reading import Reading
-from missions.runner.requests import ChangeScript, Notify, Play, Request, SetMode, StopStream, TakeOff
+from missions.runner.requests import ChangeScript, Notify, Request, SetMode, StopStream, StreamScript, TakeOff
 from missions.runner.runner import Runner
+from missions.runner.sampler import ScriptSampler
 from missions.runner.status import RunnerStatus
 from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_for_none
 
@@ -21,7 +21,7 @@ ALL: frozenset[Estimate] = frozenset({"position", "velocity", "heading", "global
 
 
 class FakeFlight:
-    """A runner, a player and a vehicle on one clock.
+    """A runner, a script sampler and a vehicle on one clock.
 
     Args:
         mission: the mission.
@@ -34,10 +34,10 @@ class FakeFlight:
         self.now_s = 100.0
         self.reading = Reading(
             mode="hold", armed=False, landed="on_ground", position_ned_m=(0.0, 0.0, 0.0),
-            velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL, holder="alice",
-            holder_name="Alice", battery_share=0.9,
+            velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL, control_holder="alice",
+            control_holder_name="Alice", battery_share=0.9,
         )  # fmt: skip
-        self.player: Player | None = None
+        self.sampler: ScriptSampler | None = None
         self.requests: list[Request] = []
         self.sent: list[tuple[float, Any]] = []
         self.path: list[tuple[float, float, float]] = []
@@ -54,8 +54,8 @@ class FakeFlight:
 
     def mode(self, mode: str, source: str, text: str | None = None) -> None:
         """Changes the mode from outside the runner; this ends the stream."""
-        self.player = None
-        self.set_reading(mode=mode, mode_source=source, mode_text=text, stream="idle", played=None)
+        self.sampler = None
+        self.set_reading(mode=mode, mode_source=source, mode_text=text, stream="idle", progress=None)
 
     def block(self) -> Any:
         """Blocks the vehicle at its position whatever is sent; returns that position."""
@@ -91,7 +91,7 @@ class FakeFlight:
         self.do(self.runner.abort(self.reading, "Alice", then))
 
     def go_on(self) -> None:
-        self.do(self.runner.go_on("Alice"))
+        self.do(self.runner.continue_after_question("Alice"))
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -148,22 +148,22 @@ class FakeFlight:
             self.requests.append(request)
             if type(request) in self.refused:
                 text = self.refused[type(request)]
-                self.do(self.runner.failed(request, self.reading, text))
+                self.do(self.runner.request_failed(request, self.reading, text))
             elif isinstance(request, TakeOff):
                 self._goal_down_m = self._down_m - request.height_m
                 self._own_mode("takeoff")
                 self.set_reading(armed=True)
-            elif isinstance(request, Play):
-                self.player = Player(request.script, self.now_s)
+            elif isinstance(request, StreamScript):
+                self.sampler = ScriptSampler(request.script, self.now_s)
                 self._own_mode(self.runner.flight.mode)
-                self.set_reading(stream="flying", played=self.player.played)
-            elif isinstance(request, ChangeScript) and self.player is not None:
-                self.player.change_script(request.change)
+                self.set_reading(stream="flying", progress=self.sampler.progress)
+            elif isinstance(request, ChangeScript) and self.sampler is not None:
+                self.sampler.change_script(request.change)
             elif isinstance(request, SetMode):
                 self.mode(request.mode, "command", "The mission")
             elif isinstance(request, StopStream):
-                self.player = None
-                self.set_reading(stream="idle", played=None)
+                self.sampler = None
+                self.set_reading(stream="idle", progress=None)
 
     def _own_mode(self, mode: str) -> None:
         self.set_reading(mode=mode, mode_source="command", mode_text="The mission")
@@ -175,10 +175,10 @@ class FakeFlight:
     def _move(self) -> None:
         n, e, d = self.reading.position_ned_m or (self.path[-1] if self.path else (0.0, 0.0, 0.0))
         velocity = (0.0, 0.0, 0.0)
-        if self.player is not None:
-            setpoint = self.player.at(self.now_s, self.reading.position_ned_m, self.reading.velocity_ned_m_s)
+        if self.sampler is not None:
+            setpoint = self.sampler.at(self.now_s, self.reading.position_ned_m, self.reading.velocity_ned_m_s)
             self.sent.append((self.now_s, setpoint))
-            self.set_reading(played=self.player.played)
+            self.set_reading(progress=self.sampler.progress)
             if isinstance(setpoint, Trajectory | Position):
                 n, e, d = (axis or 0.0 for axis in setpoint.position_ned_m)
                 if isinstance(setpoint, Trajectory):

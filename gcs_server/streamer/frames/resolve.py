@@ -10,7 +10,7 @@ from dataclasses import replace
 from gcs_server.streamer.values.snapshot import Snapshot
 from missions.curves import PathCurve
 from missions.frames import ned_from_heading
-from missions.runner.player import Player
+from missions.runner.sampler import ScriptSampler
 from missions.runner.script import Script
 from missions.setpoints import (
     Attitude,
@@ -60,13 +60,13 @@ class ResolvedSetpoint:
         self._began_s = now_s
         self._curve: PathCurve | None = None
         self._follow: Follow | None = None
-        self.player: Player | None = None
-        """The player of an offboard mission's path; None for other setpoints."""
+        self.sampler: ScriptSampler | None = None
+        """Samples the script of an offboard mission; None for other setpoints."""
         self._fixed: DirectSetpoint | None = None
         self._local: DirectSetpoint | None = None
         """`_fixed` in the local frame, for links that carry only the local frame."""
         if isinstance(setpoint, Script):
-            self.player = Player(setpoint, now_s)
+            self.sampler = ScriptSampler(setpoint, now_s)
         elif isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, yaw_kept_rad)
         elif isinstance(setpoint, Follow):
@@ -89,8 +89,8 @@ class ResolvedSetpoint:
     def restart_path(self, now_s: float) -> None:
         """Starts the path now. Before this call, only its first point was sent."""
         self._began_s = now_s
-        if self.player is not None:
-            self.player.restart_time(now_s)
+        if self.sampler is not None:
+            self.sampler.restart_time(now_s)
 
     def at(self, now_s: float, snapshot: Snapshot, *, waiting: bool = False) -> DirectSetpoint | None:
         """The setpoint to send; None if the followed vehicle sends no position.
@@ -100,9 +100,9 @@ class ResolvedSetpoint:
             snapshot: the newest snapshot of the vehicle.
             waiting: whether the vehicle has not confirmed Offboard yet; a path then stays at its first point.
         """
-        if self.player is not None:
+        if self.sampler is not None:
             position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
-            return self.player.at(now_s, position, velocity, waiting=waiting)
+            return self.sampler.at(now_s, position, velocity, waiting=waiting)
         if self._curve is not None:
             return self._curve.at(0.0 if waiting else now_s - self._began_s)
         if self._follow is not None:
@@ -115,8 +115,8 @@ class ResolvedSetpoint:
     def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
         """The setpoint that will be sent at `at_s`, as far as known now; None if it does not change. Has no
         side effects."""
-        if self.player is not None:
-            return self.player.ahead(at_s - now_s)
+        if self.sampler is not None:
+            return self.sampler.setpoint_ahead(at_s - now_s)
         if self._curve is not None:
             return self._curve.at(at_s - self._began_s)
         if self._follow is not None:

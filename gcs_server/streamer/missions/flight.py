@@ -25,12 +25,12 @@ from missions.runner.requests import (
     ChangeScript,
     Notify,
     Photo,
-    Play,
     PointGimbal,
     ReleaseGimbal,
     Request,
     SetMode,
     StopStream,
+    StreamScript,
     TakeOff,
 )
 from missions.runner.runner import Runner
@@ -140,7 +140,7 @@ class MissionFlight:
     def go_on(self, by: str) -> None:
         """Continues after a wait for the operator. Raises Refused if the mission is not waiting for the
         operator."""
-        self._execute(call_runner(self.runner.go_on, by))
+        self._execute(call_runner(self.runner.continue_after_question, by))
 
     def abort(self, by: str, then: str) -> None:
         """Ends the mission for all its vehicles. Raises Refused if the mission has ended."""
@@ -255,7 +255,7 @@ class MissionFlight:
                     self._streams.change_script(self._vehicle.id, request.change)
                 case StopStream():
                     self._stop_stream()
-                case TakeOff() | Play() | SetMode():
+                case TakeOff() | StreamScript() | SetMode():
                     if isinstance(request, SetMode) and self._vehicle.status.mode == self.mode != OFFBOARD:
                         self._complete_mode()
                     self._command(request)
@@ -290,7 +290,7 @@ class MissionFlight:
         success = self.runner.in_charge or self.runner.status(self.reading()).state == "done"
         self._streams.complete_mode(self._vehicle.id, self.mode, success)
 
-    def _command(self, request: TakeOff | Play | SetMode) -> None:
+    def _command(self, request: TakeOff | StreamScript | SetMode) -> None:
         if self._task is not None:
             self._task.cancel()
         # decided now: a later command of this server would override a pilot or station that takes over
@@ -306,15 +306,15 @@ class MissionFlight:
         try:
             await work()
         except GcsError as error:
-            self._execute(self.runner.failed(request, self.reading(), str(error)))
+            self._execute(self.runner.request_failed(request, self.reading(), str(error)))
 
-    async def _run_command(self, request: TakeOff | Play | SetMode, by_executor: bool) -> None:
+    async def _run_command(self, request: TakeOff | StreamScript | SetMode, by_executor: bool) -> None:
         command, executor = self._vehicle.command, self._executor
         if isinstance(request, TakeOff) and executor.state is not None:
             await executor.take_off(request.height_m, self._by)
         elif isinstance(request, TakeOff):
             await command.takeoff(above_home_m(self._vehicle) + request.height_m, by=self._by)
-        elif isinstance(request, Play):
+        elif isinstance(request, StreamScript):
             await self._play(request, by_executor)
         elif request.mode == "hold":
             if self._streams.state(self._vehicle.id).phase != "idle":
@@ -326,7 +326,7 @@ class MissionFlight:
         else:
             await (command.land if request.mode == "land" else command.rtl)(by=self._by)
 
-    async def _play(self, request: Play, by_executor: bool) -> None:
+    async def _play(self, request: StreamScript, by_executor: bool) -> None:
         self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
@@ -360,7 +360,7 @@ class MissionFlight:
 
     def _take_picture(self, request: Photo) -> None:
         if self._pictures >= MAX_PICTURES_WAITING:
-            self._execute(self.runner.failed(request, self.reading(), "the camera is too slow"))
+            self._execute(self.runner.request_failed(request, self.reading(), "the camera is too slow"))
             return
         self._pictures += 1
 

@@ -10,7 +10,7 @@ from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.streamer.separation.guard import Finding
 from gcs_server.streamer.separation.mission_guard import MissionGuard
 from missions.runner.reading import Reading
-from missions.runner.together import Requests, Together
+from missions.runner.together import JointRunner, Requests
 
 
 class JointMission:
@@ -29,7 +29,7 @@ class JointMission:
     ) -> None:
         self.name, self.flights = name, flights
         self._clock, self._streams, self._minimum_m = clock, streams, minimum_m
-        self._runner = Together({role: flight.runner for role, flight in flights.items()})
+        self._runner = JointRunner({role: flight.runner for role, flight in flights.items()})
         self._watched = False
 
     @property

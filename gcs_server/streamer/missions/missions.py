@@ -185,4 +185,4 @@ class VehicleMission:
     def flown_by_pilot(self) -> bool:
         """Whether a pilot or another station has started the mission that is flown now."""
         flight = self.missions.newest(self.vehicle_id)
-        return flight is not None and flight.runner.in_charge and flight.runner.flight.by_pilot
+        return flight is not None and flight.runner.in_charge and flight.runner.flight.started_by_pilot

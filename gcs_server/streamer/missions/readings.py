@@ -105,8 +105,8 @@ def vehicle_reading(vehicle: Vehicle) -> Reading:
         # a lost link does not mean that the estimates are lost
         estimates=None if attitude is None else estimates_of(estimates),
         link_active=not status.link_lost and bool(vehicle.endpoints),
-        holder=None if holder is None else holder.holder_key,
-        holder_name=None if holder is None else holder.holder,
+        control_holder=None if holder is None else holder.holder_key,
+        control_holder_name=None if holder is None else holder.holder,
         battery_share=None if percent is None else percent / 100.0,
         wind_speed_m_s=wind_speed_m_s(vehicle),
         distance_m=distance_m(vehicle),
@@ -126,5 +126,5 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
     return vehicle_reading(control.vehicle)._replace(
         stream=PHASES.get(state.phase, "ending") if flies_mission else "idle",
         stream_text=None if state.last_end is None else state.last_end.text,
-        played=state.played if flies_mission else None,
+        progress=state.progress if flies_mission else None,
     )

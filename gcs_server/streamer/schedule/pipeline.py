@@ -17,7 +17,7 @@ from gcs_server.streamer.values.snapshot import Snapshot
 from missions.avoidance.scans import fresh, measures_outwards
 from missions.avoidance.setpoints import AvoidanceStatus
 from missions.avoidance.values import AvoidanceWay
-from missions.runner.script import Played, Script, ScriptChange
+from missions.runner.script import Script, ScriptChange, ScriptProgress
 from missions.setpoints import (
     Actuators,
     Attitude,
@@ -95,17 +95,17 @@ class SetpointPipeline:
 
     def change_script(self, change: ScriptChange) -> bool:
         """Updates the mission that is being flown; returns False if no mission is being flown."""
-        player = None if self._resolved is None else self._resolved.player
-        if player is None:
+        sampler = None if self._resolved is None else self._resolved.sampler
+        if sampler is None:
             return False
-        player.change_script(change)
+        sampler.change_script(change)
         return True
 
     @property
-    def played(self) -> Played | None:
+    def progress(self) -> ScriptProgress | None:
         """Progress of the mission being flown; None: no mission."""
-        player = None if self._resolved is None else self._resolved.player
-        return None if player is None else player.played
+        sampler = None if self._resolved is None else self._resolved.sampler
+        return None if sampler is None else sampler.progress
 
     def hold_position(self, now_s: float, snapshot: Snapshot) -> None:
         """Stops flying the accepted setpoint and keeps the position. Sends the current position, or zero
@@ -189,22 +189,22 @@ class SetpointPipeline:
         def later(at_s: float) -> DirectSetpoint | None:
             return None if resolved is None else resolved.later(now_s, at_s, snapshot)
 
-        player = None if resolved is None else resolved.player
+        sampler = None if resolved is None else resolved.sampler
         return self._avoidance.apply(
             now_s, snapshot, requested, None if waiting else later, self._way(snapshot),
-            None if player is None else player.fence,
+            None if sampler is None else sampler.fence,
         )  # fmt: skip
 
     def _way(self, snapshot: Snapshot) -> AvoidanceWay | None:
         """What avoidance tries first; None: avoidance is off. Avoidance that a mission step requests ends
         with the step, but never during a detour.
         """
-        player = None if self._resolved is None else self._resolved.player
-        if snapshot.avoidance is not None or player is None:
+        sampler = None if self._resolved is None else self._resolved.sampler
+        if snapshot.avoidance is not None or sampler is None:
             return snapshot.avoidance
         if snapshot.mission_avoidance is None:
             return None
-        return self._avoidance.way if self._avoidance.on_a_detour else player.avoidance
+        return self._avoidance.way if self._avoidance.on_a_detour else sampler.avoidance
 
     def _load(self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds

@@ -162,7 +162,7 @@ class StreamScheduler:
             stream.number,
             cadence.steady_s if machine.streaming else 0.0,
             machine.avoiding if machine.streaming else None,
-            machine.played,
+            machine.progress,
         )
 
     def phases(self) -> dict[str, tuple[str, int]]:

@@ -26,7 +26,7 @@ from gcs_server.streamer.values.snapshot import MAX_EXTRAPOLATION_S, Snapshot
 from gcs_server.streamer.values.stream_request import OFFBOARD, StreamRequest, mode_label
 from missions.avoidance.setpoints import AvoidanceStatus
 from missions.frames import Vector3
-from missions.runner.script import Played, Script, ScriptChange
+from missions.runner.script import Script, ScriptChange, ScriptProgress
 from missions.setpoints import DirectSetpoint
 
 MODE_REQUEST_PERIOD_S = 1.0
@@ -213,9 +213,9 @@ class VehicleStream:
         return self._pipeline.avoiding
 
     @property
-    def played(self) -> Played | None:
+    def progress(self) -> ScriptProgress | None:
         """Progress of the mission that is being flown; None: no mission."""
-        return self._pipeline.played if self.streaming else None
+        return self._pipeline.progress if self.streaming else None
 
     @property
     def streaming(self) -> bool:

@@ -15,7 +15,7 @@ from gcs_server.streamer.values.events import StreamEvent
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.avoidance.setpoints import AvoidanceStatus
-from missions.runner.script import Played, ScriptChange
+from missions.runner.script import ScriptChange, ScriptProgress
 from missions.setpoints import DirectSetpoint
 
 
@@ -42,7 +42,7 @@ class StreamState:
     """Time for which setpoints have been sent without a pause [s]."""
     avoiding: AvoidanceStatus | None = None
     """State of obstacle avoidance; None: avoidance is off."""
-    played: Played | None = None
+    progress: ScriptProgress | None = None
     """Progress of an offboard mission; None: no mission."""
 
 

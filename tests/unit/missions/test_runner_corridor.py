@@ -8,7 +8,7 @@ import pytest
 from missions.runner.corridor import OUTSIDE_FOR_S, TOLERANCE_M, Corridor, CorridorWatch
 from missions.runner.flown import MAX_SAMPLES, FlownTrack, Stopwatch, state_in_mission
 from missions.runner.reading import Reading
-from missions.runner.script import Played
+from missions.runner.script import ScriptProgress
 from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flight_of, mission
 
@@ -46,9 +46,9 @@ def test_only_a_long_deviation_is_reported_and_only_once():
     assert not watch.update(2.0, outside)
     assert watch.update(2.0 + OUTSIDE_FOR_S, outside)
     assert not watch.update(9.0, None)
-    assert watch.left
+    assert watch.has_left
     assert watch.update(10.0, inside)
-    assert not watch.left
+    assert not watch.has_left
 
 
 @pytest.mark.parametrize("wrong", [{"beside_m": (1.0,)}, {"position_ned_m": ((0.0, 0.0, 0.0),)}])
@@ -86,7 +86,9 @@ def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
     fake = FakeFlight(mission(flight_of("step: hold, duration_s: 5"))).start().in_state("flying")
     track, status = FlownTrack(), fake.status
     sent = Reading(
-        position_ned_m=(3.0, 4.0, -10.0), stream="flying", played=Played(position_ned_m=(0.0, 0.0, -10.0))
+        position_ned_m=(3.0, 4.0, -10.0),
+        stream="flying",
+        progress=ScriptProgress(position_ned_m=(0.0, 0.0, -10.0)),
     )
     for tenth in range(10 * 4 * MAX_SAMPLES):
         track.record(tenth / 10, sent.position_ned_m, state_in_mission(sent, status))

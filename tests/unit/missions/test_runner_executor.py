@@ -8,7 +8,7 @@ from missions.offboard.compiler import compile_mission
 from missions.runner.executor_control import CONFIRM_S, REPLACED, ExecutorControl
 from missions.runner.parts import HOVERS_AFTER_S
 from missions.runner.reading import Reading
-from missions.runner.requests import Play, Request, SetMode, StopStream, TakeOff
+from missions.runner.requests import Request, SetMode, StopStream, StreamScript, TakeOff
 from missions.runner.runner import Runner
 from tests.support.mission_vehicle import ALL
 from tests.support.offboard_missions import flight_of, mission
@@ -33,20 +33,22 @@ def taking_off() -> Runner:
 
 
 def commands(requests: list[Request]) -> list[type]:
-    return [type(each) for each in requests if isinstance(each, TakeOff | Play | SetMode | StopStream)]
+    return [
+        type(each) for each in requests if isinstance(each, TakeOff | StreamScript | SetMode | StopStream)
+    ]
 
 
 def test_the_take_off_is_done_when_px4_reports_it_to_the_executor() -> None:
     runner = taking_off()
     assert commands(runner.tick(1.0, UP)) == []
-    assert commands(runner.tick(1.1, UP._replace(take_off_complete=True))) == [Play]
+    assert commands(runner.tick(1.1, UP._replace(take_off_complete=True))) == [StreamScript]
 
 
 def test_the_take_off_is_done_after_a_while_at_its_height_if_the_report_is_lost() -> None:
     runner = taking_off()
     assert commands(runner.tick(1.0, UP)) == []
     assert commands(runner.tick(0.9 + HOVERS_AFTER_S, UP)) == []
-    assert commands(runner.tick(1.0 + HOVERS_AFTER_S, UP)) == [Play]
+    assert commands(runner.tick(1.0 + HOVERS_AFTER_S, UP)) == [StreamScript]
 
 
 def test_without_an_executor_a_take_off_is_done_in_hold_only() -> None:
@@ -54,7 +56,7 @@ def test_without_an_executor_a_take_off_is_done_in_hold_only() -> None:
     without = UP._replace(executor_in_charge=None, take_off_complete=True)
     assert commands(runner.tick(1.0, without)) == []
     assert commands(runner.tick(20.0, without)) == []
-    assert commands(runner.tick(20.1, without._replace(mode="hold", mode_source="vehicle"))) == [Play]
+    assert commands(runner.tick(20.1, without._replace(mode="hold", mode_source="vehicle"))) == [StreamScript]
 
 
 def test_without_its_executor_in_charge_the_mission_requests_nothing_and_is_then_suspended() -> None:
@@ -78,7 +80,7 @@ def test_an_executor_that_is_briefly_not_in_charge_is_no_takeover() -> None:
 def test_a_command_that_fails_while_the_executor_is_not_in_charge_is_a_takeover(request_: Request) -> None:
     runner = taking_off()
     lost = CLIMBING._replace(executor_in_charge=False)
-    assert commands(runner.failed(request_, lost, "PX4 refused.")) == [StopStream]
+    assert commands(runner.request_failed(request_, lost, "PX4 refused.")) == [StopStream]
     assert runner.status(lost).reason == REPLACED
 
 

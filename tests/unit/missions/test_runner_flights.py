@@ -6,7 +6,7 @@ import math
 import pytest
 
 from missions.runner.course import Course
-from missions.runner.requests import ChangeScript, Photo, Play, PointGimbal, TakeOff
+from missions.runner.requests import ChangeScript, Photo, PointGimbal, StreamScript, TakeOff
 from missions.setpoints import Position, Trajectory
 from tests.support.mission_steps import (
     CENTER,
@@ -40,7 +40,7 @@ def test_a_whole_flight_takes_off_flies_its_path_and_lands():
     fake.in_state("done")
     assert fake.modes() == ["land"]
     assert fake.count(TakeOff) == 1
-    assert fake.count(Play) == 1  # one stream from take-off to landing
+    assert fake.count(StreamScript) == 1  # one stream from take-off to landing
     assert fake.count(Photo) == 20
     assert fake.reading.armed is False
     assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
@@ -59,7 +59,7 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
     assert all(-math.pi / 2 <= p.pitch_rad < 0 for p in points)
     orbit_s = fake.runner.flight.course.segments[3].duration_s
     assert len(points) > 5 * orbit_s
-    assert fake.runner.flight.pointed is None
+    assert fake.runner.flight.last_gimbal_request is None
 
 
 def test_each_photo_step_takes_its_pictures_with_its_camera():
@@ -111,7 +111,7 @@ def test_a_branch_is_decided_when_it_is_reached(share, east):
     fake.set_reading(battery_share=share)
     fake.in_state("done")
     assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
-    assert fake.count(Play) == 1
+    assert fake.count(StreamScript) == 1
 
 
 def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_a_branch():
@@ -132,7 +132,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
     laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
     fake = FakeFlight(mission(flight_of(laps))).start()
     fake.in_state("flying")
-    play = next(r for r in fake.requests if isinstance(r, Play))
+    play = next(r for r in fake.requests if isinstance(r, StreamScript))
     assert sum(s.duration_s for s in play.script.segments) < 200.0
     longest_still_s = still_s = 0.0
     fake.fly(2.0)
@@ -142,7 +142,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
         still_s = still_s + STEP_S if math.dist(before, fake.path[-1]) < 1e-5 else 0.0
         longest_still_s = max(longest_still_s, still_s)
     assert longest_still_s < 1.0
-    assert fake.count(Play) == 1
+    assert fake.count(StreamScript) == 1
     assert sum(bool(r.change.appended) for r in fake.requests if isinstance(r, ChangeScript)) > 3
 
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from missions.runner.requests import Play, SetMode, StopStream
+from missions.runner.requests import SetMode, StopStream, StreamScript
 from missions.runner.status import CannotDo
 from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, answer_wait, flight, sends_no_request
 from tests.support.mission_vehicle import FakeFlight
@@ -102,9 +102,9 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     fake.fly(0.2)
     assert [type(request).__name__ for request in fake.requests[asked:]] == ["StopStream", "Notify"]
     assert (fake.status.state, fake.event_texts[-1]) == ("suspended", text)
-    fake.set_reading(battery_share=0.05, holder=None, estimates=frozenset())
+    fake.set_reading(battery_share=0.05, control_holder=None, estimates=frozenset())
     sends_no_request(fake, 30.0)
-    fake.set_reading(battery_share=0.9, holder="bob", estimates=None, satellites=14)
+    fake.set_reading(battery_share=0.9, control_holder="bob", estimates=None, satellites=14)
     fake.resume()
     fake.until(lambda: fake.status.state != "suspended")
     answer_wait(fake, kind).in_state("done")
@@ -112,9 +112,9 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
 
 def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
     fake = FakeFlight(mission(flight_of(FLY))).start()
-    fake.until(lambda: fake.count(Play) == 1)
-    fake.player = None
-    fake.set_reading(mode="position", mode_source="pilot", stream="starting", played=None)
+    fake.until(lambda: fake.count(StreamScript) == 1)
+    fake.sampler = None
+    fake.set_reading(mode="position", mode_source="pilot", stream="starting", progress=None)
     fake.fly(0.2)
     assert fake.count(StopStream) == 1
     assert fake.status.state == "suspended"
@@ -140,7 +140,7 @@ def test_a_suspended_mission_ends_once_the_vehicle_has_landed():
 @pytest.mark.parametrize("kind", IN_OFFBOARD)
 def test_a_change_of_control_pauses_the_mission(kind):
     fake = flight(kind)
-    fake.set_reading(holder="bob", holder_name="Bob", satellites=14)
+    fake.set_reading(control_holder="bob", control_holder_name="Bob", satellites=14)
     fake.in_state("paused")
     assert "Bob has control now: paused." in fake.event_texts
     assert fake.reading.mode == "offboard"
@@ -152,7 +152,7 @@ def test_a_change_of_control_pauses_the_mission(kind):
 @pytest.mark.parametrize("kind", ["take_off", *IN_OFFBOARD])
 def test_expired_control_triggers_the_documents_action(kind, action, modes):
     fake = flight(kind, control_lost=action)
-    fake.set_reading(holder=None)
+    fake.set_reading(control_holder=None)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
 
@@ -180,15 +180,15 @@ def test_expired_control_interrupts_only_what_an_operator_of_this_server_started
         fake.resume()
         fake.in_state("flying")
     fake.requests.clear()
-    fake.set_reading(holder=None)
+    fake.set_reading(control_holder=None)
     fake.fly(1.0)
     assert fake.modes() == action
 
 
 def test_without_control_a_mission_may_continue_until_another_client_takes_control():
     fake = flight("orbit", control_lost="continue")
-    fake.set_reading(holder=None)
+    fake.set_reading(control_holder=None)
     fake.fly(1.0)
-    fake.set_reading(holder="bob", holder_name="Bob")
+    fake.set_reading(control_holder="bob", control_holder_name="Bob")
     fake.in_state("done")
     assert sum("No client has control" in text for text in fake.event_texts) == 1

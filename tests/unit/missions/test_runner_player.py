@@ -1,4 +1,4 @@
-"""The player: the setpoint at each time of a mission, also during pause and resume."""
+"""The script sampler: the setpoint at each time of a mission, also during pause and resume."""
 
 import functools
 import itertools
@@ -9,7 +9,7 @@ import random
 import numpy as np
 import pytest
 
-from missions.runner.player import Player
+from missions.runner.sampler import ScriptSampler
 from missions.runner.script import Pace, Script, ScriptChange
 from missions.runner.time_scale import BRAKING
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
@@ -44,22 +44,22 @@ def shape(name: str) -> tuple[Script, np.ndarray]:
     return script, np.concatenate(places)
 
 
-def run(player: Player, start_s: float, for_s: float, **motion):
+def run(sampler: ScriptSampler, start_s: float, for_s: float, **motion):
     """(time, setpoint) of each sample."""
     times = [start_s + k * STEP_S for k in range(1, round(for_s / STEP_S) + 1)]
-    return [(t, player.at(t, **motion)) for t in times]
+    return [(t, sampler.at(t, **motion)) for t in times]
 
 
 def test_a_script_without_a_pause_equals_the_timeline():
     script = script_from_fields(LEGS, "step: hold, duration_s: 3", ORBIT)
-    player, begin_s = Player(script, 0.0), 0.0
+    sampler, begin_s = ScriptSampler(script, 0.0), 0.0
     for index, segment in enumerate(script.segments):
         for k in range(1, int(segment.duration_s / 0.1)):
-            found = player.at(begin_s + k * 0.1)
-            assert player.played.index == index
+            found = sampler.at(begin_s + k * 0.1)
+            assert sampler.progress.index == index
             assert found.position_ned_m == pytest.approx(segment.at(k * 0.1).position_ned_m, abs=1e-6)
         begin_s += segment.duration_s
-    assert player.at(begin_s + 0.1).position_ned_m == pytest.approx(script.segments[-1].end_ned_m)
+    assert sampler.at(begin_s + 0.1).position_ned_m == pytest.approx(script.segments[-1].end_ned_m)
 
 
 @pytest.mark.parametrize("name", sorted(SHAPES))
@@ -68,12 +68,12 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
     chance = random.Random(seed)
     pause_s, paused_for_s, again_s = chance.uniform(0.2, 20), chance.uniform(0.1, 6), chance.uniform(0.2, 4)
     script, path = shape(name)
-    player = Player(script, 0.0)
-    sent = run(player, 0.0, pause_s)
+    sampler = ScriptSampler(script, 0.0)
+    sent = run(sampler, 0.0, pause_s)
     for paused, for_s in ((True, paused_for_s), (False, again_s), (True, 8.0)):
-        player.change_script(ScriptChange(paused=paused))
-        sent += run(player, sent[-1][0], for_s)
-    assert player.played.rate == 0.0
+        sampler.change_script(ScriptChange(paused=paused))
+        sent += run(sampler, sent[-1][0], for_s)
+    assert sampler.progress.rate == 0.0
     last = sent[-1][1]
     assert math.hypot(*(last.velocity_ned_m_s if isinstance(last, Trajectory) else (0.0,))) == 0.0
     limit = BRAKING * Pace().acceleration_m_s2 + 0.1  # the tolerance for steps of finite length
@@ -91,124 +91,124 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
     flown_ned_m = np.array([s.position_ned_m for _, s in sent[::5]])
     apart_m = np.linalg.norm(flown_ned_m[:, None] - path[None], axis=2).min(axis=1)
     assert apart_m.max() < 0.1
-    player.change_script(ScriptChange())
-    run(player, sent[-1][0], 120.0)
-    assert player.played.index == len(script.segments)
-    assert math.dist(player.played.position_ned_m, script.segments[-1].end_ned_m) < 1e-6
+    sampler.change_script(ScriptChange())
+    run(sampler, sent[-1][0], 120.0)
+    assert sampler.progress.index == len(script.segments)
+    assert math.dist(sampler.progress.position_ned_m, script.segments[-1].end_ned_m) < 1e-6
 
 
 def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
     script = script_from_fields(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
-    player = Player(script, 0.0)
-    run(player, 0.0, 60.0)
-    assert (player.played.waiting, player.played.index) == (True, 1)
-    player.change_script(ScriptChange(go_past=2))
-    run(player, 60.0, 0.5)
-    assert (player.played.waiting, player.played.index) == (False, 2)
-    run(player, 60.5, 5.0)
-    assert player.played.index == 3
+    sampler = ScriptSampler(script, 0.0)
+    run(sampler, 0.0, 60.0)
+    assert (sampler.progress.waiting, sampler.progress.index) == (True, 1)
+    sampler.change_script(ScriptChange(first_open_wait=2))
+    run(sampler, 60.0, 0.5)
+    assert (sampler.progress.waiting, sampler.progress.index) == (False, 2)
+    run(sampler, 60.5, 5.0)
+    assert sampler.progress.index == 3
 
 
 def test_segments_are_appended_while_the_end_is_held():
     segments = script_from_fields(LEGS, ORBIT).segments
-    player = Player(Script("Test", segments[:1]), 0.0)
-    sent = run(player, 0.0, 60.0)
-    assert player.played.index == 1
+    sampler = ScriptSampler(Script("Test", segments[:1]), 0.0)
+    sent = run(sampler, 0.0, 60.0)
+    assert sampler.progress.index == 1
     assert sent[-1][1].position_ned_m == pytest.approx(segments[0].end_ned_m)
-    player.change_script(ScriptChange(appended=segments[1:]))
-    run(player, 60.0, 1.0)
-    assert player.played.index == 1
-    assert player.played.t_s > 0.5
+    sampler.change_script(ScriptChange(appended=segments[1:]))
+    run(sampler, 60.0, 1.0)
+    assert sampler.progress.index == 1
+    assert sampler.progress.t_s > 0.5
 
 
 def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
-    player = Player(script_from_fields(VELOCITY), 0.0)
-    run(player, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
-    assert player.played.position_ned_m is None
-    player.change_script(ScriptChange(paused=True))
-    sent = run(player, 4.0, 5.0, position_ned_m=(11.0, 0.5, -10.0))
+    sampler = ScriptSampler(script_from_fields(VELOCITY), 0.0)
+    run(sampler, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
+    assert sampler.progress.position_ned_m is None
+    sampler.change_script(ScriptChange(paused=True))
+    sent = run(sampler, 4.0, 5.0, position_ned_m=(11.0, 0.5, -10.0))
     speeds = [s.velocity_ned_m_s[0] for _, s in sent if isinstance(s, Velocity)]
     assert speeds == sorted(speeds, reverse=True)
     assert max(a - b for a, b in itertools.pairwise(speeds)) / STEP_S <= 3.1
     assert sent[-1][1] == Position((11.0, 0.5, -10.0), 0.0)
-    assert player.played.diverted
+    assert sampler.progress.diverted
 
 
 def test_an_interrupted_attitude_brakes_the_vehicle():
-    player = Player(script_from_fields(ATTITUDE), 0.0)
-    assert isinstance(run(player, 0.0, 2.0)[-1][1], Attitude)
-    player.change_script(ScriptChange(paused=True))
+    sampler = ScriptSampler(script_from_fields(ATTITUDE), 0.0)
+    assert isinstance(run(sampler, 0.0, 2.0)[-1][1], Attitude)
+    sampler.change_script(ScriptChange(paused=True))
     moving = {"position_ned_m": (3.0, 0.0, -9.0), "velocity_ned_m_s": (2.0, 0.0, 1.0)}
-    first = player.at(2.02, **moving)
+    first = sampler.at(2.02, **moving)
     assert isinstance(first, Velocity)
     assert first.velocity_ned_m_s[0] == pytest.approx(2.0, abs=0.1)
-    sent = run(player, 2.02, 6.0, **moving)
+    sent = run(sampler, 2.02, 6.0, **moving)
     assert isinstance(sent[-1][1], Position)
 
 
 def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
     script = script_from_fields(VELOCITY, LEGS)
     end = script.segments[0].end_ned_m
-    player = Player(script, 0.0)
+    sampler = ScriptSampler(script, 0.0)
     drifted = (end[0] - 4.0, end[1], end[2])
-    sent = run(player, 0.0, 12.0, position_ned_m=drifted)
-    assert player.played.index == 0
+    sent = run(sampler, 0.0, 12.0, position_ned_m=drifted)
+    assert sampler.progress.index == 0
     assert sent[-1][1] == Position(end, 0.0)
-    run(player, 12.0, 0.5, position_ned_m=end)
-    assert player.played.index == 1
+    run(sampler, 12.0, 0.5, position_ned_m=end)
+    assert sampler.progress.index == 1
 
 
 def test_after_a_stall_of_the_process_the_setpoints_do_not_jump_ahead():
-    player = Player(script_from_fields(LEGS), 0.0)
-    before = run(player, 0.0, 3.0)[-1][1]
-    after = player.at(8.0)
+    sampler = ScriptSampler(script_from_fields(LEGS), 0.0)
+    before = run(sampler, 0.0, 3.0)[-1][1]
+    after = sampler.at(8.0)
     assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
 
 
 def test_previewing_setpoints_changes_nothing():
     script = script_from_fields(LEGS)
-    a, b = Player(script, 0.0), Player(script, 0.0)
+    a, b = ScriptSampler(script, 0.0), ScriptSampler(script, 0.0)
     for k in range(1, 100):
         assert a.at(k * STEP_S) == b.at(k * STEP_S)
-        later = a.ahead(3.0)
+        later = a.setpoint_ahead(3.0)
     assert math.dist(later.position_ned_m, a.at(100 * STEP_S).position_ned_m) > 1.0
 
 
 def test_the_first_setpoint_is_held_until_the_flight_begins():
-    player = Player(script_from_fields(LEGS), 0.0)
-    waited = [player.at(t / 10, waiting=True) for t in range(20)]
+    sampler = ScriptSampler(script_from_fields(LEGS), 0.0)
+    waited = [sampler.at(t / 10, waiting=True) for t in range(20)]
     assert len(set(map(str, waited))) == 1
-    player.restart_time(2.0)
-    assert player.at(2.02).position_ned_m == pytest.approx(waited[0].position_ned_m, abs=0.01)
+    sampler.restart_time(2.0)
+    assert sampler.at(2.02).position_ned_m == pytest.approx(waited[0].position_ned_m, abs=0.01)
 
 
 def test_a_script_can_be_sent_to_another_process():
     script = script_from_fields(LEGS, ORBIT)
     copy = pickle.loads(pickle.dumps(script))
-    a, b = Player(script, 0.0), Player(copy, 0.0)
+    a, b = ScriptSampler(script, 0.0), ScriptSampler(copy, 0.0)
     assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
 
 
 def test_the_player_reports_the_avoidance_of_the_current_segment():
     script = script_from_fields(LEGS + ", avoidance: around", "step: hold, duration_s: 3")
-    player, seen = Player(script, 0.0), []
+    sampler, seen = ScriptSampler(script, 0.0), []
     for second in range(1, round(script.segments[0].duration_s) + 3):
         for part in range(5):
-            player.at(second + 0.2 * part)
-        assert player.avoidance == ("around" if player.played.index == 0 else None)
-        seen.append(player.avoidance)
+            sampler.at(second + 0.2 * part)
+        assert sampler.avoidance == ("around" if sampler.progress.index == 0 else None)
+        seen.append(sampler.avoidance)
     assert (seen[0], seen[-1]) == ("around", None)
 
 
 def test_the_path_ahead_is_reported_without_advancing():
     script = script_from_fields(LEGS, "step: wait, until: person, timeout_s: 60")
-    player = Player(script, 0.0)
+    sampler = ScriptSampler(script, 0.0)
     for k in range(1, 26):
-        player.at(0.2 * k)
-    before = player.played
-    ahead, now = player.ahead(2.0), player.ahead(0.0)
-    assert player.played == before
+        sampler.at(0.2 * k)
+    before = sampler.progress
+    ahead, now = sampler.setpoint_ahead(2.0), sampler.setpoint_ahead(0.0)
+    assert sampler.progress == before
     assert math.dist(ahead.position_ned_m, now.position_ned_m) > 1.0
-    assert player.ahead(1e6).position_ned_m == pytest.approx(script.segments[0].end_ned_m)
-    player.change_script(ScriptChange(paused=True))
-    assert player.ahead(1.0) is None
+    assert sampler.setpoint_ahead(1e6).position_ned_m == pytest.approx(script.segments[0].end_ned_m)
+    sampler.change_script(ScriptChange(paused=True))
+    assert sampler.setpoint_ahead(1.0) is None

@@ -174,7 +174,7 @@ def test_a_pause_holds_all_and_resume_continues_all():
 
 def test_a_change_of_control_of_one_vehicle_pauses_all():
     squad = in_flight()
-    squad.flights["left"].set_reading(holder="bob", holder_name="Bob")
+    squad.flights["left"].set_reading(control_holder="bob", control_holder_name="Bob")
     squad.reach(lead="paused", left="paused")
     assert not squad.together.over
 

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from missions.runner.requests import Play, SetMode
+from missions.runner.requests import SetMode, StreamScript
 from missions.values import FenceCircle, FencePolygon, Point
 from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import HOME, flight_of, mission
@@ -46,9 +46,9 @@ def test_a_way_back_outside_the_missions_geofence_is_not_flown(zones, north_m, f
     fake.mode("hold", "command", "Bob commanded 'hold'")
     fake.in_state("suspended")
     fake.set_reading(position_ned_m=(north_m, 0.0, -10.0))
-    plays, modes = fake.count(Play), fake.count(SetMode)
+    streamed_scripts, modes = fake.count(StreamScript), fake.count(SetMode)
     fake.resume()
-    assert fake.count(Play) == plays + flown_back
+    assert fake.count(StreamScript) == streamed_scripts + flown_back
     assert (fake.status.state == "suspended") != flown_back
     if not flown_back:
         assert "leaves the mission's geofence" in str(fake.status.reason)

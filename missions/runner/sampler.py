@@ -1,10 +1,10 @@
-"""Computes the setpoint of a script for each transmission. It does no I/O; time and position are inputs.
+"""Samples the setpoint of a script for each transmission, without I/O; time and position are inputs.
 
-A wait holds the position until it ends. If the vehicle falls too far behind on its path, mission time stops
-until it has caught up. A pause slows mission time down to zero, so that the vehicle stays on its path;
-resuming speeds it up again. Velocity and attitude segments have no path: on a pause the vehicle brakes and
-holds where it stopped, and a new script continues from there. After the last segment its end position is
-held.
+A wait holds the position until it ends. If the vehicle is too far behind on its path, mission time
+stops until the vehicle has caught up. A pause slows mission time down to zero, so that the vehicle stays on
+its path; resuming speeds mission time up again. Velocity and attitude segments have no path: on a pause the
+vehicle brakes and holds its position, and a new script continues from this position. After the last segment
+the vehicle holds the end position.
 """
 
 from __future__ import annotations
@@ -22,27 +22,35 @@ from missions.offboard.segments import (
     VelocitySegment,
     WaitSegment,
 )
-from missions.runner.script import Played, Script, ScriptChange
+from missions.runner.script import Script, ScriptChange, ScriptProgress
 from missions.runner.time_scale import STILL, TimeScale
-from missions.setpoints import Attitude, DirectSetpoint, Position, Setpoint, Trajectory, Velocity, complete
-from missions.setpoints import zeros_for_none as whole
+from missions.setpoints import (
+    Attitude,
+    DirectSetpoint,
+    Position,
+    Setpoint,
+    Trajectory,
+    Velocity,
+    complete,
+    zeros_for_none,
+)
 
-LONGEST_STEP_S = 0.3
+MAX_STEP_S = 0.3
 """Maximum step of mission time after a gap in transmission, so that the setpoint does not jump ahead."""
 RETURNED_WITHIN_M = 1.0
 """Maximum distance to the start of the next segment after a segment without position control [m]."""
 RETURN_TIMEOUT_S = 15.0
 """Time after which the next segment starts even if the vehicle is farther away [s]."""
-PLACED = (Trajectory, Position)
-"""Setpoints with a position. A tuple: a union in `isinstance` would be made anew for each setpoint."""
+WITH_POSITION = (Trajectory, Position)
+"""Setpoints with a position. A tuple, because Python would create a union again for each `isinstance`."""
 HELD_BACK_M = 8.0
 """Horizontal distance behind the setpoint (obstacle, limit, wind) at which mission time stops."""
 ARRIVED_M = 1.0
 """Horizontal distance to the end of a path below which the path is complete [m]."""
 
 
-class Player:
-    """Plays one script.
+class ScriptSampler:
+    """Samples one script.
 
     Args:
         script: the script to fly.
@@ -60,22 +68,22 @@ class Player:
         self._scale = TimeScale(script.pace, 0.0 if self._t_s > 0.0 else 1.0)
         self._last_s = now_s
         self._returning_s: float | None = None
-        """How long the vehicle has been returning to the path."""
+        """Time for which the vehicle has been returning to the path; None: it is not returning."""
         self._braking_ned_m_s: Vector3 | None = None
         """Velocity of the vehicle when a velocity or attitude segment was interrupted."""
-        self._held: Position | None = None
-        """Position setpoint where the vehicle stopped away from its path."""
+        self._stop_setpoint: Position | None = None
+        """Position at which the vehicle stopped away from its path."""
         self._position: Vector3 | None = None
         self._held_back = False
         self.fence = script.fence
 
     def change_script(self, change: ScriptChange) -> None:
-        """Sets how the script is played; takes effect at the next setpoint."""
+        """Pauses or resumes the script, ends waits, or appends segments, from the next setpoint on."""
         self._segments.extend(change.appended)
         self._change = replace(change, appended=())
 
     def restart_time(self, now_s: float) -> None:
-        """Starts mission time now. Until this call, the first setpoint is held."""
+        """Starts mission time at `now_s`. Before this call, the vehicle holds the first setpoint."""
         self._last_s = now_s
 
     def at(
@@ -92,22 +100,22 @@ class Player:
             now_s: monotonic time.
             position_ned_m: position of the vehicle; None: unknown.
             velocity_ned_m_s: velocity of the vehicle; None: unknown.
-            waiting: Offboard is not active yet, so the first setpoint is held.
+            waiting: whether Offboard is not active yet; the first setpoint is then repeated.
         """
-        dt_s = 0.0 if waiting else min(max(now_s - self._last_s, 0.0), LONGEST_STEP_S)
+        dt_s = 0.0 if waiting else min(max(now_s - self._last_s, 0.0), MAX_STEP_S)
         self._last_s, self._held_back = now_s, False
-        if self._diverts(velocity_ned_m_s):
+        if self._leaves_path(velocity_ned_m_s):
             setpoint = self._stop_off_path(dt_s, position_ned_m)
         else:
             self._advance(dt_s, position_ned_m)
-            setpoint = self._slowed(self._sample())
-        position = setpoint.position_ned_m if isinstance(setpoint, PLACED) else None
+            setpoint = self._at_rate(self._sample())
+        position = setpoint.position_ned_m if isinstance(setpoint, WITH_POSITION) else None
         self._position = None if position is None else complete(position)
         return setpoint
 
-    def ahead(self, by_s: float) -> DirectSetpoint | None:
+    def setpoint_ahead(self, by_s: float) -> DirectSetpoint | None:
         """The planned setpoint `by_s` later, at most up to the next wait; None: unknown."""
-        diverted = self._held is not None or self._braking_ned_m_s is not None
+        diverted = self._stop_setpoint is not None or self._braking_ned_m_s is not None
         if self._change.paused or diverted:
             return None
         t_s, setpoint = self._t_s + by_s, None
@@ -124,26 +132,26 @@ class Player:
             if t_s <= segment.duration_s:
                 break
             t_s -= segment.duration_s
-        return setpoint if isinstance(setpoint, PLACED) else None
+        return setpoint if isinstance(setpoint, WITH_POSITION) else None
 
     @property
     def avoidance(self) -> AvoidanceWay | None:
-        """What obstacle avoidance tries first in the current segment; None: it is off."""
+        """What obstacle avoidance tries first in the current segment; None: avoidance is off."""
         segment = self._segment()
         return None if segment is None else segment.avoidance
 
     @property
-    def played(self) -> Played:
+    def progress(self) -> ScriptProgress:
         """Progress at the last setpoint."""
         segment = self._segment()
-        return Played(
+        return ScriptProgress(
             self._number,
             self._index,
             self._begin_s if self._approach is not None else self._t_s,
             self._scale.rate,
             self._approach is not None,
             isinstance(segment, WaitSegment),
-            self._held is not None or self._braking_ned_m_s is not None,
+            self._stop_setpoint is not None or self._braking_ned_m_s is not None,
             self._position,
             self._held_back,
         )
@@ -167,14 +175,14 @@ class Player:
         return last.at(math.inf)
 
     def _advance(self, dt_s: float, position_ned_m: Vector3 | None) -> None:
-        self._held_back = self._away_m(self._position, position_ned_m) > HELD_BACK_M
+        self._held_back = self._horizontal_distance_m(self._position, position_ned_m) > HELD_BACK_M
         goal = 0.0 if self._change.paused or self._held_back else 1.0
         motion = (STILL, STILL) if self._scale.is_at(goal) else self._motion()
         self._t_s += self._scale.step(dt_s, goal, *motion)
         while (segment := self._segment()) is not None:
             if isinstance(segment, WaitSegment):
                 self._t_s = 0.0
-                if self._index >= self._change.go_past:
+                if self._index >= self._change.first_open_wait:
                     return
             elif self._t_s < segment.duration_s or not self._has_arrived(segment, dt_s, position_ned_m):
                 return
@@ -194,50 +202,53 @@ class Player:
         setpoint = self._sample()
         velocity = setpoint.velocity_ned_m_s if isinstance(setpoint, Trajectory | Velocity) else STILL
         acceleration = setpoint.acceleration_ned_m_s2 if isinstance(setpoint, Trajectory) else STILL
-        return whole(velocity), whole(acceleration)
+        return zeros_for_none(velocity), zeros_for_none(acceleration)
 
     def _has_arrived(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
         """Whether the next segment may start: the vehicle has arrived at the end of the current one.
 
-        After a segment without position control the vehicle first returns to its planned end.
+        After a segment without position control the vehicle first returns to the planned end of this segment.
         """
         if isinstance(segment, CurveSegment):
-            self._held_back = self._away_m(segment.end_ned_m, position_ned_m) > ARRIVED_M
+            self._held_back = self._horizontal_distance_m(segment.end_ned_m, position_ned_m) > ARRIVED_M
             if self._held_back:
                 self._t_s = segment.duration_s
             return not self._held_back
         if not isinstance(segment, VelocitySegment | AttitudeSegment) or position_ned_m is None:
             return True
         self._returning_s = (self._returning_s or 0.0) + dt_s
-        far = math.dist(position_ned_m, segment.end_ned_m) > RETURNED_WITHIN_M
-        if far and self._returning_s < RETURN_TIMEOUT_S:
+        is_far = math.dist(position_ned_m, segment.end_ned_m) > RETURNED_WITHIN_M
+        if is_far and self._returning_s < RETURN_TIMEOUT_S:
             self._t_s = segment.duration_s
             return False
         self._returning_s = None
         return True
 
     @staticmethod
-    def _away_m(target_ned_m: Vector3 | None, position_ned_m: Vector3 | None) -> float:
-        """Horizontal distance to a position; the height does not count, because a detour over an obstacle
-        changes it."""
+    def _horizontal_distance_m(target_ned_m: Vector3 | None, position_ned_m: Vector3 | None) -> float:
+        """Horizontal distance between two positions. The altitude does not count, because a detour over an
+        obstacle changes the altitude."""
         if target_ned_m is None or position_ned_m is None:
             return 0.0
         return math.dist(target_ned_m[:2], position_ned_m[:2])
 
-    def _slowed(self, setpoint: Setpoint) -> DirectSetpoint:
+    def _at_rate(self, setpoint: Setpoint) -> DirectSetpoint:
         """A setpoint of the path at the current rate of mission time."""
         rate, change = self._scale.rate, self._scale.change
         if isinstance(setpoint, Trajectory):
             if rate == 1.0 and change == 0.0:
                 return setpoint
-            v, a = whole(setpoint.velocity_ned_m_s), whole(setpoint.acceleration_ned_m_s2)
-            n, e, d = (a[k] * rate * rate + v[k] * change for k in range(3))
-            turning = setpoint.yaw_rate_ned_rad_s
+            velocity, acceleration = (
+                zeros_for_none(setpoint.velocity_ned_m_s),
+                zeros_for_none(setpoint.acceleration_ned_m_s2),
+            )
+            north, east, down = (acceleration[k] * rate * rate + velocity[k] * change for k in range(3))
+            yaw_rate = setpoint.yaw_rate_ned_rad_s
             return replace(
                 setpoint,
-                velocity_ned_m_s=(v[0] * rate, v[1] * rate, v[2] * rate),
-                acceleration_ned_m_s2=(n, e, d),
-                yaw_rate_ned_rad_s=None if turning is None else turning * rate,
+                velocity_ned_m_s=(velocity[0] * rate, velocity[1] * rate, velocity[2] * rate),
+                acceleration_ned_m_s2=(north, east, down),
+                yaw_rate_ned_rad_s=None if yaw_rate is None else yaw_rate * rate,
             )
         if isinstance(setpoint, Velocity) and self._returning_s is not None:
             segment = self._segment()
@@ -248,15 +259,16 @@ class Player:
 
     # --- off the path -----------------------------------------------------------------------------
 
-    def _diverts(self, velocity_ned_m_s: Vector3 | None) -> bool:
-        """Whether a velocity or attitude segment is interrupted."""
-        if self._held is not None or self._braking_ned_m_s is not None:
+    def _leaves_path(self, velocity_ned_m_s: Vector3 | None) -> bool:
+        """Whether a velocity or attitude segment is or becomes interrupted, so that the vehicle stops off its
+        path."""
+        if self._stop_setpoint is not None or self._braking_ned_m_s is not None:
             return True
         segment = self._segment()
         if not self._change.paused or self._returning_s is not None:
             return False
         if isinstance(segment, VelocitySegment):
-            self._braking_ned_m_s = whole(segment.line.at(self._t_s).velocity_ned_m_s)
+            self._braking_ned_m_s = zeros_for_none(segment.line.at(self._t_s).velocity_ned_m_s)
         elif isinstance(segment, AttitudeSegment):
             self._braking_ned_m_s = velocity_ned_m_s or STILL
         return self._braking_ned_m_s is not None
@@ -264,12 +276,12 @@ class Player:
     def _stop_off_path(self, dt_s: float, position_ned_m: Vector3 | None) -> DirectSetpoint:
         segment = self._segment()
         yaw_rad = None if segment is None else segment.end_yaw_ned_rad
-        if self._held is not None:
-            return self._held
+        if self._stop_setpoint is not None:
+            return self._stop_setpoint
         velocity = self._braking_ned_m_s or STILL
         self._scale.step(dt_s, 0.0, velocity, STILL)
         rate = self._scale.rate
         if rate > 0.0 or position_ned_m is None:
             return Velocity((velocity[0] * rate, velocity[1] * rate, velocity[2] * rate), yaw_rad)
-        self._held = Position(position_ned_m, yaw_rad)
-        return self._held
+        self._stop_setpoint = Position(position_ned_m, yaw_rad)
+        return self._stop_setpoint
