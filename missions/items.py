@@ -30,7 +30,8 @@ class Item(Model):
     spare_params: tuple[tuple[Annotated[int, Field(ge=1, le=7)], NumberOrNone], ...] = ()
     """MAVLink parameters (number, value) that this kind does not use but that have unusual values."""
     original: str | None = None
-    """JSON text of this item in the .plan file it was read from, including fields not modelled here."""
+    """JSON text of this item in the .plan file that the item was read from, including fields not modelled
+    here."""
 
 
 class PlacedItem(Item):
@@ -284,4 +285,4 @@ class CommandItem(Model):
     ]
     autocontinue: bool = True
     original: str | None = None
-    """JSON text of this item in the .plan file it was read from."""
+    """JSON text of this item in the .plan file that the item was read from."""

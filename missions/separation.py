@@ -1,4 +1,5 @@
-"""The smallest distance between two vehicles if both were stopped now, as the separation guard checks it.
+"""The smallest distance between two vehicles if both were stopped now. The separation guard checks this
+distance.
 
 The pre-flight checks of a mission of several vehicles use the same calculation. Braking takes distance, so
 both braking paths are included, each with the vehicle's own deceleration. A formation of equal vehicles in
@@ -32,7 +33,7 @@ SIGMAS = 2.0
 """Multiple of the combined accuracy of both estimates (one sigma). In the simulator the error of the distance
 had a sigma of 0.2 m, and the combined reported accuracy was 0.4 m: twice that is four sigma of the error."""
 UNKNOWN_ACCURACY_M = 1.0
-"""Accuracy of a vehicle that reports none."""
+"""Assumed accuracy of a vehicle that does not report its accuracy."""
 EXTRA_BRAKING_M = 0.4
 """Additional braking distance of each vehicle, because of wind and of the last phase of braking."""
 UNKNOWN_ACCELERATION_M_S2 = 1.5
@@ -44,6 +45,7 @@ TREND_S = 0.4
 PLANNED_ACCURACY_M, PLANNED_AGE_S = 0.3, 0.1
 """Assumed accuracy and age of each position, for checks before the flight."""
 STEP_S = 0.1
+"""Time between two samples of the braking paths."""
 SAMPLES_AT_ONCE = 500
 """Number of samples computed together, which limits the memory."""
 G_M_S2 = 9.81
@@ -62,8 +64,8 @@ class MovingVehicle:
     accuracy_m: float
     """Accuracy of the position, one sigma."""
     age_s: float
-    """Age of the estimate, over which it was extrapolated with its velocity."""
-    brakes_m_s2: float = STOP_M_S2
+    """Age of the estimate; the position was extrapolated over this time with the velocity."""
+    braking_decel_m_s2: float = STOP_M_S2
 
     @property
     def uncertainty_m(self) -> float:
@@ -85,14 +87,17 @@ class SpeedTrend:
         while len(self._samples) > 2 and received_s - self._samples[1][0] >= TREND_S:
             self._samples.popleft()
 
-    def faster_ned_m_s(self, by_s: float) -> Vector3:
-        """The newest velocity, or the velocity extrapolated by `by_s` seconds if that is faster."""
-        (first_s, old), (last_s, new) = self._samples[0], self._samples[-1]
+    def extrapolated_ned_m_s(self, by_s: float) -> Vector3:
+        """The newest velocity, extrapolated by `by_s` seconds if the vehicle is accelerating."""
+        (first_s, old_velocity), (last_s, new_velocity) = self._samples[0], self._samples[-1]
         if last_s - first_s < TREND_S / 2.0:
-            return new
-        share = by_s / (last_s - first_s)
-        n, e, d = (after + share * (after - before) for before, after in zip(old, new, strict=True))
-        return (n, e, d) if math.hypot(n, e, d) > math.hypot(*new) else new
+            return new_velocity
+        fraction = by_s / (last_s - first_s)
+        n, e, d = (
+            after + fraction * (after - before)
+            for before, after in zip(old_velocity, new_velocity, strict=True)
+        )
+        return (n, e, d) if math.hypot(n, e, d) > math.hypot(*new_velocity) else new_velocity
 
 
 def margin_m(a: MovingVehicle, b: MovingVehicle) -> float:
@@ -100,21 +105,22 @@ def margin_m(a: MovingVehicle, b: MovingVehicle) -> float:
     return SIGMAS * math.hypot(a.accuracy_m, b.accuracy_m) + a.uncertainty_m + b.uncertainty_m
 
 
-def brakes_m_s2(tilt_rad: float) -> float:
-    """Deceleration while the vehicle stops, from its maximum tilt."""
+def braking_decel_m_s2(tilt_rad: float) -> float:
+    """Deceleration while the vehicle stops, computed from its maximum tilt."""
     if tilt_rad >= math.pi / 4:
         return STOP_M_S2
     return max(0.2, min(STOP_M_S2, STOP_TILT_SHARE * G_M_S2 * math.tan(tilt_rad)))
 
 
-def stopping_m(speed_m_s: Any, decel_m_s2: float = STOP_M_S2) -> Any:
-    """Braking distance from a speed; for one number or an array."""
+def braking_distance_m(speed_m_s: Any, decel_m_s2: float = STOP_M_S2) -> Any:
+    """Braking distance from a speed [m]; for one number or an array."""
     return speed_m_s * STOP_DELAY_S + speed_m_s**2 / (2.0 * decel_m_s2)
 
 
-def samples(longest_s: float) -> int:
-    """Number of samples until both vehicles have stopped; `longest_s` is the longer braking time."""
-    return math.ceil((STOP_DELAY_S + longest_s) / STEP_S) + 1
+def sample_count(braking_s: float) -> int:
+    """Number of samples until both vehicles have stopped; `braking_s` is the longer of the two braking
+    times."""
+    return math.ceil((STOP_DELAY_S + braking_s) / STEP_S) + 1
 
 
 def closest_m(
@@ -125,7 +131,7 @@ def closest_m(
     decel_a_m_s2: Any = STOP_M_S2,
     decel_b_m_s2: Any = STOP_M_S2,
 ) -> Vectors:
-    """Smallest distance from now until both vehicles have stopped, if both are stopped now.
+    """Smallest distance until both vehicles have stopped, if both are stopped now [m].
 
     Args:
         position_a: position in the common frame [m].
@@ -136,21 +142,21 @@ def closest_m(
         decel_b_m_s2: deceleration of the other vehicle.
     """
     speed_a, speed_b = _norm(velocity_a), _norm(velocity_b)
-    longest_s = max(float(np.max(speed_a / decel_a_m_s2)), float(np.max(speed_b / decel_b_m_s2)))
-    after_s = np.linspace(0.0, STOP_DELAY_S + longest_s, samples(longest_s))
-    apart = (
+    braking_s = max(float(np.max(speed_a / decel_a_m_s2)), float(np.max(speed_b / decel_b_m_s2)))
+    after_s = np.linspace(0.0, STOP_DELAY_S + braking_s, sample_count(braking_s))
+    relative_position = (
         (position_a - position_b)[..., None, :]
         + _braking_path(velocity_a, speed_a, after_s, decel_a_m_s2)
         - _braking_path(velocity_b, speed_b, after_s, decel_b_m_s2)
     )
-    return np.min(_nearest_on(apart[..., :-1, :], apart[..., 1:, :]), axis=-1)
+    return np.min(_nearest_on(relative_position[..., :-1, :], relative_position[..., 1:, :]), axis=-1)
 
 
 def planned_margin_m() -> float:
-    """The expected margin in flight, for checks before the flight."""
+    """The margin to expect in flight [m], for checks before the flight."""
     still = (0.0, 0.0, 0.0)
-    one = MovingVehicle(still, still, PLANNED_ACCURACY_M, PLANNED_AGE_S)
-    return margin_m(one, one)
+    planned = MovingVehicle(still, still, PLANNED_ACCURACY_M, PLANNED_AGE_S)
+    return margin_m(planned, planned)
 
 
 def braking_separation_m(
@@ -161,7 +167,7 @@ def braking_separation_m(
     required_m: float,
     decel_m_s2: float = STOP_M_S2,
 ) -> Vectors:
-    """For each time, the smallest distance from then on if both vehicles were stopped at that time.
+    """For each time, the smallest distance from that time on if both vehicles were stopped at that time [m].
 
     Args:
         position_a: positions in the common frame, (N, 3) [m].
@@ -169,13 +175,15 @@ def braking_separation_m(
         position_b: position of the other vehicle.
         velocity_b: velocity of the other vehicle.
         required_m: separation below which braking is computed; pairs that stay farther apart are skipped.
-        decel_m_s2: deceleration of both.
+        decel_m_s2: deceleration of both vehicles.
     """
     distance_m = _norm(position_a - position_b)
-    reach_m = stopping_m(_norm(velocity_a), decel_m_s2) + stopping_m(_norm(velocity_b), decel_m_s2)
-    near = np.nonzero(distance_m - reach_m < required_m)[0]
-    for begin in range(0, len(near), SAMPLES_AT_ONCE):
-        batch = near[begin : begin + SAMPLES_AT_ONCE]
+    reach_m = braking_distance_m(_norm(velocity_a), decel_m_s2) + braking_distance_m(
+        _norm(velocity_b), decel_m_s2
+    )
+    too_near = np.nonzero(distance_m - reach_m < required_m)[0]
+    for begin in range(0, len(too_near), SAMPLES_AT_ONCE):
+        batch = too_near[begin : begin + SAMPLES_AT_ONCE]
         distance_m[batch] = closest_m(
             position_a[batch], velocity_a[batch], position_b[batch], velocity_b[batch], decel_m_s2, decel_m_s2
         )
@@ -191,11 +199,12 @@ def _braking_path(velocity: Vectors, speed: Vectors, after_s: Vectors, decel_m_s
 
 
 def _nearest_on(begin: Vectors, end: Vectors) -> Vectors:
-    """Smallest distance from zero to the lines between samples, so that a fast pass is not missed."""
+    """Smallest distance of the lines between samples from the zero vector, so that a fast pass is not
+    missed."""
     step = end - begin
     square = np.maximum(np.sum(step * step, axis=-1), 1e-12)
-    part = np.clip(-np.sum(begin * step, axis=-1) / square, 0.0, 1.0)
-    return _norm(begin + step * part[..., None])
+    fraction = np.clip(-np.sum(begin * step, axis=-1) / square, 0.0, 1.0)
+    return _norm(begin + step * fraction[..., None])
 
 
 def _norm(vectors: Vectors) -> Any:

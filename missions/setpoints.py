@@ -1,9 +1,10 @@
 """Offboard setpoints, one frozen class for each kind, independent of the protocol that carries them.
 
 Field names contain quantity, frame and unit. NED is relative to the vehicle's local origin. FRD is the body
-frame; in the `_body` kinds it is the level heading frame. None means "not controlled" (an ignore bit in
-MAVLink, NaN in PX4). Of several quantities, PX4 controls the first of position, velocity, acceleration; the
-others are feed-forward. Without yaw and yaw rate the vehicle keeps its heading.
+frame; in kinds whose name ends in `_body`, FRD is the level heading frame. None means "not controlled" (an
+ignore bit in MAVLink, NaN in PX4). If several quantities are given, PX4 controls the first one in the order
+position, velocity, acceleration; the others are feed-forward. Without yaw and yaw rate the vehicle keeps its
+heading.
 
 `type` is the name of a kind in the API, on the page and in plans. `needs` are the estimates that a kind
 requires, in PX4 or for the conversion to a `DirectSetpoint`.
@@ -18,7 +19,7 @@ from missions.frames import Quaternion, Vector3
 
 Partial3 = tuple[float | None, float | None, float | None]
 """A vector in which each axis may be left uncontrolled."""
-NOTHING: Partial3 = (None, None, None)
+UNCONTROLLED: Partial3 = (None, None, None)
 FOLLOW_MIN_DISTANCE_M = 2.0
 Estimate = Literal["position", "velocity", "heading", "global_position", "home"]
 """An estimate that the vehicle must have."""
@@ -57,7 +58,7 @@ class PositionBody:
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "heading")
     offset_frd_m: Vector3
     yaw_offset_rad: float | None = None
-    """Added to the heading; None: keep the heading."""
+    """Angle added to the heading; None: keep the heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +87,9 @@ class VelocityBody:
 class Acceleration:
     """An acceleration in the local frame, without gravity.
 
-    PX4 tilts the vehicle for it and does not compensate drag: the velocity approaches the one at which drag
-    equals the acceleration. Zero lets the vehicle slow down by drag; it does not hold the position.
+    PX4 tilts the vehicle accordingly and does not compensate drag: the vehicle approaches the velocity at
+    which drag equals the acceleration. Zero lets the vehicle slow down by drag; it does not hold the
+    position.
     """
 
     type: ClassVar[str] = "acceleration"
@@ -99,13 +101,13 @@ class Acceleration:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Position, velocity and acceleration together; each axis has at least one of them."""
+    """Position, velocity and acceleration together; each axis has at least one of these quantities."""
 
     type: ClassVar[str] = "trajectory"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
-    position_ned_m: Partial3 = NOTHING
-    velocity_ned_m_s: Partial3 = NOTHING
-    acceleration_ned_m_s2: Partial3 = NOTHING
+    position_ned_m: Partial3 = UNCONTROLLED
+    velocity_ned_m_s: Partial3 = UNCONTROLLED
+    acceleration_ned_m_s2: Partial3 = UNCONTROLLED
     yaw_ned_rad: float | None = None
     yaw_rate_ned_rad_s: float | None = None
 
@@ -165,7 +167,7 @@ class PathPoint:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """A curve through timed points (`curves.PathCurve`); afterwards the vehicle holds the last point."""
+    """A curve through timed points (`curves.PathCurve`); at the end the vehicle holds the last point."""
 
     type: ClassVar[str] = "path"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity")
@@ -179,8 +181,8 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Follow:
-    """A position relative to another vehicle, with exactly one of the two offsets; it moves with that
-    vehicle."""
+    """A position relative to another vehicle, with exactly one of the two offsets; the position moves with
+    that vehicle."""
 
     type: ClassVar[str] = "follow"
     needs: ClassVar[tuple[Estimate, ...]] = ("position", "velocity", "global_position")
@@ -213,7 +215,7 @@ KINDS: dict[str, type[Setpoint]] = {kind.type: kind for kind in get_args(Setpoin
 
 
 def needs_of(setpoint: Setpoint) -> tuple[Estimate, ...]:
-    """The estimates that one setpoint needs, which depends on its kind and on the given fields."""
+    """The estimates that one setpoint needs; they depend on its kind and on the given fields."""
     if isinstance(setpoint, Trajectory) and all(axis is None for axis in setpoint.position_ned_m):
         return (Velocity if any(setpoint.velocity_ned_m_s) else Acceleration).needs
     if isinstance(setpoint, PositionGlobal) and setpoint.alt_home_m is not None:

@@ -68,24 +68,25 @@ class RallyPoint(Model):
 
 
 class FenceCircle(Model):
-    """A circle: the vehicle must stay inside (inclusion) or outside."""
+    """A circle: the vehicle must stay inside (`inclusion` true) or outside (false)."""
 
     shape: Literal["circle"] = "circle"
     inclusion: bool
     center: Point
     radius_m: Annotated[float, Field(gt=0.0, le=1e6, allow_inf_nan=False)]
     original: str | None = None
-    """JSON text of this zone in the .plan file it was read from."""
+    """JSON text of this zone in the .plan file that the zone was read from."""
 
 
 class FencePolygon(Model):
-    """A polygon: the vehicle must stay inside (inclusion) or outside. The last corner joins the first."""
+    """A polygon: the vehicle must stay inside (`inclusion` true) or outside (false). The last corner joins
+    the first."""
 
     shape: Literal["polygon"] = "polygon"
     inclusion: bool
     polygon: Annotated[tuple[Point, ...], Field(min_length=3, max_length=1000)]
     original: str | None = None
-    """JSON text of this zone in the .plan file it was read from."""
+    """JSON text of this zone in the .plan file that the zone was read from."""
 
 
 FenceZone = Annotated[FenceCircle | FencePolygon, Field(discriminator="shape")]
@@ -95,7 +96,7 @@ class Obstacle(Model):
     """A building, a tree or a mast: upright, from the ground to its top. The last corner joins the first."""
 
     name: Annotated[str, Field(max_length=60)] = ""
-    """For findings; empty: the obstacle's number."""
+    """Name in findings; empty: findings use the number of the obstacle."""
     polygon: Annotated[tuple[Point, ...], Field(min_length=3, max_length=100)]
     top: Altitude
     """Altitude of the top, above home or mean sea level."""

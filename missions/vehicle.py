@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 GRAVITY_M_S2 = 9.80665
 AIR_DENSITY_KG_M3 = 1.225
-"""At sea level, international standard atmosphere."""
+"""Air density at sea level, international standard atmosphere."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +27,14 @@ class VehicleModel:
     acceptance_m: float = 2.0  # NAV_ACC_RAD
     altitude_acceptance_m: float = 0.8  # NAV_MC_ALT_RAD
     first_waypoint_max_m: float = 10_000.0  # MIS_DIST_1WP
-    required_ends: int = 0  # MIS_TKO_LAND_REQ
+    required_ends: int = 0  # MIS_TKO_LAND_REQ, 0: none
     fence_radius_m: float = 0.0  # GF_MAX_HOR_DIST, 0: none
     fence_height_m: float = 0.0  # GF_MAX_VER_DIST, 0: none
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, float]) -> VehicleModel:
-        """Uses the vehicle's parameters that are finite, otherwise the defaults."""
+        """The model from the vehicle's parameters; the default for a parameter that is missing or not
+        finite."""
         values = {
             field: parameters[name]
             for field, name in PARAMETERS.items()

@@ -23,7 +23,7 @@ from missions.errors import PlanError
 from missions.plan import Plan
 from missions.traffic.conflict import FIX, Conflict
 from missions.values import HomePosition, Obstacle
-from missions.waypoints.resume import rest_of, resume_point
+from missions.waypoints.resume import remaining_plan, resume_point
 
 NOT_KNOWN = "plan_not_known"
 """Code in `despite` if the server does not know which plan is on the vehicle."""
@@ -175,7 +175,7 @@ async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int
     if here is None:
         return []  # the vehicle refuses to arm without a position
     start = HomePosition(lat_deg=here.lat_deg, lon_deg=here.lon_deg, alt_amsl_m=here.alt_amsl_m)
-    check = await check_document(station, rest_of(plan, item, start), vehicle, home=start)
+    check = await check_document(station, remaining_plan(plan, item, start), vehicle, home=start)
     return [each["text"] for each in check["findings"] if each["code"] in PLACE_CODES]
 
 

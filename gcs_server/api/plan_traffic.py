@@ -21,12 +21,12 @@ from missions.offboard.timeline import Timeline
 from missions.plan import Plan
 from missions.traffic.conflict import FIX, Conflict, conflicts
 from missions.traffic.offboard import predict_mission, predict_timeline
-from missions.traffic.path import PredictedPath, standing
-from missions.traffic.waypoints import lands, predict_plan
+from missions.traffic.path import PredictedPath, stationary_path
+from missions.traffic.waypoints import ends_with_landing, predict_plan
 from missions.values import HomePosition
 from missions.vehicle import VehicleModel
 from missions.waypoints.planned import PlannedPasses, planned_by_plan
-from missions.waypoints.resume import rest_of, resume_point
+from missions.waypoints.resume import remaining_plan, resume_point
 
 SEPARATION, SEPARATION_UNKNOWN = "separation", "separation_unknown"
 HOVERS_BELOW_M_S = 0.5
@@ -154,7 +154,7 @@ def _hovering(other: Vehicle) -> PredictedPath | None:
         return None
     if math.hypot(*velocity) > HOVERS_BELOW_M_S:
         return None
-    return standing(other.id, origin, position, "hovering")
+    return stationary_path(other.id, origin, position, "hovering")
 
 
 # --- the vehicle's own path -------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ def _predicted(start: _Start, plan: Plan, by_dry_run: PlannedPasses | None) -> P
         if isinstance(resume_point(plan, item), str):
             item = 0  # PX4 begins again at the first item
         else:
-            flown_plan, by_dry_run = rest_of(plan, item, start.home), None
+            flown_plan, by_dry_run = remaining_plan(plan, item, start.home), None
     planned = by_dry_run or planned_by_plan(flown_plan, start.model, start.home, start.origin)
     if planned is None:
         return None
@@ -210,8 +210,8 @@ def _predicted(start: _Start, plan: Plan, by_dry_run: PlannedPasses | None) -> P
     if start.in_air:
         index = next((at for at, each in enumerate(planned.passes) if max(each.items) >= item), 0)
     return predict_plan(
-        start.vehicle, start.origin, planned, ends_in_air=not lands(flown_plan), index=index,
-        way_from=start.here if start.in_air else None, speed_m_s=start.model.cruise_m_s,
+        start.vehicle, start.origin, planned, ends_in_air=not ends_with_landing(flown_plan), index=index,
+        off_path_ned_m=start.here if start.in_air else None, speed_m_s=start.model.cruise_m_s,
     )  # fmt: skip
 
 

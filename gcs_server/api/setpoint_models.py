@@ -145,10 +145,14 @@ class TrajectorySetpoint(YawOrRate):
     )
 
     type: Literal["trajectory"]
-    position_ned_m: PartialPositionNed = Field(default=s.NOTHING, description=POSITION_TEXT + NULL_MEANING)
-    velocity_ned_m_s: PartialVelocity = Field(default=s.NOTHING, description=VELOCITY_TEXT + NULL_MEANING)
+    position_ned_m: PartialPositionNed = Field(
+        default=s.UNCONTROLLED, description=POSITION_TEXT + NULL_MEANING
+    )
+    velocity_ned_m_s: PartialVelocity = Field(
+        default=s.UNCONTROLLED, description=VELOCITY_TEXT + NULL_MEANING
+    )
     acceleration_ned_m_s2: PartialAcceleration = Field(
-        default=s.NOTHING, description=ACCELERATION_TEXT + NULL_MEANING
+        default=s.UNCONTROLLED, description=ACCELERATION_TEXT + NULL_MEANING
     )
 
     def to_setpoint(self) -> s.Trajectory:

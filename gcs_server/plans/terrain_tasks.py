@@ -29,7 +29,7 @@ LONGEST_SIDE_M = 100_000.0
 
 def ground_of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
     """Findings about a waypoint plan, and the ground below it."""
-    ground, not_known = _ground(Elevation.of(map(Path, paths)), plan_positions(plan))
+    ground, not_known = _ground(Elevation.from_files(map(Path, paths)), plan_positions(plan))
     if ground is None:
         return [], PlanGround(not_known=not_known)
     findings = list(clearance.plan_findings(plan, ground, return_alt_m))
@@ -63,7 +63,7 @@ def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Resolves the altitudes of a plan. Arguments: `plan` (JSON text), `elevation` (paths), `tolerance_m`
     (null: no waypoints are added)."""
     plan = plan_document.read(arguments["plan"])
-    ground, problems = _ground(Elevation.of(map(Path, arguments["elevation"])), plan_positions(plan))
+    ground, problems = _ground(Elevation.from_files(map(Path, arguments["elevation"])), plan_positions(plan))
     found = follow_ground(plan, ground, arguments["tolerance_m"])
     return {
         "plan": plan_document.write(found.plan).decode(),
@@ -78,12 +78,12 @@ def ground_around(
     positions: Sequence[tuple[float, float]], paths: Sequence[str]
 ) -> tuple[Ground | None, tuple[str, ...]]:
     """The ground around positions (latitude, longitude [deg]), and messages about missing elevation data."""
-    return _ground(Elevation.of(map(Path, paths)), positions)
+    return _ground(Elevation.from_files(map(Path, paths)), positions)
 
 
 def files(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """The area of each elevation file. Argument: `elevation` (paths of the files)."""
-    elevation = Elevation.of(map(Path, arguments["elevation"]))
+    elevation = Elevation.from_files(map(Path, arguments["elevation"]))
     found: list[ElevationFile] = [file for _, file in elevation.files]
     return {"files": [dataclasses.asdict(each) for each in found], "unreadable": list(elevation.problems)}
 
@@ -92,7 +92,7 @@ def _ground(
     elevation: Elevation, positions: Sequence[tuple[float, float]]
 ) -> tuple[Ground | None, tuple[str, ...]]:
     """The ground around positions, and messages about missing elevation data."""
-    area = Area.around(positions, MARGIN_M)
+    area = Area.around_positions(positions, MARGIN_M)
     if area is None or not elevation.files:
         return None, elevation.problems
     if area.side_m > LONGEST_SIDE_M:

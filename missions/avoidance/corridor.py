@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.avoidance.memory import along, nearest_m
+from missions.avoidance.memory import along_line, nearest_m
 from missions.avoidance.scans import LEVEL_MAX_SINE, Scan
 from missions.avoidance.values import MotionState, WantedMotion
 from missions.frames import Vector3
@@ -66,7 +66,7 @@ def blocking_obstacles(
         blocking |= away_m < clearance_m
     first_m, leg_start_m = math.inf, 0.0
     for begin, end in itertools.pairwise(path):
-        columns, length_m = along(points, begin[:2], end[:2]), math.dist(begin[:2], end[:2])
+        columns, length_m = along_line(points, begin[:2], end[:2]), math.dist(begin[:2], end[:2])
         on_leg = (columns.along_m > 0.0) & (columns.along_m <= length_m) & (columns.across_m < clearance_m)
         on_leg |= columns.from_end_m < MIN_CLEARANCE_M
         on_leg &= top_m > min(-begin[2], -end[2]) - BELOW_M
@@ -98,7 +98,7 @@ def first_on_line(scans: Iterable[Scan], start: Vector3, end: Vector3) -> float 
     ]
     if not hits:
         return None
-    columns, length_m = along(np.array(hits), start[:2], end[:2]), math.dist(start[:2], end[:2])
+    columns, length_m = along_line(np.array(hits), start[:2], end[:2]), math.dist(start[:2], end[:2])
     on_leg = (
         (columns.along_m > 0.0)
         & (columns.along_m <= length_m + MIN_CLEARANCE_M)

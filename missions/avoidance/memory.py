@@ -91,7 +91,7 @@ class ObstacleMemory:
         return stored[(stored[:, 2] > altitude_m) & (now_s - stored[:, 3] <= KEPT_S)][:, :3]
 
 
-def along(columns: NDArray[np.float64], start: NorthEast, end: NorthEast) -> ColumnsAlongLine:
+def along_line(columns: NDArray[np.float64], start: NorthEast, end: NorthEast) -> ColumnsAlongLine:
     """Positions of columns (N, 3) relative to the line from `start` to `end`."""
     north, east = columns[:, 0] - start[0], columns[:, 1] - start[1]
     length_m = math.dist(start, end)

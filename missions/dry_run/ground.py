@@ -34,7 +34,7 @@ def ground_grid(
     Returns:
         The grid (None: the ground at the start is unknown), and sentences about the assumptions.
     """
-    start_amsl_m = ground.one(origin.lat_deg, origin.lon_deg)
+    start_amsl_m = ground.altitude_amsl_m(origin.lat_deg, origin.lon_deg)
     if start_amsl_m is None:
         return None, ["The elevation files do not cover the start: the dry run flies over level ground."]
     local = [(0.0, 0.0), *(origin.to_ned(lat, lon, origin.alt_amsl_m)[:2] for lat, lon in positions)]
@@ -47,7 +47,7 @@ def ground_grid(
     )
     points = np.column_stack((north_m.ravel(), east_m.ravel(), np.zeros(north_m.size)))
     lat_deg, lon_deg, _ = geodetic(points, origin)
-    altitudes_home_m = (ground.at(lat_deg, lon_deg) - start_amsl_m).reshape(north_m.shape)
+    altitudes_home_m = (ground.altitudes_amsl_m(lat_deg, lon_deg) - start_amsl_m).reshape(north_m.shape)
     assumptions = [
         f"The dry run flies over the ground of the elevation files, on a grid of {spacing_m:.0f} m."
     ]

@@ -39,7 +39,7 @@ from missions.trajectory.curve import TimedCurve
 from missions.trajectory.headings import AlongPath, LookAt
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.points import SAME_POINT_M, PassPoint
-from missions.trajectory.solve import Heading, along, through
+from missions.trajectory.solve import Heading, curve_along_path, curve_through_points
 
 TURN_RAD = math.radians(1.0)
 """Smaller heading changes get no separate turn."""
@@ -77,7 +77,7 @@ def turn_to(state: State, yaw_ned_rad: float) -> None:
     if abs(wrap_pi(yaw_ned_rad - state.yaw_ned_rad)) < TURN_RAD:
         return
     start_point = state.position_ned_m
-    curve = through(
+    curve = curve_through_points(
         [PassPoint(start_point, state.yaw_ned_rad), PassPoint(start_point, yaw_ned_rad)],
         state.compilation.motion,
     )
@@ -134,7 +134,7 @@ def _fly_part(
         points.append(PassPoint(position, point.yaw_ned_rad, point.stop, point.corner_m))
     state.compilation.add_size(points=len(points))
     heading = None if has_yaw else heading_of(state, step)
-    curve = through(points, limits, exact=step.curve == "smooth", heading=heading)
+    curve = curve_through_points(points, limits, exact=step.curve == "smooth", heading=heading)
     _add_turn_and_curve(state, curve, step)
 
 
@@ -173,7 +173,7 @@ def compile_shape(state: State, step: Orbit | FigureEight) -> None:
             end_radius_m=step.end_radius_m if isinstance(step, Spiral) else None,
         )  # fmt: skip
     state.compilation.add_size(points=len(path.spans))
-    curve = along(path, limits, heading_of(state, step))
+    curve = curve_along_path(path, limits, heading_of(state, step))
     begin = curve.at(0.0)
     _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, limits)
     add_curve(state, curve, state.title, step.photo_every_m)
@@ -196,7 +196,9 @@ def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: M
     has_yaw = yaw_ned_rad is not None
     if math.dist(begin, state.position_ned_m) >= SAME_POINT_M:
         start_point = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
-        add_curve(state, through([start_point, PassPoint(begin, yaw_ned_rad)], limits), "Approach")
+        add_curve(
+            state, curve_through_points([start_point, PassPoint(begin, yaw_ned_rad)], limits), "Approach"
+        )
     elif yaw_ned_rad is not None:
         turn_to(state, yaw_ned_rad)
 
@@ -240,7 +242,7 @@ def compile_velocity(state: State, step: VelocityStep) -> None:
         message = f"The velocity {step.velocity_ned_m_s} m/s is above the vehicle's limits."
         state.report("speed_exceeded", message, "Lower the velocity.")
         return
-    end, line = state.position_ned_m, through([PassPoint(state.position_ned_m)], motion)
+    end, line = state.position_ned_m, curve_through_points([PassPoint(state.position_ned_m)], motion)
     if speed > 1e-3:
         acceleration = min(
             motion.horizontal_acceleration_m_s2 * speed / max(horizontal, 1e-9),
@@ -261,7 +263,7 @@ def compile_velocity(state: State, step: VelocityStep) -> None:
             climb_m_s=-down if down < -1e-3 else motion.climb_m_s,
             descent_m_s=down if down > 1e-3 else motion.descent_m_s,
         )
-        line = through([PassPoint(state.position_ned_m), PassPoint(end)], motion_in_step)
+        line = curve_through_points([PassPoint(state.position_ned_m), PassPoint(end)], motion_in_step)
     state.add(
         VelocitySegment(
             state.place, state.title, step.duration_s, end, state.yaw_ned_rad,

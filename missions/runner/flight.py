@@ -15,7 +15,7 @@ from missions.runner.script import Pace, Script
 from missions.setpoints import Position, Trajectory, complete
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.points import PassPoint
-from missions.trajectory.solve import through
+from missions.trajectory.solve import curve_through_points
 
 ON_PATH_M = 0.3
 ON_PATH_RAD = math.radians(5.0)
@@ -130,7 +130,7 @@ class Flight:
                 "the straight path to this step leaves the mission's geofence",
                 "Fly to a position from which the straight path stays inside, then resume the mission.",
             )
-        curve = through(ends, self.motion)
+        curve = curve_through_points(ends, self.motion)
         end_yaw_rad = (yaw_rad or 0.0) if begin_yaw_rad is None else begin_yaw_rad
         return CurveSegment(
             segment.place, "Approach", curve.duration_s, begin, end_yaw_rad, curve.length_m,

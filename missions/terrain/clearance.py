@@ -14,12 +14,14 @@ from missions.offboard.findings import MissionFinding
 from missions.offboard.samples import Leg
 from missions.plan import Plan
 from missions.route import FlightLine, Step, flight_lines
-from missions.terrain.ground import Floats, Ground, between
+from missions.terrain.ground import Floats, Ground, line_positions
 
 CLEARANCE_M = 10.0
 """Minimum clearance [m]: elevation models have errors of a few metres, and most do not include trees."""
 OUTDATED_M = 1.0
+"""A resolved altitude that differs more from the elevation data is outdated."""
 HOME_TOLERANCE_M = 10.0
+"""Greatest difference between the altitude of home and the elevation data."""
 MIN_LEG_M = 1.0
 """Shortest horizontal length of a checked leg [m]; on a shorter leg the vehicle climbs, descends or holds."""
 
@@ -28,30 +30,30 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
     """Findings of the elevation data about a waypoint plan, at most one for each item.
 
     Args:
-        plan: with resolved altitudes above the ground; paths with an unknown altitude are skipped.
-        ground: of the plan's area.
+        plan: a plan with resolved terrain altitudes; paths with an unknown altitude are skipped.
+        ground: ground of the plan's area.
         return_alt_m: the vehicle's RTL_RETURN_ALT, above home.
     """
     home = plan.planned_home
     if home is not None:
-        ground_m = ground.one(home.lat_deg, home.lon_deg)
+        ground_m = ground.altitude_amsl_m(home.lat_deg, home.lon_deg)
         if ground_m is not None and abs(ground_m - home.alt_amsl_m) > HOME_TOLERANCE_M:
             message = (
-                f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; the ground there is at {ground_m:.0f} m "
-                "by the elevation data."
+                f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; the elevation data have the ground there "
+                f"at {ground_m:.0f} m AMSL."
             )
             yield Finding("home_off_ground", message, fix="Check the altitude of the planned home.")
     for line in flight_lines(plan, return_alt_m):
         if isinstance(line.step.item, PlacedItem):
-            yield from _outdated(line.step, line.step.item, ground)
+            yield from _outdated_altitude(line.step, line.step.item, ground)
         yield from _low_clearance(line, ground)
 
 
-def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]:
+def _outdated_altitude(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]:
     altitude = item.altitude
     if altitude.reference != "terrain" or altitude.resolved_amsl_m is None:
         return
-    ground_m = ground.one(item.lat_deg, item.lon_deg)
+    ground_m = ground.altitude_amsl_m(item.lat_deg, item.lon_deg)
     if ground_m is None:
         return
     above_m = altitude.resolved_amsl_m - ground_m
@@ -65,9 +67,9 @@ def _outdated(step: Step, item: PlacedItem, ground: Ground) -> Iterator[Finding]
 
 def _low_clearance(flown: FlightLine, ground: Ground) -> Iterator[Finding]:
     step, start, end = flown.step, flown.start, flown.end
-    line = between(start[:2], end[:2], ground.spacing_m)
+    line = line_positions(start[:2], end[:2], ground.spacing_m)
     path_amsl_m = start[2] + (end[2] - start[2]) * line[:, 2]
-    above_m = path_amsl_m - ground.at(line[:, 0], line[:, 1])
+    above_m = path_amsl_m - ground.altitudes_amsl_m(line[:, 0], line[:, 1])
     if np.isnan(above_m).all():
         return
     lowest_m = float(np.nanmin(above_m))
@@ -85,9 +87,9 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
     """Findings of the elevation data about an offboard mission, at most one for each step.
 
     Args:
-        legs: of the compiled mission.
-        origin: of their local frame.
-        ground: of the area.
+        legs: legs of the compiled mission.
+        origin: origin of the local frame of the legs.
+        ground: ground of the mission's area.
     """
     lowest_m: dict[str, float] = {}
     for leg in legs:
@@ -95,13 +97,13 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
         if np.hypot(*np.ptp(positions_ned_m[:, :2], axis=0)) < MIN_LEG_M:
             continue
         lat_deg, lon_deg, amsl_m = geodetic(positions_ned_m, origin)
-        above_m = amsl_m - ground.at(lat_deg, lon_deg)
+        above_m = amsl_m - ground.altitudes_amsl_m(lat_deg, lon_deg)
         if not np.isnan(above_m).all():
             lowest_m[leg.place] = min(lowest_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
     for place, height_m in lowest_m.items():
         found = _code_and_message(height_m, "The path")
         if found is not None:
-            yield MissionFinding(*found, place, fix="Raise its points.")
+            yield MissionFinding(*found, place, fix="Increase the altitude of the points of this step.")
 
 
 def geodetic(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
@@ -111,7 +113,7 @@ def geodetic(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floa
 
 
 def _code_and_message(lowest_m: float, what: str) -> tuple[str, str] | None:
-    """Code and message of a finding, or None."""
+    """Code and message of the finding about the lowest height above the ground; None: no finding."""
     if lowest_m <= 0.0:
         return "terrain_hit", f"{what} goes {-lowest_m:.0f} m below the ground."
     if lowest_m < CLEARANCE_M:

@@ -27,7 +27,7 @@ from missions.geodesy import EARTH_RADIUS_M
 from missions.terrain.ground import Ground
 
 MAX_CELLS = 4_000_000
-"""Limit of one `Ground`; a larger area is read with a coarser grid."""
+"""Maximum number of cells of one `Ground`; a larger area is read with a coarser grid."""
 MARGIN_CELLS = 2
 MIN_ALT_AMSL_M, MAX_ALT_AMSL_M = -1_000.0, 9_000.0
 """Range of land altitudes on earth; a value outside means no data."""
@@ -39,7 +39,7 @@ FIX = "Use a GeoTIFF or HGT file with one band of altitudes in metres."
 
 @dataclass(frozen=True, slots=True)
 class ElevationFile:
-    """One elevation file, as listed for the operator."""
+    """One elevation file: name, covered area and spacing of the grid."""
 
     name: str
     west_deg: float
@@ -62,22 +62,27 @@ class Area:
     @property
     def side_m(self) -> float:
         """The longer side, in metres on the ground."""
-        middle = math.radians((self.south_deg + self.north_deg) / 2)
-        wide = math.radians(self.east_deg - self.west_deg) * math.cos(middle)
-        return max(wide, math.radians(self.north_deg - self.south_deg)) * EARTH_RADIUS_M
+        middle_rad = math.radians((self.south_deg + self.north_deg) / 2)
+        width_rad = math.radians(self.east_deg - self.west_deg) * math.cos(middle_rad)
+        return max(width_rad, math.radians(self.north_deg - self.south_deg)) * EARTH_RADIUS_M
 
     @classmethod
-    def around(cls, places: Iterable[tuple[float, float]], margin_m: float) -> Area | None:
+    def around_positions(cls, positions: Iterable[tuple[float, float]], margin_m: float) -> Area | None:
         """The box around positions (latitude, longitude) plus a margin; None without positions."""
-        found = list(places)
-        if not found:
+        lat_lon_deg = list(positions)
+        if not lat_lon_deg:
             return None
-        first = found[0][1]
-        lats = [lat for lat, _ in found]
-        lons = [first + math.remainder(lon - first, 360.0) for _, lon in found]
-        high = math.degrees(margin_m / EARTH_RADIUS_M)
-        wide = high / max(0.05, math.cos(math.radians(max(map(abs, lats)))))
-        return cls(min(lons) - wide, min(lats) - high, max(lons) + wide, max(lats) + high)
+        first = lat_lon_deg[0][1]
+        lats = [lat for lat, _ in lat_lon_deg]
+        lons = [first + math.remainder(lon - first, 360.0) for _, lon in lat_lon_deg]
+        margin_lat_deg = math.degrees(margin_m / EARTH_RADIUS_M)
+        margin_lon_deg = margin_lat_deg / max(0.05, math.cos(math.radians(max(map(abs, lats)))))
+        return cls(
+            min(lons) - margin_lon_deg,
+            min(lats) - margin_lat_deg,
+            max(lons) + margin_lon_deg,
+            max(lats) + margin_lat_deg,
+        )
 
 
 def inspect(path: Path) -> ElevationFile:
@@ -86,7 +91,7 @@ def inspect(path: Path) -> ElevationFile:
     Raises:
         PlanError: the file cannot be read, has no coordinate system, or more than one band.
     """
-    with _opened(path) as data:
+    with _open(path) as data:
         west, south, east, north = transform_bounds(data.crs, WGS84, *data.bounds)
         spacing_deg = (north - south) / data.height
         return ElevationFile(path.name, west, south, east, north, math.radians(spacing_deg) * EARTH_RADIUS_M)
@@ -102,8 +107,8 @@ class Elevation:
     """Messages about files that cannot be used."""
 
     @classmethod
-    def of(cls, paths: Iterable[Path]) -> Elevation:
-        """Inspects each file."""
+    def from_files(cls, paths: Iterable[Path]) -> Elevation:
+        """Inspects each file and sorts the files; unreadable files become problems."""
         files: list[tuple[Path, ElevationFile]] = []
         problems: list[str] = []
         for path in paths:
@@ -123,7 +128,7 @@ class Elevation:
         Raises:
             PlanError: a file cannot be read.
         """
-        covering = [(path, file) for path, file in self.files if _overlap(file, area)]
+        covering = [(path, file) for path, file in self.files if _overlaps(file, area)]
         if not covering:
             return None
         step_deg = math.degrees(covering[0][1].spacing_m / EARTH_RADIUS_M)
@@ -134,19 +139,19 @@ class Elevation:
             2 * MARGIN_CELLS + 1 + math.ceil(height_deg / step_deg),
             2 * MARGIN_CELLS + 1 + math.ceil(width_deg / step_deg),
         )  # fmt: skip
-        heights = np.full((grid.rows, grid.columns), np.nan, dtype=np.float32)
+        altitudes_amsl_m = np.full((grid.rows, grid.columns), np.nan, dtype=np.float32)
         for path, file in covering:
-            if not np.isnan(heights).any():
+            if not np.isnan(altitudes_amsl_m).any():
                 break
-            heights = np.where(np.isnan(heights), _read(path, file, grid), heights)
+            altitudes_amsl_m = np.where(np.isnan(altitudes_amsl_m), _read(path, file, grid), altitudes_amsl_m)
         return Ground(
-            grid.north_deg - step_deg / 2, grid.west_deg + step_deg / 2, step_deg, step_deg, heights
+            grid.north_deg - step_deg / 2, grid.west_deg + step_deg / 2, step_deg, step_deg, altitudes_amsl_m
         )
 
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """A grid of square cells; coordinates are those of its edges, not of cell centres."""
+    """A grid of square cells; west and north are the edges of the grid, not centres of cells."""
 
     west_deg: float
     north_deg: float
@@ -155,7 +160,7 @@ class _Grid:
     columns: int
 
 
-def _overlap(file: ElevationFile, area: Area) -> bool:
+def _overlaps(file: ElevationFile, area: Area) -> bool:
     """Whether a file and an area overlap, even if their longitudes differ by 360 degrees."""
     if file.north_deg < area.south_deg or file.south_deg > area.north_deg:
         return False
@@ -180,21 +185,21 @@ def _read(path: Path, file: ElevationFile, grid: _Grid) -> NDArray[np.float32]:
         "dtype": "float32",
         "nodata": math.nan,
     }
-    with _opened(path) as data:
+    with _open(path) as data:
         if data.nodata is not None:
             options["src_nodata"] = data.nodata
         try:
             with WarpedVRT(data, **options) as view:
-                found = view.read(1).astype(np.float32)
+                values = view.read(1).astype(np.float32)
         except RasterioError as error:
             raise PlanError(f"the elevation file {path.name}", f"it cannot be read ({error})", FIX) from error
-        found = (found * data.scales[0] + data.offsets[0]).astype(np.float32)
-    found[(found < MIN_ALT_AMSL_M) | (found > MAX_ALT_AMSL_M)] = np.nan
-    return found
+        values = (values * data.scales[0] + data.offsets[0]).astype(np.float32)
+    values[(values < MIN_ALT_AMSL_M) | (values > MAX_ALT_AMSL_M)] = np.nan
+    return values
 
 
-def _opened(path: Path) -> Any:
-    """An open dataset; it is a context manager that closes itself.
+def _open(path: Path) -> Any:
+    """Opens a dataset, which is a context manager and closes itself.
 
     Raises:
         PlanError: the file cannot be used.

@@ -15,7 +15,7 @@ from missions.errors import PlanError
 from missions.items import Jump, PlacedItem, Takeoff, Waypoint
 from missions.plan import MAX_ITEMS, ComplexItem, Plan, PlanItem, SimpleItem
 from missions.route import is_flown_to
-from missions.terrain.ground import Ground, between
+from missions.terrain.ground import Ground, line_positions
 from missions.values import Altitude, RallyPoint
 
 
@@ -27,31 +27,32 @@ class GroundFollowing:
     resolved: int
     """Number of items and rally points whose altitude was resolved."""
     unknown: int
-    """Number of items and rally points that stay unresolved, because no elevation data cover them."""
+    """Number of items and rally points that stay unresolved, because no elevation data cover their
+    positions."""
     added: int
-    """Number of waypoints added between others."""
+    """Number of waypoints added between items."""
 
 
 def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None = None) -> GroundFollowing:
     """Resolves all altitudes above the ground in a plan.
 
     Args:
-        plan: any waypoint plan.
+        plan: a waypoint plan.
         ground: elevation data of the plan's area; None: no data.
-        tolerance_m: waypoints are added between two items with altitudes above the ground, until the height
-            of the straight lines is within this tolerance of the height interpolated between both items.
+        tolerance_m: waypoints are added between two items with altitudes above the ground, until the
+            straight lines are within this tolerance of the height that is interpolated between both items.
             None: no waypoints are added.
 
     Raises:
         PlanError: the plan would have more items than PX4 can store.
     """
-    resolved = unknown = added = 0
+    resolved = unknown = added_count = 0
 
     def altitude_at(lat_deg: float, lon_deg: float, altitude: Altitude) -> Altitude:
         nonlocal resolved, unknown
         if altitude.reference != "terrain":
             return altitude
-        amsl_m = None if ground is None else ground.one(lat_deg, lon_deg)
+        amsl_m = None if ground is None else ground.altitude_amsl_m(lat_deg, lon_deg)
         resolved, unknown = resolved + (amsl_m is not None), unknown + (amsl_m is None)
         return altitude.model_copy(
             update={"resolved_amsl_m": None if amsl_m is None else round(amsl_m + altitude.value_m, 2)}
@@ -69,7 +70,7 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
 
     items: list[PlanItem] = []
     new_index: list[int] = []
-    """New upload index of each item, by its old one."""
+    """New upload index of each item, by its old upload index."""
     count = 0
     previous: PlacedItem | None = None
     for row in plan.items:
@@ -83,9 +84,9 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
         item = with_resolved_altitude(row)
         current = item if isinstance(item, PlacedItem) and is_flown_to(item) else None
         if current is not None and previous is not None and ground is not None and tolerance_m is not None:
-            between_them = _between(previous, current, ground, tolerance_m)
-            items += between_them
-            added, count = added + len(between_them), count + len(between_them)
+            added_waypoints = _waypoints_between(previous, current, ground, tolerance_m)
+            items += added_waypoints
+            added_count, count = added_count + len(added_waypoints), count + len(added_waypoints)
         new_index.append(count)
         items.append(item)
         count += 1
@@ -93,17 +94,17 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
             previous = current
     if count > MAX_ITEMS:
         reason = f"following the ground needs {count} items, the maximum is {MAX_ITEMS}"
-        raise PlanError("the plan", reason, "Raise the tolerance, or split the plan.")
+        raise PlanError("the plan", reason, "Increase the tolerance, or split the plan.")
     return GroundFollowing(
         plan.model_copy(
             update={
-                "items": tuple(_with_new_target(row, new_index) for row in items) if added else tuple(items),
+                "items": tuple(_with_new_target(row, new_index) if added_count else row for row in items),
                 "rally_points": tuple(rally_with_resolved_altitude(each) for each in plan.rally_points),
             }
         ),
         resolved,
         unknown,
-        added,
+        added_count,
     )  # fmt: skip
 
 
@@ -114,26 +115,28 @@ def _with_new_target(item: PlanItem, new_index: Sequence[int]) -> PlanItem:
     return item
 
 
-def _between(start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: float) -> list[Waypoint]:
-    """Waypoints that keep the straight lines from start to end near their height above the ground.
+def _waypoints_between(
+    start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: float
+) -> list[Waypoint]:
+    """Waypoints that keep the straight lines from start to end near the planned height above the ground.
 
     A line is divided where its error is largest (Ramer, Douglas, Peucker). No waypoint is added if the
-    altitude of an end is not above the ground, or if the ground is unknown anywhere on the line.
+    altitude of one end is not a terrain altitude, or if the ground is unknown anywhere on the line.
     """
-    low, high = start.altitude, end.altitude
-    if low.reference != "terrain" or high.reference != "terrain":
+    start_altitude, end_altitude = start.altitude, end.altitude
+    if start_altitude.reference != "terrain" or end_altitude.reference != "terrain":
         return []
-    if low.resolved_amsl_m is None or high.resolved_amsl_m is None:
+    if start_altitude.resolved_amsl_m is None or end_altitude.resolved_amsl_m is None:
         return []
-    line = between((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), ground.spacing_m)
+    line = line_positions((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), ground.spacing_m)
     fractions = line[:, 2]
-    height_m = low.value_m + (high.value_m - low.value_m) * fractions
-    target_amsl_m = ground.at(line[:, 0], line[:, 1]) + height_m
+    height_m = start_altitude.value_m + (end_altitude.value_m - start_altitude.value_m) * fractions
+    target_amsl_m = ground.altitudes_amsl_m(line[:, 0], line[:, 1]) + height_m
     if np.isnan(target_amsl_m).any():
         return []
-    keep = _dividing_indices(fractions, target_amsl_m, tolerance_m)
+    dividing_indices = _dividing_indices(fractions, target_amsl_m, tolerance_m)
     found: list[Waypoint] = []
-    for index in keep:
+    for index in dividing_indices:
         altitude = Altitude(
             value_m=round(float(height_m[index]), 2), reference="terrain",
             resolved_amsl_m=round(float(target_amsl_m[index]), 2),
@@ -148,7 +151,7 @@ def _between(start: PlacedItem, end: PlacedItem, ground: Ground, tolerance_m: fl
 
 def _dividing_indices(fractions: np.ndarray, target_amsl_m: np.ndarray, tolerance_m: float) -> list[int]:
     """Indices between the ends at which the line is divided, in order."""
-    keep: list[int] = []
+    dividing_indices: list[int] = []
     parts = [(0, len(fractions) - 1)]
     while parts:
         first, last = parts.pop()
@@ -160,6 +163,6 @@ def _dividing_indices(fractions: np.ndarray, target_amsl_m: np.ndarray, toleranc
         largest = int(np.argmax(error_m))
         if error_m[largest] <= tolerance_m:
             continue
-        keep.append(first + 1 + largest)
-        parts += [(first, keep[-1]), (keep[-1], last)]
-    return sorted(keep)
+        dividing_indices.append(first + 1 + largest)
+        parts += [(first, dividing_indices[-1]), (dividing_indices[-1], last)]
+    return sorted(dividing_indices)

@@ -1,4 +1,4 @@
-"""The ground as a grid of altitudes, and positions along a line over it."""
+"""The ground as a grid of altitudes, and positions along a line over the ground."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ class Ground:
     west_deg: float
     """Longitude of the first column; columns go east."""
     step_lat_deg: float
-    """Between two rows, positive."""
+    """Difference between two rows, positive."""
     step_lon_deg: float
-    """Between two columns, positive."""
+    """Difference between two columns, positive."""
     amsl_m: NDArray[np.float32]
-    """(rows, columns), at least 2 x 2; NaN: unknown."""
+    """(rows, columns) altitude, at least 2 x 2; NaN: unknown."""
 
     @property
     def spacing_m(self) -> float:
         """Distance between two rows in metres on the ground."""
         return math.radians(self.step_lat_deg) * EARTH_RADIUS_M
 
-    def at(self, lat_deg: Floats, lon_deg: Floats) -> Floats:
-        """Altitudes AMSL [m], interpolated between four grid points; NaN outside the grid or if one of the
-        four is unknown.
+    def altitudes_amsl_m(self, lat_deg: Floats, lon_deg: Floats) -> Floats:
+        """Altitudes AMSL of the ground [m], interpolated between four grid points; NaN: outside the grid, or
+        the altitude of a grid point is unknown.
 
         Args:
-            lat_deg: (N,).
-            lon_deg: (N,).
+            lat_deg: (N,) latitudes.
+            lon_deg: (N,) longitudes.
         """
         row = (self.north_deg - lat_deg) / self.step_lat_deg
         column = ((lon_deg - self.west_deg) % 360.0) / self.step_lon_deg
@@ -57,27 +57,30 @@ class Ground:
         lower = altitudes[top + 1, left] * (1.0 - right) + altitudes[top + 1, left + 1] * right
         return np.where(inside, upper * (1.0 - down) + lower * down, np.nan)
 
-    def one(self, lat_deg: float, lon_deg: float) -> float | None:
-        """Altitude AMSL at one position [m]; None if unknown."""
-        found = float(self.at(np.array([lat_deg]), np.array([lon_deg]))[0])
-        return None if math.isnan(found) else found
+    def altitude_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
+        """Altitude AMSL of the ground at one position [m]; None: unknown."""
+        altitude_m = float(self.altitudes_amsl_m(np.array([lat_deg]), np.array([lon_deg]))[0])
+        return None if math.isnan(altitude_m) else altitude_m
 
     def unknown_at(self, lat_deg: Sequence[float], lon_deg: Sequence[float]) -> bool:
         """Whether the ground is unknown at one of these positions."""
-        return bool(np.isnan(self.at(np.array(lat_deg), np.array(lon_deg))).any())
+        return bool(np.isnan(self.altitudes_amsl_m(np.array(lat_deg), np.array(lon_deg))).any())
 
 
-def between(start: tuple[float, float], end: tuple[float, float], spacing_m: float) -> Floats:
-    """Positions on the straight line between two positions, both included: (N, 3) latitude, longitude [deg]
+def line_positions(start: tuple[float, float], end: tuple[float, float], spacing_m: float) -> Floats:
+    """Positions on the straight line from `start` to `end`, both included: (N, 3) latitude, longitude [deg]
     and fraction of the line (0 to 1).
 
     Args:
         start: latitude, longitude [deg].
         end: latitude, longitude [deg].
-        spacing_m: greatest distance between two positions, unless the line would need more than 2,000.
+        spacing_m: greatest distance between two positions; longer if the line would have more than
+            MAX_SAMPLES.
     """
     length_m = distance_m(*start, *end)
     count = min(MAX_SAMPLES, 2 + math.ceil(length_m / max(spacing_m, MIN_SPACING_M)))
-    share = np.linspace(0.0, 1.0, count)
+    fraction = np.linspace(0.0, 1.0, count)
     delta_lon_deg = math.remainder(end[1] - start[1], 360.0)
-    return np.column_stack((start[0] + (end[0] - start[0]) * share, start[1] + delta_lon_deg * share, share))
+    return np.column_stack(
+        (start[0] + (end[0] - start[0]) * fraction, start[1] + delta_lon_deg * fraction, fraction)
+    )

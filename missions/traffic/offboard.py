@@ -14,51 +14,55 @@ from missions.runner.flight import Flight
 from missions.traffic.path import BY_MISSION, PredictedLeg, PredictedPath, along_legs
 
 OPEN_WAITS = ("person", "condition", "meet")
-"""Waits whose time is not known."""
+"""Waits whose duration is not known."""
 
 
-def predict_mission(vehicle: str, origin: LocalOrigin, flight: Flight, here: Vector3) -> PredictedPath | None:
-    """The rest of a mission, with both continuations of each branch; None: nothing is left.
+def predict_mission(
+    vehicle: str, origin: LocalOrigin, flight: Flight, position_ned_m: Vector3
+) -> PredictedPath | None:
+    """The remaining path of a mission, with both continuations of each branch; None: no segment remains.
 
     Args:
         vehicle: id of the vehicle.
-        origin: origin of its local frame.
+        origin: origin of the vehicle's local frame.
         flight: the mission in flight.
-        here: the vehicle's position, where the current segment began or later.
+        position_ned_m: the vehicle's position in the current segment.
     """
-    path = predict_timeline(vehicle, origin, flight.course.remaining_timeline(flight.index), here, flight.t_s)
+    path = predict_timeline(
+        vehicle, origin, flight.course.remaining_timeline(flight.index), position_ned_m, flight.t_s
+    )
     # a paused mission continues at an unknown time
-    return path.at_any_time() if path is not None and flight.paused else path
+    return path.without_latest_times() if path is not None and flight.paused else path
 
 
 def predict_timeline(
-    vehicle: str, origin: LocalOrigin, rest: Timeline, here: Vector3, flown_s: float = 0.0
+    vehicle: str, origin: LocalOrigin, remaining: Timeline, position_ned_m: Vector3, flown_s: float = 0.0
 ) -> PredictedPath | None:
-    """The path of a timeline, with both continuations of each branch; None: it is empty.
+    """The path of a timeline, with both continuations of each branch; None: the timeline is empty.
 
     Args:
         vehicle: id of the vehicle.
-        origin: origin of its local frame.
-        rest: a compiled mission, or the rest of one.
-        here: where its first segment begins.
+        origin: origin of the vehicle's local frame.
+        remaining: a compiled mission, or the remaining part of a mission.
+        position_ned_m: position at which the first segment begins.
         flown_s: time since the start of the first segment.
     """
-    segments = [each for part in samples.parts(rest, here) for each in part.timeline.segments]
+    segments = [each for part in samples.parts(remaining, position_ned_m) for each in part.timeline.segments]
     accuracy = BY_MISSION
     if segments:
         flown_s = min(flown_s, segments[0].duration_s)
     if segments and flown_by_px4(segments[0]):  # the progress of a take-off or landing is not known
-        accuracy = replace(accuracy, at_once_s=accuracy.at_once_s + segments[0].duration_s)
+        accuracy = replace(accuracy, initial_s=accuracy.initial_s + segments[0].duration_s)
     legs = [
         PredictedLeg(
             replace(leg, start_s=leg.start_s - flown_s),
             isinstance(segment, WaitSegment) and segment.kind in OPEN_WAITS,
         )
-        for leg, segment in zip(samples.legs(rest, here), segments, strict=True)
+        for leg, segment in zip(samples.legs(remaining, position_ned_m), segments, strict=True)
     ]
     if not legs:
         return None
-    lands = any(isinstance(each, WaitSegment) and each.kind == "land" for each in segments[-1:])
-    path = along_legs(vehicle, origin, legs, accuracy, ends_in_air=not lands)
+    ends_with_landing = any(isinstance(each, WaitSegment) and each.kind == "land" for each in segments[-1:])
+    path = along_legs(vehicle, origin, legs, accuracy, ends_in_air=not ends_with_landing)
     # a branch is decided when its values are known
-    return path.at_any_time() if path is not None and rest.decision is not None else path
+    return path.without_latest_times() if path is not None and remaining.decision is not None else path

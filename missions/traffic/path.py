@@ -1,7 +1,7 @@
-"""The predicted path of one vehicle: where it will be, and within which times.
+"""The predicted path of one vehicle: its positions, and the times within which it may be at each position.
 
 A prediction is not exact in time, so each position has the earliest and the latest time at which the vehicle
-may be there. All times count from now.
+may be at this position. All times count from now.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from missions.offboard.samples import Leg
 Array = NDArray[np.float64]
 STEP_S: Final = 0.5
 """Time between two samples; shorter than `separation.STOP_DELAY_S`, so that the braking path of each sample
-reaches the next one."""
+reaches the next sample."""
 MAX_SAMPLES: Final = 8_000
 """Maximum number of samples of one path; a longer path is sampled less often."""
 
@@ -30,9 +30,9 @@ MAX_SAMPLES: Final = 8_000
 class TimeAccuracy:
     """How much earlier or later than predicted the vehicle may be at a position."""
 
-    at_once_s: float
-    """At the beginning."""
-    share: float
+    initial_s: float
+    """Uncertainty at the beginning."""
+    growth: float
     """Additional fraction of the time since now."""
 
 
@@ -49,9 +49,9 @@ class PredictedLeg:
     """A part of a path."""
 
     leg: Leg
-    """Its `start_s` counts from now; a time before now has already been flown."""
+    """Its `start_s` counts from now; the part before now is already flown."""
     open_end: bool = False
-    """Whether the vehicle waits at its end for something without a known time."""
+    """Whether the vehicle waits at the end of the leg for an unknown time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +67,19 @@ class PredictedPath:
     """Predicted times."""
     earliest_s: Array
     latest_s: Array
-    """Infinite: the vehicle may stay, or come there at any later time."""
+    """Infinite: the vehicle may stay at this position, or be there at any later time."""
     leg: NDArray[np.int64]
     """Index of each sample's leg."""
     places: tuple[str, ...]
     """Name of each leg: "item 3", "step 4.2"."""
 
-    def at_any_time(self) -> PredictedPath:
+    def without_latest_times(self) -> PredictedPath:
         """The same path without latest times."""
         return replace(self, latest_s=np.full_like(self.latest_s, math.inf))
 
 
-def standing(vehicle: str, origin: LocalOrigin, position_ned_m: Vector3, place: str) -> PredictedPath:
-    """A vehicle that stays at its position."""
+def stationary_path(vehicle: str, origin: LocalOrigin, position_ned_m: Vector3, place: str) -> PredictedPath:
+    """The path of a vehicle that stays at its position."""
     zero = np.zeros(1)
     return PredictedPath(
         vehicle, origin, np.array([position_ned_m]), np.zeros((1, 3)), zero, zero, np.full(1, math.inf),
@@ -95,13 +95,13 @@ def along_legs(
     *,
     ends_in_air: bool,
 ) -> PredictedPath | None:
-    """The path along legs; None: nothing of them is left.
+    """The path along legs; None: all legs are flown.
 
     Args:
         vehicle: id of the vehicle.
         origin: origin of the legs' frame.
-        legs: in order of time; both continuations of a branch may follow one another.
-        accuracy: of the times.
+        legs: legs in order of time; both continuations of a branch may follow one another.
+        accuracy: accuracy of the times.
         ends_in_air: whether the vehicle stays at the end of the last leg.
     """
     total_s = sum(each.leg.duration_s for each in legs)
@@ -110,37 +110,39 @@ def along_legs(
     speeds: list[Array] = []
     index: list[NDArray[np.int64]] = []
     open_from_s = math.inf
-    for at, each in enumerate(legs):
-        sampled = _sampled(each.leg, step_s)
+    for leg_index, each in enumerate(legs):
+        sampled = _sample_leg(each.leg, step_s)
         if len(sampled):
             rows.append(sampled)
             speeds.append(_velocity(sampled))
-            index.append(np.full(len(sampled), at))
+            index.append(np.full(len(sampled), leg_index))
         if each.open_end:
             open_from_s = min(open_from_s, each.leg.start_s + each.leg.duration_s)
     if not rows:
         return None
     samples, leg = np.vstack(rows), np.concatenate(index)
     t_s = samples[:, 0]
-    late_s = accuracy.at_once_s + accuracy.share * t_s
-    latest_s = np.where(t_s >= open_from_s, math.inf, t_s + late_s)
+    uncertainty_s = accuracy.initial_s + accuracy.growth * t_s
+    latest_s = np.where(t_s >= open_from_s, math.inf, t_s + uncertainty_s)
     if ends_in_air:
         latest_s[-1] = math.inf
     places = tuple(each.leg.place for each in legs)
     return PredictedPath(
-        vehicle, origin, samples[:, 1:], np.vstack(speeds), t_s, np.maximum(0.0, t_s - late_s), latest_s, leg,
-        places,
+        vehicle, origin, samples[:, 1:], np.vstack(speeds), t_s, np.maximum(0.0, t_s - uncertainty_s),
+        latest_s, leg, places,
     )  # fmt: skip
 
 
-def straight_to(place: str, here: Vector3, to: Vector3, speed_m_s: float) -> PredictedLeg:
+def straight_leg(place: str, start_ned_m: Vector3, end_ned_m: Vector3, speed_m_s: float) -> PredictedLeg:
     """A straight leg that begins now."""
-    duration_s = math.dist(here, to) / max(speed_m_s, 0.1)
-    return PredictedLeg(Leg(place, "", 0.0, duration_s, True, ((0.0, *here), (duration_s, *to))))
+    duration_s = math.dist(start_ned_m, end_ned_m) / max(speed_m_s, 0.1)
+    return PredictedLeg(
+        Leg(place, "", 0.0, duration_s, True, ((0.0, *start_ned_m), (duration_s, *end_ned_m)))
+    )
 
 
-def _sampled(leg: Leg, step_s: float) -> Array:
-    """Rows (time, north, east, down) of the leg from now on; at least its end, if that is not over."""
+def _sample_leg(leg: Leg, step_s: float) -> Array:
+    """Rows (time, north, east, down) of the leg from now on; empty if the leg is already flown."""
     points = np.array(leg.points)
     begin_s, end_s = max(0.0, -leg.start_s), float(points[-1, 0])
     if begin_s > end_s:

@@ -1,5 +1,5 @@
-"""A trajectory that can be sampled at any time. It consists of constant arrays, so it can be sent to another
-process.
+"""A trajectory that can be sampled at any time. It consists of constant arrays, so that another process can
+receive it.
 
 Position, velocity, acceleration, yaw and yaw rate are continuous; the jerk is limited, but not continuous.
 The trajectory starts and ends at rest.
@@ -26,10 +26,10 @@ Phase = tuple[float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
-    """A trajectory at N times; without yaw, yaw and yaw rate are zero."""
+    """A trajectory at N times. If the trajectory has no yaw, yaw and yaw rate are zero."""
 
     position_ned_m: Array
-    """(N, 3)."""
+    """(N, 3); velocity and acceleration too."""
     velocity_ned_m_s: Array
     acceleration_ned_m_s2: Array
     yaw_ned_rad: Array
@@ -64,12 +64,13 @@ class TimedCurve:
     has_yaw: bool
     _pieces: dict[int, Piece] = field(default_factory=dict[int, Piece], init=False, repr=False)
     _phases: dict[int, Phase] = field(default_factory=dict[int, Phase], init=False, repr=False)
-    """Pieces and phases that `at` has read, as plain numbers: access to elements of arrays takes longer."""
+    """Pieces and phases that `at` has used, as plain numbers, which are faster to read than elements of
+    arrays."""
 
     def at(self, t_s: float) -> Trajectory:
-        """The setpoint `t_s` after the start; before the start and after the end: the first or last point, at
-        rest."""
-        # bisect on the memory of an array is several times as fast as NumPy for one number.
+        """The setpoint `t_s` after the start; before the start: the first point at rest; after the end: the
+        last point at rest."""
+        # For one number, bisect on the memory of an array is several times as fast as NumPy.
         ended = t_s >= self.duration_s
         if ended or t_s <= 0.0:
             u, v, a = (float(self.begins[-1] + self.spans[-1]) if ended else 0.0), 0.0, 0.0
@@ -85,20 +86,24 @@ class TimedCurve:
         x = min(1.0, (u - begin) / span)
         x5, x20 = x * 5, x * 20
         position: list[float] = []
-        first: list[float] = []
-        second: list[float] = []
+        first_derivative: list[float] = []
+        second_derivative: list[float] = []
         for c0, c1, c2, c3, c4, c5, c2_2, c3_3, c4_4, c3_6, c4_12 in axes:
             position.append(c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))))
-            first.append((c1 + x * (c2_2 + x * (c3_3 + x * (c4_4 + x5 * c5)))) / span)
-            second.append((c2_2 + x * (c3_6 + x * (c4_12 + x20 * c5))) / square)
+            first_derivative.append((c1 + x * (c2_2 + x * (c3_3 + x * (c4_4 + x5 * c5)))) / span)
+            second_derivative.append((c2_2 + x * (c3_6 + x * (c4_12 + x20 * c5))) / square)
         north, east, down, yaw = position
-        vv = v * v
+        v_squared = v * v
         return Trajectory(
             (north, east, down),
-            (first[0] * v, first[1] * v, first[2] * v),
-            (second[0] * vv + first[0] * a, second[1] * vv + first[1] * a, second[2] * vv + first[2] * a),
+            (first_derivative[0] * v, first_derivative[1] * v, first_derivative[2] * v),
+            (
+                second_derivative[0] * v_squared + first_derivative[0] * a,
+                second_derivative[1] * v_squared + first_derivative[1] * a,
+                second_derivative[2] * v_squared + first_derivative[2] * a,
+            ),
             wrap_pi(yaw) if self.has_yaw else None,
-            first[3] * v if self.has_yaw else None,
+            first_derivative[3] * v if self.has_yaw else None,
         )
 
     def _read_phase(self, k: int) -> Phase:
@@ -133,10 +138,10 @@ class TimedCurve:
         x = np.minimum((u - self.begins[n]) / self.spans[n], 1.0)[:, None]
         c, span = np.moveaxis(self.coefficients[n], 1, 0), self.spans[n][:, None]
         position = c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
-        first = (c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))) / span
-        second = (2 * c[2] + x * (6 * c[3] + x * (12 * c[4] + x * 20 * c[5]))) / span**2
-        velocity = first * v[:, None]
-        acceleration = second * (v * v)[:, None] + first * a[:, None]
+        first_derivative = (c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))) / span
+        second_derivative = (2 * c[2] + x * (6 * c[3] + x * (12 * c[4] + x * 20 * c[5]))) / span**2
+        velocity = first_derivative * v[:, None]
+        acceleration = second_derivative * (v * v)[:, None] + first_derivative * a[:, None]
         return Samples(position[:, :3], velocity[:, :3], acceleration[:, :3], position[:, 3], velocity[:, 3])
 
     def time_at(self, parameter: float) -> float:
@@ -147,11 +152,11 @@ class TimedCurve:
             return self.duration_s
         k = max(0, int(self.phase_parameter.searchsorted(parameter, side="right")) - 1)
         end_s = float(self.phase_start_s[k + 1]) if k + 1 < len(self.phase_start_s) else self.duration_s
-        low, high = 0.0, end_s - float(self.phase_start_s[k])
+        low_s, high_s = 0.0, end_s - float(self.phase_start_s[k])
         v, a, j = float(self.phase_speed[k]), float(self.phase_acceleration[k]), float(self.phase_jerk[k])
-        away = parameter - float(self.phase_parameter[k])
+        distance = parameter - float(self.phase_parameter[k])
         for _ in range(50):
-            dt = (low + high) / 2.0
-            short = dt * (v + dt * (a / 2.0 + dt * j / 6.0)) < away
-            low, high = (dt, high) if short else (low, dt)
-        return float(self.phase_start_s[k]) + low
+            dt = (low_s + high_s) / 2.0
+            is_too_short = dt * (v + dt * (a / 2.0 + dt * j / 6.0)) < distance
+            low_s, high_s = (dt, high_s) if is_too_short else (low_s, dt)
+        return float(self.phase_start_s[k]) + low_s

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from missions.frames import Vector3
 from missions.trajectory.pieces import Array, Pieces
 
-PART_RAD = 0.2
+MAX_PART_TURN_RAD = 0.2
 """Largest heading change of one part of a piece; the yaw is exact at the ends of each part."""
 MAX_PARTS = 64
+"""Maximum number of parts of one piece."""
 MAX_HALVINGS = 16
+"""Maximum number of times that a piece is halved."""
 MIN_TARGET_DISTANCE_M = 0.5
 """Horizontal distance to the target below which the vehicle keeps its heading [m]."""
 TURN_RAD = 1e-6
@@ -38,24 +40,23 @@ class LookAt:
     position_ned_m: Vector3
 
 
-def through_points(pieces: Pieces, yaws: list[float | None]) -> Pieces:
-    """The yaws of the points; between them the yaw turns in the shorter direction, with zero rate at each
-    point.
+def with_point_yaws(pieces: Pieces, yaws: list[float | None]) -> Pieces:
+    """Adds the yaws of the points. Between two points the yaw turns in the shorter direction, with zero rate
+    at each point.
 
-    The yaw of a point without one is interpolated. Before the first and after the last given yaw it is
-    constant.
+    A missing yaw is interpolated. Before the first and after the last given yaw, the yaw is constant.
     """
     ends = np.concatenate(([0.0], np.cumsum(pieces.spans)))
     known = [(float(ends[pieces.marks[k]]), yaw) for k, yaw in enumerate(yaws) if yaw is not None]
     parameters = np.array([parameter for parameter, _ in known])
     values = np.unwrap(np.array([yaw for _, yaw in known]))
-    left, left_rate = _steps(parameters, values, ends[:-1], "right")
-    right, right_rate = _steps(parameters, values, ends[1:], "left")
+    left, left_rate = _smooth_steps(parameters, values, ends[:-1], "right")
+    right, right_rate = _smooth_steps(parameters, values, ends[1:], "left")
     return _with_yaw(pieces, left, left_rate, right, right_rate)
 
 
-def _steps(parameters: Array, values: Array, at: Array, side: str) -> tuple[Array, Array]:
-    """A cubic from each value to the next, with zero slope at both: value and derivative."""
+def _smooth_steps(parameters: Array, values: Array, at: Array, side: str) -> tuple[Array, Array]:
+    """Value and derivative of a cubic from each value to the next, with zero slope at both ends."""
     if len(parameters) == 1:
         return np.full_like(at, values[0]), np.zeros_like(at)
     k = np.clip(parameters.searchsorted(at, side=side) - 1, 0, len(parameters) - 2)  # type: ignore[arg-type]
@@ -65,30 +66,31 @@ def _steps(parameters: Array, values: Array, at: Array, side: str) -> tuple[Arra
     return values[k] + change * x * x * (3.0 - 2.0 * x), change * 6.0 * x * (1.0 - x) / width
 
 
-def along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
-    """Heading along the path; at stops the vehicle turns on the spot to the next direction."""
+def with_yaw_along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
+    """Adds the heading along the path; at stops the vehicle turns on the spot to the next direction."""
     first = pieces.derivative(1)
-    level = (np.hypot(first[..., 0], first[..., 1]) > 1e-6 * np.abs(first[..., 2])).all(axis=1)
-    turns = np.where(level, _total_turn(np.arctan2(first[..., 1], first[..., 0])), 0.0)
-    pieces = pieces.split(_parts(turns))
+    is_level = (np.hypot(first[..., 0], first[..., 1]) > 1e-6 * np.abs(first[..., 2])).all(axis=1)
+    turns_rad = np.where(is_level, _total_turn(np.arctan2(first[..., 1], first[..., 0])), 0.0)
+    pieces = pieces.split(_parts(turns_rad))
     (left, left_rate), (right, right_rate) = (
         _direction(first, second) for first, second in zip(pieces.ends(1), pieces.ends(2), strict=True)
     )
     return _with_turns(pieces, left, left_rate, right, right_rate, heading.start_yaw_ned_rad)
 
 
-def look_at(pieces: Pieces, heading: LookAt) -> Pieces:
-    """Heading towards a position; if the path passes over it, the vehicle turns within about a metre."""
+def with_yaw_towards(pieces: Pieces, heading: LookAt) -> Pieces:
+    """Adds the heading towards a position; if the path passes over the position, the vehicle turns within
+    about a metre."""
     north, east, _ = heading.position_ned_m
     for _ in range(MAX_HALVINGS):
         n, e = north - pieces.points[..., 0], east - pieces.points[..., 1]
-        over = np.minimum(np.hypot(n, e)[:, 0], np.hypot(n, e)[:, -1]) < MIN_TARGET_DISTANCE_M
-        wide = ((_total_turn(np.arctan2(e, n)) > PART_RAD) | over) & (
+        is_over_target = np.minimum(np.hypot(n, e)[:, 0], np.hypot(n, e)[:, -1]) < MIN_TARGET_DISTANCE_M
+        must_split = ((_total_turn(np.arctan2(e, n)) > MAX_PART_TURN_RAD) | is_over_target) & (
             pieces.spans > 2.0 * MIN_TARGET_DISTANCE_M
         )
-        if not wide.any():
+        if not must_split.any():
             break
-        pieces = pieces.split(np.where(wide, 2, 1))
+        pieces = pieces.split(np.where(must_split, 2, 1))
     (left, left_rate), (right, right_rate) = (
         _bearing(position, first, heading)
         for position, first in zip(pieces.ends(0), pieces.ends(1), strict=True)
@@ -99,18 +101,18 @@ def look_at(pieces: Pieces, heading: LookAt) -> Pieces:
 def _direction(first: Array, second: Array) -> tuple[Array, Array]:
     """Yaw of a horizontal direction and its derivative; NaN where the path is vertical."""
     n, e, size = first[:, 0], first[:, 1], first[:, 0] ** 2 + first[:, 1] ** 2
-    level = size > 1e-6 * (size + first[:, 2] ** 2)
-    safe = np.where(level, size, 1.0)
+    is_level = size > 1e-6 * (size + first[:, 2] ** 2)
+    safe = np.where(is_level, size, 1.0)
     rate = (n * second[:, 1] - e * second[:, 0]) / safe
-    return np.where(level, np.arctan2(e, n), np.nan), np.where(level, rate, 0.0)
+    return np.where(is_level, np.arctan2(e, n), np.nan), np.where(is_level, rate, 0.0)
 
 
 def _bearing(position: Array, first: Array, heading: LookAt) -> tuple[Array, Array]:
     n, e = heading.position_ned_m[0] - position[:, 0], heading.position_ned_m[1] - position[:, 1]
     size = n**2 + e**2
-    far = size >= MIN_TARGET_DISTANCE_M**2
-    rate = (e * first[:, 0] - n * first[:, 1]) / np.where(far, size, 1.0)
-    return np.where(far, np.arctan2(e, n), np.nan), np.where(far, rate, 0.0)
+    is_far = size >= MIN_TARGET_DISTANCE_M**2
+    rate = (e * first[:, 0] - n * first[:, 1]) / np.where(is_far, size, 1.0)
+    return np.where(is_far, np.arctan2(e, n), np.nan), np.where(is_far, rate, 0.0)
 
 
 def _total_turn(bearings: Array) -> Array:
@@ -119,38 +121,40 @@ def _total_turn(bearings: Array) -> Array:
 
 
 def _parts(turns_rad: Array) -> NDArray[np.int64]:
-    return np.clip(np.ceil(turns_rad / PART_RAD), 1, MAX_PARTS).astype(np.int64)
+    return np.clip(np.ceil(turns_rad / MAX_PART_TURN_RAD), 1, MAX_PARTS).astype(np.int64)
 
 
 def _with_turns(
     pieces: Pieces, left: Array, left_rate: Array, right: Array, right_rate: Array, start: float | None
 ) -> Pieces:
-    """Adds turns on the spot at stops between two headings; an undefined heading is that of the previous
-    piece."""
-    both = np.stack((left, right), axis=1).ravel()
-    known = ~np.isnan(both)
-    if start is not None and not known[:1].any():
-        both[0], known[0] = start, True
-    if not known.any():
-        both[0], known[0] = 0.0, True
-    last = np.maximum.accumulate(np.where(known, np.arange(len(both)), -1))
-    both = both[np.where(last < 0, int(known.argmax()), last)]
-    both = np.unwrap(both)
-    left, right = both[0::2], both[1::2]
+    """Adds the yaw, and turns on the spot at stops between two headings. An undefined heading is replaced by
+    the heading of the previous piece."""
+    headings = np.stack((left, right), axis=1).ravel()
+    is_known = ~np.isnan(headings)
+    if start is not None and not is_known[:1].any():
+        headings[0], is_known[0] = start, True
+    if not is_known.any():
+        headings[0], is_known[0] = 0.0, True
+    last_known = np.maximum.accumulate(np.where(is_known, np.arange(len(headings)), -1))
+    headings = headings[np.where(last_known < 0, int(is_known.argmax()), last_known)]
+    headings = np.unwrap(headings)
+    left, right = headings[0::2], headings[1::2]
     left_rate = np.where(np.isnan(left_rate), 0.0, left_rate)
     pieces = _with_yaw(pieces, left, left_rate, right, right_rate)
     turn = left[1:] - right[:-1]
-    at = np.flatnonzero(np.abs(turn) > TURN_RAD) + 1
-    if not len(at):
+    turn_index = np.flatnonzero(np.abs(turn) > TURN_RAD) + 1
+    if not len(turn_index):
         return pieces
-    spots = np.repeat(pieces.points[at, :1], 6, axis=1)
-    spots[:, :, 3] = right[at - 1][:, None] + np.linspace(0.0, 1.0, 6) * turn[at - 1][:, None]
-    points = np.insert(pieces.points, at, spots, axis=0)
-    spans = np.insert(pieces.spans, at, np.abs(turn[at - 1]))
+    turn_points = np.repeat(pieces.points[turn_index, :1], 6, axis=1)
+    turn_points[:, :, 3] = (
+        right[turn_index - 1][:, None] + np.linspace(0.0, 1.0, 6) * turn[turn_index - 1][:, None]
+    )
+    points = np.insert(pieces.points, turn_index, turn_points, axis=0)
+    spans = np.insert(pieces.spans, turn_index, np.abs(turn[turn_index - 1]))
     stops = pieces.stops.copy()
-    stops[at] = True
-    stops = np.insert(stops, at, True)
-    marks = pieces.marks + np.searchsorted(at, pieces.marks, side="left")
+    stops[turn_index] = True
+    stops = np.insert(stops, turn_index, True)
+    marks = pieces.marks + np.searchsorted(turn_index, pieces.marks, side="left")
     return Pieces(points, spans, stops, marks)
 
 
@@ -159,16 +163,16 @@ def _with_yaw(pieces: Pieces, left: Array, left_rate: Array, right: Array, right
     third = pieces.spans / 3.0
     cubic = (left, left + left_rate * third, right - right_rate * third, right)
     points = pieces.points.copy()
-    points[:, :, 3] = _elevated(np.stack(cubic, axis=1))
+    points[:, :, 3] = _to_degree_five(np.stack(cubic, axis=1))
     return Pieces(points, pieces.spans, pieces.stops, pieces.marks)
 
 
-def _elevated(control: Array) -> Array:
+def _to_degree_five(control: Array) -> Array:
     """Degree elevation: control points of the same polynomial with degree five."""
     while control.shape[1] < 6:
         count = control.shape[1]
-        share = np.arange(count + 1) / count
+        fraction = np.arange(count + 1) / count
         before = np.concatenate((control[:, :1], control), axis=1)
         after = np.concatenate((control, control[:, -1:]), axis=1)
-        control = share * before + (1.0 - share) * after
+        control = fraction * before + (1.0 - fraction) * after
     return control

@@ -44,7 +44,8 @@ class MotionLimits:
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, float]) -> MotionLimits:
-        """Uses the vehicle's parameters that are finite and positive, otherwise the defaults."""
+        """The limits from the vehicle's parameters; the default for a parameter that is missing, not finite
+        or not positive."""
         values: dict[str, float] = {}
         for field, name in PARAMETERS.items():
             value = parameters.get(name, math.nan)
@@ -60,7 +61,7 @@ class MotionLimits:
 
     @property
     def horizontal_acceleration_m_s2(self) -> float:
-        """The smaller of the limit and the acceleration at maximum tilt while the vehicle accelerates
+        """The smaller of MPC_ACC_HOR and the acceleration at maximum tilt while the vehicle accelerates
         downwards."""
         lift_m_s2 = GRAVITY_M_S2 - min(self.vertical_acceleration_m_s2, 0.9 * GRAVITY_M_S2)
         return min(self.acceleration_m_s2, lift_m_s2 * math.tan(self.tilt_rad))

@@ -1,9 +1,10 @@
 """A path as polynomial pieces, and bounds of its derivatives that are valid everywhere, not only at samples.
 
-Each piece has degree five in Bernstein form, with four coordinates: north, east, down [m] and yaw [rad]. Its
-parameter is 0 to `spans`, roughly the distance along the path in metres. A polynomial is inside the convex
-hull of its control points, so the longest control point of a derivative is an upper bound (G. Farin, Curves
-and Surfaces for CAGD, chapter 5). Each piece is first cut in four, which makes the bounds tighter.
+Each piece has degree five in Bernstein form, with four coordinates: north, east, down [m] and yaw [rad]. The
+parameter of piece n runs from 0 to `spans[n]`, roughly the distance along the path in metres. A polynomial is
+inside the convex hull of its control points, so the longest control point of a derivative is an upper bound
+(G. Farin, Curves and Surfaces for CAGD, chapter 5). Each piece is first cut in four, which makes the bounds
+tighter.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 DEGREE = 5
-CUTS = 4
-"""Number of parts of a piece for the bounds."""
+BOUND_PARTS = 4
+"""Number of parts into which a piece is cut to compute its bounds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,22 +33,22 @@ class Pieces:
     stops: NDArray[np.bool_]
     """Whether the vehicle stops before each piece, and after the last one, (N + 1,)."""
     marks: NDArray[np.int64]
-    """For each given point, the number of pieces before it, 0 to N."""
+    """For each given point, the number of pieces before the point, 0 to N."""
 
     def split(self, counts: NDArray[np.int64]) -> Pieces:
         """The same path, with piece n cut into `counts[n]` equal parts."""
-        owner = np.repeat(np.arange(len(self.spans)), counts)
+        piece_index = np.repeat(np.arange(len(self.spans)), counts)
         first = np.concatenate(([0], np.cumsum(counts)))
-        part = np.arange(len(owner)) - first[owner]
-        points = np.empty((len(owner), DEGREE + 1, 4))
+        part_index = np.arange(len(piece_index)) - first[piece_index]
+        points = np.empty((len(piece_index), DEGREE + 1, 4))
         for count in np.unique(counts):
             for index in range(count):
-                chosen = (counts[owner] == count) & (part == index)
-                matrix = _part(DEGREE, index / count, (index + 1) / count)
-                points[chosen] = np.einsum("ij,njk->nik", matrix, self.points[owner[chosen]])
-        stops = np.zeros(len(owner) + 1, dtype=bool)
+                chosen = (counts[piece_index] == count) & (part_index == index)
+                matrix = _part_matrix(DEGREE, index / count, (index + 1) / count)
+                points[chosen] = np.einsum("ij,njk->nik", matrix, self.points[piece_index[chosen]])
+        stops = np.zeros(len(piece_index) + 1, dtype=bool)
         stops[first] = self.stops
-        return Pieces(points, (self.spans / counts)[owner], stops, first[self.marks])
+        return Pieces(points, (self.spans / counts)[piece_index], stops, first[self.marks])
 
     def ends(self, order: int) -> tuple[Array, Array]:
         """Position (order 0) or derivative by the path parameter (1, 2) at start and end of each piece, (N,
@@ -58,8 +59,8 @@ class Pieces:
     def derivative(self, order: int) -> Array:
         """Control points of a derivative by the path parameter, (N, 6 - order, 4)."""
         points = self.points
-        for done in range(order):
-            points = np.diff(points, axis=1) * ((DEGREE - done) / self.spans)[:, None, None]
+        for lower_order in range(order):
+            points = np.diff(points, axis=1) * ((DEGREE - lower_order) / self.spans)[:, None, None]
         return points
 
 
@@ -72,48 +73,53 @@ class Bounds:
     up: Array
     """First derivative upwards."""
     down: Array
+    """First derivative downwards."""
     vertical: tuple[Array, Array, Array]
+    """First, second and third derivative, vertical."""
     space: tuple[Array, Array, Array]
-    """Magnitude of the vector of all three axes."""
+    """First, second and third derivative: magnitude of the vector of all three axes."""
     yaw: tuple[Array, Array, Array]
+    """First, second and third derivative of the yaw."""
 
     @classmethod
-    def of(cls, pieces: Pieces) -> Bounds:
+    def from_pieces(cls, pieces: Pieces) -> Bounds:
         """The bounds of all pieces."""
-        hulls = [_refined(pieces.derivative(order)) for order in (1, 2, 3)]
+        hulls = [_control_points_of_parts(pieces.derivative(order)) for order in (1, 2, 3)]
         across, vertical, space, yaw = (
             (measure(hulls[0]), measure(hulls[1]), measure(hulls[2]))
-            for measure in (_across, _vertical, _space, _yaw)
+            for measure in (_horizontal_size, _vertical_size, _vector_size, _yaw_size)
         )
         up, down = (-hulls[0][..., 2]).max(axis=1), hulls[0][..., 2].max(axis=1)
         return cls(across, np.maximum(up, 0.0), np.maximum(down, 0.0), vertical, space, yaw)
 
 
-def _across(points: Array) -> Array:
+def _horizontal_size(points: Array) -> Array:
     return np.hypot(points[..., 0], points[..., 1]).max(axis=1)
 
 
-def _vertical(points: Array) -> Array:
+def _vertical_size(points: Array) -> Array:
     return np.abs(points[..., 2]).max(axis=1)
 
 
-def _space(points: Array) -> Array:
+def _vector_size(points: Array) -> Array:
     return np.sqrt((points[..., :3] ** 2).sum(axis=2)).max(axis=1)
 
 
-def _yaw(points: Array) -> Array:
+def _yaw_size(points: Array) -> Array:
     return np.abs(points[..., 3]).max(axis=1)
 
 
-def _refined(points: Array) -> Array:
+def _control_points_of_parts(points: Array) -> Array:
     """The control points of all parts of each piece, (N, CUTS · (degree + 1), 4)."""
     degree = points.shape[1] - 1
-    matrix = np.concatenate([_part(degree, i / CUTS, (i + 1) / CUTS) for i in range(CUTS)])
+    matrix = np.concatenate(
+        [_part_matrix(degree, i / BOUND_PARTS, (i + 1) / BOUND_PARTS) for i in range(BOUND_PARTS)]
+    )
     return np.einsum("ij,njk->nik", matrix, points)
 
 
 @functools.cache
-def _part(degree: int, start: float, end: float) -> Array:
+def _part_matrix(degree: int, start: float, end: float) -> Array:
     """The matrix for the control points of a polynomial between two parameters (blossoming)."""
     matrix = np.zeros((degree + 1, degree + 1))
     for row in range(degree + 1):
@@ -126,7 +132,7 @@ def _part(degree: int, start: float, end: float) -> Array:
 
 
 def power_basis(pieces: Pieces) -> Array:
-    """Coefficients (N, 6, 4) of powers 0 to 5 of the fraction of a piece, 0 to 1."""
+    """Polynomial coefficients (N pieces, 6 powers, 4 axes); the variable goes from 0 to 1 in a piece."""
     matrix = np.zeros((DEGREE + 1, DEGREE + 1))
     for power in range(DEGREE + 1):
         for index in range(power + 1):

@@ -11,7 +11,7 @@ from missions.frames import Vector3
 
 MAX_POINTS = 10_000
 MAX_COORDINATE_M = 1e6
-"""Largest coordinate; a local frame is flat only near its origin."""
+"""Largest coordinate [m]; a local frame is accurate only near its origin."""
 SAME_POINT_M = 1e-3
 """Points closer than this count as the same position."""
 
@@ -27,7 +27,7 @@ class PassPoint:
     """Whether the vehicle stops exactly at the point."""
     corner_m: float = 1.0
     """Largest distance of the rounded corner from the point; 0: stop at the point. The vehicle also stops if
-    this takes less time than the rounded corner."""
+    a stop takes less time than the rounded corner."""
 
 
 def check_points(points: Sequence[PassPoint]) -> None:
@@ -41,7 +41,7 @@ def check_points(points: Sequence[PassPoint]) -> None:
         raise PlanError("the trajectory", "it has no points", "Add at least one point.")
     if len(points) > MAX_POINTS:
         reason = f"{len(points)} points, the maximum is {MAX_POINTS}"
-        raise PlanError("the trajectory", reason, "Split it into several.")
+        raise PlanError("the trajectory", reason, "Split the trajectory.")
     for number, point in enumerate(points, 1):
         if not all(abs(axis) <= MAX_COORDINATE_M for axis in point.position_ned_m):
             reason = (
@@ -51,13 +51,13 @@ def check_points(points: Sequence[PassPoint]) -> None:
             raise PlanError(f"point {number}", reason, "Give metres from the local origin.")
         if point.yaw_ned_rad is not None and not abs(point.yaw_ned_rad) <= 1e3:
             reason = f"yaw {point.yaw_ned_rad} is not a finite angle"
-            raise PlanError(f"point {number}", reason, "Give an angle in radians, or leave it out.")
+            raise PlanError(f"point {number}", reason, "Give an angle in radians, or omit the yaw.")
         if not 0.0 <= point.corner_m <= MAX_COORDINATE_M:
             reason = f"corner {point.corner_m} m is not from 0 to {MAX_COORDINATE_M:.0f} m"
             raise PlanError(f"point {number}", reason, "Give metres, 0 or more.")
 
 
-def merge_same(points: Sequence[PassPoint]) -> tuple[list[PassPoint], list[int]]:
+def merge_equal_positions(points: Sequence[PassPoint]) -> tuple[list[PassPoint], list[int]]:
     """Merges consecutive points at the same position, if their yaws do not differ.
 
     Returns:

@@ -1,10 +1,11 @@
 """The speed profile of a path: its speed at each path parameter, within all limits, from stop to stop.
 
-The path is divided into zones. Each zone has one maximum speed, one acceleration and one jerk. With these the
-vehicle stays within its limits anywhere in the zone; the acceleration is zero at both ends. The speed between
-two zones is limited by braking (computed in one backward pass) and by acceleration (one forward pass). On a
-straight leg between two stops this is the jerk-limited optimum. Several variants (`VARIANTS`) are computed
-with different zones, accelerations and jerks. The fastest variant between two stops is used.
+The path is divided into zones. Each zone has one maximum speed, one acceleration and one jerk. With these
+values the vehicle stays within its limits anywhere in the zone; the acceleration is zero at both ends of a
+zone. The speed between two zones is limited by braking (computed in one backward pass) and by acceleration
+(one forward pass). On a straight leg between two stops this is the jerk-limited optimum. Several variants
+(`VARIANTS`) are computed with different zones, accelerations and jerks. The fastest variant between two stops
+is used.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ VARIANTS = (
 )  # fmt: skip
 """Fractions of acceleration and jerk reserved for bends, and smallest ratio of the maximum speeds in one zone
 (2: one zone for each piece, 0: one zone from stop to stop)."""
-MARGIN = 1.05
-"""A bend is used unless it takes longer than a stop by this factor."""
+SLOW_BEND_FACTOR = 1.05
+"""A stop replaces a bend that takes longer than the stop by this factor."""
 COUPLING = 0.5
 """Fraction of the remaining jerk that may change the speed within a bend."""
-COARSE, FINE = 10, 48
+COARSE_BISECTIONS, FINE_BISECTIONS = 10, 48
 """Number of bisections for the peak speed of a zone: to compare variants, and for the chosen variant."""
 
 
@@ -55,25 +56,31 @@ class _Zones:
     start: Array
     """Path parameter at the start of the zone."""
     length: Array
+    """Length of the zone in the path parameter."""
     ceiling: Array
+    """Maximum speed."""
     acceleration: Array
+    """Maximum acceleration along the path."""
     jerk: Array
     v0: Array
+    """Speed at the start of the zone."""
     v1: Array
+    """Speed at the end of the zone."""
     peak: Array
+    """Highest speed in the zone."""
     time_s: Array
 
     def select(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> list[Any]:
-        """All values of some zones."""
+        """The values of all fields, for the chosen zones."""
         return [getattr(self, name)[chosen] for name in self.__slots__]
 
 
 def time_law(pieces: Pieces, limits: MotionLimits) -> TimeLaw:
     """The fastest variant to fly a path, from rest at every stop to rest at the next."""
-    bounds = Bounds.of(pieces)
+    bounds = Bounds.from_pieces(pieces)
     stops = np.flatnonzero(pieces.stops)
     variants = _variants(pieces, bounds, limits)
-    times = np.stack([_between_stops(zones, stops) for zones in variants])
+    times = np.stack([_times_between_stops(zones, stops) for zones in variants])
     best = times.argmin(axis=0)
     columns: list[list[Any]] = []
     for variant, zones in enumerate(variants):
@@ -82,25 +89,25 @@ def time_law(pieces: Pieces, limits: MotionLimits) -> TimeLaw:
     merged = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
     order = np.argsort(merged[0], kind="stable")
     zones = _Zones(*(values[order] for values in merged))
-    return _phases(replace(zones, peak=_peaks(zones, FINE)))
+    return _phases(replace(zones, peak=_peaks(zones, FINE_BISECTIONS)))
 
 
-def _between_stops(zones: _Zones, stops: NDArray[np.int64]) -> Array:
+def _times_between_stops(zones: _Zones, stops: NDArray[np.int64]) -> Array:
     first_zones = np.searchsorted(zones.first, stops[:-1])
     return np.add.reduceat(zones.time_s, first_zones)
 
 
 def _variants(pieces: Pieces, bounds: Bounds, limits: MotionLimits) -> list[_Zones]:
-    """The zones of each variant; on a straight path most variants are equal, and are computed once."""
-    known: dict[tuple[bytes, bytes], _Zones] = {}
+    """The zones of each variant; equal variants, as on a straight path, are computed once."""
+    zones_by_key: dict[tuple[bytes, bytes], _Zones] = {}
     variants: list[_Zones] = []
-    for bend_share, jerk_share, min_ratio in VARIANTS:
-        ceilings = _ceilings(bounds, limits, bend_share, jerk_share)
+    for bend_fraction, jerk_fraction, min_ratio in VARIANTS:
+        ceilings = _ceilings(bounds, limits, bend_fraction, jerk_fraction)
         first = _first_pieces(ceilings, pieces.stops, min_ratio)
         key = ceilings.tobytes(), first.tobytes()
-        if key not in known:
-            known[key] = _zones(pieces, bounds, limits, ceilings, first)
-        variants.append(known[key])
+        if key not in zones_by_key:
+            zones_by_key[key] = _zones(pieces, bounds, limits, ceilings, first)
+        variants.append(zones_by_key[key])
     return variants
 
 
@@ -116,12 +123,12 @@ def _zones(
     length = start[np.append(first[1:], len(ceilings))] - start[first]
     v0, v1 = _junctions(length, ceiling, acceleration, jerk, pieces.stops[first])
     zones = _Zones(first, start[first], length, ceiling, acceleration, jerk, v0, v1, ceiling, ceiling)
-    zones = replace(zones, peak=_peaks(zones, COARSE))
+    zones = replace(zones, peak=_peaks(zones, COARSE_BISECTIONS))
     time_s = _phase_table(zones)[0].sum(axis=0)
     return replace(zones, time_s=np.where(zones.peak > 0.0, time_s, np.inf))
 
 
-def _ceilings(bounds: Bounds, limits: MotionLimits, bend_share: float, jerk_share: float) -> Array:
+def _ceilings(bounds: Bounds, limits: MotionLimits, bend_fraction: float, jerk_fraction: float) -> Array:
     """The maximum speed of each piece."""
     with np.errstate(divide="ignore"):
         steady = (
@@ -131,11 +138,11 @@ def _ceilings(bounds: Bounds, limits: MotionLimits, bend_share: float, jerk_shar
             limits.yaw_rate_rad_s / bounds.yaw[0],
         )
         bends = (
-            np.sqrt(bend_share * limits.horizontal_acceleration_m_s2 / bounds.across[1]),
-            np.sqrt(bend_share * limits.vertical_acceleration_m_s2 / bounds.vertical[1]),
-            np.sqrt(bend_share * limits.yaw_acceleration_rad_s2 / bounds.yaw[1]),
+            np.sqrt(bend_fraction * limits.horizontal_acceleration_m_s2 / bounds.across[1]),
+            np.sqrt(bend_fraction * limits.vertical_acceleration_m_s2 / bounds.vertical[1]),
+            np.sqrt(bend_fraction * limits.yaw_acceleration_rad_s2 / bounds.yaw[1]),
         )
-        twists = (np.cbrt(jerk_share * limits.jerk_m_s3 / bounds.space[2]),)
+        twists = (np.cbrt(jerk_fraction * limits.jerk_m_s3 / bounds.space[2]),)
     return np.minimum.reduce((*steady, *bends, *twists))
 
 
@@ -168,12 +175,12 @@ def _first_pieces(ceilings: Array, stops: NDArray[np.bool_], min_ratio: float) -
     if min_ratio == 0.0:
         return np.flatnonzero(stops[:-1])
     first: list[int] = []
-    low = high = 0.0
+    lower = upper = 0.0
     for index, (ceiling, stop) in enumerate(zip(ceilings.tolist(), stops[:-1].tolist(), strict=True)):
-        low, high = min(low, ceiling), max(high, ceiling)
-        if stop or low < min_ratio * high:
+        lower, upper = min(lower, ceiling), max(upper, ceiling)
+        if stop or lower < min_ratio * upper:
             first.append(index)
-            low = high = ceiling
+            lower = upper = ceiling
     return np.array(first)
 
 
@@ -181,56 +188,56 @@ def _junctions(
     length: Array, ceiling: Array, acceleration: Array, jerk: Array, stops: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """The speed at the start and end of each zone."""
-    tops = ceiling.tolist()
+    ceilings = ceiling.tolist()
     zones = list(zip(length.tolist(), acceleration.tolist(), jerk.tolist(), strict=True))
     ends = [*stops.tolist(), True]
     speeds = [0.0] * len(ends)
     for k in range(1, len(zones)):
-        speeds[k] = 0.0 if ends[k] else min(tops[k - 1], tops[k])
+        speeds[k] = 0.0 if ends[k] else min(ceilings[k - 1], ceilings[k])
     for k in range(len(zones) - 1, 0, -1):
         if speeds[k] > speeds[k + 1]:
-            speeds[k] = min(speeds[k], ramps.reachable(speeds[k + 1], *zones[k]))
+            speeds[k] = min(speeds[k], ramps.reachable_speed(speeds[k + 1], *zones[k]))
     for k in range(len(zones)):
         if speeds[k + 1] > speeds[k]:
-            speeds[k + 1] = min(speeds[k + 1], ramps.reachable(speeds[k], *zones[k]))
+            speeds[k + 1] = min(speeds[k + 1], ramps.reachable_speed(speeds[k], *zones[k]))
     junctions = np.array(speeds)
     return junctions[:-1], junctions[1:]
 
 
 def _peaks(zones: _Zones, bisections: int) -> Array:
-    """The highest speed in each zone from which its end speed can still be reached."""
-    low = np.maximum(zones.v0, zones.v1)
-    high = np.maximum(zones.ceiling, low)
-    fits = _ramps(zones, high) <= zones.length
-    peak = np.where(fits, high, low)
+    """The highest speed in each zone from which the zone's end speed can still be reached."""
+    lower = np.maximum(zones.v0, zones.v1)
+    upper = np.maximum(zones.ceiling, lower)
+    fits = _ramps(zones, upper) <= zones.length
+    peak = np.where(fits, upper, lower)
     unsolved = np.flatnonzero(~fits)
     if not len(unsolved):
         return peak
-    rest = _Zones(*zones.select(unsolved))
-    low, high = low[unsolved], high[unsolved]
-    ends = np.stack((rest.v0, rest.v1))  # both ramps in one call: most paths have few zones
+    unsolved_zones = _Zones(*zones.select(unsolved))
+    lower, upper = lower[unsolved], upper[unsolved]
+    ends = np.stack((unsolved_zones.v0, unsolved_zones.v1))  # both ramps in one call, for short paths
     for _ in range(bisections):
-        middle = 0.5 * (low + high)
-        up, down = ramps.lengths(ends, middle, rest.acceleration, rest.jerk)
-        fits = up + down <= rest.length
-        low, high = np.where(fits, middle, low), np.where(fits, high, middle)
-    peak[unsolved] = low
+        middle = 0.5 * (lower + upper)
+        up, down = ramps.lengths(ends, middle, unsolved_zones.acceleration, unsolved_zones.jerk)
+        fits = up + down <= unsolved_zones.length
+        lower, upper = np.where(fits, middle, lower), np.where(fits, upper, middle)
+    peak[unsolved] = lower
     return peak
 
 
 def _ramps(zones: _Zones, peak: Array) -> Array:
-    """Distance needed to change the speed up to a peak and down from it."""
+    """Distance needed to increase the speed to a peak and reduce it again."""
     up = ramps.lengths(zones.v0, peak, zones.acceleration, zones.jerk)
     return up + ramps.lengths(zones.v1, peak, zones.acceleration, zones.jerk)
 
 
 def _phase_table(zones: _Zones) -> tuple[Array, Array]:
     """Durations and jerks of the seven phases of each zone, (7, Z)."""
-    up_s, up_full_s = ramps.phases(zones.peak - zones.v0, zones.acceleration, zones.jerk)
-    down_s, down_full_s = ramps.phases(zones.peak - zones.v1, zones.acceleration, zones.jerk)
-    left = zones.length - _ramps(zones, zones.peak)
+    up_s, up_full_s = ramps.phase_durations(zones.peak - zones.v0, zones.acceleration, zones.jerk)
+    down_s, down_full_s = ramps.phase_durations(zones.peak - zones.v1, zones.acceleration, zones.jerk)
+    cruise_m = zones.length - _ramps(zones, zones.peak)
     with np.errstate(divide="ignore", invalid="ignore"):
-        steady_s = np.where(zones.peak > 0.0, np.maximum(left, 0.0) / zones.peak, 0.0)
+        steady_s = np.where(zones.peak > 0.0, np.maximum(cruise_m, 0.0) / zones.peak, 0.0)
     zero = np.zeros_like(up_s)
     times = np.stack((up_s, up_full_s, up_s, steady_s, down_s, down_full_s, down_s))
     j = zones.jerk
@@ -251,38 +258,38 @@ def _phases(zones: _Zones) -> TimeLaw:
         at_a = at_a + t * j
         if k in (2, 3):  # exact values at the peak and at the end of the cruise
             at_v, at_a = zones.peak, np.zeros(count)
-    kept = (times > 0.0).T.ravel()
-    flat = [values.T.ravel()[kept] for values in (times, u, v, a, jerks)]
-    start_s = np.concatenate(([0.0], np.cumsum(flat[0])))
-    return TimeLaw(start_s[:-1], *flat[1:], duration_s=float(start_s[-1]))
+    has_duration = (times > 0.0).T.ravel()
+    phase_values = [values.T.ravel()[has_duration] for values in (times, u, v, a, jerks)]
+    start_s = np.concatenate(([0.0], np.cumsum(phase_values[0])))
+    return TimeLaw(start_s[:-1], *phase_values[1:], duration_s=float(start_s[-1]))
 
 
 def slow_bends(pieces: Pieces, limits: MotionLimits) -> set[int]:
-    """The points (index in `marks`) whose bends, of two pieces each, take longer than a stop would.
+    """The points (index in `marks`) whose bends take longer than a stop would; a bend has two pieces.
 
     Both times are relative to passing the point at the speed of the legs.
     """
-    bounds = Bounds.of(pieces)
+    bounds = Bounds.from_pieces(pieces)
     ceilings = _ceilings(bounds, limits, 1.0, 1.0)
     accelerations, jerks = _budgets(bounds, limits, ceilings)
     curved = bounds.space[1] > 1e-9
-    slow: set[int] = set()
+    slow_points: set[int] = set()
     for index, mark in enumerate(pieces.marks.tolist()):
         if not 0 < mark < len(ceilings) or pieces.stops[mark] or not (curved[mark] and curved[mark - 1]):
             continue
-        legs = [leg for leg in (mark - 2, mark + 1) if 0 <= leg < len(ceilings) and not curved[leg]]
-        if not legs:
+        straight_legs = [leg for leg in (mark - 2, mark + 1) if 0 <= leg < len(ceilings) and not curved[leg]]
+        if not straight_legs:
             continue
-        leg = min(legs, key=lambda leg: float(ceilings[leg]))
+        leg = min(straight_legs, key=lambda leg: float(ceilings[leg]))
         acceleration, jerk = float(accelerations[leg]), float(jerks[leg])
         bend_m = 2.0 * float(pieces.spans[mark])
         half_m = 0.5 * (float(pieces.spans[leg]) + bend_m)
-        speed = min(float(ceilings[leg]), ramps.reachable(0.0, half_m, acceleration, jerk))
-        bend = min(float(ceilings[mark - 1]), float(ceilings[mark]), speed)
-        changes = np.array([speed, speed - bend])
+        speed = min(float(ceilings[leg]), ramps.reachable_speed(0.0, half_m, acceleration, jerk))
+        bend_speed = min(float(ceilings[mark - 1]), float(ceilings[mark]), speed)
+        changes = np.array([speed, speed - bend_speed])
         stop_s, slow_s = ramps.durations(changes, np.full(2, acceleration), np.full(2, jerk)).tolist()
         corner_m = float(np.sqrt(((pieces.points[mark, -1, :3] - pieces.points[mark, 0, :3]) ** 2).sum()))
-        lost_s = bend_m / bend - 2.0 * corner_m / speed + slow_s * (1.0 - bend / speed)
-        if lost_s > MARGIN * stop_s:
-            slow.add(index)
-    return slow
+        lost_s = bend_m / bend_speed - 2.0 * corner_m / speed + slow_s * (1.0 - bend_speed / speed)
+        if lost_s > SLOW_BEND_FACTOR * stop_s:
+            slow_points.add(index)
+    return slow_points

@@ -1,7 +1,7 @@
-"""The fastest changes of speed with limited acceleration and jerk; the acceleration is zero at both ends.
+"""The fastest changes of speed with limited acceleration and jerk. The acceleration is zero at both ends.
 
 A change by Δ takes Δ / A + A / J if the acceleration A is reached (Δ ≥ A² / J), otherwise 2 √(Δ / J). The
-speed is symmetric about the middle, so the distance is mean speed · time. Any unit of length.
+speed is symmetric about the middle, so the distance is mean speed · time. Lengths may have any unit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ STANDSTILL = 1e-9
 """Accelerations below this count as zero [1/s²]."""
 
 
-def reachable(speed: float, length: float, acceleration: float, jerk: float) -> float:
+def reachable_speed(speed: float, length: float, acceleration: float, jerk: float) -> float:
     """The highest speed that can be reached over a distance, starting with `speed`."""
     if acceleration < STANDSTILL:
         return speed
@@ -41,19 +41,19 @@ def _root(p: float, q: float) -> float:
 
 
 def lengths(start: Array, end: Array, acceleration: Array, jerk: Array) -> Array:
-    """Distance of each change of speed, (N,)."""
+    """Distance needed for each change of speed, (N,)."""
     return 0.5 * (start + end) * durations(np.abs(end - start), acceleration, jerk)
 
 
 def durations(change: Array, acceleration: Array, jerk: Array) -> Array:
-    """Time of each change of speed [s], (N,)."""
+    """Time needed for each change of speed [s], (N,)."""
     a = np.maximum(acceleration, STANDSTILL)
     return np.where(change * jerk >= a * a, change / a + a / jerk, 2.0 * np.sqrt(change / jerk))
 
 
-def phases(change: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
+def phase_durations(change: Array, acceleration: Array, jerk: Array) -> tuple[Array, Array]:
     """Durations of each phase with jerk and of the phase at full acceleration between them [s], (N,) each."""
     a = np.maximum(acceleration, STANDSTILL)
-    reached = change * jerk >= a * a
-    jerk_s = np.where(reached, a / jerk, np.sqrt(change / jerk))
-    return jerk_s, np.where(reached, np.maximum(change / a - a / jerk, 0.0), 0.0)
+    is_reached = change * jerk >= a * a
+    jerk_s = np.where(is_reached, a / jerk, np.sqrt(change / jerk))
+    return jerk_s, np.where(is_reached, np.maximum(change / a - a / jerk, 0.0), 0.0)

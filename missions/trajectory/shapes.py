@@ -1,7 +1,8 @@
 """Orbit, figure-eight, helix and spiral as paths whose parameter is the distance flown.
 
 A shape is a function of one angle. At the ends of each piece, position and first and second derivative are
-exact. Shapes are defined in a level frame, rotated by a heading: first axis along it, second to its right.
+exact. Shapes are defined in a level frame that is rotated by a heading: the first axis points along the
+heading, the second to its right.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from missions.trajectory.pieces import Array, Pieces, hermite
 from missions.trajectory.points import MAX_COORDINATE_M
 
 PIECES_PER_TURN = 32
-"""With this number the error of a circle of 100 m radius is below a millimetre."""
+"""With this number of pieces the error of a circle of 100 m radius is below a millimetre."""
 MAX_TURNS = 200.0
 SAMPLES_PER_PIECE = 64
 """Samples per piece to compute its length."""
@@ -36,7 +37,7 @@ def arc(
     climb_m: float = 0.0,
     end_radius_m: float | None = None,
 ) -> Pieces:
-    """An orbit; with a climb a helix, with another end radius a spiral.
+    """An orbit; with `climb_m` a helix; with `end_radius_m` a spiral.
 
     Args:
         center_ned_m: centre, at the altitude of the start.
@@ -45,7 +46,7 @@ def arc(
         start_angle_ned_rad: bearing of the start from the centre, clockwise from north.
         clockwise: direction as seen from above.
         climb_m: total climb; negative descends.
-        end_radius_m: radius at the end; None: the same.
+        end_radius_m: radius at the end; None: `radius_m`.
 
     Raises:
         PlanError: A value is out of range.
@@ -72,7 +73,7 @@ def arc(
         first[:, 2] = down_m_per_rad
         return position, first, 2.0 * radius_m_per_rad * tangent_direction - r * outward
 
-    return _along(shape, sweep, math.ceil(turns * PIECES_PER_TURN))
+    return _pieces_of_shape(shape, sweep, math.ceil(turns * PIECES_PER_TURN))
 
 
 def figure_eight(
@@ -92,7 +93,7 @@ def figure_eight(
         width_m: width of each of the two loops.
         rounds: number of rounds; may be fractional.
         heading_ned_rad: direction of the long axis, clockwise from north.
-        start_at_center: start at the crossing; otherwise at the far tip.
+        start_at_center: whether to start at the crossing; False: at the far tip.
 
     Raises:
         PlanError: A value is out of range.
@@ -113,10 +114,10 @@ def figure_eight(
         second = np.stack((-half_m * np.sin(t), -2.0 * width_m * np.sin(2.0 * t)), axis=1)
         return np.array(center_ned_m) + offset @ rotation, first @ rotation, second @ rotation
 
-    return _along(shape, math.tau * rounds, 2 * math.ceil(rounds * PIECES_PER_TURN))
+    return _pieces_of_shape(shape, math.tau * rounds, 2 * math.ceil(rounds * PIECES_PER_TURN))
 
 
-def _along(shape: Shape, sweep: float, count: int) -> Pieces:
+def _pieces_of_shape(shape: Shape, sweep: float, count: int) -> Pieces:
     """Pieces of equal length along a shape."""
     angles = np.linspace(0.0, sweep, count * SAMPLES_PER_PIECE + 1)
     middle = 0.5 * (angles[1:] + angles[:-1])
@@ -137,10 +138,10 @@ def _along(shape: Shape, sweep: float, count: int) -> Pieces:
     return Pieces(points, spans, stops, np.array([0, count]))
 
 
-def _check(name: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
+def _check(name: str, value: float, minimum: float, maximum: float) -> None:
+    if not minimum <= value <= maximum:
         raise PlanError(
-            f"field {name}", f"{value} is not between {low:g} and {high:g}", "Correct this value."
+            f"field {name}", f"{value} is not between {minimum:g} and {maximum:g}", "Correct this value."
         )
 
 

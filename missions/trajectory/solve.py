@@ -1,4 +1,4 @@
-"""Computes a trajectory from points or from a path: geometry, heading, then time."""
+"""Computes a trajectory from points or from a path: first the geometry, then the heading, then the times."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from missions.trajectory.curve import TimedCurve
 from missions.trajectory.headings import AlongPath, LookAt
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.pieces import Pieces, power_basis
-from missions.trajectory.points import PassPoint, check_points, merge_same
+from missions.trajectory.points import PassPoint, check_points, merge_equal_positions
 from missions.trajectory.profile import slow_bends, time_law
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
@@ -24,7 +24,7 @@ Heading = AlongPath | LookAt | float | None
 """Along the path, towards a position, a fixed yaw [rad], or not controlled."""
 
 
-def through(
+def curve_through_points(
     points: Sequence[PassPoint],
     limits: MotionLimits | None = None,
     *,
@@ -34,9 +34,9 @@ def through(
     """The trajectory through points, at rest at both ends.
 
     Args:
-        points: one or more; a single point gives a hold without duration.
+        points: one or more points; a single point gives a hold without duration.
         limits: limits of the motion.
-        exact: pass every point exactly, on one smooth curve; otherwise straight legs with bends.
+        exact: true: one smooth curve exactly through every point; false: straight legs with bends.
         heading: heading of the path; allowed only if no point has a yaw. None: the points' yaws, or not
             controlled.
 
@@ -44,31 +44,33 @@ def through(
         PlanError: A point cannot be flown to; the error names the point and the fix.
     """
     check_points(points)
-    kept, owner = merge_same(points)
+    kept, merged_index = merge_equal_positions(points)
     yaws = [point.yaw_ned_rad for point in kept]
     has_yaws = any(yaw is not None for yaw in yaws)
     if has_yaws and heading is not None:
-        where = f"point {next(n for n, point in enumerate(points, 1) if point.yaw_ned_rad is not None)}"
+        place = f"point {next(n for n, point in enumerate(points, 1) if point.yaw_ned_rad is not None)}"
         raise PlanError(
-            where, "it has a yaw, but the trajectory also has a heading", "Remove one of the two."
+            place, "it has a yaw, but the trajectory also has a heading", "Remove the yaw or the heading."
         )
     if len(kept) == 1:
         yaw = yaws[0] if has_yaws else heading if isinstance(heading, float) else None
-        return _hold(kept[0], yaw, len(owner))
+        return _hold(kept[0], yaw, len(merged_index))
     limits = limits or MotionLimits()
     pieces = lines.smooth(kept) if exact else lines.straight(kept)
-    slow = set() if exact else slow_bends(pieces, limits)
-    if slow:
-        kept = [replace(point, stop=point.stop or k in slow) for k, point in enumerate(kept)]
+    slow_points = set() if exact else slow_bends(pieces, limits)
+    if slow_points:
+        kept = [replace(point, stop=point.stop or k in slow_points) for k, point in enumerate(kept)]
         pieces = lines.straight(kept)
     if has_yaws:
-        pieces = headings.through_points(pieces, yaws)
+        pieces = headings.with_point_yaws(pieces, yaws)
         heading = 0.0
-    marks = pieces.marks[np.array(owner)]
-    return along(Pieces(pieces.points, pieces.spans, pieces.stops, marks), limits, heading, has_yaw=has_yaws)
+    marks = pieces.marks[np.array(merged_index)]
+    return curve_along_path(
+        Pieces(pieces.points, pieces.spans, pieces.stops, marks), limits, heading, has_yaw=has_yaws
+    )
 
 
-def along(
+def curve_along_path(
     pieces: Pieces, limits: MotionLimits | None = None, heading: Heading = None, *, has_yaw: bool = False
 ) -> TimedCurve:
     """The fastest flight along a path within the limits.
@@ -81,9 +83,9 @@ def along(
     """
     if not has_yaw:
         if isinstance(heading, AlongPath):
-            pieces = headings.along_path(pieces, heading)
+            pieces = headings.with_yaw_along_path(pieces, heading)
         elif isinstance(heading, LookAt):
-            pieces = headings.look_at(pieces, heading)
+            pieces = headings.with_yaw_towards(pieces, heading)
         elif heading is not None:
             points = pieces.points.copy()
             points[:, :, 3] = heading
@@ -117,8 +119,8 @@ def _length_m(pieces: Pieces) -> float:
 def _hold(point: PassPoint, yaw_ned_rad: float | None, count: int) -> TimedCurve:
     coefficients = np.zeros((1, 6, 4))
     coefficients[0, 0] = (*point.position_ned_m, yaw_ned_rad or 0.0)
-    none, one = np.zeros(0), np.ones(1)
+    empty, unit_span = np.zeros(0), np.ones(1)
     return TimedCurve(
-        coefficients, np.zeros(1), one, none, none, none, none, none, 0.0, 0.0, (0.0,) * count,
+        coefficients, np.zeros(1), unit_span, empty, empty, empty, empty, empty, 0.0, 0.0, (0.0,) * count,
         yaw_ned_rad is not None,
     )  # fmt: skip

@@ -1,5 +1,5 @@
-"""Monitors a flight in PX4's Mission mode: progress, deviation from the planned path, corridor. It commands
-nothing."""
+"""Monitors a flight in PX4's Mission mode: progress, deviation from the planned path, corridor. The monitor
+sends no commands."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class WaypointMonitor:
     Args:
         plan: the plan on the vehicle.
         planned: the planned flight; None: the flight is not compared with its plan.
-        not_compared: why the flight is not compared, as a sentence.
-        corridor: corridor of the dry run; None: none is monitored.
-        from_start: whether the monitor has seen the start of the flight on the ground.
+        reason_not_compared: why the flight is not compared, as a sentence.
+        corridor: corridor of the dry run; None: no corridor is monitored.
+        from_start: whether the monitor existed before the vehicle took off.
     """
 
     def __init__(
@@ -37,13 +37,13 @@ class WaypointMonitor:
         plan: Plan,
         planned: PlannedPasses | None,
         *,
-        not_compared: str | None = None,
+        reason_not_compared: str | None = None,
         corridor: Corridor | None = None,
         from_start: bool,
     ) -> None:
         self._items = [item for _, item in plan.simple_items()]
         self._returns = {index for index, item in enumerate(self._items) if isinstance(item, ReturnHome)}
-        self._planned, self._not_compared = planned, not_compared
+        self._planned, self._reason_not_compared = planned, reason_not_compared
         self._corridor = corridor
         self._watch = None if corridor is None else CorridorWatch(corridor)
         self._from_start = from_start
@@ -51,14 +51,14 @@ class WaypointMonitor:
         self._start_items = first_pass[0].items if first_pass else frozenset[int]()
         self._progress: Progress | None = None
         self._match: Match | None = None
-        self._here_known = True
-        self._first: int | None = None
+        self._position_is_known = True
+        self._first_item: int | None = None
         """Index of the item at which the flight began."""
         self.item: int | None = None
         """Index of the current item."""
         self.state: State = "flying"
         self.reason: str | None = None
-        """Why the flight is paused or has stopped."""
+        """Why the flight is paused or was stopped."""
 
     @property
     def over(self) -> bool:
@@ -69,7 +69,7 @@ class WaypointMonitor:
 
     @property
     def place(self) -> str | None:
-        """Name of the current item in the planned path."""
+        """Name of the current item: "item 3"."""
         current = None if self._progress is None else self._progress.current
         if current is not None and self.item in current.items:
             return current.leg.place
@@ -78,24 +78,24 @@ class WaypointMonitor:
     @property
     def title(self) -> str | None:
         """Kind of the current item."""
-        known = self.item is not None and self.item < len(self._items)
-        return item_title(self._items[self.item or 0]) if known else None
+        is_known = self.item is not None and self.item < len(self._items)
+        return item_title(self._items[self.item or 0]) if is_known else None
 
     @property
     def leg_start(self) -> int | None:
-        """Index of the item at which the flight would resume if it were interrupted now; None: at its
-        beginning."""
+        """Index of the item at which the flight would resume after an interruption at this time; None: at the
+        beginning of the plan."""
         if self.item is None or self.item >= len(self._items):
             return None
-        return leg_start(self._items, self.item, self._first if self._from_start else None)
+        return leg_start(self._items, self.item, self._first_item if self._from_start else None)
 
     @property
     def remaining_s(self) -> float | None:
-        """Planned time until the end of the flight; None: not known, or the flight is over."""
+        """Planned time until the end of the flight; None: not known, or the flight has ended."""
         planned, progress = self._planned, self._progress
         if planned is None or planned.duration_s is None or progress is None or self.over:
             return None
-        if not self._from_start and planned.repeats():
+        if not self._from_start and planned.has_repeated_items():
             return None
         return max(0.0, planned.duration_s - progress.t_s)
 
@@ -106,12 +106,12 @@ class WaypointMonitor:
 
     @property
     def vertical_m(self) -> float | None:
-        """Height above the planned path."""
+        """Vertical distance from the planned path; positive: above the path."""
         return None if self._match is None else self._match.vertical_m
 
     @property
     def outside_corridor_m(self) -> float | None:
-        """Distance outside the corridor; None: it is not monitored now."""
+        """Distance outside the corridor; None: the corridor is not monitored now."""
         return None if self._watch is None or self._match is None else self._watch.outside_m
 
     def progress_now(self, now_s: float) -> tuple[int, float, bool] | None:
@@ -123,17 +123,17 @@ class WaypointMonitor:
             return None
         if self._progress is None:
             return (0, 0.0, True) if self._from_start else None
-        found = self._progress.now(now_s)
-        return None if found is None else (*found, self._progress.on_path)
+        index_and_time = self._progress.index_and_time(now_s)
+        return None if index_and_time is None else (*index_and_time, self._progress.on_path)
 
     @property
-    def not_compared(self) -> str | None:
-        """Why there is no deviation now."""
+    def reason_not_compared(self) -> str | None:
+        """Why the flight is not compared with its plan now; None: it is compared, or has ended or paused."""
         if self.over or self.state == "paused" or self._match is not None:
             return None
         if self._planned is None:
-            return self._not_compared
-        if not self._here_known:
+            return self._reason_not_compared
+        if not self._position_is_known:
             return "The vehicle has no valid position estimate."
         if self._progress is not None and not self._progress.on_path:
             return "The vehicle is flying to the planned path."
@@ -150,7 +150,7 @@ class WaypointMonitor:
         """The planned path, from the item at which the flight began."""
         if self._planned is None:
             return PlannedFlight("plan", None, None, ())
-        return self._planned.figures(0 if self._progress is None else self._progress.first)
+        return self._planned.planned_flight(0 if self._progress is None else self._progress.first)
 
     # --- updates --------------------------------------------------------------------------------------
 
@@ -158,7 +158,7 @@ class WaypointMonitor:
         """Updates the flight with the vehicle's state.
 
         Args:
-            now_s: time of any clock.
+            now_s: time on any clock; the same clock for all updates.
             reading: the vehicle's state.
             item: index of the item that the vehicle reports as current.
             reached: index of the item that the vehicle last reported as reached.
@@ -168,8 +168,8 @@ class WaypointMonitor:
         """
         if self.over:
             return []
-        if self._flies(reading, item):
-            return self._follow(now_s, reading.position_ned_m, item)
+        if self._is_flying_plan(reading, item):
+            return self._update_flight(now_s, reading.position_ned_m, item)
         if reading.armed is False:
             landed_by_mission = self.state == "flying" and self._at_end()
             place = self.place or "an unknown item"
@@ -181,17 +181,17 @@ class WaypointMonitor:
         return self._pause(reading)
 
     def stop(self, reason: str) -> None:
-        """Ends the flight, because it is no longer a flight of this plan."""
+        """Ends the flight, because the vehicle no longer flies this plan."""
         if not self.over:
             self._end("stopped", reason)
 
-    def _flies(self, reading: Reading, item: int | None) -> bool:
+    def _is_flying_plan(self, reading: Reading, item: int | None) -> bool:
         if reading.armed is not True:
             return False
-        returns = item in self._returns and reading.mode_source not in EXTERNAL_SOURCES
-        return reading.mode == "mission" or (reading.mode == "rtl" and returns)
+        is_returning = item in self._returns and reading.mode_source not in EXTERNAL_SOURCES
+        return reading.mode == "mission" or (reading.mode == "rtl" and is_returning)
 
-    def _follow(self, now_s: float, here: Vector3 | None, item: int | None) -> list[Notify]:
+    def _update_flight(self, now_s: float, position_ned_m: Vector3 | None, item: int | None) -> list[Notify]:
         notices: list[Notify] = []
         if self.state == "paused":
             notices.append(
@@ -199,26 +199,26 @@ class WaypointMonitor:
             )
         self.state, self.reason = "flying", None
         self.item = self.item if item is None else item
-        if self.item is not None and (self._first is None or self.item < self._first):
-            self._first = self.item  # also if PX4 starts again at the first item
-        self._here_known = here is not None
+        if self.item is not None and (self._first_item is None or self.item < self._first_item):
+            self._first_item = self.item  # PX4 may start again at the first item
+        self._position_is_known = position_ned_m is not None
         if self._planned is not None and self._progress is None and item is not None:
             on_path = self._from_start and item in self._start_items
             self._progress = Progress(self._planned, on_path=on_path)
         self._match = None
         if self._progress is not None:
-            self._match = self._progress.update(now_s, item, here)
-        if self._watch is not None and self._match is not None and self._watch.update(now_s, here):
+            self._match = self._progress.update(now_s, item, position_ned_m)
+        if self._watch is not None and self._match is not None and self._watch.update(now_s, position_ned_m):
             notices.append(self._watch.notification())
         return notices
 
     def _pause(self, reading: Reading) -> list[Notify]:
-        was, self.state = self.state, "paused"
+        state_before, self.state = self.state, "paused"
         self._leave_path()
         self.reason = "The vehicle has left Mission mode" + (
             f": {reading.mode_text}." if reading.mode_text else "."
         )
-        if was == "paused":
+        if state_before == "paused":
             return []
         return [Notify("monitoring_paused", f"The flight is not monitored now. {self.reason}")]
 
@@ -235,12 +235,12 @@ class WaypointMonitor:
             self._watch = CorridorWatch(self._corridor)
 
     def _at_end(self) -> bool:
-        """Whether the last item is being flown."""
+        """Whether the vehicle is flying the last item."""
         if self._progress is not None:
             return self._progress.at_last
         return self.item is not None and self.item >= len(self._items) - 1
 
     def _completed_in_air(self, reading: Reading, reached: int | None) -> bool:
-        """Whether PX4 has finished the mission in the air, and holds."""
-        by_itself = reading.mode == "hold" and reading.mode_source == "vehicle"
-        return by_itself and self.state == "flying" and self._at_end() and reached == self.item
+        """Whether PX4 has finished the mission in the air and holds the position."""
+        is_own_hold = reading.mode == "hold" and reading.mode_source == "vehicle"
+        return is_own_hold and self.state == "flying" and self._at_end() and reached == self.item

@@ -23,20 +23,21 @@ from missions.values import HomePosition
 from missions.vehicle import VehicleModel
 
 MAX_POINTS = 3000
-"""Maximum number of points of a dry run's path; longer ones are thinned out."""
+"""Maximum number of points of a dry run's path; a longer path keeps only some of its points."""
 MAX_PASSES = 3000
+"""Maximum number of passes of a planned flight."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """One execution of an item; a repeated item has several."""
+    """One execution of an item; a repeated item has several passes."""
 
     items: frozenset[int]
-    """Indices as uploaded: one, or all items of a pattern."""
+    """Indices in upload order: of one item, or of all items of a pattern."""
     leg: Leg
-    """Its path; `start_s` counts from the start of the mission on the ground."""
+    """Path of the pass; `start_s` counts from the start of the mission on the ground."""
     compared: bool = True
-    """Whether the vehicle follows this path; False: PX4 chooses its own."""
+    """Whether the vehicle follows this path; False: PX4 chooses the path."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,18 +47,18 @@ class PlannedPasses:
     by: Literal["dry_run", "plan"]
     passes: tuple[Pass, ...]
     duration_s: float | None
-    """From the start to disarming, or to the end of a flight that ends in the air; None: a jump repeats
+    """Time from the start to disarming, or to the end of a flight that ends in the air; None: a jump repeats
     without end."""
 
-    def figures(self, first: int = 0) -> PlannedFlight:
-        """The planned flight from a pass on, for the comparison with a flight that began there."""
+    def planned_flight(self, first: int = 0) -> PlannedFlight:
+        """The planned flight from pass `first` on, to compare a flight that began with this pass."""
         legs = tuple(each.leg for each in self.passes[first:])
         if self.duration_s is None or not legs:
             return PlannedFlight(self.by, None, None, legs)
         duration_s = self.duration_s - (legs[0].start_s if first else 0.0)
         return PlannedFlight(self.by, duration_s, sum(_length_m(each) for each in legs), legs)
 
-    def repeats(self) -> bool:
+    def has_repeated_items(self) -> bool:
         """Whether an item is flown more than once."""
         items = [item for each in self.passes for item in each.items]
         return len(items) > len(set(items))
@@ -68,7 +69,7 @@ def _length_m(leg: Leg) -> float:
 
 
 def item_title(item: SimpleItem) -> str:
-    """Kind of an item for people: "Return home"."""
+    """Kind of an item as a text: "Return home"."""
     return item.kind.replace("_", " ").capitalize()
 
 
@@ -80,8 +81,8 @@ def planned_by_dry_run(nominal: Mapping[str, Any], plan: Plan, start_ned_m: Vect
 
     Args:
         nominal: `DryRun.document` of a dry run that has flown the whole plan.
-        plan: the plan that it has flown.
-        start_ned_m: where its start position is in the vehicle's local frame.
+        plan: the plan that the dry run has flown.
+        start_ned_m: start position of the dry run in the vehicle's local frame.
     """
     items_of_row: dict[int, set[int]] = {}
     for index, (row, _) in enumerate(plan.simple_items()):
@@ -101,7 +102,7 @@ def planned_by_dry_run(nominal: Mapping[str, Any], plan: Plan, start_ned_m: Vect
 
 
 def _part(rows: NDArray[np.float64], step: Mapping[str, Any], every: int) -> NDArray[np.float64]:
-    """The rows (time, north, east, down) of one step, at least two; the last one begins the next step."""
+    """The rows (time, north, east, down) of one step, at least two; the last row begins the next step."""
     first, last = np.searchsorted(rows[:, 0], (step["start_s"] - 1e-6, step["end_s"] - 1e-6))
     last = min(int(last), len(rows) - 1)
     first = min(int(first), max(0, last - 1))
@@ -125,58 +126,61 @@ def planned_by_plan(
 
     Args:
         plan: the plan on the vehicle.
-        vehicle: its speeds.
-        home: its home.
-        origin: origin of its local frame.
+        vehicle: speeds of the vehicle.
+        home: home of the vehicle.
+        origin: origin of the vehicle's local frame.
     """
     plan = plan.model_copy(update={"planned_home": home})
     route = route_of(plan)
     home_ned_m = origin.to_ned(home.lat_deg, home.lon_deg, home.alt_amsl_m)
-    here, now_s = home_ned_m, 0.0
+    position_ned_m, now_s = home_ned_m, 0.0
     passes: list[Pass] = []
     for each in step_estimates(plan, vehicle, route):
-        way = _way(each, here, home_ned_m, home, origin)
-        if each.time_s <= 0.0 and len(way) < 2:
+        corners_ned_m = _path_corners(each, position_ned_m, home_ned_m, home, origin)
+        if each.time_s <= 0.0 and len(corners_ned_m) < 2:
             continue
-        points = _timed(way, each.time_s - each.wait_s, each.time_s)
+        points = _timed_points(corners_ned_m, each.time_s - each.wait_s, each.time_s)
         leg = Leg(f"item {each.step.seq + 1}", item_title(each.step.item), now_s, each.time_s, True, points)
         item = each.step.item
         compared = not isinstance(item, ReturnHome) and (bool(passes) or isinstance(item, Takeoff))
         passes.append(Pass(frozenset([each.step.seq]), leg, compared))
-        here, now_s = way[-1], now_s + each.time_s
+        position_ned_m, now_s = corners_ned_m[-1], now_s + each.time_s
         if len(passes) > MAX_PASSES:
             return None
     endless = route.endless or route.truncated or route.stalled_row is not None
     return PlannedPasses("plan", tuple(passes), None if endless else now_s)
 
 
-def _way(
-    each: StepEstimate, here: Vector3, home_ned_m: Vector3, home: HomePosition, origin: LocalOrigin
+def _path_corners(
+    each: StepEstimate, position_ned_m: Vector3, home_ned_m: Vector3, home: HomePosition, origin: LocalOrigin
 ) -> list[Vector3]:
-    """The corners of one step's path, from `here`."""
-    item, (n, e, d) = each.step.item, here
+    """The corners of one step's path, from `position_ned_m`."""
+    item, (n, e, d) = each.step.item, position_ned_m
     if isinstance(item, ReturnHome):
-        top = d - each.climb_m
-        return [here, (n, e, top), (home_ned_m[0], home_ned_m[1], top), home_ned_m]
+        top_down_m = d - each.climb_m
+        return [position_ned_m, (n, e, top_down_m), (home_ned_m[0], home_ned_m[1], top_down_m), home_ned_m]
     if not isinstance(item, PlacedItem) or not is_flown_to(item):
-        return [here]
+        return [position_ned_m]
     amsl_m = item.altitude.amsl_m(home.alt_amsl_m)
-    to = origin.to_ned(item.lat_deg, item.lon_deg, origin.alt_amsl_m - d if amsl_m is None else amsl_m)
+    target_ned_m = origin.to_ned(
+        item.lat_deg, item.lon_deg, origin.alt_amsl_m - d if amsl_m is None else amsl_m
+    )
     if isinstance(item, Takeoff):
-        return [here, (n, e, to[2]), to]
+        return [position_ned_m, (n, e, target_ned_m[2]), target_ned_m]
     if isinstance(item, Land):
-        return [here, (to[0], to[1], d), to]
-    return [here, to]
+        return [position_ned_m, (target_ned_m[0], target_ned_m[1], d), target_ned_m]
+    return [position_ned_m, target_ned_m]
 
 
-def _timed(
-    way: Sequence[Vector3], travel_s: float, time_s: float
+def _timed_points(
+    corners_ned_m: Sequence[Vector3], travel_s: float, time_s: float
 ) -> tuple[tuple[float, float, float, float], ...]:
-    """The corners with their times, travelled at constant speed; then the vehicle waits at the last one."""
-    corners = np.array(way)
-    along_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))))
+    """The corners with their times, travelled at constant speed; then the vehicle waits at the last
+    corner."""
+    corner_array = np.array(corners_ned_m)
+    along_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(corner_array, axis=0), axis=1))))
     times = along_m / max(float(along_m[-1]), 1e-9) * travel_s
-    rows = np.column_stack((times, corners))
-    if len(way) < 2 or time_s > travel_s:
-        rows = np.vstack((rows, (time_s, *way[-1])))
+    rows = np.column_stack((times, corner_array))
+    if len(corners_ned_m) < 2 or time_s > travel_s:
+        rows = np.vstack((rows, (time_s, *corners_ned_m[-1])))
     return tuple((t, n, e, d) for t, n, e, d in np.round(rows, 3).tolist())

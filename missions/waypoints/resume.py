@@ -1,10 +1,10 @@
-"""Where an interrupted flight of a plan resumes, and what the vehicle does not restore there.
+"""The item at which an interrupted flight of a plan resumes, and the settings that PX4 does not restore.
 
 PX4 v1.16 starts a mission at any item. From the ground, the vehicle climbs to the altitude of the first
 waypoint after that item and flies straight to it. PX4 then repeats the last speed, camera mode and gimbal
-angles of the earlier items, and the camera trigger when the vehicle has reached that waypoint. It reads these
-settings from the stored mission, so it repeats them also after the vehicle was switched off. It repeats
-nothing else.
+angles of the earlier items, and the camera trigger when the vehicle has reached that waypoint. PX4 reads
+these settings from the stored mission, so it repeats them also after the vehicle was switched off. PX4 does
+not repeat other settings.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ NOT_REPEATED: dict[str, tuple[str, str]] = {
 """Items that PX4 does not repeat: kind → the setting that it changes, and its name (empty: switched off)."""
 SPEEDS = {0.0: "speed", 1.0: "speed", 2.0: "climb speed", 3.0: "descent speed"}
 REPORTED_DISTANCE_M = 10.0
-"""The operator is told if the new take-off is farther than this from the first one [m]."""
+"""The server warns the operator if the new take-off is farther than this from the first take-off [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +56,15 @@ class ResumePoint:
     """The item at which a flight resumes."""
 
     item: int
-    """Index as uploaded."""
+    """Index of the item in upload order."""
     first: PlacedItem
-    """The first item from there that is flown to."""
+    """The first item from `item` on whose position the vehicle flies to."""
     not_restored: tuple[str, ...]
-    """Settings of earlier items that the vehicle does not have there; sentences."""
+    """Sentences about the settings of earlier items that PX4 does not restore."""
 
 
 def is_waypoint(item: SimpleItem) -> bool:
-    """Whether the vehicle flies to the position of this item, and not only past it."""
+    """Whether the vehicle flies to the position of this item; a gate is only crossed."""
     return is_flown_to(item) and not isinstance(item, Gate)
 
 
@@ -72,15 +72,15 @@ def leg_start(items: Sequence[SimpleItem], item: int, first: int | None) -> int 
     """Index of the item at which the interrupted leg is flown again from its beginning.
 
     Args:
-        items: as uploaded.
+        items: items in upload order.
         item: index of the item that the vehicle was flying to.
         first: index of the item at which that flight was started; None: not known.
 
     Returns:
-        None: no leg was flown after the take-off, so the flight starts again at its beginning.
+        None: no leg was flown after the take-off, so the flight starts again at the beginning of the plan.
     """
-    flown = [index for index, each in enumerate(items[:item]) if is_waypoint(each)]
-    reached = flown[-1] if flown else None
+    waypoint_indices = [index for index, each in enumerate(items[:item]) if is_waypoint(each)]
+    reached = waypoint_indices[-1] if waypoint_indices else None
     if reached is not None and isinstance(items[reached], Takeoff):
         reached = None
     if first is not None and 0 < first <= item and (reached is None or first > reached):
@@ -89,7 +89,7 @@ def leg_start(items: Sequence[SimpleItem], item: int, first: int | None) -> int 
 
 
 def resume_point(plan: Plan, item: int) -> ResumePoint | str:
-    """The start on the ground at an item, or the reason why PX4 cannot start there, as a sentence.
+    """The start at an item from the ground, or the reason why PX4 cannot start at this item, as a sentence.
 
     Args:
         plan: the plan on the vehicle.
@@ -100,12 +100,12 @@ def resume_point(plan: Plan, item: int) -> ResumePoint | str:
     if not isinstance(first, PlacedItem) or isinstance(first, Land):
         return "No waypoint follows."
     if item == len(items) - 1:
-        return "After a landing, PX4 begins again at the first item instead of the last one."
+        return "After a landing, PX4 begins again at the first item instead of the last item."
     return ResumePoint(item, first, tuple(_not_restored(items, item)))
 
 
 def resume_after(plan: Plan, item: int, interrupted_item: int) -> ResumePoint | str:
-    """Where an interrupted flight resumes; the reason, as a sentence, if it does not.
+    """The point at which an interrupted flight resumes, or the reason why it cannot resume, as a sentence.
 
     Args:
         plan: the plan on the vehicle.
@@ -114,22 +114,22 @@ def resume_after(plan: Plan, item: int, interrupted_item: int) -> ResumePoint | 
     """
     items = [each for _, each in plan.simple_items()]
     if interrupted_item < len(items) and isinstance(items[interrupted_item], ReturnHome):
-        return "Only the return was left."
+        return "Only the return to home remains."
     return resume_point(plan, item)
 
 
-def rest_of(plan: Plan, item: int, here: HomePosition) -> Plan:
-    """The flight from the ground to an item and on, to check it; the items keep their numbers.
+def remaining_plan(plan: Plan, item: int, position: HomePosition) -> Plan:
+    """The plan from an item on, for checks of the resumed flight; the items keep their numbers.
 
     Args:
         plan: the plan on the vehicle, with its fence and obstacles.
         item: index of the item as uploaded.
-        here: the vehicle's position on the ground, which becomes its home.
+        position: the vehicle's position on the ground, which becomes home.
     """
     items = tuple(
         LandStart() if index < item else each for index, (_, each) in enumerate(plan.simple_items())
-    )  # a LandStart does nothing
-    return plan.model_copy(update={"items": items, "planned_home": here, "original": None})
+    )  # a LandStart has no effect
+    return plan.model_copy(update={"items": items, "planned_home": position, "original": None})
 
 
 def _not_restored(items: Sequence[SimpleItem], item: int) -> Iterator[str]:
@@ -153,5 +153,5 @@ def _not_restored(items: Sequence[SimpleItem], item: int) -> Iterator[str]:
         if isinstance(each, Jump) and index >= item >= each.target_index:
             yield (
                 f"Item {index + 1} repeats items from item {each.target_index + 1} on. PX4 counts the "
-                "repeats, and may fly more or fewer of them than were left."
+                "repeats itself, and may repeat these items more or less often than planned."
             )

@@ -19,7 +19,7 @@ import numpy as np
 
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.points import PassPoint
-from missions.trajectory.solve import through
+from missions.trajectory.solve import curve_through_points
 
 COUNTS = (10, 50, 200)
 RUNS = 5
@@ -61,7 +61,7 @@ def ours_with_stops(points: np.ndarray) -> Flight:
 
 
 def _ours(points: list[PassPoint], exact: bool) -> Flight:
-    curve = through(points, LIMITS, exact=exact)
+    curve = curve_through_points(points, LIMITS, exact=exact)
     found = curve.sample(np.arange(0.0, curve.duration_s, STEP_S))
     return Flight(curve.duration_s, found.velocity_ned_m_s, found.acceleration_ned_m_s2)
 

@@ -141,7 +141,7 @@ def test_a_start_is_refused_over_a_hovering_vehicle_and_warned_about_one_whose_p
         await seconds(2)
         found = await refused(at)
         assert "of vehicle 1 (hovering)" in found.reasons[0]
-        assert "The time at which vehicle 1 is there is not known." in found.reasons[0]
+        assert "The time of vehicle 1 at this position is not known." in found.reasons[0]
 
     run_with_two_vehicles(jump, scenario)
 

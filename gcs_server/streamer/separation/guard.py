@@ -31,10 +31,10 @@ from missions.separation import (
     UNKNOWN_ACCURACY_M,
     MovingVehicle,
     SpeedTrend,
-    brakes_m_s2,
+    braking_decel_m_s2,
+    braking_distance_m,
     closest_m,
     margin_m,
-    stopping_m,
 )
 from missions.setpoints import Acceleration, Actuators, Attitude, Rates, Setpoint, ThrustTorque
 
@@ -266,8 +266,8 @@ class GroupGuard:
             motion = motion_of(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
             self._trends[vehicle].add(snapshot.received_s, motion.velocity_ned_m_s)
             if not has_velocity_control(setpoint):
-                faster_ned_m_s = self._trends[vehicle].faster_ned_m_s(motion.age_s + LEVEL_AFTER_S)
-                motion = replace(motion, velocity_ned_m_s=faster_ned_m_s)
+                extrapolated_ned_m_s = self._trends[vehicle].extrapolated_ned_m_s(motion.age_s + LEVEL_AFTER_S)
+                motion = replace(motion, velocity_ned_m_s=extrapolated_ned_m_s)
             motions[vehicle] = motion
         return motions
 
@@ -284,7 +284,7 @@ class GroupGuard:
                 self.nearest = (a, b, apart_m)
             self.margin_m = max(self.margin_m or 0.0, margin)
             reach_m = sum(
-                stopping_m(math.hypot(*m.velocity_ned_m_s), m.brakes_m_s2) for m in (motion_a, motion_b)
+                braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.braking_decel_m_s2) for m in (motion_a, motion_b)
             )
             if apart_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
                 pairs.append((a, b, apart_m, margin))
@@ -296,8 +296,8 @@ class GroupGuard:
             np.array([m.velocity_ned_m_s for m in motions_a]),
             np.array([m.position_ned_m for m in motions_b]),
             np.array([m.velocity_ned_m_s for m in motions_b]),
-            np.array([m.brakes_m_s2 for m in motions_a]),
-            np.array([m.brakes_m_s2 for m in motions_b]),
+            np.array([m.braking_decel_m_s2 for m in motions_a]),
+            np.array([m.braking_decel_m_s2 for m in motions_b]),
         )
         for (a, b, apart_m, margin), closest_distance_m in zip(pairs, closest_distances_m, strict=True):
             if closest_distance_m < self.minimum_m + margin:
@@ -360,6 +360,6 @@ def motion_of(
         snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0),
         UNKNOWN_ACCURACY_M if accuracy_m is None else accuracy_m,
         max(0.0, now_s - snapshot.received_s),
-        brakes_m_s2(snapshot.bounds.tilt_rad)
+        braking_decel_m_s2(snapshot.bounds.tilt_rad)
         * (1.0 if has_velocity_control(setpoint) else NO_POSITION_CONTROL_SHARE),
     )

@@ -14,7 +14,7 @@ from typing import Any
 
 from gcs_server.mavlink import dialect as d
 from missions.setpoints import (
-    NOTHING,
+    UNCONTROLLED,
     Acceleration,
     Attitude,
     DirectSetpoint,
@@ -96,19 +96,37 @@ def _pack_local(
 
 def _position(s: Position, target: tuple[int, int]) -> Packed:
     return _pack_local(
-        FRAME_LOCAL_NED, target, s.position_ned_m, NOTHING, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s
+        FRAME_LOCAL_NED,
+        target,
+        s.position_ned_m,
+        UNCONTROLLED,
+        UNCONTROLLED,
+        s.yaw_ned_rad,
+        s.yaw_rate_ned_rad_s,
     )
 
 
 def _velocity(s: Velocity, target: tuple[int, int]) -> Packed:
     return _pack_local(
-        FRAME_LOCAL_NED, target, NOTHING, s.velocity_ned_m_s, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s
+        FRAME_LOCAL_NED,
+        target,
+        UNCONTROLLED,
+        s.velocity_ned_m_s,
+        UNCONTROLLED,
+        s.yaw_ned_rad,
+        s.yaw_rate_ned_rad_s,
     )
 
 
 def _velocity_body(s: VelocityBody, target: tuple[int, int]) -> Packed:
     return _pack_local(
-        FRAME_BODY_NED, target, NOTHING, s.velocity_frd_m_s, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s
+        FRAME_BODY_NED,
+        target,
+        UNCONTROLLED,
+        s.velocity_frd_m_s,
+        UNCONTROLLED,
+        s.yaw_ned_rad,
+        s.yaw_rate_ned_rad_s,
     )
 
 
@@ -116,8 +134,8 @@ def _acceleration(s: Acceleration, target: tuple[int, int]) -> Packed:
     return _pack_local(
         FRAME_LOCAL_NED,
         target,
-        NOTHING,
-        NOTHING,
+        UNCONTROLLED,
+        UNCONTROLLED,
         s.acceleration_ned_m_s2,
         s.yaw_ned_rad,
         s.yaw_rate_ned_rad_s,
@@ -139,7 +157,7 @@ def _trajectory(s: Trajectory, target: tuple[int, int]) -> Packed:
 def _position_global(s: PositionGlobal, target: tuple[int, int]) -> Packed:
     if s.alt_amsl_m is None:
         raise ValueError("alt_home_m must be converted to an altitude above mean sea level before it is sent")
-    mask = type_mask((0.0, 0.0, 0.0), NOTHING, NOTHING, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
+    mask = type_mask((0.0, 0.0, 0.0), UNCONTROLLED, UNCONTROLLED, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
     return MSG_GLOBAL, _global.pack(
         0,
         round(s.lat_deg * 1e7),

@@ -25,7 +25,7 @@ from gcs_server.streamer.values.stream_request import OFFBOARD
 from gcs_server.vehicle.modes import BY_NAME
 from missions.frames import Vector3
 from missions.setpoints import (
-    NOTHING,
+    UNCONTROLLED,
     Acceleration,
     Actuators,
     Attitude,
@@ -87,12 +87,12 @@ def _axes(vector: Partial3) -> tuple[float, float, float]:
 
 def _trajectory_setpoint(
     s: Position | Velocity | Acceleration | Trajectory,
-    position: Partial3 = NOTHING,
-    velocity: Partial3 = NOTHING,
-    acceleration: Partial3 = NOTHING,
+    position: Partial3 = UNCONTROLLED,
+    velocity: Partial3 = UNCONTROLLED,
+    acceleration: Partial3 = UNCONTROLLED,
 ) -> Encoded:
     controlled = {"position": position, "velocity": velocity, "acceleration": acceleration}
-    flag = next((name for name, vector in controlled.items() if vector != NOTHING), "position")
+    flag = next((name for name, vector in controlled.items() if vector != UNCONTROLLED), "position")
     yaw, yaw_rate = s.yaw_ned_rad, s.yaw_rate_ned_rad_s
     fields: dict[str, Any] = {name: _axes(vector) for name, vector in controlled.items()}
     fields |= {

@@ -4,7 +4,7 @@ position controller needs both north and east of a quantity, or neither, and a v
 
 from __future__ import annotations
 
-from missions.setpoints import NOTHING, Acceleration, Partial3, Position, Setpoint, Trajectory, Velocity
+from missions.setpoints import UNCONTROLLED, Acceleration, Partial3, Position, Setpoint, Trajectory, Velocity
 
 FRAME_TEXT = (
     "PX4 follows only the local frames 1 (LOCAL_NED) and 8 (BODY_NED) and the global frames 5, 6 and 11. The "
@@ -27,7 +27,9 @@ _AXES = ("north", "east", "down")
 
 
 def axes_problem(
-    position: Partial3 = NOTHING, velocity: Partial3 = NOTHING, acceleration: Partial3 = NOTHING
+    position: Partial3 = UNCONTROLLED,
+    velocity: Partial3 = UNCONTROLLED,
+    acceleration: Partial3 = UNCONTROLLED,
 ) -> str | None:
     """Why PX4 would not fly this combination of axes; None if PX4 would fly it."""
     named = {

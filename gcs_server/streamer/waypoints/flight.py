@@ -18,7 +18,7 @@ from missions.runner.corridor import Corridor
 from missions.runner.flown import FlightRecord, FlownMission
 from missions.runner.requests import Notify
 from missions.traffic.path import PredictedPath
-from missions.traffic.waypoints import lands, predict_plan
+from missions.traffic.waypoints import ends_with_landing, predict_plan
 from missions.values import HomePosition
 from missions.vehicle import PARAMETERS, VehicleModel
 from missions.waypoints.monitor import WaypointMonitor
@@ -69,14 +69,14 @@ class WaypointFlight:
         self._path = None if announcement is None else announcement.path
         plan, _ = plan_from_items(on_vehicle)
         self._count = len(plan.items)
-        self._lands = lands(plan)
+        self._lands = ends_with_landing(plan)
         planned, reason_not_compared = _planned(vehicle, plan, self._path)
         self._planned = planned
         reading = vehicle_reading(vehicle)
         self._monitor = WaypointMonitor(
             plan,
             planned,
-            not_compared=reason_not_compared,
+            reason_not_compared=reason_not_compared,
             corridor=None if self._path is None else self._path.corridor,
             from_start=saw_start and not reading.in_air,
         )
@@ -145,7 +145,7 @@ class WaypointFlight:
             deviation_horizontal_m=_rounded(monitor.horizontal_m, 2),
             deviation_vertical_m=_rounded(monitor.vertical_m, 2),
             outside_corridor_m=_rounded(monitor.outside_corridor_m, 2),
-            not_compared=monitor.not_compared,
+            not_compared=monitor.reason_not_compared,
             reason=monitor.reason,
         )
 
@@ -160,7 +160,7 @@ class WaypointFlight:
             return None
         return predict_plan(
             self._vehicle.id, origin, self._planned, ends_in_air=not self._lands, index=index, t_s=t_s,
-            way_from=None if on_path else position, speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
+            off_path_ned_m=None if on_path else position, speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
         )  # fmt: skip
 
     def new_progress(self) -> FlightProgress | None:

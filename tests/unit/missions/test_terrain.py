@@ -39,9 +39,9 @@ def waypoint_at(north_deg: float, altitude: Altitude, east_deg: float = 0.0) -> 
 
 
 def ground_of(*files: Path, margin_m: float = 3000.0) -> Ground:
-    area = Area.around([(LAT_DEG, LON_DEG)], margin_m)
+    area = Area.around_positions([(LAT_DEG, LON_DEG)], margin_m)
     assert area is not None
-    elevation = Elevation.of(files)
+    elevation = Elevation.from_files(files)
     assert elevation.problems == ()
     found = elevation.ground(area)
     assert found is not None
@@ -61,7 +61,7 @@ def test_a_slope_is_interpolated_between_cells(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     lat, lon = LAT_DEG + rng.uniform(-0.02, 0.02, 200), LON_DEG + rng.uniform(-0.02, 0.02, 200)
     # GDAL positions cells to an eighth of a cell, here 0.075 m of the slope.
-    np.testing.assert_allclose(ground.at(lat, lon), slope(lat, lon), atol=0.1)
+    np.testing.assert_allclose(ground.altitudes_amsl_m(lat, lon), slope(lat, lon), atol=0.1)
 
 
 def test_a_file_in_metres_of_utm_has_the_correct_position(tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_file_in_metres_of_utm_has_the_correct_position(tmp_path: Path) -> Non
     found = inspect(path)
     assert found.south_deg < LAT_DEG < found.north_deg
     assert found.west_deg < LON_DEG < found.east_deg
-    assert ground_of(path, margin_m=500.0).one(LAT_DEG, LON_DEG) == pytest.approx(432.0)
+    assert ground_of(path, margin_m=500.0).altitude_amsl_m(LAT_DEG, LON_DEG) == pytest.approx(432.0)
 
 
 def test_the_position_of_an_hgt_file_comes_from_its_name(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_the_position_of_an_hgt_file_comes_from_its_name(tmp_path: Path) -> None
     heights[:600] = 654
     (tmp_path / "N47E008.hgt").write_bytes(heights.tobytes())
     ground = ground_of(tmp_path / "N47E008.hgt")
-    assert ground.one(LAT_DEG, LON_DEG) == pytest.approx(321.0)
+    assert ground.altitude_amsl_m(LAT_DEG, LON_DEG) == pytest.approx(321.0)
     assert 85.0 < ground.spacing_m < 100.0
 
 
@@ -97,30 +97,30 @@ def test_the_finest_file_is_used_and_a_coarser_one_fills_its_gaps(tmp_path: Path
     coarse = write(tmp_path / "coarse.tif", flat(200.0), step_deg=0.001)
     for files in ((fine, coarse), (coarse, fine)):
         ground = ground_of(*files, margin_m=1000.0)
-        assert ground.one(LAT_DEG, LON_DEG - 0.005) == pytest.approx(100.0)
-        assert ground.one(LAT_DEG, LON_DEG + 0.005) == pytest.approx(200.0)
+        assert ground.altitude_amsl_m(LAT_DEG, LON_DEG - 0.005) == pytest.approx(100.0)
+        assert ground.altitude_amsl_m(LAT_DEG, LON_DEG + 0.005) == pytest.approx(200.0)
 
 
 def test_outside_all_files_the_ground_is_unknown(hilly: Ground) -> None:
-    assert hilly.one(LAT_DEG + 1.0, LON_DEG) is None
-    assert hilly.one(LAT_DEG, LON_DEG - 1.0) is None
-    assert hilly.one(-LAT_DEG, LON_DEG) is None
+    assert hilly.altitude_amsl_m(LAT_DEG + 1.0, LON_DEG) is None
+    assert hilly.altitude_amsl_m(LAT_DEG, LON_DEG - 1.0) is None
+    assert hilly.altitude_amsl_m(-LAT_DEG, LON_DEG) is None
 
 
 def test_a_file_at_the_date_line_is_used_from_both_sides(tmp_path: Path) -> None:
     write(tmp_path / "east.tif", flat(12.0), west_deg=180.0 - 0.05, north_deg=0.03)
     for lon_deg in (179.99, -180.01):
-        area = Area.around([(0.0, lon_deg)], 200.0)
+        area = Area.around_positions([(0.0, lon_deg)], 200.0)
         assert area is not None
-        ground = Elevation.of([tmp_path / "east.tif"]).ground(area)
+        ground = Elevation.from_files([tmp_path / "east.tif"]).ground(area)
         assert ground is not None
-        assert ground.one(0.0, 179.99) == pytest.approx(12.0)
+        assert ground.altitude_amsl_m(0.0, 179.99) == pytest.approx(12.0)
 
 
 def test_a_large_area_is_read_with_a_wider_grid(tmp_path: Path) -> None:
     path = write(tmp_path / "country.tif", flat(300.0), cells=100, step_deg=0.0001)
     area = Area(LON_DEG - 2.0, LAT_DEG - 2.0, LON_DEG + 2.0, LAT_DEG + 2.0)
-    ground = Elevation.of([path]).ground(area)
+    ground = Elevation.from_files([path]).ground(area)
     assert ground is not None
     assert ground.amsl_m.size < 4_100_000
 
@@ -135,7 +135,7 @@ def test_files_that_are_not_elevation_files_are_reported_by_name_and_ignored(
     found = [Path(each) for each in elevation_files(tmp_path)]
     assert {each.name for each in found} == {name, "good.tif"}
     assert tuple(DRIVERS) == ELEVATION_SUFFIXES
-    elevation = Elevation.of(found)
+    elevation = Elevation.from_files(found)
     assert [path for path, _ in elevation.files] == [good]
     (problem,) = elevation.problems
     assert name in problem

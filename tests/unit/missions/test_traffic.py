@@ -15,8 +15,8 @@ from missions.runner.flight import Flight
 from missions.separation import closest_m, planned_margin_m
 from missions.traffic.conflict import conflicts, first_conflict
 from missions.traffic.offboard import predict_mission
-from missions.traffic.path import standing
-from missions.traffic.waypoints import lands, predict_plan
+from missions.traffic.path import stationary_path
+from missions.traffic.waypoints import ends_with_landing, predict_plan
 from missions.trajectory.limits import MotionLimits
 from missions.values import HomePosition
 from missions.vehicle import VehicleModel
@@ -53,7 +53,7 @@ def predicted_path(items, vehicle="1", *, frame=ORIGIN, **more):
     first = items[0]
     home = HomePosition(lat_deg=first["lat_deg"], lon_deg=first["lon_deg"], alt_amsl_m=500.0)
     planned = planned_by_plan(plan, VehicleModel(), home, frame)
-    return predict_plan(vehicle, frame, planned, ends_in_air=not lands(plan), **more)
+    return predict_plan(vehicle, frame, planned, ends_in_air=not ends_with_landing(plan), **more)
 
 
 def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_place_time_and_distance():
@@ -105,11 +105,14 @@ def test_a_vehicle_that_has_already_landed_causes_no_conflict():
 
 def test_a_vehicle_that_hovers_on_the_path_is_a_conflict_at_any_time():
     found = first_conflict(
-        predicted_path(line(hold_s=600), "2"), standing("1", ORIGIN, (0, 100, -20), "Hold")
+        predicted_path(line(hold_s=600), "2"), stationary_path("1", ORIGIN, (0, 100, -20), "Hold")
     )
-    assert (found.other_place, found.earlier_or_later_s) == ("Hold", None)
-    assert "is there is not known" in found.text
-    assert first_conflict(predicted_path(line(), "2"), standing("1", ORIGIN, (0, 100, -60), "Hold")) is None
+    assert (found.other_place, found.time_uncertainty_s) == ("Hold", None)
+    assert "at this position is not known" in found.text
+    assert (
+        first_conflict(predicted_path(line(), "2"), stationary_path("1", ORIGIN, (0, 100, -60), "Hold"))
+        is None
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -152,8 +155,10 @@ def test_the_flown_part_of_a_path_is_not_compared():
 
 
 def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_item():
-    way = {"index": 2, "t_s": 0.0, "way_from": (0.0, 180.0, -20.0)}
-    own = predicted_path(line(east_m=190.0, north=True), "2", **{**way, "way_from": (-60.0, 190.0, -20.0)})
+    way = {"index": 2, "t_s": 0.0, "off_path_ned_m": (0.0, 180.0, -20.0)}
+    own = predicted_path(
+        line(east_m=190.0, north=True), "2", **{**way, "off_path_ned_m": (-60.0, 190.0, -20.0)}
+    )
     found = first_conflict(own, predicted_path(line(), **way))
     assert found.place == "item 3"
     assert 30 < found.along_m < 75
@@ -165,7 +170,10 @@ def test_the_items_of_a_plan_that_repeats_without_end_may_be_flown_at_any_time()
 
 
 def test_conflicts_with_several_vehicles_are_sorted_by_time():
-    late, soon = standing("3", ORIGIN, (0, 150, -20), "Hold"), standing("1", ORIGIN, (0, 50, -20), "Hold")
+    late, soon = (
+        stationary_path("3", ORIGIN, (0, 150, -20), "Hold"),
+        stationary_path("1", ORIGIN, (0, 50, -20), "Hold"),
+    )
     found = conflicts(predicted_path(line(), "2"), [late, soon])
     assert [each.other for each in found] == ["1", "3"]
 

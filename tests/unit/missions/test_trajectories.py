@@ -13,7 +13,7 @@ from missions.trajectory.headings import AlongPath, LookAt
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.points import PassPoint
 from missions.trajectory.shapes import arc, figure_eight
-from missions.trajectory.solve import along, through
+from missions.trajectory.solve import curve_along_path, curve_through_points
 
 LIMITS = MotionLimits()
 EAST = math.pi / 2
@@ -53,14 +53,14 @@ def test_a_straight_leg_takes_the_shortest_possible_time(seed: int) -> None:
             np.divide(min(LIMITS.acceleration_up_m_s2, LIMITS.acceleration_down_m_s2), abs(down)),
         )
     n, e, d = (float(axis) for axis in direction * length_m)
-    found_s = through(points((0, 0, 0), (n, e, d))).duration_s
+    found_s = curve_through_points(points((0, 0, 0), (n, e, d))).duration_s
     bound_s = shortest_s(length_m, float(speed), float(acceleration), LIMITS.jerk_m_s3)
     assert bound_s * (1.0 - 1e-6) <= found_s <= bound_s * (1.0 + 1e-6)
 
 
 def test_the_times_of_legs_between_stops_add_up() -> None:
-    one_leg_s = through(points((0, 0, 0), (30, 0, 0))).duration_s
-    both = through(points((0, 0, 0), (30, 0, 0), (0, 0, 0), stop=True))
+    one_leg_s = curve_through_points(points((0, 0, 0), (30, 0, 0))).duration_s
+    both = curve_through_points(points((0, 0, 0), (30, 0, 0), (0, 0, 0), stop=True))
     assert both.duration_s == pytest.approx(2.0 * one_leg_s)
     assert both.point_times_s == pytest.approx((0.0, one_leg_s, 2.0 * one_leg_s))
 
@@ -69,7 +69,7 @@ def test_curves_pass_within_the_corner_distance_and_are_faster_than_stops() -> N
     square = ((0, 0, -5), (40, 0, -5), (40, 40, -5), (0, 40, -5))
     times = []
     for corner_m in (0.0, 0.2, 2.0, 3.0):
-        curve = through(points(*square, corner_m=corner_m))
+        curve = curve_through_points(points(*square, corner_m=corner_m))
         times.append(curve.duration_s)
         path = curve.sample(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
         for corner in square[1:3]:
@@ -83,7 +83,7 @@ def test_curves_pass_within_the_corner_distance_and_are_faster_than_stops() -> N
 def test_an_exact_curve_passes_each_point_at_the_stated_time() -> None:
     rng = np.random.default_rng(7)
     positions = np.cumsum(rng.normal(0.0, 20.0, (30, 3)), axis=0)
-    curve = through([PassPoint(tuple(position)) for position in positions.tolist()], exact=True)
+    curve = curve_through_points([PassPoint(tuple(position)) for position in positions.tolist()], exact=True)
     found = [curve.at(t).position_ned_m for t in curve.point_times_s]
     assert np.array(found) == pytest.approx(positions, abs=1e-6)
     assert curve.point_times_s == tuple(sorted(curve.point_times_s))
@@ -92,7 +92,7 @@ def test_an_exact_curve_passes_each_point_at_the_stated_time() -> None:
 def test_a_trajectory_stops_only_at_requested_stops() -> None:
     route = points((0, 0, 0), (20, 0, 0), (20, 20, 0), (40, 20, 0))
     route[2] = PassPoint((20, 20, 0), stop=True)
-    curve = through(route)
+    curve = curve_through_points(route)
     speeds = [math.hypot(*curve.at(t).velocity_ned_m_s) for t in curve.point_times_s]  # type: ignore[arg-type]
     assert speeds[1] > 1.0
     assert speeds[2] == pytest.approx(0.0, abs=1e-4)
@@ -101,7 +101,9 @@ def test_a_trajectory_stops_only_at_requested_stops() -> None:
 
 def test_a_dense_smooth_path_is_not_slower_because_of_its_points() -> None:
     few, many = (
-        through(points(*[(x, 0.0, -5.0) for x in np.linspace(0.0, 200.0, count).tolist()])).duration_s
+        curve_through_points(
+            points(*[(x, 0.0, -5.0) for x in np.linspace(0.0, 200.0, count).tolist()])
+        ).duration_s
         for count in (2, 201)
     )
     assert many == pytest.approx(few, rel=1e-6)
@@ -109,7 +111,7 @@ def test_a_dense_smooth_path_is_not_slower_because_of_its_points() -> None:
 
 def test_yaws_are_reached_at_their_points_by_the_shorter_rotation() -> None:
     route = [PassPoint((0, 0, 0), 3.0), PassPoint((30, 0, 0)), PassPoint((60, 0, 0), -3.0)]
-    curve = through(route)
+    curve = curve_through_points(route)
     yaws = [curve.at(t).yaw_ned_rad for t in curve.point_times_s]
     assert yaws[0] == pytest.approx(3.0)
     assert abs(yaws[1]) == pytest.approx(math.pi)  # type: ignore[arg-type]
@@ -118,17 +120,17 @@ def test_yaws_are_reached_at_their_points_by_the_shorter_rotation() -> None:
 
 
 def test_a_trajectory_may_turn_without_moving() -> None:
-    curve = through([PassPoint((1, 2, -3), 0.0), PassPoint((1, 2, -3), EAST)])
+    curve = curve_through_points([PassPoint((1, 2, -3), 0.0), PassPoint((1, 2, -3), EAST)])
     assert curve.duration_s > EAST / LIMITS.yaw_rate_rad_s
     assert curve.at(curve.duration_s / 2).position_ned_m == pytest.approx((1, 2, -3))
     assert curve.at(curve.duration_s / 2).yaw_ned_rad == pytest.approx(EAST / 2)
 
 
 def test_the_heading_follows_the_path_and_turns_at_stops() -> None:
-    curve = through(points((0, 0, 0), (30, 0, 0), (30, 30, 0), stop=True), heading=AlongPath())
+    curve = curve_through_points(points((0, 0, 0), (30, 0, 0), (30, 30, 0), stop=True), heading=AlongPath())
     assert curve.at(1.0).yaw_ned_rad == pytest.approx(0.0)
     assert curve.at(curve.duration_s - 1.0).yaw_ned_rad == pytest.approx(EAST)
-    curve = along(figure_eight((0, 0, -9), 60.0, 30.0, 1.0), LIMITS, AlongPath())
+    curve = curve_along_path(figure_eight((0, 0, -9), 60.0, 30.0, 1.0), LIMITS, AlongPath())
     for t in np.linspace(0.5, curve.duration_s - 0.5, 200).tolist():
         now = curve.at(t)
         north, east, _ = now.velocity_ned_m_s
@@ -137,7 +139,7 @@ def test_the_heading_follows_the_path_and_turns_at_stops() -> None:
 
 
 def test_the_heading_turns_by_half_a_turn_over_the_look_at_point() -> None:
-    curve = through(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
+    curve = curve_through_points(points((-200, 0, -5), (200, 0, -5)), heading=LookAt((0.0, 0.0, 0.0)))
     found = curve.sample(np.linspace(0.0, curve.duration_s, 20_000))
     turning = np.abs(found.yaw_rate_ned_rad_s) > 1e-3
     assert np.abs(found.position_ned_m[turning, 0]).max() < 2.0
@@ -148,7 +150,7 @@ def test_the_heading_turns_by_half_a_turn_over_the_look_at_point() -> None:
 
 
 def test_an_orbit_keeps_its_radius_and_points_at_its_centre() -> None:
-    curve = along(arc((10, 20, -30), 15.0, 2.0), LIMITS, LookAt((10.0, 20.0, 0.0)))
+    curve = curve_along_path(arc((10, 20, -30), 15.0, 2.0), LIMITS, LookAt((10.0, 20.0, 0.0)))
     assert curve.length_m == pytest.approx(math.tau * 15.0 * 2.0, rel=1e-6)
     for t in np.linspace(0.0, curve.duration_s, 300).tolist():
         now = curve.at(t)
@@ -159,7 +161,9 @@ def test_an_orbit_keeps_its_radius_and_points_at_its_centre() -> None:
 
 
 def test_a_helix_climbs_and_a_spiral_widens_evenly() -> None:
-    curve = along(arc((0, 0, -10), 10.0, 2.0, climb_m=20.0, end_radius_m=30.0, clockwise=False), LIMITS)
+    curve = curve_along_path(
+        arc((0, 0, -10), 10.0, 2.0, climb_m=20.0, end_radius_m=30.0, clockwise=False), LIMITS
+    )
     start, end = curve.at(0.0).position_ned_m, curve.at(curve.duration_s).position_ned_m
     assert start == pytest.approx((10.0, 0.0, -10.0))
     assert end == pytest.approx((30.0, 0.0, -30.0))
@@ -167,7 +171,7 @@ def test_a_helix_climbs_and_a_spiral_widens_evenly() -> None:
 
 
 def test_a_figure_eight_crosses_its_centre_and_reaches_its_ends() -> None:
-    curve = along(figure_eight((5, 5, -9), 40.0, 12.0, 1.0, heading_ned_rad=EAST), LIMITS)
+    curve = curve_along_path(figure_eight((5, 5, -9), 40.0, 12.0, 1.0, heading_ned_rad=EAST), LIMITS)
     path = curve.sample(np.linspace(0.0, curve.duration_s, 20_000)).position_ned_m
     assert path[:, 1].max() == pytest.approx(25.0, abs=1e-3)
     assert path[:, 0].max() == pytest.approx(11.0, abs=1e-3)
@@ -175,7 +179,7 @@ def test_a_figure_eight_crosses_its_centre_and_reaches_its_ends() -> None:
 
 
 def test_single_and_multiple_samples_agree_also_after_pickling() -> None:
-    curve = through(points((0, 0, 0), (9, 3, -4), (20, -5, -6)), heading=AlongPath(), exact=True)
+    curve = curve_through_points(points((0, 0, 0), (9, 3, -4), (20, -5, -6)), heading=AlongPath(), exact=True)
     copy = pickle.loads(pickle.dumps(curve))
     times = np.linspace(-1.0, curve.duration_s + 1.0, 97)
     found = copy.sample(times)
@@ -190,19 +194,19 @@ def test_single_and_multiple_samples_agree_also_after_pickling() -> None:
 
 @pytest.mark.parametrize("exact", [False, True])
 def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
-    one = through(points((1, 2, -3)), exact=exact)
+    one = curve_through_points(points((1, 2, -3)), exact=exact)
     assert (one.duration_s, one.at(5.0).position_ned_m) == (0.0, (1.0, 2.0, -3.0))
     assert one.sample(np.array([0.0, 1.0])).position_ned_m.tolist() == [[1, 2, -3], [1, 2, -3]]
-    same = through(points((1, 2, -3), (1, 2, -3), (1, 2, -3)), exact=exact)
+    same = curve_through_points(points((1, 2, -3), (1, 2, -3), (1, 2, -3)), exact=exact)
     assert (same.duration_s, same.point_times_s) == (0.0, (0.0, 0.0, 0.0))
-    back = through(points((0, 0, 0), (50, 0, 0), (0, 0, 0), (50, 0, 0)), exact=exact)
+    back = curve_through_points(points((0, 0, 0), (50, 0, 0), (0, 0, 0), (50, 0, 0)), exact=exact)
     assert back.at(back.duration_s).position_ned_m == pytest.approx((50, 0, 0))
-    tiny = through(points((0, 0, 0), (0.002, 0, 0), (0.002, 0.002, 0)), exact=exact)
+    tiny = curve_through_points(points((0, 0, 0), (0.002, 0, 0), (0.002, 0.002, 0)), exact=exact)
     assert 0.0 < tiny.duration_s < 2.0
-    huge = through(points((0, 0, 0), (9e5, 0, 0), (9e5, 9e5, 0)), exact=exact)
+    huge = curve_through_points(points((0, 0, 0), (9e5, 0, 0), (9e5, 9e5, 0)), exact=exact)
     assert math.isfinite(huge.duration_s)
     assert huge.duration_s > 1.5e5
-    long = through(points(*[(10.0 * k, 3.0 * (k % 7), -5.0) for k in range(2000)]), exact=exact)
+    long = curve_through_points(points(*[(10.0 * k, 3.0 * (k % 7), -5.0) for k in range(2000)]), exact=exact)
     assert len(long.point_times_s) == 2000
     assert math.isfinite(long.duration_s)
 
@@ -223,14 +227,14 @@ def test_invalid_points_are_refused_with_the_field_and_a_fix(
     given: list[PassPoint], place: str, fix: str
 ) -> None:
     with pytest.raises(PlanError) as caught:
-        through(given)
+        curve_through_points(given)
     assert caught.value.place == place
     assert fix in caught.value.fix
 
 
 def test_a_yaw_and_a_heading_together_are_refused() -> None:
     with pytest.raises(PlanError, match="point 2"):
-        through([PassPoint((0, 0, 0)), PassPoint((9, 0, 0), 1.0)], heading=AlongPath())
+        curve_through_points([PassPoint((0, 0, 0)), PassPoint((9, 0, 0), 1.0)], heading=AlongPath())
 
 
 @pytest.mark.parametrize(

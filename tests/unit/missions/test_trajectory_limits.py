@@ -16,7 +16,7 @@ from missions.trajectory.limits import PARAMETERS, MotionLimits
 from missions.trajectory.pieces import Pieces
 from missions.trajectory.points import merge_same
 from missions.trajectory.shapes import arc, figure_eight
-from missions.trajectory.solve import along, through
+from missions.trajectory.solve import curve_along_path, curve_through_points
 from missions.vehicle import GRAVITY_M_S2
 from tests.support.random_paths import random_limits, random_points
 
@@ -34,22 +34,22 @@ def random_path(rng: np.random.Generator) -> Pieces:
         path = arc(
             (0, 0, -9), rng.uniform(1.0, 40.0), rng.uniform(0.1, 4.0), climb_m=climb_m, end_radius_m=end_m
         )
-        return headings.look_at(path, LookAt((1.0, 2.0, 0.0)))
+        return headings.with_yaw_towards(path, LookAt((1.0, 2.0, 0.0)))
     if kind < 0.15:
         path = figure_eight(
             (0, 0, -9), rng.uniform(2.0, 100.0), rng.uniform(2.0, 50.0), rng.uniform(0.1, 3.0)
         )
-        return headings.along_path(path, AlongPath())
+        return headings.with_yaw_along_path(path, AlongPath())
     points: list = []
     while len(points) < 2:
         points, _ = merge_same(random_points(rng, int(rng.integers(2, 9)), yaws=kind < 0.5))
     path = lines.smooth(points) if rng.random() < 0.4 else lines.straight(points)
     yaws = [point.yaw_ned_rad for point in points]
     if any(yaw is not None for yaw in yaws):
-        return headings.through_points(path, yaws)
+        return headings.with_point_yaws(path, yaws)
     if kind < 0.7:
-        return headings.look_at(path, LookAt((3.0, 4.0, 0.0)))
-    return headings.along_path(path, AlongPath())
+        return headings.with_yaw_towards(path, LookAt((3.0, 4.0, 0.0)))
+    return headings.with_yaw_along_path(path, AlongPath())
 
 
 def joined(paths: list[Pieces]) -> Pieces:
@@ -87,7 +87,7 @@ def test_thousands_of_random_missions_stay_within_all_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     limits = random_limits(rng)
     path = joined([random_path(rng) for _ in range(MISSIONS)])
-    curve = along(path, limits, has_yaw=True)
+    curve = curve_along_path(path, limits, has_yaw=True)
     assert math.isfinite(curve.duration_s)
     assert_within_limits(curve, limits, 40_000)
 
@@ -98,7 +98,7 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
     limits = random_limits(rng)
     points = random_points(rng, 8, yaws=seed % 2 == 0)
     heading = None if any(p.yaw_ned_rad is not None for p in points) else AlongPath()
-    curve = through(points, limits, exact=seed % 3 == 0, heading=heading)
+    curve = curve_through_points(points, limits, exact=seed % 3 == 0, heading=heading)
     assert_within_limits(curve, limits, 4000)
     h = 1e-4
     moments = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.begins.tolist()]))

@@ -80,7 +80,7 @@ def test_the_plan_gives_the_path_and_the_time_of_each_item():
     assert third.points[-1][1:] == pytest.approx((40.0, 40.0, -10.0), abs=0.01)
     landing = found.passes[3].leg.points
     assert [point[3] for point in landing] == pytest.approx([-10.0, -10.0, 0.0], abs=0.01)
-    assert found.figures().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
+    assert found.planned_flight().length_m == pytest.approx(10 + 40 + 40 + 10, abs=0.1)
 
 
 def test_each_execution_of_a_repeated_item_has_its_own_path():
@@ -89,7 +89,7 @@ def test_each_execution_of_a_repeated_item_has_its_own_path():
     whole = plan_of(repeated).model_copy(update={"planned_home": HOME})
     assert estimate(whole, VEHICLE).length_m == pytest.approx(10 + 40 + 80 + 80 + 80 + 10, abs=0.2)
     found = planned(repeated)
-    assert found.figures().length_m == pytest.approx(300, abs=0.2)
+    assert found.planned_flight().length_m == pytest.approx(300, abs=0.2)
     assert found.passes[3].leg.duration_s > found.passes[1].leg.duration_s + 5
 
 
@@ -106,7 +106,7 @@ def test_the_deviation_is_split_into_horizontal_and_vertical_and_the_time_left_d
     before_s = flown.observe(0, (0.0, 0.0, -5.0)).remaining_s
     seen = flown.observe(1, (10.0, 3.0, -11.0))
     assert (seen.horizontal_m, seen.vertical_m) == (pytest.approx(3.0), pytest.approx(1.0))
-    assert (seen.place, seen.title, seen.not_compared) == ("item 2", "Waypoint", None)
+    assert (seen.place, seen.title, seen.reason_not_compared) == ("item 2", "Waypoint", None)
     state = seen.planned_state(Reading(armed=True))
     assert (state.planned_ned_m, state.counts) == (pytest.approx((10.0, 0.0, -10.0), abs=0.01), True)
     assert seen.remaining_s < before_s
@@ -147,9 +147,12 @@ def test_a_flight_that_was_not_monitored_from_its_start_has_no_remaining_time_if
 def test_a_start_at_a_later_item_is_compared_with_the_rest_of_the_plan_once_the_path_is_reached():
     flown = MonitoredFlight()
     seen = flown.observe(2, (10.0, 10.0, -10.0))
-    assert (seen.horizontal_m, seen.not_compared) == (None, "The vehicle is flying to the planned path.")
+    assert (seen.horizontal_m, seen.reason_not_compared) == (
+        None,
+        "The vehicle is flying to the planned path.",
+    )
     assert flown.observe(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
-    rest, whole = seen.planned_flight(), planned(SQUARE).figures()
+    rest, whole = seen.planned_flight(), planned(SQUARE).planned_flight()
     assert [leg.place for leg in rest.legs] == ["item 3", "item 4"]
     assert (rest.length_m, whole.duration_s - rest.duration_s) == (
         pytest.approx(50.0, abs=0.1),
@@ -168,7 +171,7 @@ def test_hold_pauses_the_monitor_and_mission_resumes_it_on_the_path():
     flown = MonitoredFlight()
     flown.observe(1, (20.0, 0.0, -10.0))
     held = flown.observe(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
-    assert (held.state, held.horizontal_m, held.not_compared) == ("paused", None, None)
+    assert (held.state, held.horizontal_m, held.reason_not_compared) == ("paused", None, None)
     assert held.reason == "The vehicle has left Mission mode: The RC pilot."
     back = flown.observe(1, (21.0, 8.0, -10.0))
     assert (back.state, back.reason, back.horizontal_m) == ("flying", None, None)
@@ -218,7 +221,7 @@ def test_a_return_item_is_a_part_of_the_mission_but_a_failsafes_return_is_not():
     flown = MonitoredFlight(items)
     flown.observe(1, (40.0, 0.0, -10.0))
     seen = flown.observe(2, (30.0, 0.0, -30.0), mode="rtl", source="unknown")
-    assert (seen.state, seen.not_compared) == ("flying", "PX4 chooses the path of this item itself.")
+    assert (seen.state, seen.reason_not_compared) == ("flying", "PX4 chooses the path of this item itself.")
     assert seen.remaining_s > 0
     assert flown.observe(2, (20.0, 0.0, -30.0), mode="rtl", source="failsafe").state == "paused"
 
@@ -235,7 +238,11 @@ def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
 def test_a_flight_without_a_planned_path_says_why_and_still_ends():
     flown = MonitoredFlight(planned=None, not_compared="It was already flying.", from_start=False)
     seen = flown.observe(3, (40.0, 40.0, -5.0))
-    assert (seen.not_compared, seen.remaining_s, seen.horizontal_m) == ("It was already flying.", None, None)
+    assert (seen.reason_not_compared, seen.remaining_s, seen.horizontal_m) == (
+        "It was already flying.",
+        None,
+        None,
+    )
     assert seen.planned_flight().legs == ()
     assert flown.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
 
@@ -244,7 +251,10 @@ def test_an_unknown_position_is_no_deviation():
     flown = MonitoredFlight()
     flown.observe(1, (20.0, 0.0, -10.0))
     seen = flown.observe(1, None)
-    assert (seen.horizontal_m, seen.not_compared) == (None, "The vehicle has no valid position estimate.")
+    assert (seen.horizontal_m, seen.reason_not_compared) == (
+        None,
+        "The vehicle has no valid position estimate.",
+    )
 
 
 def nominal(seconds=20.0):

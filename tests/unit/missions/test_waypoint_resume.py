@@ -9,7 +9,7 @@ from missions.checks import check
 from missions.runner.reading import Reading
 from missions.values import HomePosition
 from missions.waypoints.monitor import WaypointMonitor
-from missions.waypoints.resume import leg_start, rest_of, resume_after, resume_point
+from missions.waypoints.resume import leg_start, remaining_plan, resume_after, resume_point
 
 HERE = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
 
@@ -82,7 +82,7 @@ def test_the_last_item_is_no_resume_point_because_px4_restarts_the_mission():
 
 def test_an_interrupted_return_is_not_resumed():
     plan = plan_of(LINE)
-    assert resume_after(plan, 6, 7) == "Only the return was left."
+    assert resume_after(plan, 6, 7) == "Only the return to home remains."
     assert resume_after(plan, 4, 6) == resume_point(plan, 4)
 
 
@@ -130,7 +130,7 @@ def test_the_rest_is_checked_from_the_new_position_with_the_plans_item_numbers()
         (300, ["The straight path to item 3 (waypoint) passes through Tower."]),
     ):
         here = HERE.model_copy(update={"lat_deg": 47.0 + north_m / 111_195})
-        found = [each for each in check(rest_of(plan, 2, here)) if each.code == "obstacle_hit"]
+        found = [each for each in check(remaining_plan(plan, 2, here)) if each.code == "obstacle_hit"]
         assert [each.message for each in found if "home" not in each.message] == messages
 
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from missions.avoidance.corridor import first_on_line
-from missions.avoidance.memory import KEPT_S, MAX_COLUMNS, ObstacleMemory, along
+from missions.avoidance.memory import KEPT_S, MAX_COLUMNS, ObstacleMemory, along_line
 from missions.avoidance.scans import Scan, fresh, measures_down, measures_level, measures_outwards, range_at_m
 
 AHEAD = Scan(10.0, ((1.0, 0.0, 0.0),), (5.0,), 20.0)
@@ -69,7 +69,7 @@ def test_memory_is_limited_and_the_oldest_points_are_dropped():
 def test_columns_have_positions_along_and_beside_a_line():
     memory = ObstacleMemory()
     memory.add(AHEAD, (0.0, 1.0, -1.0), 0.0)
-    seen = along(memory.above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
+    seen = along_line(memory.above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
     assert seen.along_m.tolist() == [5.0]
     assert seen.across_m.tolist() == [1.0]
     assert seen.from_start_m[0] == pytest.approx(math.sqrt(26.0))

@@ -22,7 +22,7 @@ from gcs_server.streamer.values.bounds import Bounds
 from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.geodesy import LocalOrigin
-from missions.separation import EXTRA_BRAKING_M, MovingVehicle, closest_m, margin_m, stopping_m
+from missions.separation import EXTRA_BRAKING_M, MovingVehicle, braking_distance_m, closest_m, margin_m
 from missions.setpoints import (
     Attitude,
     Follow,
@@ -70,7 +70,7 @@ def vectors(*rows):
 
 def test_a_head_on_approach_counts_both_braking_distances():
     left_m = closest_m(*vectors((0, 0, 0), (5, 0, 0), (30, 0, 0), (-5, 0, 0)))
-    assert float(left_m) == pytest.approx(30 - 2 * stopping_m(5.0), abs=0.02)
+    assert float(left_m) == pytest.approx(30 - 2 * braking_distance_m(5.0), abs=0.02)
 
 
 def test_parallel_flight_keeps_its_distance_at_any_speed():
@@ -107,7 +107,7 @@ def test_a_vehicle_without_reported_accuracy_gets_a_default_margin():
 def test_vehicles_with_a_low_tilt_limit_or_attitude_setpoints_are_stopped_earlier():
     def brakes(tilt_deg, setpoint):
         bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
-        return motion_of(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).brakes_m_s2
+        return motion_of(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).braking_decel_m_s2
 
     steered, drifting = Velocity((1.0, 0.0, 0.0)), Attitude((1.0, 0.0, 0.0, 0.0), 0.5)
     assert brakes(45, steered) == 2.5
@@ -290,7 +290,7 @@ def test_too_near_now_equals_the_first_step_of_the_prediction():
     fast = planned("1", None, velocity=(0.0, 4.0, 0.0)), planned("2", None, east_m=9.0)
     found, searched = too_near_now(fast, 100.0, 3.0), conflict(*fast)
     assert (found.while_stopping, found.after_s) == (True, 0.0)
-    assert found.distance_m == pytest.approx(9.0 - stopping_m(4.0), abs=0.05)
+    assert found.distance_m == pytest.approx(9.0 - braking_distance_m(4.0), abs=0.05)
     assert searched.vehicles == found.vehicles
 
 
@@ -344,7 +344,7 @@ def test_two_members_that_come_too_close_hold_and_the_finding_has_their_distance
 
 def test_an_accelerating_member_is_stopped_in_time():
     drift = StreamRequest(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
-    gains_m_s2, go_on_s, brakes_m_s2 = 6.0, 0.3, 1.5
+    gains_m_s2, go_on_s, braking_decel_m_s2 = 6.0, 0.3, 1.5
     watch = GroupGuard(
         "7",
         dict.fromkeys("12", WAIT),
@@ -364,7 +364,9 @@ def test_an_accelerating_member_is_stopped_in_time():
     else:
         pytest.fail("the accelerating member was not stopped")
     fastest_m_s = speed_m_s + gains_m_s2 * go_on_s
-    needs_m = speed_m_s * go_on_s + 0.5 * gains_m_s2 * go_on_s**2 + fastest_m_s**2 / (2.0 * brakes_m_s2)
+    needs_m = (
+        speed_m_s * go_on_s + 0.5 * gains_m_s2 * go_on_s**2 + fastest_m_s**2 / (2.0 * braking_decel_m_s2)
+    )
     assert apart_m - needs_m >= 3.0, (apart_m, speed_m_s)
 
 
