@@ -13,7 +13,7 @@ from missions.vehicle import PowerModel, VehicleModel
 
 CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "plan_empty": ("warning", "the plan has no items"),
-    "home_missing": ("warning", "no planned home, so altitudes and distances from it are not known"),
+    "home_missing": ("warning", "no planned home, so altitudes and distances from home are not known"),
     "takeoff_missing": ("warning", "no take-off (an error where MIS_TKO_LAND_REQ requires one)"),
     "takeoff_not_first": ("error", "a waypoint, wait or jump comes before the take-off"),
     "takeoff_too_low": ("error", "the take-off is lower than PX4 accepts (NAV_MC_ALT_RAD + 1 m)"),

@@ -40,9 +40,7 @@ def _completeness(context: Context) -> Iterator[Finding]:
         yield Finding("home_missing", message, fix="Set the planned home position.")
     for row, item in enumerate(context.plan.items):
         if isinstance(item, ComplexItem) and not item.items:
-            message = (
-                f"Item {row + 1} ({item.complex_type}) contains no mission items; it would not be flown."
-            )
+            message = f"Item {row + 1} ({item.complex_type}) contains no mission items; PX4 would not fly it."
             yield Finding("complex_without_items", message, row, fix="Replace it with a pattern made here.")
     corners, points = len(fence_items(context.plan)), len(context.plan.rally_points)
     if corners > FENCE_CAPACITY:
@@ -66,7 +64,7 @@ def _refused_items(context: Context) -> Iterator[Finding]:
                 message = f"PX4 refuses item {row + 1} (command {item.command}, frame {item.frame})."
                 yield Finding("command_refused", message, row, fix="Remove this item.")
         elif isinstance(item, SetServo | CameraZoom):
-            # Recorded on PX4 v1.16: such an item ends the upload.
+            # Recorded on PX4 v1.16: the upload ends at an item of this kind.
             message = f"PX4 refuses {item_name(row, item).lower()}."
             fix = "Use a set-actuator item." if isinstance(item, SetServo) else "Remove this item."
             yield Finding("command_refused", message, row, fix=fix)
@@ -101,10 +99,16 @@ def _takeoff(context: Context) -> Iterator[Finding]:
         if isinstance(item, Takeoff):
             above_home_m = context.altitude_home_m(item)
             if above_home_m is not None and above_home_m < required_m:
-                what = item_name(row, item)
-                message = f"{what} climbs to {above_home_m:.1f} m above home; PX4 needs {required_m:.1f} m."
+                subject = item_name(row, item)
+                message = (
+                    f"{subject} climbs to {above_home_m:.1f} m above home; PX4 needs {required_m:.1f} m."
+                )
                 yield Finding(
-                    "takeoff_too_low", message, row, fix=f"Raise it to {required_m:.1f} m.", limit=required_m
+                    "takeoff_too_low",
+                    message,
+                    row,
+                    fix=f"Increase the altitude to {required_m:.1f} m.",
+                    limit=required_m,
                 )
             if earlier is not None:
                 message = f"PX4 requires the take-off before {earlier}."
@@ -144,7 +148,8 @@ def _jumps(context: Context) -> Iterator[Finding]:
             message = f"{item_name(row, item)} jumps to item {item.target_index + 1}, which does not exist."
             yield Finding("jump_target_missing", message, row, fix="Choose another item.")
         elif item.repeat < 0:
-            message = f"{item_name(row, item)} repeats without end; only the operator or the battery ends it."
+            subject = item_name(row, item)
+            message = f"{subject} repeats without end; only the operator or an empty battery ends the loop."
             yield Finding("jump_endless", message, row, fix="Give it a number of repeats.")
     if context.route.stalled_row is not None:
         row = context.route.stalled_row
@@ -158,8 +163,8 @@ def _unreachable_items(context: Context) -> Iterator[Finding]:
         return
     if isinstance(last.item, Land | LoiterUnlimited | ReturnHome) or not last.item.autocontinue:
         unreachable = len(context.items) - last.seq - 1
-        what = item_name(last.row, last.item)
-        message = f"{what} ends the mission; {unreachable} later items may never be reached."
+        subject = item_name(last.row, last.item)
+        message = f"{subject} ends the mission; {unreachable} later items may never be reached."
         yield Finding("items_never_reached", message, last.row, fix="Move or remove what comes after.")
 
 
@@ -197,15 +202,15 @@ def _altitudes(context: Context) -> Iterator[Finding]:
                 yield Finding("altitude_unknown", message, row, fix="Resolve it with elevation data.")
             continue
         if fence_m > 0.0 and above_home_m > fence_m:
-            what = item_name(row, item)
-            message = f"{what} is {above_home_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
-            fix = f"Lower it to {fence_m:.0f} m or less."
+            subject = item_name(row, item)
+            message = f"{subject} is {above_home_m:.0f} m above home; the fence limit is {fence_m:.0f} m."
+            fix = f"Lower the altitude to {fence_m:.0f} m or less."
             yield Finding("altitude_fence", message, row, fix=fix, limit=fence_m)
         elif max_m is not None and above_home_m > max_m:
             message = (
                 f"{item_name(row, item)} is {above_home_m:.0f} m above home; the limit is {max_m:.0f} m."
             )
-            fix = f"Lower it to {max_m:.0f} m or less."
+            fix = f"Lower the altitude to {max_m:.0f} m or less."
             yield Finding("altitude_too_high", message, row, fix=fix, limit=max_m)
         elif above_home_m <= 0.0 and not isinstance(item, Land):
             message = f"{item_name(row, item)} is at or below the altitude of home ({above_home_m:.1f} m)."
@@ -213,7 +218,7 @@ def _altitudes(context: Context) -> Iterator[Finding]:
                 "altitude_below_home",
                 message,
                 row,
-                fix="Increase its altitude, or check the ground below it.",
+                fix="Increase the altitude, or check the ground below the item.",
             )
 
 

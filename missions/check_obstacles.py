@@ -20,8 +20,8 @@ def _obstacles(context: Context) -> Iterator[Finding]:
         return
     for index, obstacle in enumerate(plan.obstacles):
         if not is_valid(obstacle, origin):
-            what = obstacle_name(obstacle, index)
-            message = f"The sides of {what} cross, or it has no area."
+            subject = obstacle_name(obstacle, index)
+            message = f"The sides of {subject} cross, or it has no area."
             yield Finding("obstacle_invalid", message, obstacle=index, fix="Draw the obstacle again.")
     shapes = ObstacleShapes(plan.obstacles, origin, context.home_amsl_m)
     reported: set[tuple[int, int]] = set()
@@ -50,13 +50,13 @@ def _flown_path(line: FlightLine, context: Context) -> list[GeoPosition]:
 
 def _finding(line: FlightLine, clearance: Clearance) -> Finding:
     step = line.step
-    what = f"The straight path to {item_name(step.row, step.item).lower()}"
+    subject = f"The straight path to {item_name(step.row, step.item).lower()}"
     if isinstance(step.item, ReturnHome):
-        what = f"The straight path home of {item_name(step.row, step.item).lower()}"
+        subject = f"The straight path home of {item_name(step.row, step.item).lower()}"
     if clearance.passes_through:
-        message = f"{what} passes through {clearance.name}."
+        message = f"{subject} passes through {clearance.name}."
         return Finding("obstacle_hit", message, step.row, obstacle=clearance.index, fix=ADD_WAYPOINT)
-    message = f"{what} comes within {clearance.distance_m:.1f} m of {clearance.name}."
+    message = f"{subject} comes within {clearance.distance_m:.1f} m of {clearance.name}."
     return Finding("obstacle_near", message, step.row, obstacle=clearance.index, fix=ADD_WAYPOINT)
 
 

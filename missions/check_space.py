@@ -63,7 +63,7 @@ def _fence(context: Context) -> Iterator[Finding]:
         message = "Home is outside the geofence: PX4 rejects this geofence."
         yield Finding("fence_home_outside", message, fix="Move the home or the fence.")
     previous: tuple[NorthEast, bool] | None = None
-    """Position, and whether it is inside."""
+    """The previous position, and whether this position is inside."""
     if home is not None:
         position = _local(context, home.lat_deg, home.lon_deg)
         previous = (position, bool(area.covers(ShapelyPoint(position))))

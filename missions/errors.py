@@ -13,7 +13,7 @@ class PlanError(Exception):
     Attributes:
         place: The part concerned: "item 3 (waypoint), field lat_deg". Items are numbered from 1.
         reason: What is wrong, without a full stop.
-        fix: How to correct it, as a sentence.
+        fix: How to correct the error, as a sentence.
         field: The field of the document, "coverage.side_overlap"; None: the error concerns no single field.
     """
 
@@ -29,14 +29,20 @@ _NOUNS = {"items": "item", "fence": "fence zone", "rally_points": "rally point",
 
 
 def place_of(location: tuple[int | str, ...]) -> str:
-    """The name of a value in messages, from its path of keys and indexes; items are numbered from 1."""
+    """The name of a value in messages, from the path of keys and indexes to the value; items are numbered
+    from 1."""
     parts = list(location)
     if len(parts) >= 2 and parts[0] in _NOUNS and isinstance(parts[1], int):
         text = f"{_NOUNS[str(parts[0])]} {parts[1] + 1}"
-        rest = parts[2:]
-        if rest and parts[0] in ("items", "fence") and isinstance(rest[0], str) and len(rest) > 1:
-            text, rest = f"{text} ({rest[0]})", rest[1:]
-        return f"{text}, field {field_path(rest)}" if rest else text
+        value_path = parts[2:]
+        if (
+            value_path
+            and parts[0] in ("items", "fence")
+            and isinstance(value_path[0], str)
+            and len(value_path) > 1
+        ):
+            text, value_path = f"{text} ({value_path[0]})", value_path[1:]
+        return f"{text}, field {field_path(value_path)}" if value_path else text
     return f"field {field_path(parts)}" if parts else "the plan"
 
 

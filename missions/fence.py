@@ -65,7 +65,7 @@ Fence = PolygonFence | CircleFence
 
 
 def fence_from_json(values: Mapping[str, Any]) -> Fence:
-    """A fence from its fields as a JSON object."""
+    """The fence with the fields of a JSON object."""
     if values["kind"] == "circle":
         return CircleFence(**values)
     return PolygonFence(tuple((lat, lon) for lat, lon in values["points_deg"]))
@@ -216,7 +216,7 @@ class FenceArea:
         return outside
 
     def line_leaves(self, start: NorthEast, end: NorthEast) -> bool:
-        """Whether the straight line leaves the area; a line that only enters the area does not leave it."""
+        """Whether the straight line leaves the area; a line that only enters the area is allowed."""
         count = 2 + min(MAX_CHECKS, int(math.dist(start, end) / CHECK_EVERY_M))
         outside = self.are_outside(np.linspace(start, end, count))
         return bool(outside[int((~outside).argmax()) :].any())

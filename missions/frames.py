@@ -43,7 +43,7 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
 
 
 def normalized(q: Quaternion) -> Quaternion | None:
-    """The quaternion scaled to unit length; None if it is zero or not finite."""
+    """The quaternion scaled to unit length; None: the quaternion is zero or not finite."""
     length = math.hypot(*q)
     if not math.isfinite(length) or length < 1e-6:
         return None
@@ -85,8 +85,8 @@ def euler_from_q(q: Quaternion) -> Vector3:
 
 
 def ned_from_heading(vector_frd: Vector3, yaw_ned_rad: float) -> Vector3:
-    """Rotates a vector from the level heading frame (forward, right, down) to NED; `-yaw_ned_rad` inverts
-    it."""
+    """Rotates a vector from the level heading frame (forward, right, down) to NED; `-yaw_ned_rad`
+    inverts the rotation."""
     c, s = math.cos(yaw_ned_rad), math.sin(yaw_ned_rad)
     return (c * vector_frd[0] - s * vector_frd[1], s * vector_frd[0] + c * vector_frd[1], vector_frd[2])
 
@@ -97,10 +97,11 @@ def tilt_from_q(q_ned_frd: Quaternion) -> float:
 
 
 def limit_tilt(q_ned_frd: Quaternion, max_rad: float) -> tuple[Quaternion, bool]:
-    """Reduces the tilt to `max_rad`; keeps its direction and the rotation about the body's down axis.
+    """Reduces the tilt to `max_rad`; keeps the direction of the tilt and the rotation about the body's down
+    axis.
 
     Returns:
-        The attitude, and whether it was changed.
+        The attitude, and whether the tilt was reduced.
     """
     tilt = tilt_from_q(q_ned_frd)
     if tilt <= max_rad:
@@ -121,7 +122,7 @@ def limit_rotation(start: Quaternion, target: Quaternion, max_rad: float) -> tup
     """Rotates from `start` towards `target` by at most `max_rad`.
 
     Returns:
-        The attitude, and whether it differs from `target`.
+        The attitude, and whether the rotation was limited.
     """
     step = multiply(conjugate(start), target)
     if step[0] < 0:  # the shorter direction

@@ -53,7 +53,7 @@ class Takeoff(PlacedItem):
 
 
 class Waypoint(PlacedItem):
-    """Fly to the position; hold there for `hold_s`. A radius of 0 means PX4's NAV_ACC_RAD."""
+    """Fly to the position and hold it for `hold_s`. A radius of 0 means PX4's NAV_ACC_RAD."""
 
     COMMAND = 16
     SLOTS = ("hold_s", "acceptance_radius_m", "pass_radius_m", "yaw_ned_deg")
@@ -65,7 +65,7 @@ class Waypoint(PlacedItem):
 
 
 class LoiterUnlimited(PlacedItem):
-    """Fly to the position and hold there; the mission does not continue by itself."""
+    """Fly to the position and hold it; the mission does not continue by itself."""
 
     COMMAND = 17
     SLOTS = (0.0, 0.0, "radius_m", "yaw_ned_deg")
@@ -75,7 +75,7 @@ class LoiterUnlimited(PlacedItem):
 
 
 class LoiterTime(PlacedItem):
-    """Fly to the position and hold there for `hold_s`."""
+    """Fly to the position and hold it for `hold_s`."""
 
     COMMAND = 19
     SLOTS = ("hold_s", 0.0, "radius_m", "exit_xtrack")
@@ -266,7 +266,7 @@ class Winch(Item):
 
 
 class CommandItem(Model):
-    """Any other item of a file or vehicle, kept unchanged; PX4 refuses most such items.
+    """Any other item of a file or vehicle, kept unchanged; PX4 refuses most items of this kind.
 
     `params` are MAVLink's seven parameters; 5 and 6 are degrees if `frame` is global; None means NaN.
     """

@@ -73,7 +73,7 @@ class Plan(Model):
     cruise_speed_m_s: Speed | None = None
     """Planned speed of fixed-wing aircraft; unused, but kept because plan files contain it."""
     hover_speed_m_s: Speed | None = None
-    """Planned speed of multicopters. Estimates use it; it is not uploaded. None: the vehicle's
+    """Planned speed of multicopters. Estimates use this speed; it is not uploaded. None: the vehicle's
     MPC_XY_CRUISE."""
     items: Annotated[tuple[PlanItem, ...], Field(max_length=MAX_ITEMS)] = ()
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=MAX_FENCE_ZONES)] = ()

@@ -1,14 +1,14 @@
-"""Flies over or around obstacles, then returns to the path behind them.
+"""Flies over or around obstacles, then returns to the path behind the obstacles.
 
-The straight line to the wanted position, and the path after it, must be clear of recent measurements. If an
-obstacle blocks them, the vehicle climbs above the highest measured point, flies on, and descends once nothing
-was measured below. Alternatively it flies on the clear heading nearest to the direction of the goal. The
-vehicle moves only in directions that a sensor measures. If no direction is allowed, or no measurements
-arrive, it stops and reports the reason. Altitudes (`up_m`, `highest_m`, …) are above the origin of the local
-frame.
+The straight line to the wanted position, and the path after this position, must be clear of recent
+measurements. If an obstacle blocks the path, the vehicle climbs above the highest measured point, flies on,
+and descends when the sensors measure nothing below. Alternatively the vehicle flies on the clear heading
+nearest to the direction of the goal. It moves only in directions that a sensor measures. If no direction is
+allowed, or no measurements arrive, the vehicle stops and reports the reason.
 
-The space below each remembered point counts as solid (`memory.py`). A sensor with a single ray measures
-along one line only; it does not detect obstacles beside that line.
+Altitudes (`up_m`, `highest_m`, …) are above the origin of the local frame. The space below each remembered
+point counts as solid (`memory.py`). A sensor with a single ray measures along one line only and does not
+detect obstacles beside this line.
 """
 
 from __future__ import annotations

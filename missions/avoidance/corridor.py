@@ -42,7 +42,7 @@ class BlockingObstacles:
 def blocking_obstacles(
     points: NDArray[np.float64], current: MotionState, wanted: WantedMotion, top_uncertainty_m: float
 ) -> BlockingObstacles | None:
-    """Obstacles on the way to the wanted position and on the path after it; None: the way is clear.
+    """Obstacles between the vehicle and the wanted position, and on the path after it; None: no obstacle.
 
     Args:
         points: (N, 3) north, east and altitude of the top of the obstacles that reach up to the lower end of

@@ -1,8 +1,8 @@
 """Recently measured obstacles, kept as columns with a top in the local frame.
 
 A lidar measures the front of an obstacle, not its depth or height. So the space below a measured point counts
-as solid, and the space above it as free until something is measured there. A point is kept for a while after
-the vehicle has climbed above it or turned away.
+as solid, and the space above the point as free until a sensor measures a higher point. A point is kept for
+`KEPT_S`, also after the vehicle has climbed above it or turned away.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class ColumnsAlongLine:
     """Positions of columns relative to one line."""
 
     along_m: NDArray[np.float64]
-    """(N,) distance along the line from its start."""
+    """(N,) distance from the start, along the line."""
     across_m: NDArray[np.float64]
     """(N,) distance from the line, to either side."""
     from_start_m: NDArray[np.float64]

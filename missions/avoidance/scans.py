@@ -1,4 +1,4 @@
-"""Measurements of distance sensors around a vehicle, independent of the message that carried them."""
+"""Measurements of distance sensors around a vehicle, independent of the messages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Scan:
 
     @property
     def plausible(self) -> bool:
-        """Whether all numbers are possible values."""
+        """Whether all numbers are in their possible ranges."""
         return (
             math.isfinite(self.measured_s)
             and 0.0 < self.range_m <= 1e4
@@ -63,7 +63,7 @@ def measures_down(scan: Scan) -> bool:
 
 
 def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.0) -> float | None:
-    """Maximum range of the sensors along a heading; None: no sensor measures there.
+    """Maximum range of the sensors along a heading; None: no sensor measures in this direction.
 
     Args:
         scans: the current scans.

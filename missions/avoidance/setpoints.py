@@ -47,7 +47,7 @@ class AvoidanceStatus:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The vehicle, what its sensors measure, and where it may fly."""
+    """Motion of the vehicle, measurements of its sensors, and limits of a detour."""
 
     motion: MotionState | None
     """None: no valid position estimate."""
@@ -93,7 +93,7 @@ class SetpointAvoidance:
         Args:
             now_s: monotonic time, on the same clock as the scans.
             requested: the currently requested setpoint.
-            later: returns the requested setpoint at later times; None: it does not change.
+            later: returns the requested setpoint at later times; None: the setpoint does not change.
             way: what avoidance tries first, over or around; None: avoidance is off.
             surroundings: returns the vehicle and its surroundings; called only while avoidance is on.
         """
@@ -135,7 +135,7 @@ def _apply_adjustment(requested: DirectSetpoint, adjusted: AdjustedMotion) -> Di
 
 
 def _target(setpoint: DirectSetpoint, origin: LocalOrigin | None) -> Vector3 | None:
-    """Target position of a setpoint; None if it controls no position."""
+    """Target position of a setpoint; None: the setpoint controls no position."""
     if isinstance(setpoint, Position | Trajectory):
         return complete(setpoint.position_ned_m)
     if isinstance(setpoint, PositionGlobal) and origin is not None and setpoint.alt_amsl_m is not None:

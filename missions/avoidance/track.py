@@ -1,7 +1,7 @@
 """Keeps a vehicle that climbs over an obstacle, or descends behind it, on the track that it flew before.
 
-The vehicle is then controlled by velocity. Without a correction, the error of its velocity estimate, or wind,
-would move it sideways by metres while it climbs.
+The vehicle is then controlled by velocity. Without a correction, wind or the error of the
+velocity estimate would move the vehicle sideways by metres during the climb.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
 
 AvoidanceWay = Literal["over", "around"]
-"""over: climb over obstacles first; around: pass them at the same altitude, never climb."""
+"""over: climb over obstacles first; around: pass obstacles at the same altitude, never climb."""
 AvoidanceState = Literal["clear", "turning", "over", "around", "back", "stopped"]
 """clear: flies the wanted motion; turning: turns the sensors to the direction of travel; over, around: flies
 over or around the obstacle; back: returns to the path; stopped: the vehicle holds its position."""

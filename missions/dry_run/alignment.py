@@ -15,15 +15,15 @@ OpenEnd = Literal["nominal", "flown"]
 def align(nominal: Array, flown: Array, open_end: OpenEnd | None = None) -> tuple[Indices, Indices]:
     """Pairs of points of two paths with the least sum of squared distances.
 
-    The pairs begin with both first points, and both paths are followed forwards only: from pair to pair one
-    index or both increase by one. So each point has a partner, and two passes of a path that crosses
-    or retraces itself have different partners.
+    The first pair is the first points of both paths. From pair to pair, one index or both indices increase by
+    one. So both paths are followed forwards only, each point has a partner, and two passes of a path that
+    crosses or retraces itself have different partners.
 
     Args:
         nominal: (N, 3) points at even distances along the path.
         flown: (M, 3) points at about the same distances.
         open_end: the path whose last points may have no partner, because the other path ends before them;
-            None: the pairs end with both last points.
+            None: the last pair is the last points of both paths.
 
     Returns:
         (P,) indices in both paths.
@@ -73,5 +73,5 @@ def _pairs(sums: Array, i: int, j: int) -> tuple[Indices, Indices]:
                 else ((i - 1, j) if from_previous_row <= from_previous_column else (i, j - 1))
             )
         pairs.append((i, j))
-    found = np.array(pairs[::-1])
-    return found[:, 0], found[:, 1]
+    index_pairs = np.array(pairs[::-1])
+    return index_pairs[:, 0], index_pairs[:, 1]

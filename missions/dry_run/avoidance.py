@@ -73,7 +73,7 @@ class SimulatedAvoidance:
             t_s: time since the start of the flight.
         """
         status = self._avoidance.status
-        where = "its start" if step is None else step.place
+        where = "the start" if step is None else step.place
         if status is None or status.state != "stopped":
             self._stopped_since_s = None
         elif self._stopped_since_s is None:
@@ -82,8 +82,8 @@ class SimulatedAvoidance:
             self._report("avoidance_stopped", f"The vehicle waits at {where}: {status.text}", step, t_s)
         if status is not None and status.state in ("over", "around"):
             message = (
-                f"The vehicle leaves its path at {where} to avoid an obstacle. In flight it depends on its "
-                "obstacle sensor."
+                f"The vehicle leaves its path at {where} to avoid an obstacle. In a real flight, only the "
+                "obstacle sensor can detect the obstacle."
             )
             self._report("obstacle_avoided", message, step, t_s)
 

@@ -97,29 +97,31 @@ def deviation(nominal: Stations, flight: Track) -> tuple[Array, Array]:
         Both (S,), each the largest of all flown positions that are aligned with the station. NaN at stations
         after the end of the flight and in steps that the flight did not execute.
     """
-    flown = Stations.from_track(flight, nominal.spacing_m, 2 * MAX_STATIONS)
+    flight_stations = Stations.from_track(flight, nominal.spacing_m, 2 * MAX_STATIONS)
     across, above, below = (np.full(len(nominal.t_s), each) for each in (np.nan, -np.inf, np.inf))
-    common, flown_common, open_end = _common_steps(nominal, flown)
-    if len(common) and len(flown_common):
-        pairs = align(nominal.position_ned_m[common], flown.position_ned_m[flown_common], open_end)
-        at = np.repeat(common[pairs[0]], PARTS_PER_STATION)
+    common, flight_common, open_end = _common_steps(nominal, flight_stations)
+    if len(common) and len(flight_common):
+        pairs = align(nominal.position_ned_m[common], flight_stations.position_ned_m[flight_common], open_end)
+        station_index = np.repeat(common[pairs[0]], PARTS_PER_STATION)
         parts = (
-            PARTS_PER_STATION * flown_common[pairs[1]][:, None]
+            PARTS_PER_STATION * flight_common[pairs[1]][:, None]
             + np.arange(PARTS_PER_STATION)
             - PARTS_PER_STATION // 2
         )
-        position = flown.fine_ned_m[np.clip(parts, 0, len(flown.fine_ned_m) - 1)].reshape(-1, 3)
-        offset_ned_m = _from_nearest(nominal.fine_ned_m, at, position)
-        np.fmax.at(across, at, np.hypot(offset_ned_m[:, 0], offset_ned_m[:, 1]))
-        np.maximum.at(above, at, -offset_ned_m[:, 2])
-        np.minimum.at(below, at, -offset_ned_m[:, 2])
+        position = flight_stations.fine_ned_m[np.clip(parts, 0, len(flight_stations.fine_ned_m) - 1)].reshape(
+            -1, 3
+        )
+        offset_ned_m = _from_nearest(nominal.fine_ned_m, station_index, position)
+        np.fmax.at(across, station_index, np.hypot(offset_ned_m[:, 0], offset_ned_m[:, 1]))
+        np.maximum.at(above, station_index, -offset_ned_m[:, 2])
+        np.minimum.at(below, station_index, -offset_ned_m[:, 2])
     vertical = np.where(above >= -below, above, below)
     return across, np.where(np.isnan(across), np.nan, vertical)
 
 
 @dataclass(frozen=True, slots=True)
 class Stations:
-    """A flight at even distances along its path, without its waiting times."""
+    """A flight sampled at even distances along its path; waiting times do not count."""
 
     spacing_m: float
     t_s: Array
@@ -133,7 +135,7 @@ class Stations:
     places: tuple[str, ...]
     """Names of the steps in the order in which they were executed; "": no step."""
     finished: bool
-    """Whether the whole plan was flown."""
+    """Whether the flight completed the plan."""
 
     @classmethod
     def from_track(cls, track: Track, spacing_m: float, max_count: int) -> Stations:
@@ -154,41 +156,41 @@ class Stations:
             fine[::PARTS_PER_STATION],
             fine,
             np.searchsorted(begins, latest, side="right") - 1,
-            tuple(track.steps[at].place if at >= 0 else "" for at in track.step[begins].tolist()),
+            tuple(track.steps[index].place if index >= 0 else "" for index in track.step[begins].tolist()),
             track.finished,
         )
 
 
-def _common_steps(nominal: Stations, flown: Stations) -> tuple[Indices, Indices, OpenEnd | None]:
+def _common_steps(nominal: Stations, flight_stations: Stations) -> tuple[Indices, Indices, OpenEnd | None]:
     """The steps that both flights executed: a branch can lead a flight through other steps.
 
     Returns:
         (P,) indices of the nominal stations and (Q,) of the flown stations in these steps; and the flight
         that continues although the other one ended within a step (None: neither).
     """
-    matcher = SequenceMatcher(None, nominal.places, flown.places, autojunk=False)
+    matcher = SequenceMatcher(None, nominal.places, flight_stations.places, autojunk=False)
     blocks = [each for each in matcher.get_matching_blocks() if each.size]
     if not blocks:
         return np.arange(0), np.arange(0), None
     runs = [each.a + k for each in blocks for k in range(each.size)]
-    flown_runs = [each.b + k for each in blocks for k in range(each.size)]
+    flight_runs = [each.b + k for each in blocks for k in range(each.size)]
     nominal_ends = runs[-1] == len(nominal.places) - 1
-    flown_ends = flown_runs[-1] == len(flown.places) - 1
+    flight_ends = flight_runs[-1] == len(flight_stations.places) - 1
     open_end: OpenEnd | None = None
-    if flown_ends and not (nominal_ends and flown.finished):
+    if flight_ends and not (nominal_ends and flight_stations.finished):
         open_end = "nominal"
-    elif nominal_ends and not (flown_ends and nominal.finished):
+    elif nominal_ends and not (flight_ends and nominal.finished):
         open_end = "flown"
     return (
         np.flatnonzero(np.isin(nominal.step_index, runs)),
-        np.flatnonzero(np.isin(flown.step_index, flown_runs)),
+        np.flatnonzero(np.isin(flight_stations.step_index, flight_runs)),
         open_end,
     )
 
 
-def _from_nearest(fine_ned_m: Array, at: Indices, position_ned_m: Array) -> Array:
-    """(P, 3) positions relative to the nearest point of the nominal path near the stations `at` (P,)."""
-    around = PARTS_PER_STATION * at[:, None] + np.arange(
+def _from_nearest(fine_ned_m: Array, station_index: Indices, position_ned_m: Array) -> Array:
+    """(P, 3) positions relative to the nearest point of the nominal path near these stations (P,)."""
+    around = PARTS_PER_STATION * station_index[:, None] + np.arange(
         -SEARCHED_STATIONS * PARTS_PER_STATION, SEARCHED_STATIONS * PARTS_PER_STATION + 1
     )
     path = fine_ned_m[np.clip(around, 0, len(fine_ned_m) - 1)]
@@ -197,7 +199,7 @@ def _from_nearest(fine_ned_m: Array, at: Indices, position_ned_m: Array) -> Arra
     length_2 = np.maximum(_dot(along, along), 1e-12)
     fraction = np.clip(_dot(from_begin, along) / length_2, 0.0, 1.0)
     offset_ned_m = from_begin - fraction[:, :, None] * along
-    return offset_ned_m[np.arange(len(at)), _dot(offset_ned_m, offset_ned_m).argmin(axis=1)]
+    return offset_ned_m[np.arange(len(station_index)), _dot(offset_ned_m, offset_ned_m).argmin(axis=1)]
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -206,10 +208,10 @@ def _dot(a: Array, b: Array) -> Array:
 
 def _band(values: Array) -> Band:
     """Quantiles of the values (F flights, S stations) over the flights; zero at stations without a flight."""
-    known = np.isfinite(values)
-    has_flight = known.any(axis=0)
+    is_flown = np.isfinite(values)
+    has_flight = is_flown.any(axis=0)
     filled = np.where(has_flight, values, 0.0)
-    low, middle, high = np.nanquantile(filled, QUANTILES, axis=0)
-    size = np.where(known, np.abs(values), -1.0)
-    greatest = np.take_along_axis(np.where(known, values, 0.0), size.argmax(axis=0)[None], axis=0)[0]
-    return Band(low, middle, high, greatest)
+    p5, middle, p95 = np.nanquantile(filled, QUANTILES, axis=0)
+    size = np.where(is_flown, np.abs(values), -1.0)
+    greatest = np.take_along_axis(np.where(is_flown, values, 0.0), size.argmax(axis=0)[None], axis=0)[0]
+    return Band(p5, middle, p95, greatest)

@@ -109,7 +109,7 @@ _REFUSAL_BY_EVENT_ID = {EVENTS[name][0]: text for name, text in MISSION_REFUSALS
 
 
 class Vehicle:
-    """One vehicle of the fleet, with the messages that it sent."""
+    """One vehicle of the fleet, with the warnings that it sent."""
 
     def __init__(self, autopilot: Autopilot, node: Node) -> None:
         self.autopilot = autopilot

@@ -12,8 +12,8 @@ from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.track import EVERY_TICKS, Recorder, Track
 
 ReportProgress = Callable[[float, int], None]
-"""Called once per simulated second with (simulated seconds since boot, number of ended flights). It may raise
-an exception to stop the batch."""
+"""Called once per simulated second with (simulated seconds since boot, number of ended flights). An exception
+from this function stops the batch."""
 MakePilot = Callable[[Vehicle], Pilot]
 REPORT_EVERY_TICKS = 50
 
@@ -26,7 +26,7 @@ class Flight:
     track: Track | None
     """None: the flight did not start."""
     finished: bool
-    """Whether the whole plan was flown."""
+    """Whether the flight completed the plan."""
     collided: bool
     """Whether the vehicle hit an obstacle."""
     landed: bool

@@ -109,13 +109,16 @@ def monte_carlo(
     conditions, spread = conditions or Conditions(), spread or Spread()
     drawn = [spread.draw(conditions, seed, number) for number in range(1, flights + 1)]
     began_s = time.perf_counter()
-    flown = fly(
+    flights_flown = fly(
         aircraft, [conditions, *drawn], flyable.pilot, longest_s=flyable.longest_s, seed=seed,
         site=site, report=report,
     )  # fmt: skip
     computing_s = time.perf_counter() - began_s
     return summarise(
-        [evaluate(each, flyable, aircraft, site, computing_s) for each in flown], spread, seed, computing_s
+        [evaluate(each, flyable, aircraft, site, computing_s) for each in flights_flown],
+        spread,
+        seed,
+        computing_s,
     )
 
 
@@ -129,9 +132,9 @@ def summarise(evaluated: Sequence[DryRun], spread: Spread, seed: int, computing_
         nominal, spread, seed, summaries,
         None if nominal.track is None else corridor(nominal.track, tracks),
         Quantiles.from_values([each.duration_s for each in summaries if each.finished]),
-        Quantiles.from_values(_known(each.battery_end_share for each in summaries)),
-        Quantiles.from_values(_known(each.fence_distance_m for each in summaries)),
-        Quantiles.from_values(_known(each.obstacle_distance_m for each in summaries)),
+        Quantiles.from_values(_without_none(each.battery_end_share for each in summaries)),
+        Quantiles.from_values(_without_none(each.fence_distance_m for each in summaries)),
+        Quantiles.from_values(_without_none(each.obstacle_distance_m for each in summaries)),
         chances_of([each.findings for each in summaries], CHANCES),
         longest_s / max(computing_s, 1e-9),
     )  # fmt: skip
@@ -154,7 +157,7 @@ def chances_of(
     }
 
 
-def _known(values: Any) -> list[float]:
+def _without_none(values: Any) -> list[float]:
     return [each for each in values if each is not None]
 
 

@@ -98,15 +98,15 @@ def monte_carlo_together(
         [spread.draw(conditions, seed, number, vehicle) for vehicle in range(count)]
         for number in range(1, flights + 1)
     ]
-    flown, computing_s = fly_together(
+    runs_together, computing_s = fly_together(
         mission, aircraft, [[conditions] * count, *drawn], origins=origins, seed=seed, site=site,
         report=report,
     )  # fmt: skip
-    varied = flown[1:]
+    varied = runs_together[1:]
     return MonteCarloTogether(
-        flown[0],
+        runs_together[0],
         {
-            role: summarise([each.roles[role] for each in flown], spread, seed, computing_s)
+            role: summarise([each.roles[role] for each in runs_together], spread, seed, computing_s)
             for role in mission.roles
         },
         _closest(varied, mission.separation_m),
@@ -114,28 +114,28 @@ def monte_carlo_together(
     )
 
 
-def _closest(flown: Sequence[DryRunTogether], minimum_m: float) -> tuple[PairDistance, ...]:
+def _closest(runs_together: Sequence[DryRunTogether], minimum_m: float) -> tuple[PairDistance, ...]:
     distances: dict[tuple[str, str], list[float]] = {}
-    for each in flown:
+    for each in runs_together:
         for pair in each.closest:
             distances.setdefault(pair.roles, []).append(pair.distance_m)
-    found: list[PairDistance] = []
+    result: list[PairDistance] = []
     for roles, values in distances.items():
         quantiles = Quantiles.from_values(values)
         assert quantiles is not None
         near = sum(value < minimum_m for value in values)
-        found.append(PairDistance(roles, quantiles, Chance.from_counts(near, len(flown))))
-    return tuple(found)
+        result.append(PairDistance(roles, quantiles, Chance.from_counts(near, len(runs_together))))
+    return tuple(result)
 
 
-def _chances(flown: Sequence[DryRunTogether], minimum_m: float) -> dict[str, Chance]:
+def _chances(runs_together: Sequence[DryRunTogether], minimum_m: float) -> dict[str, Chance]:
     codes = [
         {
             *(finding.code for finding in each.findings),
             *(finding.code for run in each.roles.values() for finding in run.findings),
             *(TOO_NEAR for pair in each.closest if pair.distance_m < minimum_m),
         }
-        for each in flown
+        for each in runs_together
     ]
     return chances_of(codes, {**CHANCES, "separation": ("separation",), TOO_NEAR: (TOO_NEAR,)})
 

@@ -206,7 +206,7 @@ class OffboardPilot:
                 self.carry_out(now_s, self.runner.request_failed(request, self.reading(), refusal))
 
     def _carry_out(self, now_s: float, request: Request) -> str | None:
-        """Why the request failed; None: it succeeded."""
+        """Why the request failed; None: the request succeeded."""
         autopilot, commander = self._vehicle.autopilot, self._vehicle.autopilot.commander
         if isinstance(request, TakeOff):
             autopilot.navigator.request_takeoff(autopilot.view.estimate.alt_amsl_m + request.height_m)

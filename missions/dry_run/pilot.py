@@ -34,7 +34,7 @@ class Pilot(Protocol):
     ended: bool
     """Whether the flight has ended."""
     finished: bool
-    """Whether the whole plan was flown."""
+    """Whether the flight completed the plan."""
     step: Step | None
     """The current step."""
     findings: list[DryRunFinding]

@@ -51,7 +51,7 @@ class DryRun:
     """Result of one dry run."""
 
     finished: bool
-    """Whether the whole plan was flown."""
+    """Whether the flight completed the plan."""
     landed: bool
     duration_s: float
     """Time from arming to the end."""
@@ -154,8 +154,8 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, c
     duration_s = float(track.t_s[-1])
     return DryRun(
         flight.finished, flight.landed, duration_s, track.length_m, aircraft.battery_share, end_share,
-        _least(fence_m), _least(obstacle_m), steps, tuple(findings[:MAX_FINDINGS]), track, aircraft,
-        flight.conditions, duration_s / max(computing_s, 1e-9), ground_m,
+        _finite_minimum(fence_m), _finite_minimum(obstacle_m), steps, tuple(findings[:MAX_FINDINGS]), track,
+        aircraft, flight.conditions, duration_s / max(computing_s, 1e-9), ground_m,
     )  # fmt: skip
 
 
@@ -175,7 +175,7 @@ def rounded(value: float | None, digits: int) -> float | None:
     return None if value is None else round(value, digits)
 
 
-def _least(distances: Array) -> float | None:
+def _finite_minimum(distances: Array) -> float | None:
     least = float(distances.min())
     return least if math.isfinite(least) else None
 
@@ -200,8 +200,8 @@ def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
         steps.append(
             StepTime(
                 step.place, step.title, step.row, round(float(track.t_s[first]), 2),
-                round(float(track.t_s[last]), 2), rounded(_least(fence_m[first:end]), 2),
-                rounded(_least(obstacle_m[first:end]), 2),
+                round(float(track.t_s[last]), 2), rounded(_finite_minimum(fence_m[first:end]), 2),
+                rounded(_finite_minimum(obstacle_m[first:end]), 2),
             )
         )  # fmt: skip
     return steps
@@ -297,10 +297,10 @@ def finding_document(finding: DryRunFinding) -> dict[str, Any]:
 
 def _path(track: Track, ground_m: Array | None, max_samples: int, *, knows_battery: bool) -> dict[str, Any]:
     count = len(track.t_s)
-    kept = np.unique(np.linspace(0, count - 1, min(count, max_samples)).round().astype(int))
+    selected = np.unique(np.linspace(0, count - 1, min(count, max_samples)).round().astype(int))
 
     def rows(values: Array | None, digits: int) -> list[Any] | None:
-        return None if values is None else np.round(values[kept], digits).tolist()
+        return None if values is None else np.round(values[selected], digits).tolist()
 
     return {
         "t_s": rows(track.t_s, 2),
@@ -310,6 +310,6 @@ def _path(track: Track, ground_m: Array | None, max_samples: int, *, knows_batte
         "gimbal_rad": rows(track.gimbal_rad, 3),
         "battery_share": rows(track.battery_share, 3) if knows_battery else None,
         "ground_m": rows(ground_m, 1),
-        "step": track.step[kept].tolist(),
+        "step": track.step[selected].tolist(),
         "step_places": [step.place for step in track.steps],
     }

@@ -162,7 +162,7 @@ def _top_alt_home_m(obstacle: PlannedObstacle, home: HomePosition) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundGrid:
-    """Altitudes of the ground on a square grid. Outside the grid the values of its border apply."""
+    """Altitudes of the ground on a square grid. Outside the grid the values at the border apply."""
 
     north_m: float
     """Position of the south-west corner from home."""

@@ -136,10 +136,10 @@ def dry_run_together(
         PlanError: a role has no vehicle, or the mission cannot be compiled.
     """
     same_conditions = [conditions or Conditions()] * len(mission.roles)
-    (flown,), _ = fly_together(
+    (runs_together,), _ = fly_together(
         mission, aircraft, [same_conditions], origins=origins, seed=seed, site=site, report=report
     )
-    return flown
+    return runs_together
 
 
 def fly_together(
@@ -199,7 +199,7 @@ def fly_together(
     home = aircraft[roles[0]].home
     from_home = {role: replace(aircraft[role], home=home) for role in roles}
     ended = iter(flights)
-    flown = [
+    runs_together = [
         _evaluate_together(
             {
                 role: evaluate(next(ended), flyable[role], from_home[role], site, computing_s)
@@ -209,7 +209,7 @@ def fly_together(
         )
         for _ in conditions
     ]
-    return flown, computing_s
+    return runs_together, computing_s
 
 
 def _evaluate_together(runs: dict[str, DryRun], minimum_m: float) -> DryRunTogether:
@@ -231,9 +231,9 @@ def _separation(
         count = min(len(tracks[first_role].t_s), len(tracks[second_role].t_s))
         a, b = (tracks[role].position_ned_m[:count] for role in (first_role, second_role))
         distance_m = np.linalg.norm(a - b, axis=1)
-        at = int(distance_m.argmin())
+        sample = int(distance_m.argmin())
         closest = ClosestApproach(
-            (first_role, second_role), float(distance_m[at]), float(tracks[first_role].t_s[at])
+            (first_role, second_role), float(distance_m[sample]), float(tracks[first_role].t_s[sample])
         )
         separation_m = braking_separation_m(a, _velocity(a), b, _velocity(b), required_m)
         near = np.flatnonzero(separation_m < required_m)
@@ -257,7 +257,7 @@ def _too_near(
     first_track, second_track = (tracks[role] for role in roles)
     t_s = float(first_track.t_s[sample])
     steps = [
-        track.steps[at].place if (at := int(track.step[sample])) >= 0 else "start"
+        track.steps[index].place if (index := int(track.step[sample])) >= 0 else "start"
         for track in (first_track, second_track)
     ]
     north, east, down = first_track.position_ned_m[sample].tolist()

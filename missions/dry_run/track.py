@@ -38,7 +38,7 @@ class Track:
     gimbal_rad: Array | None = None
     """(N, 2) pitch (up is positive) and yaw relative to north."""
     finished: bool = True
-    """Whether the whole plan was flown."""
+    """Whether the flight completed the plan."""
 
     @property
     def length_m(self) -> float:

@@ -1,8 +1,8 @@
 """Climb to 5 m facing east with offboard setpoints, and land.
 
-`python -m missions.examples.first_flight`. The program sends the position setpoint ten times a second, each
-valid for half a second. If the program dies, the server holds the vehicle at its position, then switches it
-to PX4's Hold mode.
+`python -m missions.examples.first_flight`. The program sends the position setpoint ten times a second; each
+setpoint is valid for half a second. If the program dies, the server holds the vehicle at its position, then
+switches it to PX4's Hold mode.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ ARRIVED_M = 0.25
 
 
 async def fly(server: str, vehicle: str | None) -> None:
-    """Waits until the vehicle is ready, flies, and returns once it is disarmed."""
+    """Waits until the vehicle is ready, flies, and returns once the vehicle is disarmed."""
     async with Gcs(server, client="first_flight") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
         async with drone.offboard(
@@ -33,7 +33,7 @@ async def fly(server: str, vehicle: str | None) -> None:
 
 
 async def climb(drone: Vehicle, offboard: Offboard) -> None:
-    """Renews the setpoint until the vehicle has reached it."""
+    """Renews the setpoint until the vehicle has reached the position."""
     while (await drone.position_ned_m())[2] > ABOVE_START_NED_M[2] + ARRIVED_M:
         await offboard.position_ned(*ABOVE_START_NED_M, yaw_ned_rad=EAST_RAD)
         await asyncio.sleep(0.1)

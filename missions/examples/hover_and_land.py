@@ -16,7 +16,7 @@ LAND_AFTER_S = 21.0
 
 
 def fly(server: str, vehicle: str | None) -> None:
-    """Waits until the vehicle is ready, flies, and returns once it is disarmed."""
+    """Waits until the vehicle is ready, flies, and returns once the vehicle is disarmed."""
     with SyncGcs(server, client="hover_and_land") as gcs:
         drone = gcs.wait_for_vehicle(vehicle, ready=True)
         start_s = time.monotonic()

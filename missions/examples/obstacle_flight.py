@@ -21,7 +21,7 @@ GIVE_UP_S = 60.0
 
 
 async def fly(server: str, vehicle: str | None, *, avoid: bool) -> None:
-    """Waits until the vehicle is ready, flies, and returns once it is disarmed."""
+    """Waits until the vehicle is ready, flies, and returns once the vehicle is disarmed."""
     async with Gcs(server, client="obstacle_flight") as gcs:
         drone = await gcs.wait_for_vehicle(vehicle, ready=True)
         await drone.set_obstacle_avoidance(avoid)
@@ -39,7 +39,8 @@ async def fly(server: str, vehicle: str | None, *, avoid: bool) -> None:
 
 
 async def go_to(drone: Vehicle, offboard: Offboard, target_ned_m: PositionNed) -> bool:
-    """Renews the setpoint until the vehicle arrives. Returns False if it has not arrived after a minute."""
+    """Renews the setpoint until the vehicle arrives. Returns False if the vehicle has not arrived after a
+    minute."""
     printed, began_s = "", asyncio.get_running_loop().time()
     while asyncio.get_running_loop().time() < began_s + GIVE_UP_S:
         status = await offboard.position_ned(*target_ned_m, yaw_ned_rad=0.0)

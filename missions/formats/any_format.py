@@ -47,7 +47,7 @@ _GEOJSON_TYPES = ("Feature", "FeatureCollection", "GeometryCollection", "Point",
 
 
 def recognise(data: bytes, filename: str = "") -> FormatName:
-    """Detects the format of a file from its content, or else from its name.
+    """Detects the format of a file from the content, or else from the file name.
 
     Raises:
         PlanError: the format is unknown.

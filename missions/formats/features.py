@@ -78,7 +78,7 @@ def features_of_plan(plan: Plan) -> list[Feature]:
 
 
 def result_with_notes(data: bytes, plan: Plan, name: str) -> Written:
-    """The file, with notes about data that it cannot store."""
+    """The result of writing a file, with notes about data that the format cannot store."""
     return Written(data, loss_notes(plan, name, fence=True, rally=True, home=True, obstacles=True))
 
 

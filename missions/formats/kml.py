@@ -1,7 +1,7 @@
-"""Plans as KML and KMZ (OGC 12-007r2), written and read.
+"""Reads and writes plans as KML and KMZ (OGC 12-007r2).
 
-The size of a file is checked before it is parsed. Entities and document types are refused (defusedxml). Only
-the first KML document of a KMZ file is unpacked, up to the maximum file size.
+The size of a file is checked before parsing. Entities and document types are refused (defusedxml). Only the
+first KML document of a KMZ file is unpacked, up to the maximum file size.
 """
 
 from __future__ import annotations

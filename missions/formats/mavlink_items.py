@@ -1,7 +1,7 @@
 """Converts a plan to and from the items of the MAVLink mission protocol.
 
 A `WireItem` has the fields of MISSION_ITEM_INT: parameters as 32-bit floats, x and y as integers
-(1e-7 degrees in global frames, 1e-4 m in local ones, unscaled where the frame is "mission"), z in metres.
+(1e-7 degrees in global frames, 1e-4 m in local frames, unscaled in MAV_FRAME_MISSION), z in metres.
 https://mavlink.io/en/services/mission.html
 """
 
@@ -125,7 +125,7 @@ def item_from_params(
 
 
 def _fields(cls: type[Item], frame: int, params: Params) -> dict[str, Any] | None:
-    """Fields of a typed item; None if it cannot store the values (no position, unsupported frame)."""
+    """Fields of a typed item; None: the class cannot store the values (no position, unsupported frame)."""
     fields: dict[str, Any] = {}
     unusual: list[tuple[int, float | None]] = []
     has_position = issubclass(cls, PlacedItem)

@@ -31,7 +31,7 @@ def _polygon(n: int, raw: Any) -> FencePolygon:
             inclusion=_inclusion(part, place), polygon=points, original=bounded_json.dump(raw)
         )
     except ValidationError as error:
-        raise _at(place, error) from None
+        raise _error_at(place, error) from None
 
 
 def _circle(n: int, raw: Any) -> FenceCircle:
@@ -48,10 +48,10 @@ def _circle(n: int, raw: Any) -> FenceCircle:
             original=bounded_json.dump(raw),
         )
     except ValidationError as error:
-        raise _at(place, error) from None
+        raise _error_at(place, error) from None
 
 
-def _at(place: str, error: ValidationError) -> PlanError:
+def _error_at(place: str, error: ValidationError) -> PlanError:
     invalid = from_validation(error)
     return PlanError(f"{place}, {invalid.place}", invalid.reason, invalid.fix)
 
@@ -71,7 +71,7 @@ def _point(raw: Any, place: str) -> Point:
     try:
         return Point(lat_deg=lat, lon_deg=lon)
     except ValidationError as error:
-        raise _at(place, error) from None
+        raise _error_at(place, error) from None
 
 
 def write_fence(document: dict[str, Any], zones: Sequence[FenceZone]) -> None:
@@ -108,7 +108,7 @@ def read_rally(n: int, raw: Any) -> RallyPoint:
     try:
         altitude = Altitude(value_m=require_number(raw[2], f"{place}[2]"), reference="home")
     except ValidationError as error:
-        raise _at(place, error) from None
+        raise _error_at(place, error) from None
     return RallyPoint(lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude)
 
 
@@ -117,11 +117,11 @@ def write_rally(document: dict[str, Any], plan: Plan) -> None:
     if not plan.rally_points and "rallyPoints" not in document:
         return
     part = document.setdefault("rallyPoints", {"version": 2})
-    before = part.get("points", [])
+    earlier_points = part.get("points", [])
     points: list[Any] = []
     for n, rally in enumerate(plan.rally_points):
-        if n < len(before) and read_rally(n, before[n]) == rally:
-            points.append(before[n])
+        if n < len(earlier_points) and read_rally(n, earlier_points[n]) == rally:
+            points.append(earlier_points[n])
         else:
             points.append([rally.lat_deg, rally.lon_deg, _above_home_m(rally, n, plan.planned_home)])
     if points or "points" in part:

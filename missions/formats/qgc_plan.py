@@ -265,20 +265,20 @@ def _write_items(plan: Plan) -> list[Any]:
 def _jump_ids(items: Sequence[SimpleItem]) -> list[int]:
     """A doJumpId for each item: the doJumpId from the file if it is unique, otherwise a new one."""
     originals: list[int | None] = []
-    taken: set[int] = set()
+    used_ids: set[int] = set()
     for item in items:
         original = qgc_item.original_jump_id(item)
-        originals.append(None if original in taken else original)
+        originals.append(None if original in used_ids else original)
         if original is not None:
-            taken.add(original)
+            used_ids.add(original)
     last = 0
     ids: list[int] = []
     for original in originals:
         if original is None:
             last += 1
-            while last in taken:
+            while last in used_ids:
                 last += 1
-            taken.add(last)
+            used_ids.add(last)
         ids.append(last if original is None else original)
     return ids
 

@@ -250,7 +250,9 @@ def compile_velocity(state: State, step: VelocityStep) -> None:
         )
         ramp_s = float(ramps.durations(np.array(speed), np.array(acceleration), np.array(motion.jerk_m_s3)))
         if step.duration_s < 2.0 * ramp_s:
-            message = f"The velocity is not reached in {step.duration_s:g} s; it takes {2.0 * ramp_s:.1f} s."
+            message = (
+                f"The velocity is not reached in {step.duration_s:g} s; {2.0 * ramp_s:.1f} s are needed."
+            )
             state.report("duration_too_short", message, "Give more time, or a lower velocity.", 2.0 * ramp_s)
             return
         speed_s = step.duration_s - ramp_s  # time for the same distance at constant speed

@@ -77,7 +77,7 @@ class OffboardMission(Model):
     limits: Bounds = Bounds()
     actions: Actions = Actions()
     avoidance: Avoidance = False
-    """Avoid obstacles that the vehicle's sensors measure; a step may override it."""
+    """Avoid obstacles that the vehicle's sensors measure; a step can override this setting."""
     fence: Annotated[tuple[FenceZone, ...], Field(max_length=100)] = ()
     obstacles: Obstacles = ()
     """Known obstacles, for checks and dry runs."""
@@ -86,7 +86,7 @@ class OffboardMission(Model):
     roles: dict[Name, Role] = Field(max_length=MAX_ROLES, default_factory=dict[str, Role])
     """Steps of several vehicles, by role name; all other fields apply to all vehicles."""
     minimum_separation_m: Annotated[float, Field(ge=1.0, le=100.0, allow_inf_nan=False)] | None = None
-    """Minimum distance between any two vehicles, also if they brake to a stop at any time; None: 5 m."""
+    """Minimum distance between any two vehicles, also if both brake to a stop at any time; None: 5 m."""
     missions: dict[Name, Steps] = Field(max_length=100, default_factory=dict[str, tuple[MissionStep, ...]])
     """Named lists of steps for `call`."""
     tables: dict[Name, TableText] = Field(max_length=20, default_factory=dict[str, str])
@@ -119,7 +119,7 @@ def schema() -> dict[str, Any]:
 
 
 def write(mission: OffboardMission) -> bytes:
-    """The mission as JSON, UTF-8; reading it gives the same mission."""
+    """The mission as JSON in UTF-8; `reader.read_json` returns an equal mission."""
     unused = None if mission.roles else {"roles"}
     return mission.model_dump_json(indent=1, exclude_none=True, exclude=unused).encode()
 

@@ -26,14 +26,14 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "radius_exceeded": ("error", "farther from home than GF_MAX_HOR_DIST"),
     "limit_exceeded": (
         "error",
-        "beyond the operator's limits for this vehicle; the server keeps the vehicle inside",
+        "beyond the operator's limits for this vehicle; the server keeps the vehicle inside the limits",
     ),
     "fence_crossed": ("error", "the path leaves the geofence"),
     "fence_unknown": ("error", "the geofence cannot be checked without a global position"),
     "obstacle_hit": ("error", "the path passes through an obstacle"),
     "obstacle_avoided": (
         "warning",
-        "the path passes through an obstacle that only the vehicle's sensor can make it avoid",
+        "the path passes through an obstacle that only the vehicle's obstacle sensor can avoid",
     ),
     "obstacle_near": ("warning", "the path comes within 2 m of an obstacle"),
     "obstacle_invalid": ("error", "an obstacle whose sides cross or that has no area"),

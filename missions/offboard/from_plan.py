@@ -102,7 +102,7 @@ def from_plan(plan: Plan, name: str, vehicle: VehicleModel | None = None) -> Con
         missions={},
     )
     if plan.rally_points:
-        builder.notes.append("Rally points are omitted: they belong to the vehicle.")
+        builder.notes.append("Rally points are omitted, because the vehicle stores them.")
     if len(plan.fence) > 100:
         builder.notes.append("Only the first 100 fence zones are kept.")
     return ConvertedPlan(mission, tuple(dict.fromkeys(builder.notes)))
@@ -143,7 +143,7 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
         _add_positioned(builder, item, description)
     elif isinstance(item, Delay):
         if (item.delay_s or 0.0) < 0.0:
-            builder.notes.append(f"{description.capitalize()} waits for a time of day; it is omitted.")
+            builder.notes.append(f"{description.capitalize()} waits for a time of day and is omitted.")
         else:
             builder.add(s.Hold(duration_s=min(MAX_HOLD_S, item.delay_s or 0.0)))
     elif isinstance(item, ChangeSpeed) and (item.speed_m_s or 0.0) > 0.0 and item.speed_type in (0.0, 1.0):

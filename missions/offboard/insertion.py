@@ -120,7 +120,7 @@ def _called_lists(added: OffboardMission, steps: Iterable[MissionStep]) -> list[
 
 
 def _merged(mission: OffboardMission, wanted: str, lists: Lists, at: Place) -> tuple[OffboardMission, str]:
-    """The mission with the new step and the lists that it needs, and the name of the called list."""
+    """The mission with the new step and the lists that the step needs, and the name of the called list."""
     called = free_name(wanted, lambda name: name in mission.missions or name in lists)
     merged = _with_step(mission, at, Call(mission=called), at)
     with_existing_list = _with_step(mission, at, Call(mission=wanted), at)
@@ -141,7 +141,7 @@ def _merged(mission: OffboardMission, wanted: str, lists: Lists, at: Place) -> t
 
 
 def _missing_lists(missions: Mapping[str, tuple[MissionStep, ...]], lists: Lists) -> set[str]:
-    """Names of the lists that the mission lacks, or whose called lists it lacks."""
+    """Names of the lists that the mission does not have, or that call such a list."""
     calls = {name: set(calls_of(steps)) for name, steps in lists.items() if name is not None}
     missing = {name for name in calls if missions.get(name) != lists[name]}
     while callers := {name for name in calls if name not in missing and calls[name] & missing}:
@@ -169,14 +169,18 @@ def _with_step(value: Any, path: Place, step: MissionStep, at: Place) -> Any:
     """A copy of the document with a step inserted."""
     if isinstance(value, OffboardMission) and value.roles and path[0] == "steps":
         raise _invalid_position(at, f"the mission has roles ({', '.join(value.roles)})")
-    key, rest = path[0], path[1:]
-    if isinstance(value, tuple) and isinstance(key, int) and 0 <= key < len(value) + (not rest):
-        inner = (_with_step(value[key], rest, step, at), *value[key + 1 :]) if rest else (step, *value[key:])
+    key, inner_path = path[0], path[1:]
+    if isinstance(value, tuple) and isinstance(key, int) and 0 <= key < len(value) + (not inner_path):
+        inner = (
+            (_with_step(value[key], inner_path, step, at), *value[key + 1 :])
+            if inner_path
+            else (step, *value[key:])
+        )
         return (*value[:key], *inner)
-    if isinstance(value, dict) and rest and key in value:
-        return {**value, key: _with_step(value[key], rest, step, at)}
-    if isinstance(value, Model) and rest and key in _KEYS and key in type(value).model_fields:
-        return value.model_copy(update={key: _with_step(getattr(value, key), rest, step, at)})
+    if isinstance(value, dict) and inner_path and key in value:
+        return {**value, key: _with_step(value[key], inner_path, step, at)}
+    if isinstance(value, Model) and inner_path and key in _KEYS and key in type(value).model_fields:
+        return value.model_copy(update={key: _with_step(getattr(value, key), inner_path, step, at)})
     raise _invalid_position(at, f"{list(at)} is not a valid position for a step")
 
 

@@ -56,7 +56,7 @@ class Move:
 
 
 def move_between(mission: OffboardMission, added: OffboardMission, role: str | None) -> Move | None:
-    """The move from one planned start to the other; None: the starts are the same, or one is not given.
+    """The move from one planned start to the other; None: the starts are equal, or one start is unknown.
 
     Args:
         mission: the mission to change.
@@ -188,7 +188,7 @@ class Adapter:
             raise PlanError(
                 "field positions",
                 "the roles that may call this list start at different places",
-                "Insert it into the steps of a role, or choose from_start.",
+                "Insert the mission into the steps of a role, or choose from_start.",
                 field="positions",
             )
         return self._positions == "same_places"

@@ -77,7 +77,9 @@ class _Meetings:
         for place, steps in lists.items():
             for branch in _branches(steps):
                 if self._has_meeting((*branch.then, *branch.otherwise)):
-                    reason = "a `meet` inside a branch: other roles cannot know whether it is reached"
+                    reason = (
+                        "a `meet` inside a branch: other roles cannot know whether the vehicle reaches it"
+                    )
                     raise PlanError(place, reason, "Move the meeting before or after the branch.")
 
     def _names(self, steps: Iterable[MissionStep]) -> Iterator[str]:

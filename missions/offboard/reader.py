@@ -215,18 +215,22 @@ def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
 def describe_path(path: Path) -> str:
     """A path as shown in messages: `, step 3.2, field points[0].corner_m`; steps are numbered from 1."""
     numbers: list[str] = []
-    rest = list(path)
+    remaining_path = list(path)
     text = ""
-    if len(rest) > 2 and rest[0] == "missions":
-        text, rest = f", list {rest[1]!r}", rest[2:]
-        if isinstance(rest[0], int):
-            rest = ["steps", *rest]
-    elif len(rest) > 2 and rest[0] == "roles":
-        text, rest = f", role {rest[1]!r}", rest[2:]
-    while len(rest) > 1 and rest[0] in ("steps", "then", "otherwise") and isinstance(rest[1], int):
-        prefix = "" if rest[0] == "steps" else f"{rest[0]} "
-        numbers.append(f"{prefix}{rest[1] + 1}")
-        rest = rest[2:]
+    if len(remaining_path) > 2 and remaining_path[0] == "missions":
+        text, remaining_path = f", list {remaining_path[1]!r}", remaining_path[2:]
+        if isinstance(remaining_path[0], int):
+            remaining_path = ["steps", *remaining_path]
+    elif len(remaining_path) > 2 and remaining_path[0] == "roles":
+        text, remaining_path = f", role {remaining_path[1]!r}", remaining_path[2:]
+    while (
+        len(remaining_path) > 1
+        and remaining_path[0] in ("steps", "then", "otherwise")
+        and isinstance(remaining_path[1], int)
+    ):
+        prefix = "" if remaining_path[0] == "steps" else f"{remaining_path[0]} "
+        numbers.append(f"{prefix}{remaining_path[1] + 1}")
+        remaining_path = remaining_path[2:]
     if numbers:
         text += f", step {'.'.join(numbers)}"
-    return f"{text}, field {field_path(rest)}" if rest else text
+    return f"{text}, field {field_path(remaining_path)}" if remaining_path else text

@@ -119,7 +119,7 @@ class Compilation:
             raise PlanError(
                 "the mission",
                 reason,
-                "Split the mission: repeats and branches multiply the steps inside them.",
+                "Split the mission: repeats and branches multiply their inner steps.",
             )
 
     def table(self, name: str) -> bytes:

@@ -49,7 +49,7 @@ class Step(Model):
 
 
 class TakeOff(Step):
-    """Arm and climb to `height_m`; the next step starts there."""
+    """Arm and climb to `height_m`; the next step starts at this height."""
 
     step: Literal["take_off"] = "take_off"
     height_m: Annotated[float, Field(ge=0.5, le=500.0, allow_inf_nan=False)]
@@ -103,7 +103,7 @@ class FlyPoint(MissionPosition):
     """Heading at the point; between two points the heading changes at a constant rate."""
     stop: bool = False
     hold_s: Seconds = 0.0
-    """Time to wait at the point; the vehicle stops there."""
+    """Time to wait at the point; if it is above 0, the vehicle stops at the point."""
     corner_m: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 1.0
     """Maximum distance between the point and the rounded corner."""
 
@@ -125,7 +125,7 @@ class Fly(PathStep):
 
 
 class Orbit(PathStep):
-    """Fly circles around a position, at its altitude."""
+    """Fly circles around a position, at the altitude of the position."""
 
     step: Literal["orbit"] = "orbit"
     center: MissionPosition

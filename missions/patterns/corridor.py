@@ -48,7 +48,7 @@ def corridor(
     center_line = chart.line(points)
     count = max(1, math.ceil(width_m / coverage.spacing_m - 1e-9))
     if count > MAX_LINES:
-        reason = f"there would be {count}, the maximum is {MAX_LINES}"
+        reason = f"{count} lines are needed, the maximum is {MAX_LINES}"
         raise PlanError("the lines", reason, "Fly higher.", field="coverage")
     spacing_m = width_m / count
     items: list[SimpleItem] = []

@@ -155,7 +155,7 @@ def layer_heights(scan: StructureScan) -> list[float]:
     if count > MAX_ROUNDS:
         raise PlanError(
             "the layers",
-            f"there would be {count}, the maximum is {MAX_ROUNDS}",
+            f"{count} layers are needed, the maximum is {MAX_ROUNDS}",
             "Reduce the overlap.",
             field="coverage.side_overlap",
         )

@@ -93,7 +93,7 @@ def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
     count = max(1, math.ceil((y_max - y_min) / spacing_m - 1e-9))
     if count > MAX_LINES:
         fix = "Fly higher, reduce the overlap, or split the area."
-        reason = f"there would be {count} of them, the maximum is {MAX_LINES}"
+        reason = f"{count} lines are needed, the maximum is {MAX_LINES}"
         raise PlanError("the lines", reason, fix, field="coverage")
     first_y = (y_min + y_max) / 2.0 - (count - 1) * spacing_m / 2.0
     back_rad = math.radians(-turn_deg)
@@ -106,7 +106,7 @@ def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
             total += 1
             if total > MAX_LINES:
                 fix = "Fly higher, reduce the overlap, or split the area."
-                reason = f"there are more than {MAX_LINES} of them"
+                reason = f"more than {MAX_LINES} lines are needed"
                 raise PlanError("the lines", reason, fix, field="coverage")
             yield (
                 (x_low * cos - y * sin, x_low * sin + y * cos),
@@ -127,7 +127,7 @@ def _extents(pieces: BaseGeometry) -> list[tuple[float, float]]:
 
 
 def _in_flight_order(lines: tuple[Line, ...], start: EastNorth | None) -> Iterator[Line]:
-    """The lines in flight order. The next line is always the one with the nearest end, which gives a
+    """The lines in flight order. The next line is always the line with the nearest end, which gives a
     back-and-forth path."""
     ends = np.array(lines, dtype=np.float64)
     """(N, 2, 2): line; end of the line; east and north."""

@@ -47,11 +47,13 @@ class Ending:
         self._requests.append(Notify(code, text, warning))
 
     def _payload_failed(self, request: Request, text: str) -> None:
-        what = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
-        if what not in self._reported_payload_failures:
-            self._reported_payload_failures.add(what)
-            self._notify("payload", f"{what}: {text}. The mission continues.", warning=True)
+        subject = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
+        if subject not in self._reported_payload_failures:
+            self._reported_payload_failures.add(subject)
+            self._notify("payload", f"{subject}: {text}. The mission continues.", warning=True)
 
-    def _require_not_over(self, what: str) -> None:
+    def _require_not_over(self, subject: str) -> None:
         if self._final_state is not None:
-            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start the mission again.")
+            raise CannotDo(
+                f"the mission has ended: there is nothing to {subject}", "Start the mission again."
+            )

@@ -67,7 +67,7 @@ class Flight:
 
     @property
     def segment(self) -> Segment | None:
-        """The current segment; None after the last one."""
+        """The current segment; None: the last segment has ended."""
         segments = self.course.segments
         return segments[self.index] if self.index < len(segments) else None
 
@@ -97,7 +97,7 @@ class Flight:
         position_ned_m = reading.position_ned_m
         self._scripts += 1
         if self.index >= end_index or self.segment is None:
-            # No segment to fly: hold the position until the next one is known.
+            # No segment to fly: hold the position until the next segment is known.
             end = position_ned_m or (0.0, 0.0, 0.0)
             yaw_rad = reading.yaw_ned_rad or 0.0
             hold = HoldSegment("the end", "Hold", 0.0, end, yaw_rad)

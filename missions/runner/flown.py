@@ -58,7 +58,7 @@ class PlannedState:
 class PlannedFlight:
     """The planned path and its figures."""
 
-    by: PlannedBy
+    source: PlannedBy
     duration_s: float | None
     """Planned value of `FlownMission.duration_s`; None: not known."""
     length_m: float | None
@@ -96,9 +96,9 @@ class FlownMission:
     samples: tuple[FlownSample, ...]
     """Two samples per second; fewer for a flight longer than half an hour."""
     deviation_mean_m: float | None
-    """Mean of the samples' `deviation_m`; null: no sample has one."""
+    """Mean of the samples' `deviation_m`; null: no sample has a deviation."""
     deviation_max_m: float | None
-    """Largest of the samples' `deviation_m`; null: no sample has one."""
+    """Largest of the samples' `deviation_m`; null: no sample has a deviation."""
 
 
 class FlownTrack:
@@ -110,7 +110,7 @@ class FlownTrack:
         self._next_s = 0.0
 
     def record(self, t_s: float, position_ned_m: Vector3 | None, state: PlannedState) -> None:
-        """Adds a sample if one is due and the vehicle's position is known."""
+        """Adds a sample if the period has passed and the vehicle's position is known."""
         if position_ned_m is None or t_s < self._next_s:
             return
         planned = state.planned_ned_m
@@ -205,7 +205,7 @@ class FlightRecord:
             duration_s=round(self._stopwatch.read(now_s), 1),
             planned_duration_s=None if planned.duration_s is None else round(planned.duration_s, 1),
             planned_length_m=None if planned.length_m is None else round(planned.length_m, 1),
-            planned_by=planned.by,
+            planned_by=planned.source,
             planned_legs=planned.legs,
             origin=self._origin,
             battery_start_share=self._battery_start_share,

@@ -1,4 +1,4 @@
-"""Requests of the mission runner; the caller executes them and reports those that failed."""
+"""Requests of the mission runner; the caller executes them and reports failed requests."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ChangeScript:
 
 @dataclass(frozen=True, slots=True)
 class SetMode:
-    """Switch to one of PX4's own modes; this ends the stream."""
+    """Switch to one of PX4's own modes, and end the stream."""
 
     mode: Mode
 

@@ -156,7 +156,7 @@ class Runner(Ending):
         if self._suspended or not isinstance(part, SetpointPart) or not part.continue_after_question():
             raise CannotDo(
                 "the mission is not waiting for the operator",
-                "See the mission's status for what it is waiting for.",
+                "The mission's status shows its current step.",
             )
         self._notify("answered", f"{by} continued the mission.")
         return self._take_requests()
@@ -164,8 +164,8 @@ class Runner(Ending):
     def abort(self, reading: Reading, by: str, then: str = "hold") -> list[Request]:
         """Aborts the mission; the vehicle holds, returns or lands.
 
-        If the mission does not control the vehicle, it ends without a command, unless `then` is return or
-        land.
+        If the mission does not control the vehicle, the mission ends without a command to the vehicle, unless
+        `then` is return or land.
         """
         self._require_not_over("abort")
         is_flying_or_armed = not reading.on_ground or bool(reading.armed)

@@ -205,7 +205,7 @@ class ScriptSampler:
         return zeros_for_none(velocity), zeros_for_none(acceleration)
 
     def _has_arrived(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
-        """Whether the next segment may start: the vehicle has arrived at the end of the current one.
+        """Whether the next segment may start: the vehicle has arrived at the end of the current segment.
 
         After a segment without position control the vehicle first returns to the planned end of this segment.
         """

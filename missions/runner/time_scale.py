@@ -16,8 +16,8 @@ MAX_RATE_CHANGE = 1.0
 MAX_RATE_JERK = 4.0
 """Largest second derivative of the rate [1/s²]."""
 BRAKING_FACTOR = 1.1
-"""Factor on the acceleration limit while braking. On a path that is already at the limit, such as a circle,
-the vehicle could not brake without it."""
+"""Factor on the acceleration limit while braking. Without this factor, the vehicle could not brake on a path
+that is already at the limit, such as a circle."""
 JERK_FRACTION = 0.8
 """Fraction of the jerk limit that is used near the goal, because time steps are finite."""
 GOAL_TOLERANCE = 2e-3

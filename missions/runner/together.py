@@ -2,7 +2,8 @@
 and end at the same time.
 
 Each role's runner flies its own vehicle. `JointRunner` is updated after all runners. If one vehicle leaves
-the mission early, all others hold and the mission ends. If one vehicle is paused, all vehicles are paused.
+the mission early, all other vehicles hold and the mission ends. If one vehicle is paused, all vehicles are
+paused.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class JointRunner:
         return all(runner.over for runner in self.runners.values())
 
     def start(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
-        """Starts all roles; they wait for each other at their common start.
+        """Starts all roles; each role waits at the common start for the other roles.
 
         Raises:
             CannotDo: One role cannot start. No role is started.
@@ -44,7 +45,7 @@ class JointRunner:
         return {role: runner.start(now_s, readings[role]) for role, runner in self.runners.items()}
 
     def update(self, now_s: float, readings: Mapping[str, Reading]) -> Requests:
-        """Requests in addition to those of the runners; called after all runners were updated."""
+        """The additional requests for all roles; call it after all runners were updated."""
         reasons = {role: runner.early_end_reason for role, runner in self.runners.items()}
         early_ends = {role: reason for role, reason in reasons.items() if reason is not None}
         if early_ends:

@@ -11,7 +11,8 @@ from missions.setpoints import Estimate
 
 ESTIMATE_LOST_S = 1.0
 IN_FLIGHT: tuple[Estimate, ...] = ("position", "velocity", "heading")
-"""Estimates that are needed during the whole flight; global positions are already converted to local ones."""
+"""Estimates that are needed during the whole flight; global positions are already converted to local
+positions."""
 
 PX4_SOURCES = ("vehicle", "failsafe")
 """Sources of a mode change by PX4 itself. They do not change which party started the mission: while the

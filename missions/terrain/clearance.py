@@ -73,13 +73,15 @@ def _low_clearance(flown: FlightLine, ground: Ground) -> Iterator[Finding]:
     if np.isnan(above_m).all():
         return
     lowest_m = float(np.nanmin(above_m))
-    what = f"The straight path to {item_name(step.row, step.item).lower()}"
+    subject = f"The straight path to {item_name(step.row, step.item).lower()}"
     if isinstance(step.item, ReturnHome):
-        what = f"The straight path home of {item_name(step.row, step.item).lower()}"
-    found = _code_and_message(lowest_m, what)
-    if found is not None:
+        subject = f"The straight path home of {item_name(step.row, step.item).lower()}"
+    code_and_message = _code_and_message(lowest_m, subject)
+    if code_and_message is not None:
         yield Finding(
-            *found, step.row, fix="Increase the altitude of this item, or set its altitude above terrain."
+            *code_and_message,
+            step.row,
+            fix="Increase the altitude of this item, or set its altitude above terrain.",
         )
 
 
@@ -101,21 +103,23 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
         if not np.isnan(above_m).all():
             lowest_m[leg.place] = min(lowest_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
     for place, height_m in lowest_m.items():
-        found = _code_and_message(height_m, "The path")
-        if found is not None:
-            yield MissionFinding(*found, place, fix="Increase the altitude of the points of this step.")
+        code_and_message = _code_and_message(height_m, "The path")
+        if code_and_message is not None:
+            yield MissionFinding(
+                *code_and_message, place, fix="Increase the altitude of the points of this step."
+            )
 
 
 def geodetic(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
     """Latitudes, longitudes [deg] and altitudes AMSL [m] of local positions (N, 3)."""
-    found = np.array([origin.to_geodetic((n, e, d)) for n, e, d in positions_ned_m.tolist()])
-    return found[:, 0], found[:, 1], found[:, 2]
+    positions_deg = np.array([origin.to_geodetic((n, e, d)) for n, e, d in positions_ned_m.tolist()])
+    return positions_deg[:, 0], positions_deg[:, 1], positions_deg[:, 2]
 
 
-def _code_and_message(lowest_m: float, what: str) -> tuple[str, str] | None:
+def _code_and_message(lowest_m: float, subject: str) -> tuple[str, str] | None:
     """Code and message of the finding about the lowest height above the ground; None: no finding."""
     if lowest_m <= 0.0:
-        return "terrain_hit", f"{what} goes {-lowest_m:.0f} m below the ground."
+        return "terrain_hit", f"{subject} goes {-lowest_m:.0f} m below the ground."
     if lowest_m < CLEARANCE_M:
-        return "terrain_near", f"{what} comes within {lowest_m:.0f} m of the ground."
+        return "terrain_near", f"{subject} comes within {lowest_m:.0f} m of the ground."
     return None

@@ -62,7 +62,7 @@ def predict_plan(
         # the remaining path begins at the end of the straight line
         t_s, remaining = first_leg.start_s + first_leg.duration_s - straight.leg.duration_s, remaining[1:]
     legs += [PredictedLeg(replace(each.leg, start_s=each.leg.start_s - t_s)) for each in remaining]
-    accuracy = BY_DRY_RUN if planned.by == "dry_run" else BY_ESTIMATE
+    accuracy = BY_DRY_RUN if planned.source == "dry_run" else BY_ESTIMATE
     path = along_legs(vehicle, origin, legs, accuracy, ends_in_air=ends_in_air)
     # a plan that repeats without end can be anywhere on its path at any later time
     return path.without_latest_times() if path is not None and planned.duration_s is None else path

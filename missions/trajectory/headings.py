@@ -50,9 +50,9 @@ def with_point_yaws(pieces: Pieces, yaws: list[float | None]) -> Pieces:
     known = [(float(ends[pieces.marks[k]]), yaw) for k, yaw in enumerate(yaws) if yaw is not None]
     parameters = np.array([parameter for parameter, _ in known])
     values = np.unwrap(np.array([yaw for _, yaw in known]))
-    left, left_rate = _smooth_steps(parameters, values, ends[:-1], "right")
-    right, right_rate = _smooth_steps(parameters, values, ends[1:], "left")
-    return _with_yaw(pieces, left, left_rate, right, right_rate)
+    start_yaw, start_rate = _smooth_steps(parameters, values, ends[:-1], "right")
+    end_yaw, end_rate = _smooth_steps(parameters, values, ends[1:], "left")
+    return _with_yaw(pieces, start_yaw, start_rate, end_yaw, end_rate)
 
 
 def _smooth_steps(parameters: Array, values: Array, at: Array, side: str) -> tuple[Array, Array]:
@@ -68,14 +68,19 @@ def _smooth_steps(parameters: Array, values: Array, at: Array, side: str) -> tup
 
 def with_yaw_along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
     """Adds the heading along the path; at stops the vehicle turns on the spot to the next direction."""
-    first = pieces.derivative(1)
-    is_level = (np.hypot(first[..., 0], first[..., 1]) > 1e-6 * np.abs(first[..., 2])).all(axis=1)
-    turns_rad = np.where(is_level, _total_turn(np.arctan2(first[..., 1], first[..., 0])), 0.0)
-    pieces = pieces.split(_parts(turns_rad))
-    (left, left_rate), (right, right_rate) = (
-        _direction(first, second) for first, second in zip(pieces.ends(1), pieces.ends(2), strict=True)
+    first_derivative = pieces.derivative(1)
+    is_level = (
+        np.hypot(first_derivative[..., 0], first_derivative[..., 1]) > 1e-6 * np.abs(first_derivative[..., 2])
+    ).all(axis=1)
+    turns_rad = np.where(
+        is_level, _total_turn(np.arctan2(first_derivative[..., 1], first_derivative[..., 0])), 0.0
     )
-    return _with_turns(pieces, left, left_rate, right, right_rate, heading.start_yaw_ned_rad)
+    pieces = pieces.split(_parts(turns_rad))
+    (start_yaw, start_rate), (end_yaw, end_rate) = (
+        _direction(first_derivative, second_derivative)
+        for first_derivative, second_derivative in zip(pieces.ends(1), pieces.ends(2), strict=True)
+    )
+    return _with_turns(pieces, start_yaw, start_rate, end_yaw, end_rate, heading.start_yaw_ned_rad)
 
 
 def with_yaw_towards(pieces: Pieces, heading: LookAt) -> Pieces:
@@ -91,27 +96,31 @@ def with_yaw_towards(pieces: Pieces, heading: LookAt) -> Pieces:
         if not must_split.any():
             break
         pieces = pieces.split(np.where(must_split, 2, 1))
-    (left, left_rate), (right, right_rate) = (
-        _bearing(position, first, heading)
-        for position, first in zip(pieces.ends(0), pieces.ends(1), strict=True)
+    (start_yaw, start_rate), (end_yaw, end_rate) = (
+        _bearing(position, first_derivative, heading)
+        for position, first_derivative in zip(pieces.ends(0), pieces.ends(1), strict=True)
     )
-    return _with_turns(pieces, left, left_rate, right, right_rate, None)
+    return _with_turns(pieces, start_yaw, start_rate, end_yaw, end_rate, None)
 
 
-def _direction(first: Array, second: Array) -> tuple[Array, Array]:
+def _direction(first_derivative: Array, second_derivative: Array) -> tuple[Array, Array]:
     """Yaw of a horizontal direction and its derivative; NaN where the path is vertical."""
-    n, e, size = first[:, 0], first[:, 1], first[:, 0] ** 2 + first[:, 1] ** 2
-    is_level = size > 1e-6 * (size + first[:, 2] ** 2)
+    n, e, size = (
+        first_derivative[:, 0],
+        first_derivative[:, 1],
+        first_derivative[:, 0] ** 2 + first_derivative[:, 1] ** 2,
+    )
+    is_level = size > 1e-6 * (size + first_derivative[:, 2] ** 2)
     safe = np.where(is_level, size, 1.0)
-    rate = (n * second[:, 1] - e * second[:, 0]) / safe
+    rate = (n * second_derivative[:, 1] - e * second_derivative[:, 0]) / safe
     return np.where(is_level, np.arctan2(e, n), np.nan), np.where(is_level, rate, 0.0)
 
 
-def _bearing(position: Array, first: Array, heading: LookAt) -> tuple[Array, Array]:
+def _bearing(position: Array, first_derivative: Array, heading: LookAt) -> tuple[Array, Array]:
     n, e = heading.position_ned_m[0] - position[:, 0], heading.position_ned_m[1] - position[:, 1]
     size = n**2 + e**2
     is_far = size >= MIN_TARGET_DISTANCE_M**2
-    rate = (e * first[:, 0] - n * first[:, 1]) / np.where(is_far, size, 1.0)
+    rate = (e * first_derivative[:, 0] - n * first_derivative[:, 1]) / np.where(is_far, size, 1.0)
     return np.where(is_far, np.arctan2(e, n), np.nan), np.where(is_far, rate, 0.0)
 
 
@@ -125,11 +134,11 @@ def _parts(turns_rad: Array) -> NDArray[np.int64]:
 
 
 def _with_turns(
-    pieces: Pieces, left: Array, left_rate: Array, right: Array, right_rate: Array, start: float | None
+    pieces: Pieces, start_yaw: Array, start_rate: Array, end_yaw: Array, end_rate: Array, start: float | None
 ) -> Pieces:
     """Adds the yaw, and turns on the spot at stops between two headings. An undefined heading is replaced by
     the heading of the previous piece."""
-    headings = np.stack((left, right), axis=1).ravel()
+    headings = np.stack((start_yaw, end_yaw), axis=1).ravel()
     is_known = ~np.isnan(headings)
     if start is not None and not is_known[:1].any():
         headings[0], is_known[0] = start, True
@@ -138,16 +147,16 @@ def _with_turns(
     last_known = np.maximum.accumulate(np.where(is_known, np.arange(len(headings)), -1))
     headings = headings[np.where(last_known < 0, int(is_known.argmax()), last_known)]
     headings = np.unwrap(headings)
-    left, right = headings[0::2], headings[1::2]
-    left_rate = np.where(np.isnan(left_rate), 0.0, left_rate)
-    pieces = _with_yaw(pieces, left, left_rate, right, right_rate)
-    turn = left[1:] - right[:-1]
+    start_yaw, end_yaw = headings[0::2], headings[1::2]
+    start_rate = np.where(np.isnan(start_rate), 0.0, start_rate)
+    pieces = _with_yaw(pieces, start_yaw, start_rate, end_yaw, end_rate)
+    turn = start_yaw[1:] - end_yaw[:-1]
     turn_index = np.flatnonzero(np.abs(turn) > TURN_RAD) + 1
     if not len(turn_index):
         return pieces
     turn_points = np.repeat(pieces.points[turn_index, :1], 6, axis=1)
     turn_points[:, :, 3] = (
-        right[turn_index - 1][:, None] + np.linspace(0.0, 1.0, 6) * turn[turn_index - 1][:, None]
+        end_yaw[turn_index - 1][:, None] + np.linspace(0.0, 1.0, 6) * turn[turn_index - 1][:, None]
     )
     points = np.insert(pieces.points, turn_index, turn_points, axis=0)
     spans = np.insert(pieces.spans, turn_index, np.abs(turn[turn_index - 1]))
@@ -158,10 +167,10 @@ def _with_turns(
     return Pieces(points, spans, stops, marks)
 
 
-def _with_yaw(pieces: Pieces, left: Array, left_rate: Array, right: Array, right_rate: Array) -> Pieces:
+def _with_yaw(pieces: Pieces, start_yaw: Array, start_rate: Array, end_yaw: Array, end_rate: Array) -> Pieces:
     """Adds a cubic of yaw to each piece, as control points."""
     third = pieces.spans / 3.0
-    cubic = (left, left + left_rate * third, right - right_rate * third, right)
+    cubic = (start_yaw, start_yaw + start_rate * third, end_yaw - end_rate * third, end_yaw)
     points = pieces.points.copy()
     points[:, :, 3] = _to_degree_five(np.stack(cubic, axis=1))
     return Pieces(points, pieces.spans, pieces.stops, pieces.marks)

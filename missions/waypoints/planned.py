@@ -44,7 +44,7 @@ class Pass:
 class PlannedPasses:
     """The planned flight, in the vehicle's local frame."""
 
-    by: Literal["dry_run", "plan"]
+    source: Literal["dry_run", "plan"]
     passes: tuple[Pass, ...]
     duration_s: float | None
     """Time from the start to disarming, or to the end of a flight that ends in the air; None: a jump repeats
@@ -54,9 +54,9 @@ class PlannedPasses:
         """The planned flight from pass `first` on, to compare a flight that began with this pass."""
         legs = tuple(each.leg for each in self.passes[first:])
         if self.duration_s is None or not legs:
-            return PlannedFlight(self.by, None, None, legs)
+            return PlannedFlight(self.source, None, None, legs)
         duration_s = self.duration_s - (legs[0].start_s if first else 0.0)
-        return PlannedFlight(self.by, duration_s, sum(_length_m(each) for each in legs), legs)
+        return PlannedFlight(self.source, duration_s, sum(_length_m(each) for each in legs), legs)
 
     def has_repeated_items(self) -> bool:
         """Whether an item is flown more than once."""

@@ -13,7 +13,7 @@ from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
-from missions.offboard.insertion import Inserted, insert
+from missions.offboard.insertion import InsertionResult, insert
 from missions.offboard.positions import Start
 from missions.offboard.reader import read_json
 from missions.offboard.roles import planned_starts
@@ -361,7 +361,9 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
     wider = {**inside, "radius_m": 400}
     error = refused(mission(UP, fence=[wider]), tower(fence=[inside]))
     assert (error.place, "stay inside" in error.reason) == ("mission 'Tower', field fence", True)
-    assert isinstance(insert(mission(UP, fence=[inside]), tower(fence=[inside]), ("steps", 1)), Inserted)
+    assert isinstance(
+        insert(mission(UP, fence=[inside]), tower(fence=[inside]), ("steps", 1)), InsertionResult
+    )
 
 
 def test_tables_are_inserted_with_the_mission_and_a_missing_one_is_refused() -> None:

@@ -139,7 +139,7 @@ def test_the_compiled_path_of_a_mission_is_checked_with_step_and_position() -> N
 def test_a_step_with_avoidance_that_passes_through_an_obstacle_is_a_warning() -> None:
     (finding,) = compiled(NORTH % -5 + ", avoidance: over").findings
     assert (finding.code, finding.severity) == ("obstacle_avoided", "warning")
-    assert "depends on its obstacle sensor" in finding.message
+    assert "only the obstacle sensor" in finding.message
 
 
 def test_avoidance_does_not_apply_to_landings_and_velocities() -> None:
