@@ -23,7 +23,7 @@ OVER_M, BELOW_M = 1.0, 0.4
 """The vehicle climbs `OVER_M` above an obstacle. An obstacle blocks the path if its top is less than
 `BELOW_M` below the vehicle."""
 ABOVE_M = 0.9 * OVER_M
-"""The vehicle flies over an obstacle once the vehicle is this far above the measured top."""
+"""Height above the measured top at which the vehicle may fly over an obstacle."""
 
 
 @dataclass(frozen=True, slots=True)

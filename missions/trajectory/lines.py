@@ -31,7 +31,7 @@ PARTS_PER_LEG = 4
 """Parts of each leg of a smooth curve; each part has its own speed limit."""
 
 
-def straight(points: Sequence[PassPoint]) -> Pieces:
+def straight_legs(points: Sequence[PassPoint]) -> Pieces:
     """Straight legs with rounded corners; each bend passes its point within `corner_m`.
 
     Points at the same position (made by `merge_equal_positions`) become a turn on the spot; `headings.py`
@@ -109,11 +109,10 @@ def _halves(control: Array) -> tuple[Array, Array]:
     return np.array(left), np.array(right[::-1])
 
 
-def smooth(points: Sequence[PassPoint]) -> Pieces:
+def smooth_curve(points: Sequence[PassPoint]) -> Pieces:
     """One curve exactly through all points: a cubic spline over chord length from stop to stop.
 
-    Its second derivative is continuous, and zero at stops. The curve is not on the straight lines
-    between points.
+    Its second derivative is continuous, and zero at stops. Between the points, the curve is not straight.
     """
     controls: list[Array] = []
     spans: list[float] = []

@@ -56,11 +56,11 @@ def curve_through_points(
         yaw = yaws[0] if has_yaws else heading if isinstance(heading, float) else None
         return _hold(kept[0], yaw, len(merged_index))
     limits = limits or MotionLimits()
-    pieces = lines.smooth(kept) if exact else lines.straight(kept)
+    pieces = lines.smooth_curve(kept) if exact else lines.straight_legs(kept)
     slow_points = set() if exact else slow_bends(pieces, limits)
     if slow_points:
         kept = [replace(point, stop=point.stop or k in slow_points) for k, point in enumerate(kept)]
-        pieces = lines.straight(kept)
+        pieces = lines.straight_legs(kept)
     if has_yaws:
         pieces = headings.with_point_yaws(pieces, yaws)
         heading = 0.0

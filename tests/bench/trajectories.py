@@ -135,7 +135,7 @@ def convex(points: np.ndarray) -> Flight:
 
     from missions.trajectory import lines
 
-    path = lines.smooth([PassPoint(tuple(p)) for p in points.tolist()])
+    path = lines.smooth_curve([PassPoint(tuple(p)) for p in points.tolist()])
     first = np.concatenate((path.derivative(1)[:, 0, :3], path.derivative(1)[-1:, -1, :3]))
     second = np.concatenate((path.derivative(2)[:, 0, :3], path.derivative(2)[-1:, -1, :3]))
     n, h = len(first), path.spans
