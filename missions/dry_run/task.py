@@ -24,7 +24,7 @@ from missions.values import HomePosition
 from missions.values import Obstacle as PlannedObstacle
 
 SIMULATED_SENSORS = (
-    "Obstacle avoidance is simulated with a lidar that measures 20 m to all sides and one that points down; "
+    "Obstacle avoidance is simulated with a lidar that measures 20 m to all sides and a second lidar that points down; "
     "the sensors of the real vehicle may measure less."
 )
 NOTHING_TO_AVOID = "No obstacles are known, so the obstacle avoidance of the mission has nothing to avoid."
@@ -117,13 +117,18 @@ def run(
 
     seed = request["seed"]
     if flights is None:
-        run_once = dry_run(flyable, aircraft, conditions, seed=seed, site=site, report=report)
-        return {"nominal": run_once.document(), "monte_carlo": None, "together": None, "assumed": assumptions}
-    many = monte_carlo(
+        nominal_run = dry_run(flyable, aircraft, conditions, seed=seed, site=site, report=report)
+        return {
+            "nominal": nominal_run.document(),
+            "monte_carlo": None,
+            "together": None,
+            "assumed": assumptions,
+        }
+    result = monte_carlo(
         flyable, aircraft, conditions, Spread(**request["spread"]), flights=flights, seed=seed,
         site=site, report=report,
     )  # fmt: skip
-    document = many.document()
+    document = result.document()
     return {
         "nominal": document.pop("nominal"),
         "monte_carlo": document,
@@ -139,8 +144,8 @@ def _together(
     progress: Progress,
     find_ground: FindGround | None,
 ) -> dict[str, Any]:
-    """Flies all roles. `nominal` has the path of the first role and `monte_carlo` its corridor; both have the
-    findings and chances of all roles."""
+    """Flies all roles. `nominal` has the path of the first role and the findings of all roles; `monte_carlo`
+    has the corridor of the first role and the chances of all roles."""
     mission = mission_reader.read(request["plan"])
     roles, flights = request["roles"], request["flights"]
     aircraft = {role: _aircraft(requested) for role, requested in roles.items()}
@@ -164,22 +169,22 @@ def _together(
 
     seed, many = request["seed"], None
     if flights is None:
-        flown = dry_run_together(
+        nominal_document = dry_run_together(
             mission, aircraft, conditions, origins=origins, seed=seed, site=site, report=report
         ).document()
     else:
-        found = monte_carlo_together(
+        result = monte_carlo_together(
             mission, aircraft, conditions, Spread(**request["spread"]), flights=flights, origins=origins,
             seed=seed, site=site, report=report,
         )  # fmt: skip
-        flown, many = found.nominal.document(), found.document()
-    nominal = dict(next(iter(flown["roles"].values())))
-    nominal["findings"] = [*flown.pop("findings"), *findings_of(flown["roles"])]
-    nominal["finished"] = all(run["finished"] for run in flown["roles"].values())
+        nominal_document, many = result.nominal.document(), result.document()
+    nominal = dict(next(iter(nominal_document["roles"].values())))
+    nominal["findings"] = [*nominal_document.pop("findings"), *findings_of(nominal_document["roles"])]
+    nominal["finished"] = all(run["finished"] for run in nominal_document["roles"].values())
     first_role = None
     if many is not None:
         first_role = {**next(iter(many["roles"].values())), "chances": many.pop("chances")}
-    together = {**flown, "monte_carlo": many}
+    together = {**nominal_document, "monte_carlo": many}
     return {"nominal": nominal, "monte_carlo": first_role, "together": together, "assumed": assumptions}
 
 
@@ -189,14 +194,14 @@ def _site(
     positions: Sequence[tuple[float, float]],
     find_ground: FindGround | None,
 ) -> tuple[Site, list[str]]:
-    """The site around the start, and sentences about its ground."""
+    """The site around the start, and sentences about the ground of the site."""
     if find_ground is None:
         return Site(obstacles), []
-    around = [(origin.lat_deg, origin.lon_deg), *positions]
-    ground, messages = find_ground(around)
+    all_positions = [(origin.lat_deg, origin.lon_deg), *positions]
+    ground, messages = find_ground(all_positions)
     if ground is None:
         return Site(obstacles), list(messages)
-    grid, assumptions = ground_grid(ground, origin, around)
+    grid, assumptions = ground_grid(ground, origin, all_positions)
     return Site(obstacles, grid), assumptions
 
 

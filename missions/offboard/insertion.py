@@ -19,7 +19,7 @@ from missions.offboard.names import free_name, valid_name
 from missions.offboard.steps import Branch, Call, Gimbal, Land, MissionStep, Photo, Repeat, TakeOff, Wait
 from missions.values import Model
 
-Place = Sequence[str | int]
+StepPath = Sequence[str | int]
 """Keys and indexes of a step in the document: `["steps", 2]`, `["roles", "lead", "steps", 0]`,
 `["missions", "round", 1]`, `["steps", 3, "then", 0]`."""
 Lists = dict[str | None, tuple[MissionStep, ...]]
@@ -41,7 +41,7 @@ class InsertionResult:
 def insert(
     mission: OffboardMission,
     added: OffboardMission,
-    at: Place,
+    target: StepPath,
     *,
     in_air: bool = False,
     positions: Positions | None = None,
@@ -51,7 +51,7 @@ def insert(
     Args:
         mission: the mission to change.
         added: the mission to insert, for one vehicle.
-        at: position of the new step in the document; the steps from this position on move back by one.
+        target: path of the new step in the document; the steps at this path and after it move back by one.
         in_air: omit the inserted take-off and last landing, because the vehicle is already flying at that
             step.
         positions: used if the planned starts differ. `from_start`: positions relative to start or home refer
@@ -64,15 +64,17 @@ def insert(
     if added.roles:
         reason = f"it is for {len(added.roles)} vehicles (roles: {', '.join(added.roles)})"
         raise PlanError(f"mission {added.name!r}", reason, "A call inserts a mission for one vehicle only.")
-    if len(at) < 2:
-        raise _invalid_position(at, f"{list(at)} is not a valid position for a step")
-    _with_step(mission, at, Call(mission="-"), at)  # a wrong position is reported before all other errors
-    steps, notes = _flown_steps(added, in_air)
-    adapter = Adapter(mission, added, move_between(mission, added, _role_at(mission, at)), positions)
+    if len(target) < 2:
+        raise _invalid_position(target, f"{list(target)} is not a valid position for a step")
+    _with_step(
+        mission, target, Call(mission="-"), target
+    )  # a wrong position is reported before all other errors
+    steps, notes = _steps_to_insert(added, in_air)
+    adapter = Adapter(mission, added, move_between(mission, added, _role_at(mission, target)), positions)
     lists: Lists = {None: adapter.steps(steps)}
     for name in _called_lists(added, steps):
         lists[name] = adapter.steps(added.missions[name])
-    merged, called = _merged(mission, valid_name(added.name, "mission"), lists, at)
+    merged, called = _merged(mission, valid_name(added.name, "mission"), lists, target)
     fields, setting_notes = merged_settings(mission, added)
     merged = merged.model_copy(update={**fields, "tables": adapter.tables})
     return InsertionResult(
@@ -80,31 +82,31 @@ def insert(
     )
 
 
-def _role_at(mission: OffboardMission, at: Place) -> str | None:
-    return str(at[1]) if at[0] == "roles" and str(at[1]) in mission.roles else None
+def _role_at(mission: OffboardMission, target: StepPath) -> str | None:
+    return str(target[1]) if target[0] == "roles" and str(target[1]) in mission.roles else None
 
 
-def _flown_steps(added: OffboardMission, in_air: bool) -> tuple[tuple[MissionStep, ...], list[str]]:
+def _steps_to_insert(added: OffboardMission, in_air: bool) -> tuple[tuple[MissionStep, ...], list[str]]:
     """The steps to insert, and a sentence about the omitted steps."""
     steps = added.steps
     if not in_air:
         return steps, []
     first_step = next((i for i, step in enumerate(steps) if not isinstance(step, Gimbal | Photo | Wait)), 0)
-    left_out: list[str] = []
+    omitted: list[str] = []
     if isinstance(steps[first_step], TakeOff):
         steps = (*steps[:first_step], *steps[first_step + 1 :])
-        left_out.append("take-off")
+        omitted.append("take-off")
     if steps and isinstance(steps[-1], Land):
         steps = steps[:-1]
-        left_out.append("landing")
+        omitted.append("landing")
     if not steps:
         reason = "without its take-off and landing it has no steps"
         raise PlanError(f"mission {added.name!r}", reason, "Choose another mission.", field="in_air")
-    if not left_out:
+    if not omitted:
         return steps, []
-    verb = "is" if len(left_out) == 1 else "are"
-    straight = " The vehicle flies straight to its first position." if "take-off" in left_out else ""
-    return steps, [f"{' and '.join(left_out).capitalize()} of {added.name!r} {verb} left out.{straight}"]
+    verb = "is" if len(omitted) == 1 else "are"
+    note = " The vehicle flies straight to its first position." if "take-off" in omitted else ""
+    return steps, [f"{' and '.join(omitted).capitalize()} of {added.name!r} {verb} left out.{note}"]
 
 
 def _called_lists(added: OffboardMission, steps: Iterable[MissionStep]) -> list[str]:
@@ -119,11 +121,13 @@ def _called_lists(added: OffboardMission, steps: Iterable[MissionStep]) -> list[
     return list(found)
 
 
-def _merged(mission: OffboardMission, wanted: str, lists: Lists, at: Place) -> tuple[OffboardMission, str]:
+def _merged(
+    mission: OffboardMission, wanted: str, lists: Lists, target: StepPath
+) -> tuple[OffboardMission, str]:
     """The mission with the new step and the lists that the step needs, and the name of the called list."""
     called = free_name(wanted, lambda name: name in mission.missions or name in lists)
-    merged = _with_step(mission, at, Call(mission=called), at)
-    with_existing_list = _with_step(mission, at, Call(mission=wanted), at)
+    merged = _with_step(mission, target, Call(mission=called), target)
+    with_existing_list = _with_step(mission, target, Call(mission=wanted), target)
     if with_existing_list.missions.get(wanted) == lists[None] and not _missing_lists(
         with_existing_list.missions, lists
     ):
@@ -136,7 +140,7 @@ def _merged(mission: OffboardMission, wanted: str, lists: Lists, at: Place) -> t
             names[name] = free_name(name, taken.__contains__) if name in missing else name
     missions = dict(merged.missions)
     for name, steps in lists.items():
-        missions.setdefault(names[name], _renamed(steps, names))
+        missions.setdefault(names[name], _with_list_names(steps, names))
     return merged.model_copy(update={"missions": missions}), called
 
 
@@ -149,41 +153,43 @@ def _missing_lists(missions: Mapping[str, tuple[MissionStep, ...]], lists: Lists
     return missing
 
 
-def _renamed(steps: Iterable[MissionStep], names: Mapping[str | None, str]) -> tuple[MissionStep, ...]:
+def _with_list_names(
+    steps: Iterable[MissionStep], names: Mapping[str | None, str]
+) -> tuple[MissionStep, ...]:
     """The steps with the new names of the lists that they call."""
 
     def renamed(step: MissionStep) -> MissionStep:
         if isinstance(step, Call):
             return step.model_copy(update={"mission": names[step.mission]})
         if isinstance(step, Repeat):
-            return step.model_copy(update={"steps": _renamed(step.steps, names)})
+            return step.model_copy(update={"steps": _with_list_names(step.steps, names)})
         if isinstance(step, Branch):
-            then, otherwise = _renamed(step.then, names), _renamed(step.otherwise, names)
+            then, otherwise = _with_list_names(step.then, names), _with_list_names(step.otherwise, names)
             return step.model_copy(update={"then": then, "otherwise": otherwise})
         return step
 
     return tuple(renamed(step) for step in steps)
 
 
-def _with_step(value: Any, path: Place, step: MissionStep, at: Place) -> Any:
+def _with_step(value: Any, path: StepPath, step: MissionStep, target: StepPath) -> Any:
     """A copy of the document with a step inserted."""
     if isinstance(value, OffboardMission) and value.roles and path[0] == "steps":
-        raise _invalid_position(at, f"the mission has roles ({', '.join(value.roles)})")
+        raise _invalid_position(target, f"the mission has roles ({', '.join(value.roles)})")
     key, inner_path = path[0], path[1:]
     if isinstance(value, tuple) and isinstance(key, int) and 0 <= key < len(value) + (not inner_path):
         inner = (
-            (_with_step(value[key], inner_path, step, at), *value[key + 1 :])
+            (_with_step(value[key], inner_path, step, target), *value[key + 1 :])
             if inner_path
             else (step, *value[key:])
         )
         return (*value[:key], *inner)
     if isinstance(value, dict) and inner_path and key in value:
-        return {**value, key: _with_step(value[key], inner_path, step, at)}
+        return {**value, key: _with_step(value[key], inner_path, step, target)}
     if isinstance(value, Model) and inner_path and key in _KEYS and key in type(value).model_fields:
-        return value.model_copy(update={key: _with_step(getattr(value, key), inner_path, step, at)})
-    raise _invalid_position(at, f"{list(at)} is not a valid position for a step")
+        return value.model_copy(update={key: _with_step(getattr(value, key), inner_path, step, target)})
+    raise _invalid_position(target, f"{list(target)} is not a valid position for a step")
 
 
-def _invalid_position(at: Place, reason: str) -> PlanError:
+def _invalid_position(target: StepPath, reason: str) -> PlanError:
     fix = 'Give the keys and indexes of a step: ["steps", 2], or ["roles", "lead", "steps", 0].'
     return PlanError("field at", reason, fix, field="at")

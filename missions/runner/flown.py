@@ -90,9 +90,9 @@ class FlownMission:
     origin: LocalOrigin | None
     """Global position of the local origin at the start; null: not known."""
     battery_start_share: float | None
-    """Battery charge at the start, 0 to 1; null: the vehicle did not report it."""
+    """Battery charge at the start, 0 to 1; null: not reported."""
     battery_end_share: float | None
-    """Newest battery charge of the mission, 0 to 1; null: the vehicle did not report it."""
+    """Newest battery charge of the mission, 0 to 1; null: not reported."""
     samples: tuple[FlownSample, ...]
     """Two samples per second; fewer for a flight longer than half an hour."""
     deviation_mean_m: float | None

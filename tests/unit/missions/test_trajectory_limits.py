@@ -43,7 +43,7 @@ def random_path(rng: np.random.Generator) -> Pieces:
     points: list = []
     while len(points) < 2:
         points, _ = merge_same(random_points(rng, int(rng.integers(2, 9)), yaws=kind < 0.5))
-    path = lines.smooth(points) if rng.random() < 0.4 else lines.straight(points)
+    path = lines.smooth_curve(points) if rng.random() < 0.4 else lines.straight_legs(points)
     yaws = [point.yaw_ned_rad for point in points]
     if any(yaw is not None for yaw in yaws):
         return headings.with_point_yaws(path, yaws)
