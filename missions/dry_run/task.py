@@ -24,8 +24,8 @@ from missions.values import HomePosition
 from missions.values import Obstacle as PlannedObstacle
 
 SIMULATED_SENSORS = (
-    "Obstacle avoidance is simulated with a lidar that measures 20 m to all sides and a second lidar that points down; "
-    "the sensors of the real vehicle may measure less."
+    "Obstacle avoidance is simulated with a lidar that measures 20 m to all sides and a lidar that points "
+    "down; the sensors of the real vehicle may measure less."
 )
 NOTHING_TO_AVOID = "No obstacles are known, so the obstacle avoidance of the mission has nothing to avoid."
 

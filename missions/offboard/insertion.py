@@ -66,9 +66,8 @@ def insert(
         raise PlanError(f"mission {added.name!r}", reason, "A call inserts a mission for one vehicle only.")
     if len(target) < 2:
         raise _invalid_position(target, f"{list(target)} is not a valid position for a step")
-    _with_step(
-        mission, target, Call(mission="-"), target
-    )  # a wrong position is reported before all other errors
+    # A wrong position is reported before all other errors.
+    _with_step(mission, target, Call(mission="-"), target)
     steps, notes = _steps_to_insert(added, in_air)
     adapter = Adapter(mission, added, move_between(mission, added, _role_at(mission, target)), positions)
     lists: Lists = {None: adapter.steps(steps)}
