@@ -165,7 +165,7 @@ class Region:
                 edges.append((-distance_m, _unit((p[0] - q[0], p[1] - q[1]))))
         return edges
 
-    def nearest_inside(self, p: NorthEast) -> NorthEast | None:
+    def position_inside(self, p: NorthEast) -> NorthEast | None:
         """A position inside all limits, near `p`; None: no such position was found."""
         for _ in range(12):
             if self.breach(p) is None:
@@ -176,14 +176,14 @@ class Region:
                 p = _into_polygon(p, polygon.corners_ne_m)
         return None
 
-    def last_inside(self, start: NorthEast, target: NorthEast) -> NorthEast | None:
+    def last_position_inside(self, start: NorthEast, target: NorthEast) -> NorthEast | None:
         """The last position inside on the straight line from `start` to a target.
 
         If `start` is outside: a position inside near `start`; None: no such position was found.
         """
         if self.breach(start) is not None:
-            return self.nearest_inside(start)
-        inside = self.nearest_inside(target) or start
+            return self.position_inside(start)
+        inside = self.position_inside(target) or start
         distance_m = math.dist(start, inside)
         if distance_m < 1e-6:
             return inside

@@ -225,7 +225,7 @@ def needs_of(setpoint: Setpoint) -> tuple[Estimate, ...]:
     return setpoint.needs
 
 
-def complete(vector: Partial3) -> Vector3 | None:
+def complete_vector(vector: Partial3) -> Vector3 | None:
     """The vector if all its axes are controlled, otherwise None."""
     x, y, z = vector
     return None if x is None or y is None or z is None else (x, y, z)

@@ -8,7 +8,7 @@ from gcs_server.scene.frames import enu_from_ned
 from gcs_server.scene.model import Points
 from gcs_server.scene.ports import SceneVehicle
 from gcs_server.streamer.offboard.obstacles import scans_of
-from missions.avoidance.scans import LEVEL_MAX_SINE, fresh
+from missions.avoidance.scans import LEVEL_MAX_SINE, recent_scans
 from missions.frames import Quaternion, Vector3
 
 SHOWN_S = 2.5
@@ -26,7 +26,7 @@ def measured_points(
         return ()
     x, y, z = position_enu_m
     points: list[Vector3] = []
-    for scan in fresh(scans_of(samples, q_ned_frd, now_monotonic_s), now_monotonic_s, SHOWN_S):
+    for scan in recent_scans(scans_of(samples, q_ned_frd, now_monotonic_s), now_monotonic_s, SHOWN_S):
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True):
             if far_m is not None and d <= LEVEL_MAX_SINE:
                 east, north, up = enu_from_ned((n * far_m, e * far_m, d * far_m))

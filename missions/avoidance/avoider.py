@@ -18,7 +18,7 @@ import math
 from missions.avoidance.corridor import BELOW_M, CLEARANCE_M, OVER_M, BlockingObstacles, blocking_obstacles
 from missions.avoidance.detour import Side, choose_heading
 from missions.avoidance.memory import ObstacleMemory
-from missions.avoidance.scans import Scan, fresh, measures_down, measures_level, range_at_m
+from missions.avoidance.scans import Scan, measures_down, measures_level, range_at_m, recent_scans
 from missions.avoidance.stopping import braking_speed
 from missions.avoidance.track import Track, velocity_towards
 from missions.avoidance.values import (
@@ -98,7 +98,7 @@ class Avoider:
             scans: the newest scan of each sensor.
             allowed: limits and allowed area.
         """
-        adjusted = self._adjusted(now_s, current, wanted, fresh(scans, now_s, FRESH_S), allowed)
+        adjusted = self._adjusted(now_s, current, wanted, recent_scans(scans, now_s, FRESH_S), allowed)
         self._state = adjusted.state
         if adjusted.state != "stopped" and adjusted.state != "turning":
             self._hold_position = None
@@ -123,7 +123,7 @@ class Avoider:
         self._remember(now_s, current, scans, low_m - OVER_M / 2)
         heading = _heading(current, wanted)
         yaw = self._yaw_to_see(current, wanted, scans, heading)
-        points = self._memory.above(low_m, now_s)
+        points = self._memory.columns_above(low_m, now_s)
         blocking = blocking_obstacles(points, current, wanted, self._top_uncertainty_m)
         if blocking is not None:
             self._clear_since_s = None
@@ -220,7 +220,7 @@ class Avoider:
         goal = wanted.position_ned_m
         if self._unreachable_goal is not None and math.dist(self._unreachable_goal, goal) < GOAL_MOVED_M:
             return self._stop_and_hold(current, wanted, no_way)
-        nearby = self._memory.above(-current.position_ned_m[2] - BELOW_M, now_s)
+        nearby = self._memory.columns_above(-current.position_ned_m[2] - BELOW_M, now_s)
         chosen = choose_heading(nearby, current, wanted, scans, allowed, self._side, clearance_m)
         if chosen is None and self._side is not None and not self._turned_back:
             self._turned_back, self._side = True, "left" if self._side == "right" else "right"
@@ -279,7 +279,7 @@ class Avoider:
         track."""
         point = self._track.nearest(current, wanted)
         to_point = WantedMotion((*point, current.position_ned_m[2]))
-        nearby = self._memory.above(-current.position_ned_m[2] - BELOW_M, now_s)
+        nearby = self._memory.columns_above(-current.position_ned_m[2] - BELOW_M, now_s)
         if blocking_obstacles(nearby, current, to_point, 0.0) is not None:
             return 0.0, 0.0
         return velocity_towards(current, point)

@@ -84,7 +84,7 @@ class ObstacleMemory:
                 return
         self._columns[row] = (north_m, east_m, top_m, now_s)
 
-    def above(self, altitude_m: float, now_s: float) -> NDArray[np.float64]:
+    def columns_above(self, altitude_m: float, now_s: float) -> NDArray[np.float64]:
         """(N, 3) north, east and top of the columns that reach above an altitude (above the local origin)
         [m]."""
         stored = self._columns

@@ -42,7 +42,7 @@ class Scan:
         )
 
 
-def fresh(scans: Iterable[Scan], now_s: float, within_s: float) -> tuple[Scan, ...]:
+def recent_scans(scans: Iterable[Scan], now_s: float, within_s: float) -> tuple[Scan, ...]:
     """The scans of the last `within_s` seconds."""
     return tuple(scan for scan in scans if now_s - scan.measured_s <= within_s)
 

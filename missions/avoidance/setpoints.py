@@ -23,7 +23,7 @@ from missions.setpoints import (
     PositionGlobal,
     Trajectory,
     Velocity,
-    complete,
+    complete_vector,
     zeros_for_none,
 )
 
@@ -72,7 +72,7 @@ class SetpointAvoidance:
         return None if self._avoider is None else self._avoider.way
 
     @property
-    def on_a_detour(self) -> bool:
+    def is_on_detour(self) -> bool:
         """Whether the vehicle flies a detour instead of the requested path."""
         return self.status is not None and self.status.state != "clear"
 
@@ -137,7 +137,7 @@ def _apply_adjustment(requested: DirectSetpoint, adjusted: AdjustedMotion) -> Di
 def _target(setpoint: DirectSetpoint, origin: LocalOrigin | None) -> Vector3 | None:
     """Target position of a setpoint; None: the setpoint controls no position."""
     if isinstance(setpoint, Position | Trajectory):
-        return complete(setpoint.position_ned_m)
+        return complete_vector(setpoint.position_ned_m)
     if isinstance(setpoint, PositionGlobal) and origin is not None and setpoint.alt_amsl_m is not None:
         return origin.to_ned(setpoint.lat_deg, setpoint.lon_deg, setpoint.alt_amsl_m)
     return None

@@ -59,7 +59,7 @@ class SimulatedAvoidance:
 
         # Avoidance that a step requests ends with the step, but never during a detour.
         avoidance = self._avoidance
-        way = avoidance.way if avoidance.on_a_detour else sampler.avoidance
+        way = avoidance.way if avoidance.is_on_detour else sampler.avoidance
         return avoidance.apply(
             now_s, requested, lambda at_s: sampler.setpoint_ahead(at_s - now_s), way, surroundings
         )

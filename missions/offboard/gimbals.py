@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from missions.frames import Vector3, wrap_pi
-from missions.setpoints import Position, Setpoint, Trajectory, Velocity, complete
+from missions.setpoints import Position, Setpoint, Trajectory, Velocity, complete_vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class GimbalTrack:
 
     def _towards(self, setpoint: Setpoint, nose_rad: float) -> tuple[float, float]:
         position_ned_m = (
-            complete(setpoint.position_ned_m) if isinstance(setpoint, Trajectory | Position) else None
+            complete_vector(setpoint.position_ned_m) if isinstance(setpoint, Trajectory | Position) else None
         )
         if position_ned_m is None:
             return self.pitch_rad, wrap_pi(nose_rad)

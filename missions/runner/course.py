@@ -90,7 +90,7 @@ class ConditionWatch:
             return False
         return (self._above is None or value > self._above) and (self._below is None or value < self._below)
 
-    def fulfilled(self, now_s: float, reading: Reading) -> bool:
+    def is_fulfilled(self, now_s: float, reading: Reading) -> bool:
         """Whether the condition has been true for `for_s` seconds without interruption."""
         if not self.is_true(reading):
             self._since_s = None

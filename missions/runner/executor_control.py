@@ -15,7 +15,7 @@ REPLACED = "Another party commands the vehicle: PX4 no longer accepts commands o
 
 
 class ExecutorControl:
-    """Detects that the executor is no longer in charge; without an executor, `lost` is never true."""
+    """Detects that the executor is no longer in charge; without an executor, `is_lost` is never true."""
 
     def __init__(self) -> None:
         self._was_in_charge = False
@@ -25,7 +25,7 @@ class ExecutorControl:
         """Resets the detection for a new part of the mission."""
         self._was_in_charge, self._lost_since_s = reading.executor_in_charge is True, None
 
-    def lost(self, reading: Reading) -> bool:
+    def is_lost(self, reading: Reading) -> bool:
         """Whether the executor was in charge during this part and is no longer in charge."""
         self._was_in_charge |= reading.executor_in_charge is True
         if self._was_in_charge and reading.executor_in_charge is False and reading.armed is not False:
@@ -34,7 +34,7 @@ class ExecutorControl:
         return False
 
     def loss_confirmed(self, now_s: float) -> bool:
-        """Whether `lost` has been true for `CONFIRM_S`; call it only while `lost` is true."""
+        """Whether `is_lost` has been true for `CONFIRM_S`; call it only while `is_lost` is true."""
         if self._lost_since_s is None:
             self._lost_since_s = now_s
         return now_s - self._lost_since_s >= CONFIRM_S

@@ -12,7 +12,7 @@ from missions.offboard.timeline import Timeline
 from missions.runner.course import Course
 from missions.runner.reading import Reading
 from missions.runner.script import Pace, Script
-from missions.setpoints import Position, Trajectory, complete
+from missions.setpoints import Position, Trajectory, complete_vector
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.points import PassPoint
 from missions.trajectory.solve import curve_through_points
@@ -144,7 +144,7 @@ def _start_of(
     """Position and heading at the start of a segment."""
     setpoint = segment.at(begin_s)
     if isinstance(setpoint, Trajectory | Position):
-        return complete(setpoint.position_ned_m), setpoint.yaw_ned_rad
+        return complete_vector(setpoint.position_ned_m), setpoint.yaw_ned_rad
     if index > 0:  # a segment of velocities or attitudes starts where the previous segment ends
         return segments[index - 1].end_ned_m, segment.end_yaw_ned_rad
     return None, segment.end_yaw_ned_rad

@@ -210,7 +210,7 @@ class Runner(Ending):
         is_flight_command = isinstance(request, TakeOff | StreamScript | SetMode)
         if self._final_state is not None:
             self._notify("failed", f"{text}.", warning=True)
-        elif is_flight_command and not self._suspended and self._executor_control.lost(reading):
+        elif is_flight_command and not self._suspended and self._executor_control.is_lost(reading):
             self._taken_over(reading, REPLACED)
         elif isinstance(request, TakeOff):
             if not self._suspended:
@@ -291,7 +291,7 @@ class Runner(Ending):
         if not part.expects(reading):
             self._taken_over(reading)
             return
-        if self._executor_control.lost(reading):
+        if self._executor_control.is_lost(reading):
             if self._executor_control.loss_confirmed(now_s):
                 self._taken_over(reading, REPLACED)
             return

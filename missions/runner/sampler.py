@@ -31,7 +31,7 @@ from missions.setpoints import (
     Setpoint,
     Trajectory,
     Velocity,
-    complete,
+    complete_vector,
     zeros_for_none,
 )
 
@@ -110,7 +110,7 @@ class ScriptSampler:
             self._advance(dt_s, position_ned_m)
             setpoint = self._at_rate(self._sample())
         position = setpoint.position_ned_m if isinstance(setpoint, WITH_POSITION) else None
-        self._position = None if position is None else complete(position)
+        self._position = None if position is None else complete_vector(position)
         return setpoint
 
     def setpoint_ahead(self, by_s: float) -> DirectSetpoint | None:

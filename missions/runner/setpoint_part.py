@@ -226,7 +226,7 @@ class SetpointPart(Part):
             elif segment.value is not None:
                 self._watch = ConditionWatch(segment.value, segment.above, segment.below, segment.for_s)
         self._waited_s += dt_s
-        if self._answered or (self._watch is not None and self._watch.fulfilled(now_s, reading)):
+        if self._answered or (self._watch is not None and self._watch.is_fulfilled(now_s, reading)):
             return [*requests, *self._end_wait(progress)]
         if self._waited_s >= segment.timeout_s:
             text = f"{_timeout_text(segment)} within {segment.timeout_s:g} s ({segment.place})"
@@ -280,7 +280,7 @@ class SetpointPart(Part):
         assert decision is not None
         if self._watch is None:
             self._watch = ConditionWatch(decision.value, decision.above, decision.below, decision.for_s)
-        fulfilled = self._watch.fulfilled(now_s, reading)
+        fulfilled = self._watch.is_fulfilled(now_s, reading)
         if fulfilled or not self._watch.is_true(reading):
             self.flight.course.choose(fulfilled)
             self._reset_wait()

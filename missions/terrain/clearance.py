@@ -98,7 +98,7 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
         positions_ned_m = np.array(leg.points)[:, 1:]
         if np.hypot(*np.ptp(positions_ned_m[:, :2], axis=0)) < MIN_LEG_M:
             continue
-        lat_deg, lon_deg, amsl_m = geodetic(positions_ned_m, origin)
+        lat_deg, lon_deg, amsl_m = geodetic_positions(positions_ned_m, origin)
         above_m = amsl_m - ground.altitudes_amsl_m(lat_deg, lon_deg)
         if not np.isnan(above_m).all():
             lowest_m[leg.place] = min(lowest_m.get(leg.place, math.inf), float(np.nanmin(above_m)))
@@ -110,7 +110,7 @@ def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -
             )
 
 
-def geodetic(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
+def geodetic_positions(positions_ned_m: Floats, origin: LocalOrigin) -> tuple[Floats, Floats, Floats]:
     """Latitudes, longitudes [deg] and altitudes AMSL [m] of local positions (N, 3)."""
     positions_deg = np.array([origin.to_geodetic((n, e, d)) for n, e, d in positions_ned_m.tolist()])
     return positions_deg[:, 0], positions_deg[:, 1], positions_deg[:, 2]

@@ -11,7 +11,7 @@ from missions.offboard.segments import WaitSegment
 from missions.offboard.timeline import Timeline
 from missions.runner.course import flown_by_px4
 from missions.runner.flight import Flight
-from missions.traffic.path import BY_MISSION, PredictedLeg, PredictedPath, along_legs
+from missions.traffic.path import BY_MISSION, PredictedLeg, PredictedPath, path_along_legs
 
 OPEN_WAITS = ("person", "condition", "meet")
 """Waits whose duration is not known."""
@@ -63,6 +63,6 @@ def predict_timeline(
     if not legs:
         return None
     ends_with_landing = any(isinstance(each, WaitSegment) and each.kind == "land" for each in segments[-1:])
-    path = along_legs(vehicle, origin, legs, accuracy, ends_in_air=not ends_with_landing)
+    path = path_along_legs(vehicle, origin, legs, accuracy, ends_in_air=not ends_with_landing)
     # a branch is decided when its values are known
     return path.without_latest_times() if path is not None and remaining.decision is not None else path

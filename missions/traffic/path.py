@@ -87,7 +87,7 @@ def stationary_path(vehicle: str, origin: LocalOrigin, position_ned_m: Vector3, 
     )  # fmt: skip
 
 
-def along_legs(
+def path_along_legs(
     vehicle: str,
     origin: LocalOrigin,
     legs: Sequence[PredictedLeg],

@@ -14,7 +14,7 @@ from missions.traffic.path import (
     BY_ESTIMATE,
     PredictedLeg,
     PredictedPath,
-    along_legs,
+    path_along_legs,
     straight_leg,
 )
 from missions.waypoints.planned import PlannedPasses
@@ -63,6 +63,6 @@ def predict_plan(
         t_s, remaining = first_leg.start_s + first_leg.duration_s - straight.leg.duration_s, remaining[1:]
     legs += [PredictedLeg(replace(each.leg, start_s=each.leg.start_s - t_s)) for each in remaining]
     accuracy = BY_DRY_RUN if planned.source == "dry_run" else BY_ESTIMATE
-    path = along_legs(vehicle, origin, legs, accuracy, ends_in_air=ends_in_air)
+    path = path_along_legs(vehicle, origin, legs, accuracy, ends_in_air=ends_in_air)
     # a plan that repeats without end can be anywhere on its path at any later time
     return path.without_latest_times() if path is not None and planned.duration_s is None else path

@@ -237,7 +237,7 @@ class WaypointMonitor:
     def _at_end(self) -> bool:
         """Whether the vehicle is flying the last item."""
         if self._progress is not None:
-            return self._progress.at_last
+            return self._progress.is_at_last_item
         return self.item is not None and self.item >= len(self._items) - 1
 
     def _completed_in_air(self, reading: Reading, reached: int | None) -> bool:

@@ -72,7 +72,7 @@ class Progress:
         return self._index, self.t_s + passed_s
 
     @property
-    def at_last(self) -> bool:
+    def is_at_last_item(self) -> bool:
         """Whether the vehicle is flying the last item."""
         return self._index == len(self._passes) - 1
 
@@ -135,7 +135,7 @@ class Progress:
         candidates = [(self._index, self._rows[self._index])]
         if self.on_path and self._index > 0:
             candidates.append((self._index - 1, self._ends[self._index - 1]))
-        if self.on_path and not self.at_last:
+        if self.on_path and not self.is_at_last_item:
             candidates.append((self._index + 1, self._begins[self._index + 1]))
         found = [
             (at, _nearest_points(rows, position_ned_m, self._passes[at].leg.start_s, expected_s))

@@ -36,7 +36,7 @@ from missions.setpoints import (
     Trajectory,
     Velocity,
     VelocityBody,
-    complete,
+    complete_vector,
 )
 
 STEP_S = 0.25
@@ -282,7 +282,7 @@ class _PredictedTrack:
         if isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, None)
             self.minimum_s = self._curve.duration_s - member.elapsed_s
-            begin = complete(self._curve.at(member.elapsed_s).position_ned_m) or position
+            begin = complete_vector(self._curve.at(member.elapsed_s).position_ned_m) or position
             self._offset = (position[0] - begin[0], position[1] - begin[1], position[2] - begin[2])
         elif setpoint is not None and self._follow is None:
             self._target, self._feed_forward = self._target_of(setpoint, now_s)
@@ -343,7 +343,7 @@ class _PredictedTrack:
         """Stores a position on the path; the vehicle's initial distance from the path decreases with time."""
         assert self._curve is not None
         sample = self._curve.at(self.member.elapsed_s + t_s)
-        position, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
+        position, velocity = complete_vector(sample.position_ned_m), complete_vector(sample.velocity_ned_m_s)
         assert position is not None
         assert velocity is not None
         remaining = math.exp(-self._gains[0] * t_s)

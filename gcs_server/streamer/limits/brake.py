@@ -34,7 +34,7 @@ from gcs_server.streamer.limits.braking import (
     MARGIN_VERTICAL_M,
     braking_speed,
 )
-from missions.avoidance.scans import DEFAULT_HALF_ANGLE_RAD, LEVEL_MAX_SINE, Scan, fresh
+from missions.avoidance.scans import DEFAULT_HALF_ANGLE_RAD, LEVEL_MAX_SINE, Scan, recent_scans
 from missions.fence import NorthEast
 from missions.frames import Vector3
 
@@ -87,7 +87,7 @@ class BrakeMemory:
         self, now_s: float, scans: tuple[Scan, ...], position_ned_m: Vector3 | None, velocity_ned_m_s: Vector3
     ) -> Surroundings:
         """Adds the newest scans and returns the vehicle's surroundings."""
-        newest = fresh(scans, now_s, SCAN_VALID_S)
+        newest = recent_scans(scans, now_s, SCAN_VALID_S)
         if position_ned_m is None:
             self._recent_scans.clear()
             moved = [

@@ -58,10 +58,10 @@ class RegionLimiter:
         if not region.is_limited_horizontally:
             return target
         if self._motion is None:
-            inside = region.nearest_inside(target)
+            inside = region.position_inside(target)
         else:
             position_ned = self._motion.position_ned_m
-            inside = region.last_inside((position_ned[0], position_ned[1]), target)
+            inside = region.last_position_inside((position_ned[0], position_ned[1]), target)
         if inside is None:
             self.stop = "No way back inside the fence was found"
             return target
@@ -89,7 +89,7 @@ class RegionLimiter:
         position_ne = (self._motion.position_ned_m[0], self._motion.position_ned_m[1])
         breach = region.breach(position_ne)
         if breach is not None:
-            inside = region.nearest_inside(position_ne)
+            inside = region.position_inside(position_ne)
             if inside is not None and n * (inside[0] - position_ne[0]) + e * (inside[1] - position_ne[1]) > 0:
                 return (n, e)
             self._notes.append(f"outside {breach}: only a velocity back inside is flown")

@@ -12,7 +12,7 @@ from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.vehicle.samples import DistanceSensors, ObstacleDistance
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.avoidance.avoider import FRESH_S
-from missions.avoidance.scans import LEVEL_MAX_SINE, fresh, measures_level
+from missions.avoidance.scans import LEVEL_MAX_SINE, measures_level, recent_scans
 from missions.avoidance.values import AvoidanceWay
 
 TOPICS = {
@@ -147,5 +147,5 @@ class AvoidanceControl:
         )
 
     def _has_recent_scan(self) -> bool:
-        scans = fresh(self._estimates.scans(), self._clock.monotonic_s(), FRESH_S)
+        scans = recent_scans(self._estimates.scans(), self._clock.monotonic_s(), FRESH_S)
         return any(measures_level(scan) for scan in scans)

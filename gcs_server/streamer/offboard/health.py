@@ -21,7 +21,7 @@ from missions.setpoints import (
     Trajectory,
     Velocity,
     VelocityBody,
-    complete,
+    complete_vector,
 )
 
 
@@ -111,7 +111,7 @@ def _velocity_error(sent: DirectSetpoint, estimates: VehicleEstimates) -> float 
         )
     if isinstance(sent, Velocity):
         return _distance(sent.velocity_ned_m_s, local.velocity_ned_m_s)
-    if isinstance(sent, Trajectory) and complete(sent.position_ned_m) is None:
+    if isinstance(sent, Trajectory) and complete_vector(sent.position_ned_m) is None:
         return _distance(sent.velocity_ned_m_s, local.velocity_ned_m_s)
     return None
 

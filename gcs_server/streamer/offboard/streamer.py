@@ -20,7 +20,7 @@ from gcs_server.streamer.values.stream_request import StreamRequest
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
-from missions.setpoints import complete
+from missions.setpoints import complete_vector
 
 log = logging.getLogger(__name__)
 
@@ -95,8 +95,8 @@ class Streamer:
         position = getattr(sent, "position_ned_m", None)
         velocity = getattr(sent, "velocity_ned_m_s", None)
         return (
-            None if position is None else complete(position),
-            None if velocity is None else complete(velocity),
+            None if position is None else complete_vector(position),
+            None if velocity is None else complete_vector(velocity),
             getattr(sent, "yaw_ned_rad", None),
         )
 

@@ -28,9 +28,9 @@ class AvoidanceStage:
         return self._avoidance.way
 
     @property
-    def on_a_detour(self) -> bool:
+    def is_on_detour(self) -> bool:
         """Whether the vehicle flies a detour instead of the requested path."""
-        return self._avoidance.on_a_detour
+        return self._avoidance.is_on_detour
 
     def reset(self) -> None:
         """Resets avoidance: a new stream begins, or the accepted setpoint is no longer flown."""

@@ -14,7 +14,7 @@ from gcs_server.streamer.values.bounds import UNBOUNDED, Bounds
 from gcs_server.streamer.values.events import NOTICE, WARNING, StreamEvent
 from gcs_server.streamer.values.outgoing import SetpointLoader
 from gcs_server.streamer.values.snapshot import Snapshot
-from missions.avoidance.scans import fresh, measures_outwards
+from missions.avoidance.scans import measures_outwards, recent_scans
 from missions.avoidance.setpoints import AvoidanceStatus
 from missions.avoidance.values import AvoidanceWay
 from missions.runner.script import Script, ScriptChange, ScriptProgress
@@ -204,7 +204,7 @@ class SetpointPipeline:
             return snapshot.avoidance
         if snapshot.mission_avoidance is None:
             return None
-        return self._avoidance.way if self._avoidance.on_a_detour else sampler.avoidance
+        return self._avoidance.way if self._avoidance.is_on_detour else sampler.avoidance
 
     def _load(self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
@@ -235,7 +235,7 @@ class SetpointPipeline:
         """
         if not bounds.obstacle_brake and self._way(snapshot) is None:
             return None
-        has_scans = any(measures_outwards(scan) for scan in fresh(snapshot.scans, now_s, SCAN_VALID_S))
+        has_scans = any(measures_outwards(scan) for scan in recent_scans(snapshot.scans, now_s, SCAN_VALID_S))
         position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s or (0.0, 0.0, 0.0)
         if self._brake_has_scans and not has_scans:
             consequence = "the obstacle brake has no measurements"

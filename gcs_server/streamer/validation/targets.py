@@ -23,7 +23,7 @@ from missions.setpoints import (
     PositionGlobal,
     Setpoint,
     Trajectory,
-    complete,
+    complete_vector,
 )
 
 SETPOINT_MAX_DISTANCE_M = 1000.0
@@ -114,7 +114,7 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
 
 def _target_of(setpoint: DirectSetpoint | None, bounds: Bounds) -> Vector3 | None:
     if isinstance(setpoint, Position | Trajectory):
-        return complete(setpoint.position_ned_m)
+        return complete_vector(setpoint.position_ned_m)
     if isinstance(setpoint, PositionGlobal) and bounds.origin is not None and setpoint.alt_amsl_m is not None:
         return bounds.origin.to_ned(setpoint.lat_deg, setpoint.lon_deg, setpoint.alt_amsl_m)
     return None
@@ -175,7 +175,7 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
     for index in np.flatnonzero(_violations(*curve.sample(checked_at_s), bounds)):
         t_s = float(checked_at_s[index])
         sample = curve.at(t_s)
-        position, velocity = complete(sample.position_ned_m), complete(sample.velocity_ned_m_s)
+        position, velocity = complete_vector(sample.position_ned_m), complete_vector(sample.velocity_ned_m_s)
         assert position is not None
         assert velocity is not None
         breach = _breach(position, bounds)

@@ -35,7 +35,7 @@ def test_checking_many_positions_equals_checking_each(many, corners, radius_m):
 
 @given(inside, positions)
 def test_no_position_before_the_last_inside_position_is_outside(here, target):
-    end = FENCED.last_inside(here, target)
+    end = FENCED.last_position_inside(here, target)
     for part in (step / 20 for step in range(21)):
         assert is_inside((here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part))
 
@@ -43,19 +43,19 @@ def test_no_position_before_the_last_inside_position_is_outside(here, target):
 @given(st.tuples(st.floats(-34, 34), st.floats(-34, 34)))
 def test_a_target_inside_a_convex_region_is_left_unchanged(target):
     region = Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),))
-    assert region.last_inside((0.0, 0.0), target) == target
+    assert region.last_position_inside((0.0, 0.0), target) == target
 
 
 @given(positions)
 def test_the_nearest_position_inside_is_inside(p):
-    nearest = FENCED.nearest_inside(p)
+    nearest = FENCED.position_inside(p)
     assert nearest is not None
     assert is_inside(nearest)
 
 
 def test_a_region_of_disjoint_fences_has_no_position_inside():
     apart = Region(circles=(Circle((0.0, 0.0), 5.0, "one"), Circle((50.0, 0.0), 5.0, "other")))
-    assert apart.nearest_inside((0.0, 0.0)) is None
+    assert apart.position_inside((0.0, 0.0)) is None
 
 
 @given(inside, st.floats(-math.pi, math.pi))

@@ -6,7 +6,7 @@ from typing import get_args
 import pytest
 
 from missions import setpoints
-from missions.setpoints import KINDS, Path, PathPoint, Setpoint, complete, zeros_for_none
+from missions.setpoints import KINDS, Path, PathPoint, Setpoint, complete_vector, zeros_for_none
 
 
 def test_each_kind_is_in_the_list_under_its_name():
@@ -46,8 +46,8 @@ def test_a_setpoint_needs_the_estimates_for_its_fields(setpoint, needs):
 
 
 def test_a_vector_is_complete_only_with_all_its_axes():
-    assert complete((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
-    assert complete((1.0, None, 3.0)) is None
+    assert complete_vector((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
+    assert complete_vector((1.0, None, 3.0)) is None
     assert zeros_for_none((1.0, None, 3.0)) == (1.0, 0.0, 3.0)
 
 

@@ -6,15 +6,22 @@ import pytest
 
 from missions.avoidance.corridor import first_on_line
 from missions.avoidance.memory import KEPT_S, MAX_COLUMNS, ObstacleMemory, along_line
-from missions.avoidance.scans import Scan, fresh, measures_down, measures_level, measures_outwards, range_at_m
+from missions.avoidance.scans import (
+    Scan,
+    measures_down,
+    measures_level,
+    measures_outwards,
+    range_at_m,
+    recent_scans,
+)
 
 AHEAD = Scan(10.0, ((1.0, 0.0, 0.0),), (5.0,), 20.0)
 DOWN = Scan(10.0, ((0.0, 0.0, 1.0),), (3.0,), 30.0)
 
 
 def test_old_measurements_are_not_used():
-    assert fresh((AHEAD, DOWN), 11.0, 1.0) == (AHEAD, DOWN)
-    assert fresh((AHEAD,), 11.1, 1.0) == ()
+    assert recent_scans((AHEAD, DOWN), 11.0, 1.0) == (AHEAD, DOWN)
+    assert recent_scans((AHEAD,), 11.1, 1.0) == ()
 
 
 def test_a_sensor_measures_only_in_its_direction():
@@ -44,9 +51,9 @@ def test_a_scan_with_impossible_values_is_implausible(scan):
 def test_a_measured_point_keeps_its_position_for_a_limited_time():
     memory = ObstacleMemory()
     memory.add(AHEAD, (1.0, 2.0, -3.0), 0.0)
-    assert memory.above(2.0, 11.0).tolist() == [[6.0, 2.0, 3.0]]
-    assert not len(memory.above(3.0, 11.0))
-    assert not len(memory.above(2.0, 10.0 + KEPT_S + 0.1))
+    assert memory.columns_above(2.0, 11.0).tolist() == [[6.0, 2.0, 3.0]]
+    assert not len(memory.columns_above(3.0, 11.0))
+    assert not len(memory.columns_above(2.0, 10.0 + KEPT_S + 0.1))
 
 
 def test_only_the_highest_point_of_a_cell_is_used_and_low_points_are_ignored():
@@ -54,14 +61,14 @@ def test_only_the_highest_point_of_a_cell_is_used_and_low_points_are_ignored():
     for height_m in (1.0, 3.0, 2.0):
         memory.add(AHEAD, (0.0, 0.0, -height_m), 0.5)
     memory.add(AHEAD, (0.0, 3.0, -0.4), 0.5)
-    assert memory.above(0.0, 10.0).tolist() == [[5.0, 0.0, 3.0]]
+    assert memory.columns_above(0.0, 10.0).tolist() == [[5.0, 0.0, 3.0]]
 
 
 def test_memory_is_limited_and_the_oldest_points_are_dropped():
     memory = ObstacleMemory()
     for number in range(MAX_COLUMNS + 10):
         memory.add(AHEAD, (0.0, float(number), -1.0), 0.0)
-    kept = memory.above(0.0, 10.0)
+    kept = memory.columns_above(0.0, 10.0)
     assert len(kept) == MAX_COLUMNS
     assert kept[:, 1].min() == 10.0
 
@@ -69,7 +76,7 @@ def test_memory_is_limited_and_the_oldest_points_are_dropped():
 def test_columns_have_positions_along_and_beside_a_line():
     memory = ObstacleMemory()
     memory.add(AHEAD, (0.0, 1.0, -1.0), 0.0)
-    seen = along_line(memory.above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
+    seen = along_line(memory.columns_above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
     assert seen.along_m.tolist() == [5.0]
     assert seen.across_m.tolist() == [1.0]
     assert seen.from_start_m[0] == pytest.approx(math.sqrt(26.0))
