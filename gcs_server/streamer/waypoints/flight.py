@@ -138,7 +138,7 @@ class WaypointFlight:
             count=self._count,
             place=None if monitor.over else monitor.place,
             title=None if monitor.over else monitor.title,
-            planned_by=None if planned is None else planned.by,
+            planned_by=None if planned is None else planned.source,
             dry_run=None if self._path is None else self._path.dry_run,
             duration_s=None if planned is None else _rounded(planned.duration_s, 1),
             remaining_s=_rounded(monitor.remaining_s, 1),

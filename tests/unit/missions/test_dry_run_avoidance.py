@@ -11,7 +11,7 @@ import pytest
 from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.result import DryRun, dry_run
 from missions.dry_run.setup import Site, prisms_of
-from missions.dry_run.task import NOTHING_TO_AVOID, SENSORS, run
+from missions.dry_run.task import NOTHING_TO_AVOID, SIMULATED_SENSORS, run
 from missions.offboard.document import OffboardMission
 from missions.values import FencePolygon
 from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN, QUICK
@@ -94,7 +94,7 @@ def test_a_dry_run_task_flies_with_the_obstacles_of_the_document() -> None:
     assert "obstacle_hit" in {each["code"] for each in result["nominal"]["findings"]}
 
 
-@pytest.mark.parametrize(("obstacles", "sentence"), [((BOX,), SENSORS), ((), NOTHING_TO_AVOID)])
+@pytest.mark.parametrize(("obstacles", "sentence"), [((BOX,), SIMULATED_SENSORS), ((), NOTHING_TO_AVOID)])
 def test_a_dry_run_states_which_sensors_its_avoidance_has(obstacles, sentence) -> None:
     hop = "- {step: take_off, height_m: 2.5}\n- {step: hold, duration_s: 1}\n- {step: land}\n"
     document = mission(hop, home=HOME, obstacles=obstacles, avoidance="over")

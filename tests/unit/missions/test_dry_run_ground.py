@@ -47,17 +47,17 @@ def test_heights_are_relative_to_the_ground_at_the_start():
     grid, assumed = ground_grid(ground(lambda north_m: 700.0 + 0.1 * north_m), ORIGIN, [position_deg(80.0)])
     assert grid is not None
     row, column = (round(-start / grid.spacing_m) for start in (grid.north_m, grid.east_m))
-    assert grid.heights_m[row, column] == pytest.approx(0.0, abs=1e-6)
-    northernmost_m = grid.north_m + grid.spacing_m * (len(grid.heights_m) - 1)
+    assert grid.altitudes_home_m[row, column] == pytest.approx(0.0, abs=1e-6)
+    northernmost_m = grid.north_m + grid.spacing_m * (len(grid.altitudes_home_m) - 1)
     assert northernmost_m >= 80.0 + MARGIN_M
-    assert grid.heights_m[-1, column] == pytest.approx(0.1 * northernmost_m, abs=0.1)
+    assert grid.altitudes_home_m[-1, column] == pytest.approx(0.1 * northernmost_m, abs=0.1)
     assert assumed == ["The dry run flies over the ground of the elevation files, on a grid of 11 m."]
 
 
 def test_a_large_plan_has_a_coarser_grid():
     grid, _ = ground_grid(ground(lambda _: 700.0), ORIGIN, [position_deg(20_000.0)])
     assert grid is not None
-    assert max(grid.heights_m.shape) <= MAX_SIDE
+    assert max(grid.altitudes_home_m.shape) <= MAX_SIDE
     assert grid.spacing_m == pytest.approx(20_100.0 / (MAX_SIDE - 2))
 
 
@@ -68,7 +68,7 @@ def test_unknown_ground_is_level_and_reported():
         [position_deg(80.0)],
     )
     assert known is not None
-    assert np.isfinite(known.heights_m).all()
+    assert np.isfinite(known.altitudes_home_m).all()
     assert "Where the elevation files have no data" in assumed[1]
     none, assumed = ground_grid(ground(lambda _: math.nan), ORIGIN, [position_deg(80.0)])
     assert none is None
@@ -100,7 +100,7 @@ def test_a_path_into_rising_ground_ends_with_a_collision_in_every_flight():
 @pytest.mark.flight
 def test_a_flight_that_grazes_a_gentle_slope_has_a_finding_with_its_position():
     gentle = GroundGrid(-60.0, -60.0, 10.0, np.repeat(np.arange(25.0)[:, None] * 0.8, 13, axis=1))
-    site = Site(ground=replace(gentle, heights_m=gentle.heights_m - 4.8))
+    site = Site(ground=replace(gentle, altitudes_home_m=gentle.altitudes_home_m - 4.8))
     run = dry_run(flyable(hop(100.0)), AIRCRAFT, site=site)
     (finding,) = [each for each in run.findings if each.code == "ground_touched"]
     assert (finding.severity, finding.step) == ("error", "item 2")

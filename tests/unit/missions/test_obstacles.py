@@ -50,11 +50,11 @@ def shapes(*obstacles: Obstacle) -> ObstacleShapes:
     ],
 )
 def test_the_distance_of_a_path_is_that_to_the_nearest_side_or_the_top(path, distance_m) -> None:
-    found = list(shapes(BARN).near(np.array(path, dtype=float)))
+    found = list(shapes(BARN).clearances(np.array(path, dtype=float)))
     assert [each.name for each in found] == ([] if distance_m is None else ["Barn"])
     if distance_m is not None:
         assert found[0].distance_m == pytest.approx(distance_m, abs=0.06)
-        assert found[0].hits == (distance_m == 0.0)
+        assert found[0].passes_through == (distance_m == 0.0)
 
 
 @given(
@@ -67,7 +67,7 @@ def test_the_distance_agrees_with_that_of_many_positions_of_the_path(start, end)
         np.maximum(np.abs(line[:, 0] - 25.0) - 5.0, 0.0), np.maximum(np.abs(line[:, 1]) - 5.0, 0.0)
     )
     least_m = float(np.hypot(beside, np.maximum(-line[:, 2] - 8.0, 0.0)).min())
-    found = list(shapes(BARN).near(np.array([start, end])))
+    found = list(shapes(BARN).clearances(np.array([start, end])))
     assert bool(found) == (least_m < 2.0) or least_m == pytest.approx(2.0, abs=0.1)
     for each in found:
         assert each.distance_m == pytest.approx(least_m, abs=0.1)
@@ -76,7 +76,7 @@ def test_the_distance_agrees_with_that_of_many_positions_of_the_path(start, end)
 def test_tops_above_sea_level_and_home_are_the_same_height() -> None:
     above_sea = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 488.0, reference="amsl")
     path = np.array([(0.0, 0.0, -9.0), (40.0, 0.0, -9.0)])
-    (one,), (other,) = (list(shapes(each).near(path)) for each in (BARN, above_sea))
+    (one,), (other,) = (list(shapes(each).clearances(path)) for each in (BARN, above_sea))
     assert one.distance_m == pytest.approx(other.distance_m, abs=1e-6)
     assert other.name == "obstacle 1", "an obstacle without a name has its number"
 

@@ -12,7 +12,7 @@ from missions.errors import PlanError
 from missions.estimates import estimate
 from missions.offboard.compiler import compile_mission
 from missions.offboard.document import OffboardMission
-from missions.offboard.from_pattern import steps_of
+from missions.offboard.from_pattern import steps_from_pattern
 from missions.offboard.segments import CurveSegment
 from missions.offboard.steps import Fly, Gimbal, MissionStep, Orbit, TakeOff
 from missions.offboard.timeline import Timeline
@@ -49,7 +49,7 @@ def made(kind: str, **changes: Any) -> tuple[document.PatternDocument, Plan, tup
     pattern = document.read(json.dumps({"kind": kind, **PATTERNS[kind], **changes}))
     plan = Plan(items=document.make(pattern).items)
     items = [item for _, item in plan.simple_items()]
-    return pattern, plan, steps_of(pattern, items)
+    return pattern, plan, steps_from_pattern(pattern, items)
 
 
 def compiled(steps: tuple[MissionStep, ...]) -> Timeline:

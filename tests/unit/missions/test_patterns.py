@@ -29,7 +29,7 @@ from missions.values import Altitude, HomePosition, Point
 CAMERA = Camera(13.2, 8.8, 8.8, 5472, 3648)
 HIGH = Altitude(value_m=60.0, reference="home")
 COVERAGE = Coverage(CAMERA, distance_m=60.0)
-CHART = Map.about([Point(lat_deg=47.4, lon_deg=8.5)], "the test", "outer")
+CHART = Map.centred_on([Point(lat_deg=47.4, lon_deg=8.5)], "the test", "outer")
 
 
 def points(corners: list[tuple[float, float]]) -> list[Point]:

@@ -107,5 +107,5 @@ def test_a_stopwatch_adds_only_the_times_that_count():
     for now_s, counts in enumerate([False, True, None, True, False, None, False, True]):
         watch.update(float(now_s), counts)
     assert watch.read(9.0) == (4.0 - 1.0) + (9.0 - 7.0)
-    watch.update(10.0, counts=False)
+    watch.update(10.0, is_counted=False)
     assert watch.read(99.0) == 6.0

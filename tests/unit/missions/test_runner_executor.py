@@ -86,10 +86,10 @@ def test_a_command_that_fails_while_the_executor_is_not_in_charge_is_a_takeover(
 
 def test_control_is_lost_only_while_armed_and_if_the_executor_was_in_charge() -> None:
     control = ExecutorControl()
-    assert not control.lost(ARMED._replace(executor_in_charge=False))
-    assert not control.lost(ARMED)
-    assert control.lost(ARMED._replace(executor_in_charge=False))
-    assert not control.lost(ARMED._replace(executor_in_charge=False, armed=False))
-    assert not control.lost(ARMED._replace(executor_in_charge=None))
+    assert not control.is_lost(ARMED._replace(executor_in_charge=False))
+    assert not control.is_lost(ARMED)
+    assert control.is_lost(ARMED._replace(executor_in_charge=False))
+    assert not control.is_lost(ARMED._replace(executor_in_charge=False, armed=False))
+    assert not control.is_lost(ARMED._replace(executor_in_charge=None))
     control.begin_part(ARMED._replace(executor_in_charge=False))
-    assert not control.lost(ARMED._replace(executor_in_charge=False))
+    assert not control.is_lost(ARMED._replace(executor_in_charge=False))

@@ -11,7 +11,7 @@ import pytest
 
 from missions.runner.sampler import ScriptSampler
 from missions.runner.script import Pace, Script, ScriptChange
-from missions.runner.time_scale import BRAKING
+from missions.runner.time_scale import BRAKING_FACTOR
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
 from tests.support.offboard_missions import flight_of, timeline
 
@@ -76,7 +76,7 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
     assert sampler.progress.rate == 0.0
     last = sent[-1][1]
     assert math.hypot(*(last.velocity_ned_m_s if isinstance(last, Trajectory) else (0.0,))) == 0.0
-    limit = BRAKING * Pace().acceleration_m_s2 + 0.1  # the tolerance for steps of finite length
+    limit = BRAKING_FACTOR * Pace().acceleration_m_s2 + 0.1  # the tolerance for steps of finite length
     for (_, a), (_, b) in itertools.pairwise(sent):
         if not (isinstance(a, Trajectory) and isinstance(b, Trajectory)):
             continue

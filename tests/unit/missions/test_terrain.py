@@ -22,7 +22,7 @@ from missions.plan import Plan
 from missions.terrain.clearance import mission_findings, plan_findings
 from missions.terrain.files import DRIVERS, Area, Elevation, inspect
 from missions.terrain.follow import follow_ground
-from missions.terrain.ground import Ground, between
+from missions.terrain.ground import Ground, line_positions
 from missions.terrain.profile import mission_profile, plan_profile
 from missions.values import Altitude, HomePosition, RallyPoint
 from tests.support.elevation_files import LAT_DEG, LON_DEG, flat, hill, write
@@ -198,11 +198,11 @@ def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
     items = [each for each in found.plan.items if isinstance(each, Waypoint)]
     assert len(items) == 2 + found.added
     for start, end in itertools.pairwise(items):
-        line = between((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), hilly.spacing_m)
+        line = line_positions((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), hilly.spacing_m)
         low, high = start.altitude.resolved_amsl_m, end.altitude.resolved_amsl_m
         assert low is not None
         assert high is not None
-        above_m = low + (high - low) * line[:, 2] - hilly.at(line[:, 0], line[:, 1])
+        above_m = low + (high - low) * line[:, 2] - hilly.altitudes_amsl_m(line[:, 0], line[:, 1])
         # These samples are at other points: between two samples the ground differs by one or two metres.
         assert np.abs(above_m - height_m).max() < tolerance_m + 2.0
     assert not list(plan_findings(found.plan, hilly, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
@@ -225,7 +225,7 @@ def test_added_waypoints_keep_the_target_of_a_jump(hilly: Ground) -> None:
 
 def test_too_many_waypoints_are_refused(hilly: Ground) -> None:
     items = tuple(waypoint_at(0.009 * (-1) ** i, above_terrain(30.0)) for i in range(400))
-    with pytest.raises(PlanError, match="Raise the tolerance"):
+    with pytest.raises(PlanError, match="Increase the tolerance"):
         follow_ground(Plan(items=items), hilly, 0.01)
 
 

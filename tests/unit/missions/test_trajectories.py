@@ -220,7 +220,7 @@ def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
         (points((0, 0, 2e6)), "point 1", "metres from the local origin"),
         ([PassPoint((0, 0, 0), math.nan)], "point 1", "radians"),
         (points((0, 0, 0), (1, 0, 0), corner_m=-1.0), "point 1", "0 or more"),
-        ([PassPoint((0, 0, 0))] * 10_001, "the trajectory", "Split it"),
+        ([PassPoint((0, 0, 0))] * 10_001, "the trajectory", "Split the trajectory"),
     ],
 )
 def test_invalid_points_are_refused_with_the_field_and_a_fix(

@@ -14,7 +14,7 @@ from missions.trajectory.curve import TimedCurve
 from missions.trajectory.headings import AlongPath, LookAt
 from missions.trajectory.limits import PARAMETERS, MotionLimits
 from missions.trajectory.pieces import Pieces
-from missions.trajectory.points import merge_same
+from missions.trajectory.points import merge_equal_positions
 from missions.trajectory.shapes import arc, figure_eight
 from missions.trajectory.solve import curve_along_path, curve_through_points
 from missions.vehicle import GRAVITY_M_S2
@@ -42,7 +42,7 @@ def random_path(rng: np.random.Generator) -> Pieces:
         return headings.with_yaw_along_path(path, AlongPath())
     points: list = []
     while len(points) < 2:
-        points, _ = merge_same(random_points(rng, int(rng.integers(2, 9)), yaws=kind < 0.5))
+        points, _ = merge_equal_positions(random_points(rng, int(rng.integers(2, 9)), yaws=kind < 0.5))
     path = lines.smooth_curve(points) if rng.random() < 0.4 else lines.straight_legs(points)
     yaws = [point.yaw_ned_rad for point in points]
     if any(yaw is not None for yaw in yaws):

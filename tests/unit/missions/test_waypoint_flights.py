@@ -108,7 +108,7 @@ def test_the_deviation_is_split_into_horizontal_and_vertical_and_the_time_left_d
     assert (seen.horizontal_m, seen.vertical_m) == (pytest.approx(3.0), pytest.approx(1.0))
     assert (seen.place, seen.title, seen.reason_not_compared) == ("item 2", "Waypoint", None)
     state = seen.planned_state(Reading(armed=True))
-    assert (state.planned_ned_m, state.counts) == (pytest.approx((10.0, 0.0, -10.0), abs=0.01), True)
+    assert (state.planned_ned_m, state.is_counted) == (pytest.approx((10.0, 0.0, -10.0), abs=0.01), True)
     assert seen.remaining_s < before_s
     later = flown.observe(1, (39.0, 0.0, -10.0)).remaining_s
     assert later < seen.planned_flight().duration_s - 8
@@ -236,7 +236,7 @@ def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
 
 
 def test_a_flight_without_a_planned_path_says_why_and_still_ends():
-    flown = MonitoredFlight(planned=None, not_compared="It was already flying.", from_start=False)
+    flown = MonitoredFlight(planned=None, reason_not_compared="It was already flying.", from_start=False)
     seen = flown.observe(3, (40.0, 40.0, -5.0))
     assert (seen.reason_not_compared, seen.remaining_s, seen.horizontal_m) == (
         "It was already flying.",

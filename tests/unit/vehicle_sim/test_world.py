@@ -12,7 +12,7 @@ from vehicle_sim.simulation import Simulation
 from vehicle_sim.world.contact import Contact
 from vehicle_sim.world.files import built_in_worlds, load_world, world_from_fields
 from vehicle_sim.world.prism import Prism
-from vehicle_sim.world.raycast import GROUND, UNCONTROLLED, RayCaster
+from vehicle_sim.world.raycast import GROUND, NOTHING, RayCaster
 from vehicle_sim.world.terrain import HeightGrid, Hill, Terrain
 from vehicle_sim.world.world import Box, Lidars, World, wall
 from vehicle_sim.yaml_fields import FileProblem, parse_yaml
@@ -32,12 +32,12 @@ def cast(world, origin, direction, range_m=100.0):
 def test_rays_hit_boxes_and_ground_at_the_calculated_distances():
     world = World(boxes=(BOX,))
     assert cast(world, (0, 0, -1), (1, 0, 0)) == (pytest.approx(9.0), 0)
-    assert cast(world, (0, 2.1, -1), (1, 0, 0)) == (math.inf, UNCONTROLLED), "beside the box"
-    assert cast(world, (0, 0, -3.1), (1, 0, 0)) == (math.inf, UNCONTROLLED), "above the box"
+    assert cast(world, (0, 2.1, -1), (1, 0, 0)) == (math.inf, NOTHING), "beside the box"
+    assert cast(world, (0, 0, -3.1), (1, 0, 0)) == (math.inf, NOTHING), "above the box"
     assert cast(world, (10, 0, -5), (0, 0, 1)) == (pytest.approx(2.0), 0), "from above"
     assert cast(world, (0, 0, -5), (0, 0, 1)) == (pytest.approx(5.0), GROUND)
     assert cast(world, (0, 0, -3), (3, 0, 4))[0] == pytest.approx(3.75), "at an angle to the ground"
-    assert cast(world, (0, 0, -1), (1, 0, 0), range_m=8.9) == (math.inf, UNCONTROLLED), "out of range"
+    assert cast(world, (0, 0, -1), (1, 0, 0), range_m=8.9) == (math.inf, NOTHING), "out of range"
     assert cast(world, (10, 0, -1), (0, 1, 0))[0] == 0.0, "from inside the box"
 
 
@@ -57,7 +57,7 @@ PRISM = World(prisms=(Prism("l", L_SHAPED, 3.0),))
 def test_rays_hit_the_sides_and_the_roof_of_a_prism():
     assert cast(PRISM, (0, -2, -1), (1, 0, 0)) == (pytest.approx(10.0), 0)
     assert cast(PRISM, (0, 2, -1), (1, 0, 0)) == (pytest.approx(15.0), 0), "the open corner"
-    assert cast(PRISM, (0, 2, -3.1), (1, 0, 0)) == (math.inf, UNCONTROLLED), "above the roof"
+    assert cast(PRISM, (0, 2, -3.1), (1, 0, 0)) == (math.inf, NOTHING), "above the roof"
     assert cast(PRISM, (18, 2, -5), (0, 0, 1)) == (pytest.approx(2.0), 0), "from above"
     assert cast(PRISM, (12, 2, -5), (0, 0, 1)) == (pytest.approx(5.0), GROUND), "beside the roof"
     assert cast(PRISM, (18, 2, -1), (0, 1, 0)) == (0.0, 0), "from inside"
