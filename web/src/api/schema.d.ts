@@ -2686,7 +2686,7 @@ export interface components {
         };
         /**
          * Bounds
-         * @description Limits of this mission, lower than the vehicle's own.
+         * @description Limits of this mission; each applies if it is lower than the vehicle's limit.
          */
         readonly Bounds: {
             /**
@@ -2756,7 +2756,7 @@ export interface components {
         };
         /**
          * Call
-         * @description Fly the steps of a mission from the document's `missions`.
+         * @description Fly the steps of a list from the document's `missions`.
          */
         readonly Call: {
             /**
@@ -2777,12 +2777,12 @@ export interface components {
         };
         /**
          * CameraFocus
-         * @description `focus_type` is SET_FOCUS_TYPE: 0 step, 1 continuous, 2 percent, 3 metres, 4 to 6 automatic.
+         * @description Focus. `focus_type` is SET_FOCUS_TYPE: 0 step, 1 continuous, 2 percent, 3 metres, 4 to 6 automatic.
          */
         readonly CameraFocus: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -2797,7 +2797,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -2824,12 +2825,12 @@ export interface components {
         };
         /**
          * CameraMode
-         * @description `mode`: 0 pictures, 1 video, 2 survey pictures.
+         * @description Set the camera mode: 0 pictures, 1 video, 2 survey pictures.
          */
         readonly CameraMode: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -2844,7 +2845,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -2902,12 +2904,13 @@ export interface components {
         };
         /**
          * CameraZoom
-         * @description `zoom_type` is CAMERA_ZOOM_TYPE: 0 step, 1 continuous, 2 percent, 3 focal length in mm, 4 degrees.
+         * @description Zoom. `zoom_type` is CAMERA_ZOOM_TYPE: 0 step, 1 continuous, 2 percent, 3 focal length in mm, 4
+         *     degrees.
          */
         readonly CameraZoom: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -2922,7 +2925,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -2954,7 +2958,7 @@ export interface components {
         readonly ChangeSpeed: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -2969,7 +2973,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -3067,7 +3072,7 @@ export interface components {
         };
         /**
          * CommandItem
-         * @description Any other item of a file or vehicle, kept unchanged; PX4 refuses most such items.
+         * @description Any other item of a file or vehicle, kept unchanged; PX4 refuses most items of this kind.
          *
          *     `params` are MAVLink's seven parameters; 5 and 6 are degrees if `frame` is global; None means NaN.
          */
@@ -3108,7 +3113,7 @@ export interface components {
             readonly autocontinue: boolean;
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from.
+             * @description JSON text of this item in the .plan file that the item was read from.
              */
             readonly original?: string | null;
         };
@@ -3293,7 +3298,7 @@ export interface components {
         readonly ControlVideo: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -3308,7 +3313,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -3452,7 +3458,7 @@ export interface components {
         readonly Delay: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -3467,7 +3473,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -3525,7 +3532,7 @@ export interface components {
         readonly Digicam: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -3540,7 +3547,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -4637,7 +4645,7 @@ export interface components {
         };
         /**
          * FenceCircle
-         * @description A circle: the vehicle must stay inside (inclusion) or outside.
+         * @description A circle: the vehicle must stay inside (`inclusion` true) or outside (false).
          */
         readonly FenceCircle: {
             /**
@@ -4658,13 +4666,14 @@ export interface components {
             readonly radius_m: number;
             /**
              * Original
-             * @description JSON text of this zone in the .plan file it was read from.
+             * @description JSON text of this zone in the .plan file that the zone was read from.
              */
             readonly original?: string | null;
         };
         /**
          * FencePolygon
-         * @description A polygon: the vehicle must stay inside (inclusion) or outside. The last corner joins the first.
+         * @description A polygon: the vehicle must stay inside (`inclusion` true) or outside (false). The last corner joins
+         *     the first.
          */
         readonly FencePolygon: {
             /**
@@ -4684,7 +4693,7 @@ export interface components {
             readonly polygon: readonly components["schemas"]["Point"][];
             /**
              * Original
-             * @description JSON text of this zone in the .plan file it was read from.
+             * @description JSON text of this zone in the .plan file that the zone was read from.
              */
             readonly original?: string | null;
         };
@@ -4875,7 +4884,7 @@ export interface components {
         };
         /**
          * FlownMission
-         * @description The flown path of a vehicle's newest mission, with the planned one.
+         * @description The flown path of a vehicle's newest mission, with the planned path.
          */
         readonly FlownMission: {
             /**
@@ -4895,14 +4904,14 @@ export interface components {
             readonly over: boolean;
             /**
              * Duration S
-             * @description Until the end of the mission or until now. Offboard mission: time flown by setpoints, without PX4's own
-             *     take-off and landing. Waypoint plan: from arming to disarming.
+             * @description Duration until the end of the mission, or until now. Offboard mission: time flown by setpoints, without
+             *     PX4's own take-off and landing. Waypoint plan: from arming to disarming.
              */
             readonly duration_s: number;
             /**
              * Planned Duration S
-             * @description Planned duration of the same part, with the longest branch; null: not known. A plan that was not flown
-             *     from its beginning counts from the first flown item.
+             * @description Planned value of `duration_s`, with the longest branch; null: not known. If a plan was not flown from
+             *     its beginning, this duration begins at the first flown item.
              */
             readonly planned_duration_s: number | null;
             /**
@@ -4922,16 +4931,16 @@ export interface components {
              * @description The planned path of each step, on all branches.
              */
             readonly planned_legs: readonly components["schemas"]["PlanLeg"][];
-            /** @description Global position of the local origin at the start; null: it was not known. */
+            /** @description Global position of the local origin at the start; null: not known. */
             readonly origin: components["schemas"]["PlanOrigin"] | null;
             /**
              * Battery Start Share
-             * @description Battery charge at the start, 0 to 1; null: the vehicle did not report it.
+             * @description Battery charge at the start, 0 to 1; null: not reported.
              */
             readonly battery_start_share: number | null;
             /**
              * Battery End Share
-             * @description Newest battery charge of the mission, 0 to 1; null: the vehicle did not report it.
+             * @description Newest battery charge of the mission, 0 to 1; null: not reported.
              */
             readonly battery_end_share: number | null;
             /**
@@ -4941,12 +4950,12 @@ export interface components {
             readonly samples: readonly components["schemas"]["FlownSample"][];
             /**
              * Deviation Mean M
-             * @description Mean of the samples' `deviation_m`; null: no sample has one.
+             * @description Mean of the samples' `deviation_m`; null: no sample has a deviation.
              */
             readonly deviation_mean_m: number | null;
             /**
              * Deviation Max M
-             * @description Largest of the samples' `deviation_m`; null: no sample has one.
+             * @description Largest of the samples' `deviation_m`; null: no sample has a deviation.
              */
             readonly deviation_max_m: number | null;
         };
@@ -4965,7 +4974,7 @@ export interface components {
         };
         /**
          * FlownSample
-         * @description One sample.
+         * @description The flown and the planned position at one time.
          */
         readonly FlownSample: {
             /**
@@ -4989,9 +4998,9 @@ export interface components {
             ];
             /**
              * Planned Ned M
-             * @description Offboard mission: the position setpoint; null: PX4 flew in one of its own modes, or no position was
-             *     sent. Waypoint plan: the nearest point of the planned path; null: the vehicle was not on it (Hold, another
-             *     mode, the way to the path), or it is not known.
+             * @description Offboard mission: the position setpoint; null: PX4 flew in one of its own modes, or the setpoint had no
+             *     position. Waypoint plan: the nearest point of the planned path; null: the vehicle was not on the planned
+             *     path (Hold, another mode, before the path), or the planned path is not known.
              */
             readonly planned_ned_m: readonly [
                 number,
@@ -5000,7 +5009,7 @@ export interface components {
             ] | null;
             /**
              * Deviation M
-             * @description Distance between the two.
+             * @description Distance between the flown and the planned position; null: the planned position is null.
              */
             readonly deviation_m: number | null;
             /**
@@ -5074,7 +5083,7 @@ export interface components {
         readonly FlyPoint: {
             /**
              * Position Ned M
-             * @description Relative to the vehicle's local origin.
+             * @description Position relative to the vehicle's local origin.
              */
             readonly position_ned_m?: readonly [
                 number,
@@ -5083,7 +5092,7 @@ export interface components {
             ] | null;
             /**
              * Offset Ned M
-             * @description Relative to the start of the mission.
+             * @description Position relative to the start of the mission.
              */
             readonly offset_ned_m?: readonly [
                 number,
@@ -5123,13 +5132,13 @@ export interface components {
             readonly stop: boolean;
             /**
              * Hold S
-             * @description Time to wait at the point; the vehicle stops there.
+             * @description Time to wait at the point; if it is above 0, the vehicle stops at the point.
              * @default 0
              */
             readonly hold_s: number;
             /**
              * Corner M
-             * @description Maximum distance between the point and the rounded corner that passes it.
+             * @description Maximum distance between the point and the rounded corner.
              * @default 1
              */
             readonly corner_m: number;
@@ -5192,7 +5201,7 @@ export interface components {
         readonly Gate: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -5207,7 +5216,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -5281,7 +5291,7 @@ export interface components {
         readonly GimbalConfigure: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -5296,7 +5306,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -5373,7 +5384,7 @@ export interface components {
         readonly GimbalPitchYaw: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -5388,7 +5399,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -5795,7 +5807,7 @@ export interface components {
         readonly Gripper: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -5810,7 +5822,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -6655,12 +6668,12 @@ export interface components {
         };
         /**
          * ImportedTable
-         * @description A trajectory from a file, as a document keeps it.
+         * @description A trajectory from a file, in the form that a document stores.
          */
         readonly ImportedTable: {
             /**
              * Name
-             * @description Name for the document's `tables`: that of the file, with `.csv`.
+             * @description Name for the document's `tables`: the name of the file, with `.csv`.
              */
             readonly name: string;
             /**
@@ -6675,12 +6688,12 @@ export interface components {
             readonly rows: number;
             /**
              * Duration S
-             * @description From the first row to the last [s].
+             * @description Time from the first row to the last [s].
              */
             readonly duration_s: number;
             /**
              * Has Yaw
-             * @description Whether it has the column `yaw_ned_rad`.
+             * @description Whether the trajectory has the column `yaw_ned_rad`.
              */
             readonly has_yaw: boolean;
         };
@@ -6767,7 +6780,7 @@ export interface components {
         readonly Jump: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -6782,7 +6795,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -6890,12 +6904,12 @@ export interface components {
         };
         /**
          * LandStart
-         * @description Marks the start of the landing. Return mode may continue the mission from here (RTL_TYPE).
+         * @description Marks the start of the landing. Return mode may continue the mission from this item (RTL_TYPE).
          */
         readonly LandStart: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -6910,7 +6924,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -6926,7 +6941,7 @@ export interface components {
         readonly LegacyRoi: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -6941,7 +6956,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -7292,12 +7308,12 @@ export interface components {
         };
         /**
          * LoiterTime
-         * @description Fly to the position and hold there for `hold_s`.
+         * @description Fly to the position and hold it for `hold_s`.
          */
         readonly LoiterTime: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -7312,7 +7328,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -7356,7 +7373,7 @@ export interface components {
         readonly LoiterToAltitude: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -7371,7 +7388,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -7411,12 +7429,12 @@ export interface components {
         };
         /**
          * LoiterUnlimited
-         * @description Fly to the position and hold there; the mission does not continue by itself.
+         * @description Fly to the position and hold it; the mission does not continue by itself.
          */
         readonly LoiterUnlimited: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -7431,7 +7449,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -7584,12 +7603,12 @@ export interface components {
             readonly step: "meet";
             /**
              * Meeting
-             * @description All roles have the same meetings, in the same order.
+             * @description Name of the meeting. All roles must have the same meetings in the same order.
              */
             readonly meeting: string;
             /**
              * Timeout S
-             * @description Timeout: if another role has not arrived by then, all roles hold and the mission ends.
+             * @description If another role has not arrived within this time, all roles hold and the mission ends.
              * @default 120
              */
             readonly timeout_s: number;
@@ -7849,7 +7868,7 @@ export interface components {
         readonly MissionPosition: {
             /**
              * Position Ned M
-             * @description Relative to the vehicle's local origin.
+             * @description Position relative to the vehicle's local origin.
              */
             readonly position_ned_m?: readonly [
                 number,
@@ -7858,7 +7877,7 @@ export interface components {
             ] | null;
             /**
              * Offset Ned M
-             * @description Relative to the start of the mission.
+             * @description Position relative to the start of the mission.
              */
             readonly offset_ned_m?: readonly [
                 number,
@@ -8150,7 +8169,7 @@ export interface components {
         readonly MountConfigure: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -8165,7 +8184,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -8205,7 +8225,7 @@ export interface components {
         readonly MountControl: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -8220,7 +8240,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -8322,7 +8343,7 @@ export interface components {
         readonly ObliqueSurvey: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -8337,7 +8358,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -8388,7 +8410,7 @@ export interface components {
         readonly Obstacle: {
             /**
              * Name
-             * @description For findings; empty: the obstacle's number.
+             * @description Name in findings; empty: findings use the number of the obstacle.
              * @default
              */
             readonly name: string;
@@ -8599,7 +8621,7 @@ export interface components {
             readonly actions: components["schemas"]["Actions"];
             /**
              * Avoidance
-             * @description Avoid obstacles that the vehicle's sensors measure; a step may override it.
+             * @description Avoid obstacles that the vehicle's sensors measure; a step can override this setting.
              * @default false
              */
             readonly avoidance: boolean | ("over" | "around");
@@ -8630,7 +8652,7 @@ export interface components {
             };
             /**
              * Minimum Separation M
-             * @description Minimum distance between any two vehicles, also if they brake to a stop at any time; None: 5 m.
+             * @description Minimum distance between any two vehicles, also if both brake to a stop at any time; None: 5 m.
              */
             readonly minimum_separation_m?: number | null;
             /**
@@ -9238,7 +9260,7 @@ export interface components {
         };
         /**
          * Orbit
-         * @description Fly circles around a position, at its altitude.
+         * @description Fly circles around a position, at the altitude of the position.
          */
         readonly Orbit: {
             /**
@@ -9802,7 +9824,7 @@ export interface components {
         };
         /**
          * Photo
-         * @description Take pictures while holding.
+         * @description Take pictures while holding the position.
          */
         readonly Photo: {
             /**
@@ -9829,7 +9851,7 @@ export interface components {
             readonly interval_s: number;
             /**
              * Component
-             * @description MAVLink component id of the camera; None: the lowest that is connected.
+             * @description MAVLink component id of the camera; None: the connected camera with the lowest id.
              */
             readonly component?: number | null;
         };
@@ -9862,7 +9884,7 @@ export interface components {
         readonly PhotoStart: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -9877,7 +9899,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -9917,7 +9940,7 @@ export interface components {
         readonly PhotoStop: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -9932,7 +9955,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -9972,7 +9996,8 @@ export interface components {
             readonly cruise_speed_m_s?: number | null;
             /**
              * Hover Speed M S
-             * @description Planned speed of multicopters, used by estimates, not uploaded; None: the vehicle's MPC_XY_CRUISE.
+             * @description Planned speed of multicopters. Estimates use this speed; it is not uploaded. None: the vehicle's
+             *     MPC_XY_CRUISE.
              */
             readonly hover_speed_m_s?: number | null;
             /**
@@ -9995,13 +10020,13 @@ export interface components {
             readonly rally_points: readonly components["schemas"]["RallyPoint"][];
             /**
              * Obstacles
-             * @description For checks and dry runs; not uploaded, because PX4 does not store obstacles.
+             * @description Obstacles for checks and dry runs; they are not uploaded, because PX4 does not store obstacles.
              * @default []
              */
             readonly obstacles: readonly components["schemas"]["Obstacle"][];
             /**
              * Original
-             * @description JSON text of the .plan file it was read from, without the data of the fields above.
+             * @description JSON text of the .plan file that the plan was read from, without the data of the fields above.
              */
             readonly original?: string | null;
         };
@@ -10119,7 +10144,7 @@ export interface components {
             readonly endless: boolean;
             /**
              * Known Altitudes
-             * @description False if an altitude could not be compared with home; its leg counts as level.
+             * @description False if an altitude could not be compared with home; the leg to this altitude counts as level.
              */
             readonly known_altitudes: boolean;
         };
@@ -10208,7 +10233,7 @@ export interface components {
             readonly place: string;
             /**
              * Start S
-             * @description Planned time of its first start.
+             * @description Planned time at which the step starts first.
              */
             readonly start_s: number;
             /**
@@ -11181,12 +11206,12 @@ export interface components {
         };
         /**
          * ReturnHome
-         * @description Return to home or to a rally point, as the vehicle's parameters say.
+         * @description Return to home or to a rally point, according to the vehicle's parameters.
          */
         readonly ReturnHome: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -11201,7 +11226,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -11238,7 +11264,7 @@ export interface components {
         readonly RoiLocation: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -11253,7 +11279,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -11286,7 +11313,7 @@ export interface components {
         readonly RoiNextWaypoint: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -11301,7 +11328,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -11341,7 +11369,7 @@ export interface components {
         readonly RoiNone: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -11356,7 +11384,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -11520,7 +11549,7 @@ export interface components {
         readonly SetActuator: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -11535,7 +11564,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -11578,7 +11608,7 @@ export interface components {
         readonly SetHome: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -11593,7 +11623,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -11615,7 +11646,7 @@ export interface components {
         readonly SetServo: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -11630,7 +11661,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -12181,7 +12213,7 @@ export interface components {
         };
         /**
          * StructurePattern
-         * @description Rounds around a structure at several heights, with pictures of its sides.
+         * @description Rounds around a structure at several heights, with pictures of the sides of the structure.
          */
         readonly StructurePattern: {
             /**
@@ -12311,7 +12343,7 @@ export interface components {
         };
         /**
          * TakeOff
-         * @description Arm and climb; the mission continues at that height.
+         * @description Arm and climb to `height_m`; the next step starts at this height.
          */
         readonly TakeOff: {
             /**
@@ -12343,7 +12375,7 @@ export interface components {
         readonly Takeoff: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -12358,7 +12390,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -12666,7 +12699,7 @@ export interface components {
         readonly TriggerControl: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -12681,7 +12714,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -12715,12 +12749,13 @@ export interface components {
         };
         /**
          * TriggerDistance
-         * @description Take a picture every `distance_m`; 0 stops this. `at_once` 1: take the first picture immediately.
+         * @description Take a picture every `distance_m`; 0 stops the trigger. `at_once` 1: take the first picture
+         *     immediately.
          */
         readonly TriggerDistance: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -12735,7 +12770,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -12774,7 +12810,7 @@ export interface components {
         readonly TriggerInterval: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -12789,7 +12825,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -13200,7 +13237,7 @@ export interface components {
         readonly VideoStart: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -13215,7 +13252,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -13249,7 +13287,7 @@ export interface components {
         readonly VideoStop: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -13264,7 +13302,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -13287,7 +13326,8 @@ export interface components {
         };
         /**
          * Wait
-         * @description Hold until the pilot continues or a condition is true; after the timeout do `on_timeout`.
+         * @description Hold until the pilot continues or a condition is true. After the timeout, the action `on_timeout`
+         *     follows.
          */
         readonly Wait: {
             /**
@@ -13336,12 +13376,12 @@ export interface components {
         };
         /**
          * Waypoint
-         * @description Fly to the position; hold there for `hold_s`. A radius of 0 means PX4's NAV_ACC_RAD.
+         * @description Fly to the position and hold it for `hold_s`. A radius of 0 means PX4's NAV_ACC_RAD.
          */
         readonly Waypoint: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -13356,7 +13396,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -13531,7 +13572,7 @@ export interface components {
         readonly Winch: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -13546,7 +13587,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -13786,7 +13828,7 @@ export interface components {
         readonly missions__items__Land: {
             /**
              * Autocontinue
-             * @description Continue with the next item when this one is done.
+             * @description Continue with the next item when this item is done.
              * @default true
              */
             readonly autocontinue: boolean;
@@ -13801,7 +13843,8 @@ export interface components {
             ])[];
             /**
              * Original
-             * @description JSON text of this item in the .plan file it was read from, including fields not modelled here.
+             * @description JSON text of this item in the .plan file that the item was read from, including fields not modelled
+             *     here.
              */
             readonly original?: string | null;
             /**
@@ -13875,7 +13918,7 @@ export interface components {
             readonly place?: components["schemas"]["MissionPosition"] | null;
             /**
              * Sweep Pitch Rad
-             * @description Amplitude of a sweep, to both sides of its middle.
+             * @description Amplitude of a sweep, to both sides of its middle pitch.
              * @default 0
              */
             readonly sweep_pitch_rad: number;
