@@ -114,7 +114,7 @@ def is_small_pattern(pattern: PatternDocument) -> bool:
         return True
     if isinstance(pattern, StructurePattern):
         return len(pattern.outline) <= SMALL_CORNERS
-    spacing_m = pattern.coverage.values().spacing_m
+    spacing_m = pattern.coverage.to_coverage().spacing_m
     if isinstance(pattern, CorridorPattern):
         return len(pattern.points) <= SMALL_CORNERS and pattern.width_m <= SMALL_LINES * spacing_m
     corners = [*pattern.outer, *(corner for hole in pattern.holes for corner in hole)]
