@@ -266,7 +266,9 @@ class GroupGuard:
             motion = motion_of(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
             self._trends[vehicle].add(snapshot.received_s, motion.velocity_ned_m_s)
             if not has_velocity_control(setpoint):
-                extrapolated_ned_m_s = self._trends[vehicle].extrapolated_ned_m_s(motion.age_s + LEVEL_AFTER_S)
+                extrapolated_ned_m_s = self._trends[vehicle].extrapolated_ned_m_s(
+                    motion.age_s + LEVEL_AFTER_S
+                )
                 motion = replace(motion, velocity_ned_m_s=extrapolated_ned_m_s)
             motions[vehicle] = motion
         return motions
@@ -284,7 +286,8 @@ class GroupGuard:
                 self.nearest = (a, b, apart_m)
             self.margin_m = max(self.margin_m or 0.0, margin)
             reach_m = sum(
-                braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.braking_decel_m_s2) for m in (motion_a, motion_b)
+                braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.braking_decel_m_s2)
+                for m in (motion_a, motion_b)
             )
             if apart_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
                 pairs.append((a, b, apart_m, margin))
