@@ -65,7 +65,7 @@ class MovingVehicle:
     """Accuracy of the position, one sigma."""
     age_s: float
     """Age of the estimate; the position was extrapolated over this time with the velocity."""
-    braking_decel_m_s2: float = STOP_M_S2
+    decel_m_s2: float = STOP_M_S2
 
     @property
     def uncertainty_m(self) -> float:

@@ -168,8 +168,7 @@ def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: fl
         required_m = minimum_m + margin
         distance_m = closest_distance_m = math.dist(motion_a.position_ned_m, motion_b.position_ned_m)
         reach_m = sum(
-            braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.braking_decel_m_s2)
-            for m in (motion_a, motion_b)
+            braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.decel_m_s2) for m in (motion_a, motion_b)
         )
         if distance_m >= required_m and distance_m - reach_m < required_m:
             position, velocity, other_position, velocity_b = (
@@ -183,12 +182,7 @@ def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: fl
             )
             closest_distance_m = float(
                 closest_m(
-                    position,
-                    velocity,
-                    other_position,
-                    velocity_b,
-                    motion_a.braking_decel_m_s2,
-                    motion_b.braking_decel_m_s2,
+                    position, velocity, other_position, velocity_b, motion_a.decel_m_s2, motion_b.decel_m_s2
                 )
             )
         if closest_distance_m < required_m:
@@ -227,14 +221,12 @@ def _conflict_between(
     distances: Vectors = np.sqrt(np.sum((positions_a - positions_b) ** 2, axis=-1))
     closest = distances.copy()
     speed_a, speed_b = (np.sqrt(np.sum(velocity**2, axis=-1)) for velocity in (velocity_a, velocity_b))
-    reach_m = braking_distance_m(speed_a, motion_a.braking_decel_m_s2) + braking_distance_m(
-        speed_b, motion_b.braking_decel_m_s2
-    )
+    reach_m = braking_distance_m(speed_a, motion_a.decel_m_s2)
+    reach_m = reach_m + braking_distance_m(speed_b, motion_b.decel_m_s2)
     # at all other steps the vehicles are far enough apart
     candidates = np.nonzero(distances - reach_m < minimum_m)[0]
     longest_s = max(
-        float(np.max(speed_a)) / motion_a.braking_decel_m_s2,
-        float(np.max(speed_b)) / motion_b.braking_decel_m_s2,
+        float(np.max(speed_a)) / motion_a.decel_m_s2, float(np.max(speed_b)) / motion_b.decel_m_s2
     )
     batch_size = max(1, SAMPLES_PER_YIELD // sample_count(longest_s))
     for begin in range(0, len(candidates), batch_size):
@@ -242,7 +234,7 @@ def _conflict_between(
         batch = candidates[begin : begin + batch_size]
         closest[batch] = closest_m(
             positions_a[batch], velocity_a[batch], positions_b[batch], velocity_b[batch],
-            motion_a.braking_decel_m_s2, motion_b.braking_decel_m_s2,
+            motion_a.decel_m_s2, motion_b.decel_m_s2,
         )  # fmt: skip
         if np.any(closest[batch] < minimum_m):
             break  # only the first conflict is reported

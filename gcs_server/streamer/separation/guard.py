@@ -286,7 +286,7 @@ class GroupGuard:
                 self.nearest = (a, b, apart_m)
             self.margin_m = max(self.margin_m or 0.0, margin)
             reach_m = sum(
-                braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.braking_decel_m_s2)
+                braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.decel_m_s2)
                 for m in (motion_a, motion_b)
             )
             if apart_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
@@ -299,8 +299,8 @@ class GroupGuard:
             np.array([m.velocity_ned_m_s for m in motions_a]),
             np.array([m.position_ned_m for m in motions_b]),
             np.array([m.velocity_ned_m_s for m in motions_b]),
-            np.array([m.braking_decel_m_s2 for m in motions_a]),
-            np.array([m.braking_decel_m_s2 for m in motions_b]),
+            np.array([m.decel_m_s2 for m in motions_a]),
+            np.array([m.decel_m_s2 for m in motions_b]),
         )
         for (a, b, apart_m, margin), closest_distance_m in zip(pairs, closest_distances_m, strict=True):
             if closest_distance_m < self.minimum_m + margin:

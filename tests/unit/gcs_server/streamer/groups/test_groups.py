@@ -107,7 +107,7 @@ def test_a_vehicle_without_reported_accuracy_gets_a_default_margin():
 def test_vehicles_with_a_low_tilt_limit_or_attitude_setpoints_are_stopped_earlier():
     def brakes(tilt_deg, setpoint):
         bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
-        return motion_of(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).braking_decel_m_s2
+        return motion_of(replace(snapshot(), bounds=bounds), 101.0, HERE, setpoint).decel_m_s2
 
     steered, drifting = Velocity((1.0, 0.0, 0.0)), Attitude((1.0, 0.0, 0.0, 0.0), 0.5)
     assert brakes(45, steered) == 2.5
