@@ -91,7 +91,9 @@ class Server:
         self._settings = settings
         folder = DataFolder(settings.data)
         self._simulator = (
-            SimulatorProcess(clock, settings.sim, folder, more=settings.sim_args) if settings.sim else None
+            SimulatorProcess(clock, settings.sim, folder, extra_arguments=settings.sim_args)
+            if settings.sim
+            else None
         )
         self.supervisor = Supervisor(clock)
         self.router = Router(
@@ -112,12 +114,12 @@ class Server:
             server_silent_limit_s=settings.server_silent_limit_s,
         )
         limits = LimitStore(
-            Records(folder.limits), lambda kept: LimitsRequest.model_validate(kept).to_limits()
+            Records(folder.limits), lambda stored: LimitsRequest.model_validate(stored).to_limits()
         )
         self.streamer = Streamer(clock, streams, limits)
         missions = OffboardMissions(clock, self.streamer, streams, self.supervisor)
         mission_modes = MissionModes(
-            clock, self.streamer, streams, missions, self.supervisor, self._prepare_mode, self._conditions
+            clock, self.streamer, streams, missions, self.supervisor, self._prepare_mode, self._compile_inputs
         )
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.fleet.on_vehicle_added(missions.attach)
@@ -131,8 +133,8 @@ class Server:
         self.router.on_change(lambda _link: self.streamer.links_changed())
         cache = Cache(folder.cache)
         self.fleet.on_vehicle_added(lambda vehicle: vehicle.metadata.set_cache(cache))
-        held_plans = ItemsCache(cache)
-        self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(held_plans))
+        plan_cache = ItemsCache(cache)
+        self.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(plan_cache))
         dry_runs = DryRuns()
         self.scene = (
             SceneProcess(
@@ -168,7 +170,7 @@ class Server:
             dry_runs=dry_runs,
             topic_inspectors=TopicInspectors(),
             started_s=clock.monotonic_s(),
-            own_ids=(settings.system_id, COMPONENT_ID),
+            mavlink_ids=(settings.system_id, COMPONENT_ID),
             maps=folder.maps,
             has_scene=self.scene is not None,
             simulator=self._simulator is not None,
@@ -179,18 +181,18 @@ class Server:
         self.fleet.subscribe(self._cancel_operations_on_loss)
         self._links = (*settings.links, *more_links)
         self._link_errors: list[Notice] = []
-        self.station.more_warnings.append(lambda: list(self._link_errors))
-        self.station.more_warnings.append(self._faults)
-        self.station.more_warnings.append(lambda: [Notice("limits", text) for text in limits.warnings()])
-        self.station.more_warnings.append(lambda: [Notice("plans", text) for text in plans.warnings()])
+        self.station.warning_sources.append(lambda: list(self._link_errors))
+        self.station.warning_sources.append(self._faults)
+        self.station.warning_sources.append(lambda: [Notice("limits", text) for text in limits.warnings()])
+        self.station.warning_sources.append(lambda: [Notice("plans", text) for text in plans.warnings()])
         progress = self._flight_progress
-        self.station.more_warnings.append(lambda: [Notice("plans", text) for text in progress.warnings()])
+        self.station.warning_sources.append(lambda: [Notice("plans", text) for text in progress.warnings()])
         if (scene := self.scene) is not None:
-            self.station.more_warnings.append(
+            self.station.warning_sources.append(
                 lambda: [Notice("scene", text)] if (text := scene.warning()) is not None else []
             )
         if self._simulator is not None:
-            self.station.more_warnings.append(self._simulator.warnings)
+            self.station.warning_sources.append(self._simulator.warnings)
 
     async def start(self) -> None:
         """Starts all parts; a link that cannot be opened becomes a warning."""
@@ -204,10 +206,10 @@ class Server:
             try:
                 self.router.add_link(url)
             except GcsError as error:
-                shown = shown_url(url)
-                log.warning("link %s: %s", shown, error)
-                text = f"{shown}: {error.message}" + (f" {error.remedy}" if error.remedy else "")
-                self._link_errors.append(Notice("link", text, link=shown))
+                displayed_url = shown_url(url)
+                log.warning("link %s: %s", displayed_url, error)
+                text = f"{displayed_url}: {error.message}" + (f" {error.remedy}" if error.remedy else "")
+                self._link_errors.append(Notice("link", text, link=displayed_url))
         self.streamer.start(self.supervisor)
         self.station.missions.start()
         self.station.waypoint_flights.start()
@@ -255,7 +257,7 @@ class Server:
     async def _prepare_mode(self, vehicle_id: str, mode: MissionAsMode) -> Start:
         return await prepare_mode(self.station, vehicle_id, mode)
 
-    def _conditions(self, vehicle_id: str) -> Conditions | None:
+    def _compile_inputs(self, vehicle_id: str) -> Conditions | None:
         return compile_inputs_of(self.station, vehicle_id)
 
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:
@@ -293,8 +295,10 @@ class Server:
         self.station.hub.publish(Event(0, "plan_changed", None, unix_s, MAV_SEVERITY_DEBUG, text, data))
 
     def _cancel_operations_on_loss(self, event: Event) -> None:
-        removed = event.kind == "vehicle_removed"
-        if event.vehicle is not None and (removed or (event.kind == "link" and self._is_lost(event.vehicle))):
+        is_removed = event.kind == "vehicle_removed"
+        if event.vehicle is not None and (
+            is_removed or (event.kind == "link" and self._is_lost(event.vehicle))
+        ):
             self.station.operations.vehicle_lost(event.vehicle, event.text)
 
     def _is_lost(self, vehicle_id: str) -> bool:
@@ -315,8 +319,8 @@ class Page(StaticFiles):
 
     async def get_response(self, path: str, scope: Scope) -> Response:
         response = await super().get_response(path, scope)
-        hashed = path.startswith("assets/")
-        response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if hashed else "no-cache"
+        has_hash = path.startswith("assets/")
+        response.headers["Cache-Control"] = "public, max-age=31536000, immutable" if has_hash else "no-cache"
         return response
 
 
@@ -361,7 +365,7 @@ def create_app(
     in_control = server.station.authority.controls_any
     connections = Connections(clock, in_control=in_control)
     app.state.connections = connections
-    server.station.more_warnings.append(
+    server.station.warning_sources.append(
         lambda: [Notice("connections", text)] if (text := connections.warning()) is not None else []
     )
     app.add_middleware(Bodies, request_queue=server.station.request_queue)

@@ -70,7 +70,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    _serving_flags(serve)
+    _add_server_flags(serve)
     serve.add_argument(
         "--link",
         "--links",
@@ -95,7 +95,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     replay.add_argument("file", type=Path, help="the .tlog")
     replay.add_argument("--speed", type=float, default=1.0, metavar="X", help="times real time (default 1)")
-    _serving_flags(replay)
+    _add_server_flags(replay)
     commands.add_parser(
         "sim", help="run only the simulated PX4", description="Passes all arguments to vehicle_sim."
     )
@@ -103,7 +103,7 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _serving_flags(parser: argparse.ArgumentParser) -> None:
+def _add_server_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--host", help="address to listen on (default 127.0.0.1: this machine only)")
     parser.add_argument("--port", type=int, help="port of the page and the API (default 8080)")
     parser.add_argument("--data", type=Path, metavar="FOLDER", help="data folder: journal, recordings")
@@ -152,8 +152,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     limit = LogLimit(SystemClock().monotonic_s)
     for handler in logging.getLogger().handlers:
         handler.addFilter(limit)
-    for noisy in ("httpx", "httpcore", "websockets", "uvicorn.access"):
-        logging.getLogger(noisy).setLevel(logging.WARNING)
+    for logger_name in ("httpx", "httpcore", "websockets", "uvicorn.access"):
+        logging.getLogger(logger_name).setLevel(logging.WARNING)
     return _run_and_report(lambda: _serve(command, options, config))
 
 
@@ -189,7 +189,7 @@ def listen(settings: Settings) -> socket.socket:
         GcsError: the port is in use, or the address is not one of this computer.
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    # With the protocol given, asyncio disables Nagle's algorithm; otherwise an answer may wait 40 ms.
+    # With the protocol given, asyncio disables Nagle's algorithm, which may delay a response by 40 ms.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     if hasattr(socket, "TCP_NOTSENT_LOWAT"):  # accepted sockets inherit it
@@ -220,7 +220,7 @@ def serve(settings: Settings, more_links: tuple[str, ...] = ()) -> int:
     clock = SystemClock()
     app = create_app(settings, clock, more_links=more_links)
     connections: Connections = app.state.connections
-    connections.limits = connections.limits.within(descriptors.raise_descriptor_limit())
+    connections.limits = connections.limits.reduced_to(descriptors.raise_descriptor_limit())
     server = HttpServer(
         app, connections, clock, page_urls(settings.host, port, token), settings.trusted_proxies
     )

@@ -6,7 +6,7 @@
     ├── UnknownLink              no link with this name
     ├── UnknownGroup             no group with this id
     ├── UnknownOperation         no operation with this id (or it was dropped)
-    ├── UnknownPlan              no plan with this id, or no such version of it
+    ├── UnknownPlan              no plan with this id, or no such version of the plan
     ├── UnknownDryRun            no dry run with this id (or it was dropped)
     ├── PlanConflict             another client saved the plan meanwhile
     ├── UnknownRecording         no recording or replay with this name
@@ -15,7 +15,7 @@
     ├── NotPermitted             the caller's role does not include the command
     ├── Refused                  not sent: this server's check refused it, with reason and remedy
     │   ├── NotVerified          commands are not verified for this autopilot or airframe
-    │   ├── NotInControl         another client holds control of the vehicle
+    │   ├── NotInControl         another client has control of the vehicle
     │   ├── PlanFindings         a plan has errors that the caller has not accepted
     │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two would come too near
     ├── Rejected                 the vehicle refused, with its reasons
@@ -35,9 +35,9 @@ MAX_REASON_LENGTH = 300
 
 def bounded_reasons(reasons: Iterable[str]) -> tuple[str, ...]:
     """Limits number and length of the texts from a vehicle."""
-    each = [text if len(text) <= MAX_REASON_LENGTH else f"{text[:MAX_REASON_LENGTH]}…" for text in reasons]
-    more = len(each) - MAX_REASONS
-    return (*each[:MAX_REASONS], f"and {more} more") if more > 0 else tuple(each)
+    texts = [text if len(text) <= MAX_REASON_LENGTH else f"{text[:MAX_REASON_LENGTH]}…" for text in reasons]
+    excess = len(texts) - MAX_REASONS
+    return (*texts[:MAX_REASONS], f"and {excess} more") if excess > 0 else tuple(texts)
 
 
 class GcsError(Exception):
@@ -67,10 +67,12 @@ class UnknownVehicle(GcsError):
 
     code = "unknown_vehicle"
 
-    def __init__(self, vehicle_id: str, known: list[str]) -> None:
+    def __init__(self, vehicle_id: str, known_ids: list[str]) -> None:
         super().__init__(
             f"There is no vehicle {vehicle_id!r}.",
-            remedy=f"Known vehicles: {', '.join(known)}." if known else "No vehicle has connected yet.",
+            remedy=f"Known vehicles: {', '.join(known_ids)}."
+            if known_ids
+            else "No vehicle has connected yet.",
         )
         self.vehicle_id = vehicle_id
 
@@ -109,7 +111,7 @@ class UnknownDryRun(GcsError):
 
 
 class PlanConflict(GcsError):
-    """The plan has a newer version than the one that the caller changed; nothing was saved."""
+    """The plan has a newer version than the version that the caller changed; nothing was saved."""
 
     code = "conflict"
 
@@ -193,12 +195,12 @@ class NotVerified(Refused):
 
 
 class NotInControl(Refused):
-    """Another client holds control of the vehicle."""
+    """Another client has control of the vehicle."""
 
     code = "not_in_control"
 
     def __init__(self, vehicle_id: str, *, holder: str, holder_key: str, can_be_asked: bool) -> None:
-        how = (
+        advice = (
             "Request control (control/request); the holder may grant it."
             if can_be_asked
             else "The holder cannot be asked (it receives no telemetry): wait until it releases control, "
@@ -206,7 +208,7 @@ class NotInControl(Refused):
         )
         super().__init__(
             f"{holder} has control of vehicle {vehicle_id}, not you: nothing was sent.",
-            remedy=f"{how} Hold, Land now and Kill need no control.",
+            remedy=f"{advice} Hold, Land now and Kill need no control.",
         )
         self.holder = holder
         self.holder_key = holder_key

@@ -7,11 +7,11 @@ import time
 
 log = logging.getLogger(__name__)
 
-TRACEBACKS = 10
-"""Number of different faults that are logged with traceback; more are only counted."""
-LOG_EVERY_S = 10.0
+MAX_TRACEBACKS = 10
+"""Maximum number of different faults that are logged with traceback; further faults are only counted."""
+LOG_PERIOD_S = 10.0
 """Minimum time between two log lines for faults that were logged before [s]."""
-SHOWN_FOR_S = 60.0
+WARNING_DURATION_S = 60.0
 """Time for which a fault is shown as a warning [s]."""
 MAX_TEXT_LENGTH = 200
 
@@ -45,11 +45,11 @@ class FaultLog:
         self._newest_s = now_s
         self.newest = _text(error)
         kind = f"{action} {type(error).__name__} {_line(error)}"
-        if kind not in self._logged and len(self._logged) < TRACEBACKS:
+        if kind not in self._logged and len(self._logged) < MAX_TRACEBACKS:
             self._logged.add(kind)
             log.error("%s: %s failed; the rest continues", self.part, action, exc_info=error)
         elif now_s >= self._next_line_s:
-            self._next_line_s = now_s + LOG_EVERY_S
+            self._next_line_s = now_s + LOG_PERIOD_S
             log.warning(
                 "%s: %s failed again: %s (%d not logged)", self.part, action, self.newest, self._not_logged
             )
@@ -60,7 +60,7 @@ class FaultLog:
     @property
     def recent(self) -> bool:
         """Whether a fault happened within the last minute."""
-        return time.monotonic() - self._newest_s < SHOWN_FOR_S
+        return time.monotonic() - self._newest_s < WARNING_DURATION_S
 
 
 def _text(error: BaseException) -> str:

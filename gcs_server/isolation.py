@@ -12,7 +12,7 @@ from typing import ParamSpec, TypeVar
 
 from gcs_server.clock import Clock
 
-LOG_EVERY_S = 60.0
+LOG_PERIOD_S = 60.0
 """Period at which a persistent fault is logged again [s]."""
 MAX_FAULTS = 50
 """Maximum number of listed faults."""
@@ -42,7 +42,7 @@ class Isolation:
         try:
             result = work(*args, **kwargs)
         except Exception as error:  # any error, so that other vehicles are not affected
-            self._note(work_name, error)
+            self._record_fault(work_name, error)
             return None
         if self._faults:
             self._faults.pop(work_name, None)
@@ -53,12 +53,12 @@ class Isolation:
         """Sentences about currently failing work."""
         return list(self._faults.values())
 
-    def _note(self, work_name: str, error: Exception) -> None:
+    def _record_fault(self, work_name: str, error: Exception) -> None:
         if work_name not in self._logged_s and len(self._logged_s) >= MAX_FAULTS:
             return
         text = f"{self._owner}: {work_name} failed ({type(error).__name__}: {error})"
         self._faults[work_name] = f"{text[:300]}. This is an error in the server; everything else continues."
         now_s = self._clock.monotonic_s()
-        if now_s - self._logged_s.get(work_name, float("-inf")) >= LOG_EVERY_S:
+        if now_s - self._logged_s.get(work_name, float("-inf")) >= LOG_PERIOD_S:
             self._logged_s[work_name] = now_s
             self._log.error("%s: %s failed", self._owner, work_name, exc_info=error)

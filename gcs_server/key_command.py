@@ -68,7 +68,7 @@ def run(options: argparse.Namespace, source: TextIO | None = None) -> int:
         key = random_key()
     else:
         try:
-            line = _line(source or sys.stdin, options.name)
+            line = _read_key_line(source or sys.stdin, options.name)
             key = key_of_passphrase(line) if options.passphrase else parse_key(line)
         except ValueError as error:
             raise InvalidRequest("key", f"Not added: {error}.", remedy="See gcs key --help.") from None
@@ -78,7 +78,7 @@ def run(options: argparse.Namespace, source: TextIO | None = None) -> int:
     return 0
 
 
-def _line(source: TextIO, name: str) -> str:
+def _read_key_line(source: TextIO, name: str) -> str:
     if source.isatty():
         return getpass.getpass(f"signing key {name}: ")
     return source.readline(MAX_LINE_LENGTH).rstrip("\r\n")

@@ -16,8 +16,8 @@ _DEFAULT_PORTS = {"http": ":80", "https": ":443"}
 
 def host_name(host: str) -> str | None:
     """A Host header without its port, in lower case; None if it is not a host."""
-    found = _HOST.fullmatch(host.lower())
-    return found["name"] if found else None
+    match = _HOST.fullmatch(host.lower())
+    return match["name"] if match else None
 
 
 def is_loopback(name: str) -> bool:

@@ -19,8 +19,8 @@ from gcs_server.storage.token import FORM_RULE, is_well_formed, load_or_create_t
 
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
-LISTS = frozenset({"links", "trusted_proxies"})
-SECRET = frozenset({"token"})
+LIST_NAMES = frozenset({"links", "trusted_proxies"})
+SECRET_NAMES = frozenset({"token"})
 
 
 class Settings(BaseModel):
@@ -72,7 +72,7 @@ class Settings(BaseModel):
 
     @field_validator("token")
     @classmethod
-    def _usable(cls, token: SecretStr | None) -> SecretStr | None:
+    def _check_token(cls, token: SecretStr | None) -> SecretStr | None:
         if token is not None and not is_well_formed(token.get_secret_value()):
             raise ValueError(f"a token has {FORM_RULE}")
         return token
@@ -124,7 +124,7 @@ def read_environment(environment: Mapping[str, str]) -> dict[str, Any]:
         text = environment.get(ENVIRONMENT_PREFIX + name.upper())
         if text is None or text == "":
             continue
-        values[name] = tuple(text.replace(",", " ").split()) if name in LISTS else text
+        values[name] = tuple(text.replace(",", " ").split()) if name in LIST_NAMES else text
     if isinstance(values.get("sim_args"), str):
         values["sim_args"] = split_arguments(values["sim_args"], "GCS_SIM_ARGS")
     return values
@@ -149,7 +149,7 @@ def load(
 
     Args:
         flags: flags of the command line.
-        environment: environment variables; default: those of the process.
+        environment: environment variables; default: the process's environment.
         config: the TOML file; default: the file in `GCS_CONFIG`.
 
     Raises:
@@ -171,7 +171,7 @@ def load(
             source = ENVIRONMENT_PREFIX + name.upper()
         else:
             source = f"{name} in {config}"
-        if name in SECRET:  # kept out of logs and tracebacks
+        if name in SECRET_NAMES:  # kept out of logs and tracebacks
             raise InvalidRequest(name, f"{source}: {first['msg']}.") from None
         raise InvalidRequest(name, f"{source}: {first['msg']} (given: {first['input']!r}).") from error
 

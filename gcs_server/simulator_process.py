@@ -2,9 +2,9 @@
 does.
 
 A restarted server finds a running simulator by the port of PX4's first ground-station link (18570), which
-only one process can bind, and by the process id in the data folder. It then does not start a second one. A
-clean shutdown ends a simulator that this server started or took over; after a kill of the server it continues
-to fly.
+only one process can bind, and by the process id in the data folder. The server then does not start a second
+simulator. A clean shutdown ends a simulator that this server started or took over; after a kill of the server
+the simulator continues to run.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ PX4_GCS_LOCAL_PORT = 18570
 """PX4 SITL instance N sends from 18570 + N."""
 TERM_WAIT_S = 3.0
 WATCH_PERIOD_S = 0.5
-START_AGAIN_PERIOD_S = 2.0
+RESTART_PERIOD_S = 2.0
 SHORTAGES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.ENOBUFS, errno.ENOSPC})
 """Temporary errors, which do not mean that the simulator has ended."""
 
 
-def port_is_held(port: int) -> bool:
+def is_port_in_use(port: int) -> bool:
     """Whether a process uses this loopback UDP port.
 
     Raises:
-        OSError: this cannot be checked now, for example without free descriptors.
+        OSError: the port cannot be checked now, for example without free file descriptors.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
@@ -59,10 +59,10 @@ def first_port(arguments: Sequence[str]) -> int:
     parser.add_argument("--gcs-local-port", type=int, default=PX4_GCS_LOCAL_PORT)
     parser.add_argument("--first-instance", type=int, default=0)
     try:
-        known, _ = parser.parse_known_args(list(arguments))
+        ports, _ = parser.parse_known_args(list(arguments))
     except argparse.ArgumentError:
         return PX4_GCS_LOCAL_PORT  # the simulator reports the error itself
-    return known.gcs_local_port + known.first_instance if known.gcs_local_port else 0
+    return ports.gcs_local_port + ports.first_instance if ports.gcs_local_port else 0
 
 
 def is_simulator(pid: int) -> bool | None:
@@ -86,7 +86,7 @@ class SimulatorProcess:
     Args:
         count: simulated vehicles.
         folder: data folder for the log and the process id.
-        more: further arguments of `vehicle_sim`, such as its ports.
+        extra_arguments: further arguments of `vehicle_sim`, such as its ports.
         command: program to run; default: the simulator of this installation.
         probe_port: port that is in use while a simulator runs; default: the simulator's own.
     """
@@ -97,25 +97,33 @@ class SimulatorProcess:
         count: int,
         folder: DataFolder,
         *,
-        more: Sequence[str] = (),
+        extra_arguments: Sequence[str] = (),
         command: list[str] | None = None,
         probe_port: int | None = None,
     ) -> None:
         self._clock = clock
         self._folder = folder
-        self._command = command or [sys.executable, "-m", "vehicle_sim", "--instances", str(count), *more]
-        self._probe_port = first_port(more) if probe_port is None else probe_port
+        self._command = command or [
+            sys.executable,
+            "-m",
+            "vehicle_sim",
+            "--instances",
+            str(count),
+            *extra_arguments,
+        ]
+        self._probe_port = first_port(extra_arguments) if probe_port is None else probe_port
         self._child: subprocess.Popen[bytes] | None = None
         self._pid: int | None = None
         self._warning: str | None = None
         self._start_again = False
         """Whether `watch` must find or start a simulator again."""
-        self.found = False
+        self.uses_running_simulator = False
         """Whether an already running simulator is used."""
 
     @property
     def pid(self) -> int | None:
-        """Process id of a simulator that this server, or its previous run, started; None: none."""
+        """Process id of a simulator that this server, or its previous run, started; None: no such
+        simulator."""
         return self._pid
 
     def start(self) -> None:
@@ -125,22 +133,24 @@ class SimulatorProcess:
         except OSError as error:
             self._pid = None
             self._start_again = error.errno in SHORTAGES
-            later = " The server tries again." if self._start_again else ""
-            self._warn(f"The simulator could not be started: {error.strerror or error}.{later}")
+            retry_text = " The server tries again." if self._start_again else ""
+            self._warn(f"The simulator could not be started: {error.strerror or error}.{retry_text}")
 
     def _start(self) -> None:
         self._pid = self._stored_pid()
         self._start_again = False
-        if port_is_held(self._probe_port) if self._probe_port else self._pid is not None:
-            who = f"process {self._pid}" if self._pid else "not started by this data folder's server"
-            if not self.found:
-                log.info("a simulator is already running (%s): the server uses it, and starts no other", who)
-            self.found = True
-            self._start_again = self._pid is None  # once the port is free
+        if is_port_in_use(self._probe_port) if self._probe_port else self._pid is not None:
+            owner = f"process {self._pid}" if self._pid else "not started by this data folder's server"
+            if not self.uses_running_simulator:
+                log.info(
+                    "a simulator is already running (%s): the server uses it, and starts no other", owner
+                )
+            self.uses_running_simulator = True
+            self._start_again = self._pid is None  # `watch` starts a simulator once the port is free
             return
-        if self.found:
+        if self.uses_running_simulator:
             log.info("the simulator that was already running has ended; this server starts its own")
-        self.found = False
+        self.uses_running_simulator = False
         log_file = self._folder.simulator_log
         with contextlib.suppress(FileNotFoundError):
             log_file.replace(log_file.with_name(f"{log_file.name}.1"))
@@ -154,24 +164,24 @@ class SimulatorProcess:
             )
         self._pid, self._warning = self._child.pid, None
         with contextlib.suppress(OSError):
-            note = {"pid": self._pid, "command": self._command, "started_unix_s": self._clock.unix_s()}
-            self._folder.simulator_pid.write_text(json.dumps(note))
+            record = {"pid": self._pid, "command": self._command, "started_unix_s": self._clock.unix_s()}
+            self._folder.simulator_pid.write_text(json.dumps(record))
 
     async def watch(self) -> None:
         """Monitors the simulator; its end becomes a warning. If another program's simulator was used and
-        ends, or none could be started because of a shortage, this server starts its own.
+        ends, or no simulator could be started because of a shortage, this server starts its own.
         """
         while self._pid is not None or self._start_again:
-            await self._clock.sleep(WATCH_PERIOD_S if self._pid is not None else START_AGAIN_PERIOD_S)
+            await self._clock.sleep(WATCH_PERIOD_S if self._pid is not None else RESTART_PERIOD_S)
             if self._pid is None:
                 self.start()
-            elif self._ended():
-                code = None if self._child is None else self._child.returncode
-                ended = f" with exit code {code}" if code is not None else ""
-                self._warn(f"The simulator stopped by itself{ended}; see {self._folder.simulator_log}.")
+            elif self._has_ended():
+                exit_code = None if self._child is None else self._child.returncode
+                exit_text = f" with exit code {exit_code}" if exit_code is not None else ""
+                self._warn(f"The simulator stopped by itself{exit_text}; see {self._folder.simulator_log}.")
                 self._forget()
 
-    def _ended(self) -> bool:
+    def _has_ended(self) -> bool:
         """Whether the simulator has certainly ended."""
         if self._child is not None:  # this check needs no file descriptor
             return self._child.poll() is not None
@@ -184,7 +194,7 @@ class SimulatorProcess:
     async def stop(self) -> None:
         """Ends the simulator, with SIGTERM first; a simulator of another program is not touched."""
         pid, self._start_again = self._pid, False
-        if pid is None or self._ended():
+        if pid is None or self._has_ended():
             self._forget()
             return
         if self._child is None and not is_simulator(pid):
@@ -193,7 +203,7 @@ class SimulatorProcess:
             os.kill(pid, signal.SIGTERM)
             for _ in range(int(TERM_WAIT_S / 0.05)):
                 await self._clock.sleep(0.05)
-                if self._ended():
+                if self._has_ended():
                     break
             else:
                 os.kill(pid, signal.SIGKILL)

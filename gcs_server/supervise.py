@@ -36,7 +36,7 @@ class Supervisor:
         """Runs `work()` for the lifetime of the server; after a failure it is restarted with increasing
         delay. Work that returns is not run again. Cancel the returned task to stop it.
         """
-        return self._own(self._supervised(name, work), name)
+        return self._create_task(self._supervised(name, work), name)
 
     def repeat(self, name: str, update: Callable[[], None], period_s: float) -> asyncio.Task[None]:
         """Calls `update()` at once, and again after each period [s]; a failure is handled as by `start`."""
@@ -50,7 +50,7 @@ class Supervisor:
 
     def spawn(self, name: str, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         """Runs `work` once; a failure is logged, not raised."""
-        task = self._own(self._once(name, work), name)
+        task = self._create_task(self._run_once(name, work), name)
         task.add_done_callback(lambda _: work.close())  # the task was cancelled before its first step
         return task
 
@@ -66,13 +66,13 @@ class Supervisor:
         """The names of the running tasks."""
         return sorted(self._tasks.values())
 
-    def _own(self, work: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
-        task: asyncio.Task[Any] = asyncio.create_task(work, name=name)  # noqa: TID251 the one owner
+    def _create_task(self, work: Coroutine[Any, Any, Any], name: str) -> asyncio.Task[Any]:
+        task: asyncio.Task[Any] = asyncio.create_task(work, name=name)  # noqa: TID251 only here
         self._tasks[task] = name
         task.add_done_callback(lambda done: self._tasks.pop(done, None))
         return task
 
-    async def _once(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
+    async def _run_once(self, name: str, work: Coroutine[Any, Any, Any]) -> None:
         try:
             await work
         except Exception:
@@ -80,7 +80,7 @@ class Supervisor:
 
     async def _supervised(self, name: str, work: Callable[[], Awaitable[None]]) -> None:
         back_off_s = FIRST_BACK_OFF_S
-        last_error, equal = "", 0
+        last_error, equal_count = "", 0
         while True:
             started_s = self._clock.monotonic_s()
             try:
@@ -88,13 +88,13 @@ class Supervisor:
                 return
             except Exception as error:
                 text = f"{type(error).__name__}: {error}"
-                equal = equal + 1 if text == last_error else 1
+                equal_count = equal_count + 1 if text == last_error else 1
                 last_error = text
-                if equal == 1:
+                if equal_count == 1:
                     log.exception("%s failed, starting it again", name)
-                elif equal <= EQUAL_ERRORS_LOGGED:
-                    log.warning("%s failed again (%d): %s", name, equal, text)
-                    if equal == EQUAL_ERRORS_LOGGED:
+                elif equal_count <= EQUAL_ERRORS_LOGGED:
+                    log.warning("%s failed again (%d): %s", name, equal_count, text)
+                    if equal_count == EQUAL_ERRORS_LOGGED:
                         log.warning("%s: further equal errors are not logged", name)
             if self._clock.monotonic_s() - started_s > HEALTHY_AFTER_S:
                 back_off_s = FIRST_BACK_OFF_S

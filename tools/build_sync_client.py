@@ -58,7 +58,7 @@ from gcs_server.client.control import OnLost
 from gcs_server.client.dry_runs import RUN_TIMEOUT_S
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_TIMEOUT_S
-from gcs_server.client.offboard import Answer, SetpointCalls
+from gcs_server.client.offboard import Response, SetpointCalls
 from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
 from gcs_server.client.setpoints import Body, Expiry, PathPoints
@@ -74,7 +74,7 @@ class AsyncClass:
 
     def lines(self) -> str:
         """The blocking class as source."""
-        bases = {ROOT: "(LoopThread)"} | dict.fromkeys(SETPOINT_CLASSES, "(SetpointCalls[Answer])")
+        bases = {ROOT: "(LoopThread)"} | dict.fromkeys(SETPOINT_CLASSES, "(SetpointCalls[Response])")
         head = f"class Sync{self.node.name}{bases.get(self.node.name, '')}:\n"
         body = [_doc(self.node), _init(self), *(_method(m) for m in _public(self.node))]
         return head + "\n\n".join(part for part in body if part)

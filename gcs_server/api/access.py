@@ -73,7 +73,7 @@ class RequestHead:
 
     @classmethod
     def from_scope(cls, scope: Mapping[str, Any]) -> RequestHead:
-        """Creates it from an ASGI scope of type http or websocket."""
+        """The head of the request in an ASGI scope of type http or websocket."""
         return cls(
             method=scope["method"] if scope["type"] == "http" else "WEBSOCKET",
             path=scope["path"],
@@ -124,15 +124,17 @@ class Access:
             return refusal
         if head.path == SIGN_IN_PATH and head.method == "POST":
             return FormSent()
-        if head.method in ("GET", "HEAD") and (link := token_in_query(head.query)) is not None:
-            if self.is_token(link) or self._has_cookie(head):
-                return SignedIn(without_token(head.path, head.query))
-            return token_refusal("The token in the link is not valid (any more).", wrong_token=True)
+        if head.method in ("GET", "HEAD") and (link_token := token_in_query(head.query)) is not None:
+            if self.is_token(link_token) or self._has_cookie(head):
+                return SignedIn(location_without_token(head.path, head.query))
+            return token_refusal(
+                "The token in the link is not valid, or is no longer valid.", wrong_token=True
+            )
         return self._refuse_without_token(head)
 
-    def is_token(self, given: str) -> bool:
+    def is_token(self, token: str) -> bool:
         """Whether a string is the token; compared in constant time."""
-        return self.token is not None and hmac.compare_digest(_bytes(given), _bytes(self.token))
+        return self.token is not None and hmac.compare_digest(_to_bytes(token), _to_bytes(self.token))
 
     def cookie(self, *, secure: bool) -> str:
         """The Set-Cookie header: for requests of this site only, and not readable by scripts."""
@@ -160,17 +162,17 @@ class Access:
         origins = head.headers.getlist("origin")
         if not origins:
             if head.is_cross_site and not head.is_navigation:
-                return _foreign("Page of another site")
+                return _foreign_page_refusal("A page of another site")
             return None
         host = head.headers["host"]
         if len(origins) > 1 or not same_origin(origins[0], host, secure=head.secure):
-            return _foreign(f"A page of {origins[0][:200]!r}")
+            return _foreign_page_refusal(f"A page of {origins[0][:200]!r}")
         return None
 
     def _refuse_without_token(self, head: RequestHead) -> Refusal | None:
-        scheme, _, given = head.headers.get("authorization", "").partition(" ")
+        scheme, _, token = head.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
-            if self.is_token(given.strip()):
+            if self.is_token(token.strip()):
                 return None
             return token_refusal("The token is not valid.", wrong_token=True)
         if not self._has_cookie(head):
@@ -187,9 +189,9 @@ class Access:
         return None
 
     def _has_cookie(self, head: RequestHead) -> bool:
-        wanted = self.cookie_value.encode()
-        given = cookies_named(head.headers.getlist("cookie"), self.cookie_name)
-        return any([hmac.compare_digest(_bytes(value), wanted) for value in given])
+        expected = self.cookie_value.encode()
+        values = cookies_named(head.headers.getlist("cookie"), self.cookie_name)
+        return any([hmac.compare_digest(_to_bytes(value), expected) for value in values])
 
 
 def token_refusal(detail: str, *, wrong_token: bool = False) -> Refusal:
@@ -199,12 +201,12 @@ def token_refusal(detail: str, *, wrong_token: bool = False) -> Refusal:
     )
 
 
-def _foreign(caller: str) -> Refusal:
+def _foreign_page_refusal(caller: str) -> Refusal:
     return Refusal(
         403,
         "foreign_origin",
         "Forbidden",
-        f"{caller} may neither command vehicles here nor read from here; only the server's own page may.",
+        f"{caller} must not use this server; only the server's own page may command vehicles and read data.",
     )
 
 
@@ -216,35 +218,36 @@ def cookies_named(headers: Iterable[str], name: str) -> list[str]:
 
 def token_in_query(query: str) -> str | None:
     """The token in a URL's query; None if there is none."""
-    return next((value for key, value in _pairs(query) if key == TOKEN_KEY), None)
+    return next((value for key, value in _query_pairs(query) if key == TOKEN_KEY), None)
 
 
 def form_fields(body: bytes) -> tuple[str, str]:
-    """Token and next location from the sign-in form; empty where they are missing."""
-    fields = dict(_pairs(body.decode("latin-1")))
-    return fields.get(TOKEN_KEY, "").strip(), own_path(fields.get("next", "/"))
+    """Token from the sign-in form, empty if missing, and the location to open afterwards; default: `/`."""
+    fields = dict(_query_pairs(body.decode("latin-1")))
+    return fields.get(TOKEN_KEY, "").strip(), local_path(fields.get("next", "/"))
 
 
-def without_token(path: str, query: str) -> str:
-    """The same location without the token; always on this server. The path is decoded, as in ASGI."""
-    rest = [(key, value) for key, value in _pairs(query) if key != TOKEN_KEY]
-    where = "/" + quote(path.lstrip(_LEADING_SEPARATORS), safe=_SAFE_IN_PATHS)
-    return f"{where}?{urlencode(rest)}" if rest else where
+def location_without_token(path: str, query: str) -> str:
+    """The location on this server without the token in its query; `path` is decoded, as in ASGI."""
+    rest = [(key, value) for key, value in _query_pairs(query) if key != TOKEN_KEY]
+    local = "/" + quote(path.lstrip(_LEADING_SEPARATORS), safe=_SAFE_IN_PATHS)
+    return f"{local}?{urlencode(rest)}" if rest else local
 
 
-def own_path(address: str) -> str:
-    """The path and query of an address; never another server, as `//elsewhere/` would be."""
+def local_path(address: str) -> str:
+    """Path and query of an address on this server; `//elsewhere/`, another server's address, becomes
+    `/elsewhere/`."""
     path, _, query = address.partition("?")
-    where = "/" + quote(path.lstrip(_LEADING_SEPARATORS), safe=_SAFE_IN_PATHS + "%")
-    return f"{where}?{quote(query, safe='=&%+/:@')}" if query else where
+    local = "/" + quote(path.lstrip(_LEADING_SEPARATORS), safe=_SAFE_IN_PATHS + "%")
+    return f"{local}?{quote(query, safe='=&%+/:@')}" if query else local
 
 
-def _pairs(text: str) -> list[tuple[str, str]]:
+def _query_pairs(text: str) -> list[tuple[str, str]]:
     try:
         return parse_qsl(text, keep_blank_values=True, max_num_fields=_MAX_FIELDS)
     except ValueError:  # more fields than any page of this server has
         return []
 
 
-def _bytes(text: str) -> bytes:
+def _to_bytes(text: str) -> bytes:
     return text.encode("utf-8", errors="replace")

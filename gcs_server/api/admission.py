@@ -28,14 +28,14 @@ CLOSE_TRY_AGAIN = 1013
 class OpenLimits:
     """Limits of one kind (request or WebSocket)."""
 
-    in_all: int
-    by_address: int
-    by_client: int
+    total: int
+    per_address: int
+    per_client: int
 
 
 LIMITS: dict[ConnectionKind, OpenLimits] = {
-    "http": OpenLimits(in_all=256, by_address=128, by_client=64),
-    "websocket": OpenLimits(in_all=256, by_address=128, by_client=64),
+    "http": OpenLimits(total=256, per_address=128, per_client=64),
+    "websocket": OpenLimits(total=256, per_address=128, per_client=64),
 }
 
 
@@ -50,11 +50,11 @@ class OpenCounts:
         """Counts by `client …` and `address …`."""
 
     def refusal(self, client_key: str, address: str) -> LimitRefusal | None:
-        """Why one more is refused; None: it is allowed."""
-        if self._open[f"client {client_key}"] >= self._limits.by_client:
+        """Why one more request or WebSocket of the client is refused; None: it is allowed."""
+        if self._open[f"client {client_key}"] >= self._limits.per_client:
             return refusals.TOO_MANY
-        address_is_full = self._open[f"address {address}"] >= self._limits.by_address
-        if (address_is_full or self._all >= self._limits.in_all) and not self._in_control(client_key):
+        address_is_full = self._open[f"address {address}"] >= self._limits.per_address
+        if (address_is_full or self._all >= self._limits.total) and not self._in_control(client_key):
             return refusals.TOO_MANY if address_is_full else refusals.SERVER_FULL
         return None
 
@@ -112,6 +112,6 @@ class Admission:
 
 
 def refusal_response(refusal: LimitRefusal) -> Response:
-    """The answer to a refused request; it also closes the connection."""
+    """The response to a refused request; its header `Connection` closes the connection."""
     headers = {"Connection": "close", "Cache-Control": "no-store", "Retry-After": "2"}
     return Response(refusal.body(), refusal.status, headers, media_type="application/problem+json")

@@ -16,7 +16,7 @@ from gcs_server.vehicle.services.transaction import ReportProgress
 from gcs_server.vehicle.vehicle import Vehicle
 
 SETPOINT_LINE_PERIOD_S = 1.0
-SETPOINT_LINES_KEPT = 1000
+MAX_SETPOINT_STREAMS = 1000
 SETPOINT = "offboard/setpoint"
 DEBUG = 7
 """MAV_SEVERITY of progress events."""
@@ -38,10 +38,11 @@ def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportP
     return report
 
 
-class Outcome:
-    """The duration of a command; set when its block has ended."""
+class CommandDuration:
+    """The duration of a command."""
 
     duration_s: float = 0.0
+    """Set when the block of `authorized_command` has ended."""
 
 
 @contextmanager
@@ -52,8 +53,8 @@ def authorized_command(
     vehicle_id: str | None,
     arguments: dict[str, object],
     *,
-    refused: NotInControl | None = None,
-) -> Generator[Outcome]:
+    refusal: NotInControl | None = None,
+) -> Generator[CommandDuration]:
     """Wraps every command: checks control as the command table requires, and writes the result to the
     journal.
 
@@ -63,21 +64,21 @@ def authorized_command(
         name: the command's row in `control/commands.py`.
         vehicle_id: the commanded vehicle; None for commands to no vehicle or to several.
         arguments: arguments of the command, written to the journal.
-        refused: the refusal from an earlier check of several vehicles.
+        refusal: raised here, if an earlier check of several vehicles has refused the command.
 
     Raises:
-        NotInControl: another client holds control of the vehicle.
+        NotInControl: another client has control of the vehicle.
     """
     command = BY_NAME[name]
     began_s = station.clock.monotonic_s()
-    outcome = Outcome()
+    duration = CommandDuration()
     result, detail = "ok", None
     try:
-        if refused is not None:
-            raise refused
+        if refusal is not None:
+            raise refusal
         if vehicle_id is not None:
             station.authority.admit(principal, command, vehicle_id)
-        yield outcome
+        yield duration
         if vehicle_id is not None:
             station.authority.report_command(principal, command, vehicle_id)
     except GcsError as error:
@@ -90,32 +91,32 @@ def authorized_command(
         result, detail = "internal", f"{type(error).__name__}: {error}"
         raise
     finally:
-        outcome.duration_s = station.clock.monotonic_s() - began_s
-        end = (result, detail, outcome.duration_s)
+        duration.duration_s = station.clock.monotonic_s() - began_s
+        end = (result, detail, duration.duration_s)
         if name == SETPOINT and result in ("ok", "not_in_control"):
-            _note_setpoint(station, principal, vehicle_id or "", arguments, end)
+            _write_setpoint_line(station, principal, vehicle_id or "", arguments, end)
         else:
             station.journal.add(principal.name, name, vehicle_id, plain(arguments), *end)
 
 
-def _note_setpoint(
+def _write_setpoint_line(
     station: Station,
     principal: Principal,
     vehicle_id: str,
     arguments: dict[str, object],
     end: tuple[str, str | None, float],
 ) -> None:
-    """Writes one journal line per second for a stream of setpoints: the newest setpoint and the number of
-    setpoints."""
+    """Writes one journal line per second for a stream of setpoints: the newest setpoint, and the number of
+    setpoints since the last line."""
     now_s = station.clock.monotonic_s()
-    # bounded, because a caller may change its name for each request
-    if len(station.setpoints_noted) >= SETPOINT_LINES_KEPT:
-        station.setpoints_noted.clear()
+    # Limited, because a caller may change its name for each request.
+    if len(station.setpoint_lines) >= MAX_SETPOINT_STREAMS:
+        station.setpoint_lines.clear()
     key = (principal.key, vehicle_id, end[0])
-    last_s, count = station.setpoints_noted.get(key, (float("-inf"), 0))
+    last_s, count = station.setpoint_lines.get(key, (float("-inf"), 0))
     if now_s - last_s < SETPOINT_LINE_PERIOD_S:
-        station.setpoints_noted[key] = (last_s, count + 1)
+        station.setpoint_lines[key] = (last_s, count + 1)
         return
-    station.setpoints_noted[key] = (now_s, 0)
+    station.setpoint_lines[key] = (now_s, 0)
     arguments = {**plain(arguments), "setpoints_since_last_line": count + 1}
     station.journal.add(principal.name, SETPOINT, vehicle_id, arguments, *end)

@@ -23,7 +23,7 @@ from gcs_server.api.request_queue import RequestQueue
 
 MAX_DEPTH = 32
 MAX_VALUES = 100_000
-"""Values are counted as commas and opening brackets: a path of 5000 points has 35,000."""
+"""Maximum number of commas and opening brackets; a path of 5000 points has 35,000."""
 MAX_KEYS = 100
 """Maximum number of keys in one object; the largest valid object has 20."""
 _LONG_NUMBER = re.compile(rb"[0-9]{400}")
@@ -108,7 +108,7 @@ class Bodies:
         await self._request_queue.wait(client)
         fault = json_fault(body) if b"json" in _header(scope, b"content-type") else None
         if fault is not None:
-            answer = problem(
+            response = problem(
                 422,
                 "Invalid request",
                 "invalid_request",
@@ -116,18 +116,18 @@ class Bodies:
                 field="body",
                 remedy="Send only what the API description allows, and less data at once.",
             )
-            await answer(scope, receive, send)
+            await response(scope, receive, send)
             return
-        given = False
+        is_delivered = False
 
-        async def body_again() -> Message:
-            nonlocal given
-            if given:
+        async def receive_body() -> Message:
+            nonlocal is_delivered
+            if is_delivered:
                 return await receive()
-            given = True
+            is_delivered = True
             return {"type": "http.request", "body": body, "more_body": False}
 
-        await self._app(scope, body_again, send)
+        await self._app(scope, receive_body, send)
 
 
 def _header(scope: Scope, name: bytes) -> bytes:
@@ -135,18 +135,18 @@ def _header(scope: Scope, name: bytes) -> bytes:
 
 
 async def _read(scope: Scope, receive: Receive) -> bytes | None:
-    """The body; None: it is too large."""
+    """The request's body; None: it is too large."""
     declared = _header(scope, b"content-length")
     if declared.isdigit() and int(declared[:15]) > refusals.MAX_BODY_BYTES:
         return None
     body = bytearray()
-    more = True
-    while more:
+    is_incomplete = True
+    while is_incomplete:
         message = await receive()
         if message["type"] == "http.disconnect":
             raise _ClientDisconnected
         body += message.get("body", b"")
-        more = message.get("more_body", False)
+        is_incomplete = message.get("more_body", False)
         if len(body) > refusals.MAX_BODY_BYTES:
             return None
     return bytes(body)

@@ -10,7 +10,7 @@ from gcs_server.api import responses
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.station import StationDep
-from gcs_server.api.vehicle_routes import carry_out
+from gcs_server.api.vehicle_routes import run_command
 
 router = APIRouter(prefix="/vehicles/{v}/camera", tags=["camera"], responses=RESPONSES)
 
@@ -30,11 +30,11 @@ async def picture(
     v: str, station: StationDep, principal: PrincipalDep, component: Component = None
 ) -> Response:
     """Takes one picture; answers once the camera has acknowledged it."""
-    return await carry_out(
+    return await run_command(
         station,
         principal,
         "camera/picture",
         v,
         {} if component is None else {"component": component},
-        lambda x: x.camera.take_picture(component),
+        lambda vehicle: vehicle.camera.take_picture(component),
     )

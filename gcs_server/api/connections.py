@@ -2,9 +2,9 @@
 too many.
 
 A connection is waiting until its first request is allowed (`guard.py`), then busy or idle. If there are too
-many connections, waiting ones are closed first, then idle ones. Connections of clients in control of a
-vehicle are never closed. If no connection can be closed, a reserve remains for new connections, which are
-served only if their request comes from a client in control. This module does no I/O; the sockets are in
+many connections, waiting connections are closed first, then idle connections. Connections of clients in
+control of a vehicle are never closed. If no connection can be closed, the connections of the reserve are
+used; they serve only requests of clients in control. This module does no I/O; the sockets are in
 `http_server/`.
 """
 
@@ -20,36 +20,36 @@ from gcs_server.clock import Clock
 SCOPE_KEY = "gcs.connection"
 """Key of the connection in the `extensions` of an ASGI scope."""
 SHED_PERIOD_S = 0.05
-WARNED_FOR_S = 60.0
+WARNING_DURATION_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
     """Limits of the number and the memory of connections."""
 
-    in_all: int = 512
-    by_address: int = 256
+    total: int = 512
+    per_address: int = 256
     """Limit per address; if it is exceeded, idle connections of this address are closed."""
     reserve: int = 64
     """Extra connections for clients in control of a vehicle."""
-    waiting_in_all: int = 128
+    waiting_total: int = 128
     """Limit of connections that have not sent an allowed request yet."""
-    waiting_by_address: int = 64
+    waiting_per_address: int = 64
     body_bytes: int = 32 << 20
-    """Limit of the size of all request bodies that are incomplete or unanswered [bytes]."""
+    """Maximum total size of the bodies of requests that have no response yet [bytes]."""
     unread_bytes: int = 64 << 20
-    """Limit of the size of all answers that clients have not read yet [bytes]."""
+    """Maximum total size of responses that clients have not read yet [bytes]."""
 
-    def within(self, descriptors: int) -> ConnectionLimits:
-        """The limits, reduced to the number of files that the process may open."""
-        in_all = max(8, min(self.in_all, descriptors - self.reserve))
-        share = in_all / self.in_all
+    def reduced_to(self, descriptors: int) -> ConnectionLimits:
+        """The limits, reduced to the number of file descriptors that the process may open."""
+        total = max(8, min(self.total, descriptors - self.reserve))
+        fraction = total / self.total
         return ConnectionLimits(
-            in_all=in_all,
-            by_address=max(4, int(self.by_address * share)),
+            total=total,
+            per_address=max(4, int(self.per_address * fraction)),
             reserve=self.reserve,
-            waiting_in_all=max(4, int(self.waiting_in_all * share)),
-            waiting_by_address=max(2, int(self.waiting_by_address * share)),
+            waiting_total=max(4, int(self.waiting_total * fraction)),
+            waiting_per_address=max(2, int(self.waiting_per_address * fraction)),
             body_bytes=self.body_bytes,
             unread_bytes=self.unread_bytes,
         )
@@ -100,7 +100,7 @@ class Connections:
 
     Args:
         clock: the server's clock.
-        limits: their limits.
+        limits: limits of the connections; default: `ConnectionLimits()`.
         in_control: whether the client of this key controls a vehicle.
     """
 
@@ -112,17 +112,19 @@ class Connections:
     ) -> None:
         self._clock = clock
         self.limits = limits or ConnectionLimits()
-        self._in_control: Callable[[str], bool] = in_control or _nobody
+        self._in_control: Callable[[str], bool] = in_control or _no_client_in_control
         self._all: dict[Connection, None] = {}
         self._by_address: Counter[str] = Counter()
         self._waiting: dict[str, dict[Connection, None]] = {}
         self._waiting_count = 0
         self._restricted = 0
+        """Number of connections that serve only clients in control."""
         self._body_bytes = 0
         self._shed_s = float("-inf")
         self._refused_s = float("-inf")
-        self.refused = 0
-        """Refused connections and requests since the start, and connections closed for others."""
+        self.refusal_count = 0
+        """Number of refused connections and requests since the start, and of connections closed because there
+        were too many."""
 
     def __len__(self) -> int:
         return len(self._all)
@@ -130,12 +132,12 @@ class Connections:
     # --- opening and closing -----------------------------------------------------------------------
 
     def open(self, address: str) -> Connection | None:
-        """Registers a new connection; None if there is no room."""
+        """Registers a new connection; None if it is refused."""
         waiting = self._waiting.get(address, {})
-        if len(waiting) >= self.limits.waiting_by_address:
-            self._close_for_others(next(iter(waiting)))
-        elif self._waiting_count >= self.limits.waiting_in_all:
-            self._close_for_others(next(iter(max(self._waiting.values(), key=len))))
+        if len(waiting) >= self.limits.waiting_per_address:
+            self._evict(next(iter(waiting)))
+        elif self._waiting_count >= self.limits.waiting_total:
+            self._evict(next(iter(max(self._waiting.values(), key=len))))
         refusal_status = self._refusal_status(address)
         if refusal_status is None:
             self.count_refusal()
@@ -144,7 +146,7 @@ class Connections:
         self._all[connection] = None
         self._by_address[address] += 1
         self._restricted += refusal_status > 0
-        self._wait(connection)
+        self._start_waiting(connection)
         return connection
 
     def remove(self, connection: Connection) -> None:
@@ -161,17 +163,18 @@ class Connections:
             del self._by_address[connection.address]
 
     def set_busy(self, connection: Connection, busy: bool) -> None:
-        """A request has started or has been answered."""
+        """Sets whether a request of the connection is being served."""
         connection.busy = busy
         if connection.closed:
             return
         if busy:
             self._stop_waiting(connection)
         elif not connection.admitted:
-            self._wait(connection)
+            self._start_waiting(connection)
 
     def admit(self, connection: Connection, client_key: str) -> int:
-        """A request has passed the guard; returns the status of a refusal by the limits, or 0."""
+        """Registers that a request has passed the guard; returns 429 or 503 if a limit refuses it, or else
+        0."""
         connection.admitted = True
         connection.client_key = client_key
         return (
@@ -189,12 +192,12 @@ class Connections:
         return self._body_bytes <= self.limits.body_bytes
 
     def release_body(self, connection: Connection) -> None:
-        """The request has been answered, or has ended."""
+        """Stops counting the body of a request that has its response or was cancelled."""
         self._body_bytes -= connection.body_bytes
         connection.body_bytes = 0
 
     def shed(self) -> None:
-        """Closes the connections with most unread bytes until the total is within the limit."""
+        """Closes the connections with the most unread bytes until the total is within the limit."""
         now_s = self._clock.monotonic_s()
         if now_s - self._shed_s < SHED_PERIOD_S:
             return
@@ -203,11 +206,11 @@ class Connections:
         total = sum(size for size, _ in unread)
         if total <= self.limits.unread_bytes:
             return
-        for size, connection in sorted(unread, key=lambda each: (self._protected(each[1]), -each[0])):
+        for size, connection in sorted(unread, key=lambda each: (self._is_protected(each[1]), -each[0])):
             if total <= self.limits.unread_bytes:
                 return
             total -= size
-            self._close_for_others(connection)
+            self._evict(connection)
 
     def check(self) -> None:
         """Called periodically: lets each connection check its deadlines."""
@@ -221,53 +224,51 @@ class Connections:
 
     def count_refusal(self) -> None:
         """Counts a refusal."""
-        self.refused += 1
+        self.refusal_count += 1
         self._refused_s = self._clock.monotonic_s()
 
     def warning(self) -> str | None:
         """Warning text for a minute after the last refusal."""
-        if self._clock.monotonic_s() - self._refused_s > WARNED_FOR_S:
+        if self._clock.monotonic_s() - self._refused_s > WARNING_DURATION_S:
             return None
         return (
-            f"The server refuses clients: too many connections or requests ({self.refused} since its "
+            f"The server refuses clients: too many connections or requests ({self.refusal_count} since its "
             f"start; {len(self)} connections are open). Clients in control of a vehicle are still served."
         )
 
-    # --- the parts ------------------------------------------------------------------------------
+    # --- helpers --------------------------------------------------------------------------------
 
     def _refusal_status(self, address: str) -> int | None:
-        address_is_full = self._by_address[address] >= self.limits.by_address
-        if not address_is_full and len(self._all) - self._restricted < self.limits.in_all:
+        address_is_full = self._by_address[address] >= self.limits.per_address
+        if not address_is_full and len(self._all) - self._restricted < self.limits.total:
             return 0
         candidates = [
             c for c in self._all if not c.refusal_status and (not address_is_full or c.address == address)
         ]
-        if self._make_room(candidates):
+        if self._evict_one_of(candidates):
             return 0
-        if self._restricted >= self.limits.reserve and not self._make_room(
+        if self._restricted >= self.limits.reserve and not self._evict_one_of(
             [c for c in self._all if c.refusal_status]
         ):
             return None
         return 429 if address_is_full else 503
 
-    def _make_room(self, candidates: list[Connection]) -> bool:
-        closable = [c for c in candidates if not c.admitted or (not c.busy and not self._protected(c))]
+    def _evict_one_of(self, candidates: list[Connection]) -> bool:
+        closable = [c for c in candidates if not c.admitted or (not c.busy and not self._is_protected(c))]
         if not closable:
             return False
-        self._close_for_others(
-            min(closable, key=lambda c: (c.admitted, -self._by_address[c.address], c.opened_s))
-        )
+        self._evict(min(closable, key=lambda c: (c.admitted, -self._by_address[c.address], c.opened_s)))
         return True
 
-    def _protected(self, connection: Connection) -> bool:
+    def _is_protected(self, connection: Connection) -> bool:
         return bool(connection.client_key) and self._in_control(connection.client_key)
 
-    def _close_for_others(self, connection: Connection) -> None:
+    def _evict(self, connection: Connection) -> None:
         self.count_refusal()
         self.remove(connection)
         connection.end()
 
-    def _wait(self, connection: Connection) -> None:
+    def _start_waiting(self, connection: Connection) -> None:
         self._waiting.setdefault(connection.address, {})[connection] = None
         self._waiting_count += 1
 
@@ -281,5 +282,5 @@ class Connections:
             del self._waiting[connection.address]
 
 
-def _nobody(_: str) -> bool:
+def _no_client_in_control(_: str) -> bool:
     return False

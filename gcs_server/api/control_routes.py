@@ -9,7 +9,7 @@ from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import StationDep
 from gcs_server.control.authority import ControlStatus, VehicleControl
 from gcs_server.control.principal import Principal
@@ -20,15 +20,15 @@ router = APIRouter(tags=["control"], responses=RESPONSES)
 @router.get("/me", response_model=responses.Me)
 async def me(station: StationDep, principal: PrincipalDep) -> Response:
     """The caller's identity on this server, and the vehicles that it controls."""
-    return answer(
-        {"name": principal.name, "key": principal.key, "controls": station.authority.held_by(principal)}
+    return json_response(
+        {"name": principal.name, "key": principal.key, "controls": station.authority.controlled_by(principal)}
     )
 
 
 @router.post("/me/leave", response_model=responses.Me)
 async def leave(station: StationDep, principal: PrincipalDep) -> Response:
     """Releases control of all vehicles; their flight does not change."""
-    for vehicle_id in station.authority.held_by(principal):
+    for vehicle_id in station.authority.controlled_by(principal):
         with authorized_command(station, principal, "control/release", vehicle_id, {}):
             station.authority.control(vehicle_id).lease.release(principal)
     return await me(station, principal)
@@ -46,13 +46,13 @@ async def take(
     v: str, station: StationDep, principal: PrincipalDep, body: models.TakeControl | None = None
 ) -> Response:
     """Takes control if no client has it, or with `force` from the client that has it. A client that can
-    answer requests must be asked first. The first command to a vehicle without a client in control takes
-    control, too.
+    answer requests must first be sent a request. The first command to a vehicle without a client in control
+    takes control, too.
     """
-    wanted = body or models.TakeControl()
-    with authorized_command(station, principal, "control/take", v, wanted.model_dump(exclude_none=True)):
+    options = body or models.TakeControl()
+    with authorized_command(station, principal, "control/take", v, options.model_dump(exclude_none=True)):
         control = station.authority.control(v)
-        control.lease.take(principal, force=wanted.force, on_expiry=wanted.on_expiry)
+        control.lease.take(principal, force=options.force, on_expiry=options.on_expiry)
         return _view(control, principal)
 
 
@@ -60,8 +60,8 @@ async def take(
 async def request(
     v: str, station: StationDep, principal: PrincipalDep, body: models.RequestControl | None = None
 ) -> Response:
-    """Requests control from the client in control, which is shown the requesting client and the reason. If no
-    client has control, it is taken immediately."""
+    """Requests control from the client in control; the server shows that client the caller's name and the
+    reason. If no client has control, the caller takes control immediately."""
     reason = body.reason if body is not None else None
     with authorized_command(station, principal, "control/request", v, {"reason": reason} if reason else {}):
         control = station.authority.control(v)
@@ -105,7 +105,7 @@ async def renew(v: str, station: StationDep, principal: PrincipalDep) -> Respons
 
 def _view(control: VehicleControl, principal: Principal) -> Response:
     status: ControlStatus = control.status()
-    return answer(
+    return json_response(
         {
             **responses.fields_of(status),
             "yours": status.holder_key == principal.key,

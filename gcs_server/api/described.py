@@ -22,7 +22,7 @@ COMMON: dict[str, str] = {
     "422": "Invalid request; names the field.",
     "503": f"The link to the vehicle was lost, or: {refusals.SERVER_FULL.detail}",
 }
-"""Status and text."""
+"""Description of each error, by HTTP status."""
 
 
 def describe_refusals(openapi: dict[str, Any]) -> None:
@@ -35,12 +35,12 @@ def describe_refusals(openapi: dict[str, Any]) -> None:
     openapi["components"]["responses"]["Refused401"]["content"]["text/html"] = {"schema": {"type": "string"}}
     for operations in openapi["paths"].values():
         for operation in operations.values():
-            answers = cast("dict[str, dict[str, Any]]", operation["responses"])
-            for answer in answers.values():
-                if _is_problem(answer):
-                    answer["content"] = {PROBLEM_JSON: _PROBLEM}
+            responses = cast("dict[str, dict[str, Any]]", operation["responses"])
+            for response in responses.values():
+                if _is_problem(response):
+                    response["content"] = {PROBLEM_JSON: _PROBLEM}
             common = {status: {"$ref": f"#/components/responses/Refused{status}"} for status in COMMON}
-            operation["responses"] = dict(sorted({**answers, **common}.items()))
+            operation["responses"] = dict(sorted({**responses, **common}.items()))
     schemas = openapi["components"]["schemas"]
     for unused in ("HTTPValidationError", "ValidationError"):
         schemas.pop(unused, None)
@@ -81,24 +81,24 @@ def flatten_unions(openapi: dict[str, Any]) -> None:
 def describe_documents(openapi: dict[str, Any]) -> None:
     """Describes the fields of plans by their docstrings, or else by name, frame and unit."""
     schemas = openapi["components"]["schemas"]
-    for kind in _all_subclasses(Model):
-        full_name = f"{kind.__module__}.{kind.__name__}".replace(".", "__")  # for models that share a name
-        fields = (schemas.get(kind.__name__) or schemas.get(full_name) or {}).get("properties", {})
-        docs = {name: text for base in kind.__mro__[:-3] for name, text in _docs(base).items()}
+    for model in _all_subclasses(Model):
+        full_name = f"{model.__module__}.{model.__name__}".replace(".", "__")  # for models that share a name
+        fields = (schemas.get(model.__name__) or schemas.get(full_name) or {}).get("properties", {})
+        docs = {name: text for base in model.__mro__[:-3] for name, text in _docs(base).items()}
         for name, field in fields.items():
             if not {"description", "const", "$ref"} & set(field):
                 field["description"] = docs.get(name) or field_description(name)
 
 
-def _docs(kind: type) -> dict[str, str]:
-    return attribute_docs(kind) if kind.__module__.startswith("missions.") else {}
+def _docs(model: type) -> dict[str, str]:
+    return attribute_docs(model) if model.__module__.startswith("missions.") else {}
 
 
-def _all_subclasses(kind: type) -> list[type]:
-    direct = kind.__subclasses__()
-    return [*direct, *(each for one in direct for each in _all_subclasses(one))]
+def _all_subclasses(base: type) -> list[type]:
+    direct = base.__subclasses__()
+    return [*direct, *(indirect for subclass in direct for indirect in _all_subclasses(subclass))]
 
 
-def _is_problem(answer: dict[str, Any]) -> bool:
-    schema = answer.get("content", {}).get("application/json", {}).get("schema", {})
+def _is_problem(response: dict[str, Any]) -> bool:
+    schema = response.get("content", {}).get("application/json", {}).get("schema", {})
     return str(schema.get("$ref", "")).rpartition("/")[2] in _PROBLEM_SCHEMAS

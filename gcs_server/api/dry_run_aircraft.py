@@ -19,11 +19,11 @@ DEFAULT_HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 """Home position of PX4's own simulation, used for a mission whose positions are all relative to its start."""
 
 
-def aircraft_of(
+def aircraft_from_vehicle(
     vehicle: Vehicle | None, document: Document, role: str | None = None
 ) -> tuple[dict[str, Any], dict[str, float] | None, list[str]]:
-    """Returns the aircraft (`home`, `yaw_ned_rad`, `parameters`, `battery_share`), the local origin, and the
-    assumptions.
+    """Returns the simulated aircraft (`home`, `yaw_ned_rad`, `parameters`, `battery_share`), the local origin
+    (None: unknown), and the assumptions made because values were unknown.
 
     Args:
         vehicle: the real vehicle; None: PX4's defaults, at the planned start.
@@ -35,38 +35,38 @@ def aircraft_of(
         InvalidRequest: the start position is unknown.
     """
     planned = document.home if isinstance(document, OffboardMission) else document.planned_home
-    assumed: list[str] = []
+    assumptions: list[str] = []
     if vehicle is None:
-        assumed.append("No vehicle is named: PX4's defaults and a full battery are used.")
-        return {"home": _start(planned, document, role)}, None, assumed
-    who = f"vehicle {vehicle.id}" if role is None else "the vehicle"
+        assumptions.append("No vehicle is named: PX4's defaults and a full battery are used.")
+        return {"home": _planned_start(planned, document, role)}, None, assumptions
+    vehicle_name = f"vehicle {vehicle.id}" if role is None else "the vehicle"
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
     }
     if not aircraft["parameters"]:
-        assumed.append(f"The parameters of {who} have not been read: PX4's defaults are used.")
-    position = _start_position(vehicle, who, assumed)
+        assumptions.append(f"The parameters of {vehicle_name} have not been read: PX4's defaults are used.")
+    position = _start_position(vehicle, vehicle_name, assumptions)
     if position is None:
-        assumed.append(f"The position of {who} is not known: the plan's home is used.")
-        aircraft["home"] = _start(planned, document, role)
-        return aircraft, None, assumed
+        assumptions.append(f"The position of {vehicle_name} is not known: the plan's home is used.")
+        aircraft["home"] = _planned_start(planned, document, role)
+        return aircraft, None, assumptions
     aircraft["home"] = position
     attitude, battery = vehicle.topic("attitude"), vehicle.topic("battery")
     if attitude is not None and isinstance(attitude.value, Attitude):
         aircraft["yaw_ned_rad"] = attitude.value.yaw_ned_rad
     percent = battery.value.remaining_percent if battery and isinstance(battery.value, Battery) else None
     if percent is None:
-        assumed.append(f"The battery charge of {who} is not known: a full battery is used.")
+        assumptions.append(f"The battery charge of {vehicle_name} is not known: a full battery is used.")
     else:
         aircraft["battery_share"] = min(1.0, max(0.0, percent / 100.0))
     origin = VehicleEstimates(vehicle).origin()
-    return aircraft, None if origin is None else asdict(origin), assumed
+    return aircraft, None if origin is None else asdict(origin), assumptions
 
 
-def merged_assumptions(assumed: Mapping[str, Sequence[str]]) -> list[str]:
-    """Merges the assumptions of all roles: each sentence appears once, with the roles that it applies to."""
+def merged_assumptions(assumptions: Mapping[str, Sequence[str]]) -> list[str]:
+    """Merges the assumptions of all roles: each sentence appears once, after the roles that it applies to."""
     roles_of: dict[str, list[str]] = {}
-    for role, texts in assumed.items():
+    for role, texts in assumptions.items():
         for text in texts:
             roles_of.setdefault(text, []).append(role)
     return [
@@ -74,16 +74,19 @@ def merged_assumptions(assumed: Mapping[str, Sequence[str]]) -> list[str]:
     ]
 
 
-def _start_position(vehicle: Vehicle, who: str, assumed: list[str]) -> dict[str, float] | None:
-    """The vehicle's position on the ground; in flight, its home position."""
+def _start_position(vehicle: Vehicle, vehicle_name: str, assumptions: list[str]) -> dict[str, float] | None:
+    """The vehicle's position on the ground, or its home position in flight; None: unknown."""
     position, home = vehicle.topic("global_position"), vehicle.topic("home")
-    flies = vehicle.flight_state.armed and vehicle.flight_state.landed_state != "on_ground"
-    if position is not None and isinstance(position.value, GlobalPosition) and not flies:
+    in_flight = vehicle.flight_state.armed and vehicle.flight_state.landed_state != "on_ground"
+    if position is not None and isinstance(position.value, GlobalPosition) and not in_flight:
         return _coordinates(position.value)
     if home is None or not isinstance(home.value, Home):
         return None
-    if flies:
-        assumed.append(f"{who[0].upper()}{who[1:]} is flying: the dry run starts on the ground at its home.")
+    if in_flight:
+        assumptions.append(
+            f"{vehicle_name[0].upper()}{vehicle_name[1:]} is flying: the dry run starts on the ground at its "
+            "home."
+        )
     return _coordinates(home.value)
 
 
@@ -91,7 +94,7 @@ def _coordinates(value: GlobalPosition | Home | HomePosition) -> dict[str, float
     return {name: getattr(value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
-def _start(planned: HomePosition | None, document: Document, role: str | None) -> dict[str, float]:
+def _planned_start(planned: HomePosition | None, document: Document, role: str | None) -> dict[str, float]:
     """Start position of the plan, or of one of its roles."""
     if planned is None and not isinstance(document, OffboardMission):
         raise InvalidRequest(

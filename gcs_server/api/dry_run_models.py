@@ -61,13 +61,13 @@ class DryRunObstacle(StrictBody):
     north_m: Metres = Field(description="Centre, north of the vehicle's start position [m].")
     east_m: Metres = Field(description="Centre, east of the vehicle's start position [m].")
     length_m: float = Field(
-        gt=0, le=10_000, description="Length along its own x axis, which points north at yaw 0 [m]."
+        gt=0, le=10_000, description="Length along the box's x axis, which points north at yaw 0 [m]."
     )
-    width_m: float = Field(gt=0, le=10_000, description="Length along its own y axis [m].")
-    height_m: float = Field(gt=0, le=10_000, description="Height from its lower to its upper side [m].")
-    base_alt_home_m: Metres = Field(default=0.0, description="Altitude of its lower side above home [m].")
+    width_m: float = Field(gt=0, le=10_000, description="Length along the box's y axis [m].")
+    height_m: float = Field(gt=0, le=10_000, description="Height from the lower to the upper side [m].")
+    base_alt_home_m: Metres = Field(default=0.0, description="Altitude of the lower side above home [m].")
     yaw_ned_rad: float = Field(
-        default=0.0, ge=-7, le=7, description="Direction of its x axis, clockwise from north [rad]."
+        default=0.0, ge=-7, le=7, description="Direction of the box's x axis, clockwise from north [rad]."
     )
 
 
@@ -129,7 +129,7 @@ QuantilesModel = model_of(Quantiles, "DryRunQuantiles")
 
 
 class DryRunStep(ResponseBody):
-    """When a step was flown; a repeated step is listed each time."""
+    """One execution of a step; a repeated step is listed once for each execution."""
 
     place: str = Field(description="`item 3` of a waypoint plan, `step 4.2` of an offboard mission.")
     title: str = Field(description="Title of the step.")
@@ -149,10 +149,10 @@ class DryRunFindingModel(ResponseBody):
 
     code: str = Field(description="Stable code; `docs/missions.md` lists all.", examples=["fence_touched"])
     severity: Literal["error", "warning"] = Field(
-        description="error: do not fly this plan; warning: check it."
+        description="error: do not fly this plan; warning: check the plan."
     )
     text: str = Field(description="Message for the pilot.")
-    step: str | None = Field(description="Step where it happened (its `place`).")
+    step: str | None = Field(description="Step in which the problem occurred (its `place`).")
     t_s: float | None = Field(description="Time since the start of the flight [s].")
     position_ned_m: Vector3 | None = Field(description="Position of the vehicle, from `origin` [m].")
 
@@ -171,9 +171,9 @@ class DryRunPath(ResponseBody):
     gimbal_rad: list[tuple[float, float]] = Field(description="Pitch (up is positive), yaw from north [rad].")
     battery_share: list[float] | None = Field(description="Battery charge, 0 to 1; null: not known.")
     ground_m: list[float] | None = Field(
-        description="Height of the ground below the vehicle, above `origin` [m]; null: level ground."
+        description="Altitude of the ground below the vehicle, above `origin` [m]; null: level ground."
     )
-    step: list[int] = Field(description="Index in `step_places`; -1: none.")
+    step: list[int] = Field(description="Index in `step_places`; -1: no step.")
     step_places: list[str] = Field(description="Names of the flown steps.")
 
 
@@ -183,12 +183,12 @@ class DryRunFlight(ResponseBody):
     origin: OriginModel = Field(description="Start position of the vehicle; origin of all local positions.")  # type: ignore[valid-type]
     conditions: DryRunConditions = Field(description="Conditions of this flight.")
     finished: bool = Field(description="Whether the whole plan was flown.")
-    landed: bool = Field(description="Whether it ended on the ground, disarmed.")
+    landed: bool = Field(description="Whether the vehicle was on the ground and disarmed at the end.")
     duration_s: float = Field(description="Time from arming to the end [s].")
     length_m: float = Field(description="Length of the flown path [m].")
     battery_start_share: float = Field(description="Battery charge at the start, 0 to 1.")
     battery_end_share: float | None = Field(
-        description="Battery charge at the end; null: its drain is not known."
+        description="Battery charge at the end; null: the battery's drain is not known."
     )
     fence_distance_m: float | None = Field(
         description="Smallest distance to the geofence [m]; negative: outside; null: no geofence."
@@ -212,7 +212,7 @@ class DryRunBand(ResponseBody):
 
 
 class DryRunCorridor(ResponseBody):
-    """Deviation of the flights from the nominal one, at up to 400 points of its path."""
+    """Deviation of the flights from the nominal flight, at up to 400 points of the nominal path."""
 
     t_s: list[float] = Field(description="Time since the start of the nominal flight [s].")
     position_ned_m: list[Vector3] = Field(description="Position of the nominal flight, from `origin` [m].")
@@ -237,7 +237,7 @@ class DryRunSummary(ResponseBody):
     obstacle_distance_m: float | None = Field(
         description="Smallest distance to an obstacle [m]; null: no obstacles."
     )
-    findings: list[str] = Field(description="Codes of its findings.")
+    findings: list[str] = Field(description="Codes of the flight's findings.")
 
 
 class DryRunMonteCarlo(ResponseBody):
@@ -245,7 +245,7 @@ class DryRunMonteCarlo(ResponseBody):
 
     spread: DryRunSpread = Field(description="How the conditions varied.")
     seed: int = Field(description="Seed of the varied conditions, noise and gusts.")
-    flights: list[DryRunSummary] = Field(description="All flights except the nominal one.")
+    flights: list[DryRunSummary] = Field(description="All flights except the nominal flight.")
     corridor: DryRunCorridor | None = Field(description="Null: the nominal flight did not start.")
     duration_s: QuantilesModel | None = Field(  # type: ignore[valid-type]
         description="Duration of the finished flights [s]; null: no flight was finished."
@@ -267,19 +267,19 @@ class DryRunClosest(ResponseBody):
     """Smallest distance between two vehicles."""
 
     roles: tuple[str, str] = Field(description="Their roles.")
-    distance_m: float = Field(description="Between their centres [m].")
+    distance_m: float = Field(description="Distance between the vehicles' centres [m].")
     t_s: float = Field(description="Time since the common start [s].")
 
 
 class DryRunPairDistance(ResponseBody):
-    """How near two vehicles come to each other in many flights."""
+    """Smallest distance between two vehicles in many flights."""
 
     roles: tuple[str, str] = Field(description="Their roles.")
     distance_m: QuantilesModel = Field(  # type: ignore[valid-type]
         description="Smallest distance of each flight, between the centres [m]."
     )
     nearer_than_minimum: ChanceModel = Field(  # type: ignore[valid-type]
-        description="Probability that they come nearer than the minimum separation of the mission."
+        description="Probability that the two vehicles come nearer than the mission's minimum separation."
     )
 
 
@@ -316,7 +316,7 @@ class DryRunView(ResponseBody):
         description="Vehicle whose parameters, position and battery charge were used."
     )
     vehicles: dict[str, str] | None = Field(
-        description="The same for a mission with roles: the vehicle of each role."
+        description="For a mission with roles: the vehicle whose values were used, for each role."
     )
     assumed: list[str] = Field(description="Assumptions made because values were unknown; sentences.")
     nominal: DryRunFlight = Field(

@@ -1,4 +1,4 @@
-"""The dry run that a start of a waypoint plan names."""
+"""Path and corridor of the dry run with which the flight of a waypoint plan is compared."""
 
 from __future__ import annotations
 
@@ -20,35 +20,36 @@ def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> 
 
     Raises:
         UnknownDryRun: there is no such dry run.
-        Refused: it was made for another plan, has not flown the whole plan, or began at another position.
+        Refused: the dry run was made for another plan, did not fly the whole plan, or began at another
+            position.
     """
     if dry_run_id is None:
         return None
     result = station.dry_runs.get(dry_run_id)
-    held = vehicle.mission.items_on_vehicle
-    if result["kind"] != "waypoint_plan" or held is None or vehicle.mission.plan_on_vehicle() != "plan":
-        raise _another_plan(vehicle, dry_run_id)
+    on_vehicle = vehicle.mission.items_on_vehicle
+    if result["kind"] != "waypoint_plan" or on_vehicle is None or vehicle.mission.plan_on_vehicle() != "plan":
+        raise _wrong_plan_refusal(vehicle, dry_run_id)
     plan = plan_document.read(station.dry_runs.plan(dry_run_id))
     items = mavlink_items.mission_items(plan)
-    if any(each.essential for each in differences("mission", items, held.items["mission"])):
-        raise _another_plan(vehicle, dry_run_id)
-    ground_ned_m, origin = _ground(vehicle)
+    if any(each.essential for each in differences("mission", items, on_vehicle.items["mission"])):
+        raise _wrong_plan_refusal(vehicle, dry_run_id)
+    ground_ned_m, origin = _ground_position(vehicle)
     planned, corridor = path_of(result, plan, ground_ned_m, origin)
     return DryRunPath(dry_run_id, planned, corridor)
 
 
-def _another_plan(vehicle: Vehicle, dry_run_id: str) -> Refused:
+def _wrong_plan_refusal(vehicle: Vehicle, dry_run_id: str) -> Refused:
     return Refused(
         f"Dry run {dry_run_id} was not made for the plan on vehicle {vehicle.id}.",
         remedy="Fly the plan on the vehicle in simulation, and name that dry run.",
     )
 
 
-def _ground(vehicle: Vehicle) -> tuple[Vector3, LocalOrigin]:
-    """The vehicle's position on the ground, in flight its home; and the origin of its local frame.
+def _ground_position(vehicle: Vehicle) -> tuple[Vector3, LocalOrigin]:
+    """The vehicle's position on the ground, or its home in flight; and the origin of its local frame.
 
     Raises:
-        Refused: they are unknown.
+        Refused: the position, the home or the origin is unknown.
     """
     estimates, status = VehicleEstimates(vehicle), vehicle.status
     local, home, origin = estimates.local(), estimates.home(), estimates.origin()

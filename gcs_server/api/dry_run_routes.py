@@ -8,13 +8,13 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import dry_run_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.dry_run_aircraft import aircraft_of, merged_assumptions
+from gcs_server.api.dry_run_aircraft import aircraft_from_vehicle, merged_assumptions
 from gcs_server.api.joint_mission_routes import require_roles
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.plan_checks import text_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.commands import API
 from gcs_server.errors import InvalidRequest, Refused
@@ -38,9 +38,11 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
     A dry run is an operation with progress; `DELETE /operations/{id}` cancels it. After success, `GET
     /dry_runs/{d}` returns the result; `d` is `result.dry_run` of the operation. At most two run at a time.
     """
-    about_body = body.model_dump(include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True)
-    with authorized_command(station, principal, "dry_runs/start", None, about_body):
-        stored, document = await _chosen(station, body)
+    journal_arguments = body.model_dump(
+        include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True
+    )
+    with authorized_command(station, principal, "dry_runs/start", None, journal_arguments):
+        reference, document = await _chosen_plan(station, body)
         simulated, assumed = _role_vehicles(station, body, document) or _single_vehicle(
             station, body, document
         )
@@ -56,19 +58,19 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
             "spread": body.spread.model_dump(),
             "elevation": await station.plan_work.elevation_paths(),
         }  # fmt: skip
-        about = {
-            "kind": kind, **stored, "vehicle": body.vehicle, "vehicles": body.vehicles, "assumed": assumed,
+        details = {
+            "kind": kind, **reference, "vehicle": body.vehicle, "vehicles": body.vehicles, "assumed": assumed,
         }  # fmt: skip
         dry_run_id = station.dry_runs.next_id()
 
         async def work(report: ReportProgress) -> dict[str, object]:
-            return await station.dry_runs.run(dry_run_id, request, about, report)
+            return await station.dry_runs.run(dry_run_id, request, details, report)
 
         operation = station.operations.start(
             "dry_run", work, text="The simulated vehicles start.", subject=dry_run_id,
             by=(principal.name, principal.key),
         )  # fmt: skip
-        response = answer(operation_view(operation), 202)
+        response = json_response(operation_view(operation), 202)
         response.headers["Location"] = f"{API}/operations/{operation.id}"
         return response
 
@@ -76,7 +78,7 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
 @router.get("/{d}", response_model=m.DryRunView)
 async def show_dry_run(d: str, station: StationDep) -> Response:
     """The result of a dry run; the last ten are stored until the server is shut down."""
-    return answer(station.dry_runs.get(d))
+    return json_response(station.dry_runs.get(d))
 
 
 def _single_vehicle(station: Station, body: m.DryRunRequest, document: Document) -> Simulated:
@@ -85,7 +87,7 @@ def _single_vehicle(station: Station, body: m.DryRunRequest, document: Document)
             "vehicles", "The plan has no roles: one vehicle flies it.", remedy="Name it in `vehicle`."
         )
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    aircraft, origin, assumed = aircraft_of(vehicle, document)
+    aircraft, origin, assumed = aircraft_from_vehicle(vehicle, document)
     return {"roles": None, "aircraft": {**aircraft, **_battery(body)}, "origin": origin}, assumed
 
 
@@ -118,9 +120,8 @@ def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) 
     assumed: dict[str, list[str]] = {}
     for role in document.roles:
         vehicle = None if body.vehicles is None else station.fleet.get(body.vehicles[role])
-        aircraft, origin, unknown = aircraft_of(vehicle, document, role)
+        aircraft, origin, assumed[role] = aircraft_from_vehicle(vehicle, document, role)
         roles[role] = {"aircraft": {**aircraft, **_battery(body)}, "origin": origin}
-        assumed[role] = unknown
     return {"roles": roles}, merged_assumptions(assumed)
 
 
@@ -128,8 +129,8 @@ def _battery(body: m.DryRunRequest) -> dict[str, Any]:
     return {"endurance_s": body.endurance_s, "battery_reserve": body.battery_reserve}
 
 
-async def _chosen(station: Station, body: m.DryRunRequest) -> tuple[dict[str, Any], Document]:
-    """The chosen plan: its name, and its document."""
+async def _chosen_plan(station: Station, body: m.DryRunRequest) -> tuple[dict[str, Any], Document]:
+    """Name, id and version of the plan in the request, and its document."""
     if body.plan is not None:
         return {"name": None, "plan_id": None, "version": None}, body.plan
     assert body.plan_id is not None

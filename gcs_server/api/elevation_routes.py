@@ -6,7 +6,7 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import plan_models as m
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import StationDep
 
 router = APIRouter(prefix="/elevation", tags=["plans"], responses=RESPONSES)
@@ -16,5 +16,5 @@ router = APIRouter(prefix="/elevation", tags=["plans"], responses=RESPONSES)
 async def list_elevation_files(station: StationDep) -> Response:
     """The elevation files in the data folder, from the finest grid to the coarsest, and the files that cannot
     be read."""
-    found = await station.plan_work.run("elevation_files", {}, small=False)
-    return answer({"folder": str(station.plan_work.elevation), **found})
+    files = await station.plan_work.run("elevation_files", {}, small=False)
+    return json_response({"folder": str(station.plan_work.elevation), **files})

@@ -1,4 +1,4 @@
-"""Request bodies and answers about groups, for the OpenAPI description."""
+"""Request and response bodies of the routes of groups, for the OpenAPI description."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VehicleId = Annotated[str, Field(min_length=1, max_length=32, description="A veh
 
 
 class MemberBody(StrictBody):
-    """One vehicle of the group and its setpoint, in its own local frame."""
+    """One vehicle of the group and its setpoint, in the vehicle's local frame."""
 
     vehicle: VehicleId
     setpoint: AnySetpoint
@@ -76,7 +76,7 @@ class StartGroup(_GroupValidity):
     )
     others_go_on: bool = Field(
         default=False,
-        description="Whether members without a problem continue if one has a problem; otherwise all hold.",
+        description="Whether the other members continue if a member has a problem; false: all members hold.",
     )
 
     @model_validator(mode="after")
@@ -148,5 +148,5 @@ class GroupList(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     groups: list[GroupModel] = Field(  # type: ignore[valid-type]
-        description="All groups, including those that ended recently; oldest first."
+        description="All groups, including groups that ended recently; oldest first."
     )

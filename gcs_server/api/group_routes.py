@@ -13,7 +13,7 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.offboard_stream import arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer, fields_of
+from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl
@@ -35,19 +35,19 @@ async def start(body: models.StartGroup, station: StationDep, principal: Princip
     with authorized_commands(station, principal, "group/start", arguments):
         status = await station.groups.start(body.to_group_request(principal))
         limits = {vehicle: station.offboard(vehicle).limits() for vehicle in arguments}
-        return answer(fields_of(status) | {"limits": limits}, status_code=201)
+        return json_response(fields_of(status) | {"limits": limits}, status_code=201)
 
 
 @router.get("", response_model=models.GroupList)
 async def show_all(station: StationDep) -> Response:
-    """All groups, including those that ended recently."""
-    return answer({"groups": station.groups.all()})
+    """All groups, including groups that ended recently."""
+    return json_response({"groups": station.groups.all()})
 
 
 @router.get("/{g}", response_model=models.GroupModel)
 async def show(g: str, station: StationDep) -> Response:
     """State of a group: its members, the closest pair, and its findings."""
-    return answer(station.groups.get(g))
+    return json_response(station.groups.get(g))
 
 
 @router.post("/{g}/setpoints", response_model=models.GroupModel)
@@ -61,9 +61,9 @@ async def setpoints(
         if member.vehicle not in members:
             field = f"setpoints.{index}.vehicle"
             raise InvalidRequest(field, f"{field}: vehicle {member.vehicle} is not in group {g}.")
-    named = {member.vehicle: arguments_of(member) for member in body.setpoints}
+    setpoint_arguments = {member.vehicle: arguments_of(member) for member in body.setpoints}
     arguments: dict[str, dict[str, Any]] = {
-        vehicle: {"group": g, "valid_for_s": body.valid_for_s, **named.get(vehicle, {})}
+        vehicle: {"group": g, "valid_for_s": body.valid_for_s, **setpoint_arguments.get(vehicle, {})}
         for vehicle in members
     }
     with authorized_commands(station, principal, "offboard/setpoint", arguments):
@@ -71,7 +71,7 @@ async def setpoints(
         status = await station.groups.setpoints(
             g, setpoints_by_vehicle, body.valid_for_s, body.expiry(), principal.name, principal.key
         )
-        return answer(status)
+        return json_response(status)
 
 
 @router.post("/{g}/hold", response_model=models.GroupModel)
@@ -81,7 +81,7 @@ async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response
     with authorized_commands(
         station, principal, "hold", {v: {"group": g} for v in station.groups.members(g)}
     ):
-        return answer(await station.groups.hold(g, principal.name))
+        return json_response(await station.groups.hold(g, principal.name))
 
 
 @contextmanager
@@ -94,15 +94,17 @@ def authorized_commands(
     Raises:
         NotInControl: another client has control of a member; the error names the member.
     """
-    refused = station.authority.refusal(principal, command, arguments)
-    with ExitStack() as lines:
-        for vehicle_id, each in arguments.items():
-            line = authorized_command(station, principal, command, vehicle_id, each, refused=refused)
-            if refused is None:
-                lines.enter_context(line)
+    refusal = station.authority.refusal(principal, command, arguments)
+    with ExitStack() as commands:
+        for vehicle_id, vehicle_arguments in arguments.items():
+            vehicle_command = authorized_command(
+                station, principal, command, vehicle_id, vehicle_arguments, refusal=refusal
+            )
+            if refusal is None:
+                commands.enter_context(vehicle_command)
             else:
-                with suppress(NotInControl), line:
+                with suppress(NotInControl), vehicle_command:
                     pass
-        if refused is not None:
-            raise refused
+        if refusal is not None:
+            raise refusal
         yield

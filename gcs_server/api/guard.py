@@ -20,8 +20,8 @@ from gcs_server.api.access import (
     RequestHead,
     SignedIn,
     form_fields,
+    location_without_token,
     token_refusal,
-    without_token,
 )
 from gcs_server.api.problems import problem
 from gcs_server.api.sign_in_page import sign_in_page
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 POLICY_VIOLATION = 1008
 MAX_FORM_LENGTH = 4096
 FORM_DEADLINE_S = 10.0
-QUIET_S = 10.0
+LOG_PERIOD_S = 10.0
 """Time between two log lines about wrong tokens, so that guessed tokens do not fill the log."""
 
 
@@ -62,25 +62,25 @@ class Guard:
                 reason = verdict.code
             await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
         else:
-            await (await self._answer(head, verdict, scope, receive))(scope, receive, send)
+            await (await self._respond(head, verdict, scope, receive))(scope, receive, send)
 
-    async def _answer(
+    async def _respond(
         self, head: RequestHead, verdict: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
     ) -> Response:
         if isinstance(verdict, Refusal):
             self._log_wrong_token(scope, verdict)
-            return _refused(head, verdict)
+            return _refusal_response(head, verdict)
         if isinstance(verdict, SignedIn):
             location = verdict.location
         else:
-            given, location = await _read_form(scope, receive)
-            if not self._access.is_token(given):
+            token, location = await _read_form(scope, receive)
+            if not self._access.is_token(token):
                 refusal = token_refusal("This token is not valid.", wrong_token=True)
                 self._log_wrong_token(scope, refusal)
                 return sign_in_page(refusal, location)
-        answer = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})
-        answer.headers["Set-Cookie"] = self._access.cookie(secure=head.secure)
-        return answer
+        response = RedirectResponse(location, status_code=303, headers={"Cache-Control": "no-store"})
+        response.headers["Set-Cookie"] = self._access.cookie(secure=head.secure)
+        return response
 
     def _log_wrong_token(self, scope: Scope, refusal: Refusal) -> None:
         """Logs wrong tokens. They never block a client, because that client could be the pilot."""
@@ -88,28 +88,28 @@ class Guard:
             return
         self._wrong_count += 1
         now_s = self._clock.monotonic_s()
-        if now_s - self._logged_s < QUIET_S:
+        if now_s - self._logged_s < LOG_PERIOD_S:
             return
         caller = scope["client"][0] if scope.get("client") else "an unknown client"
         log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_count)
         self._wrong_count, self._logged_s = 0, now_s
 
 
-def _refused(head: RequestHead, refusal: Refusal) -> Response:
+def _refusal_response(head: RequestHead, refusal: Refusal) -> Response:
     headers = {"Cache-Control": "no-store"}
     if refusal.status == 401:
         if head.only_reads and "text/html" in head.headers.get("accept", ""):
-            page = sign_in_page(refusal, without_token(head.path, head.query))
+            page = sign_in_page(refusal, location_without_token(head.path, head.query))
             if head.is_navigation and head.is_cross_site:
                 # A browser does not send the cookie when another site links to this page, but does when the
                 # page reloads.
                 page.headers["Refresh"] = "0"
             return page
-        failed = ' error="invalid_token"' if refusal.wrong_token else ""
-        headers["WWW-Authenticate"] = "Bearer" + failed
-    answer = problem(refusal.status, refusal.title, refusal.code, refusal.detail, remedy=refusal.remedy)
-    answer.headers.update(headers)
-    return answer
+        error = ' error="invalid_token"' if refusal.wrong_token else ""
+        headers["WWW-Authenticate"] = "Bearer" + error
+    response = problem(refusal.status, refusal.title, refusal.code, refusal.detail, remedy=refusal.remedy)
+    response.headers.update(headers)
+    return response
 
 
 async def _read_form(scope: Scope, receive: Receive) -> tuple[str, str]:

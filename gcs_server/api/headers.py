@@ -1,4 +1,4 @@
-"""Security headers of every answer: the browser may run and load only content of this server.
+"""Security headers of every response: the browser may run and load only content of this server.
 
 The 3D view has its own policy (`scene/page.py`); headers that a route has set are kept.
 """
@@ -23,17 +23,17 @@ FIXED = {
 def content_policy(host: str, *, secure: bool) -> str:
     """Content security policy: scripts, styles and connections from this server only; images also from
     `data:` and `blob:` URLs."""
-    # Added because not every browser includes WebSockets in 'self'.
-    stream = f" {'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
+    # Not every browser includes the WebSockets of this server in 'self'.
+    websocket_source = f" {'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
     return (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
-        f"font-src 'self'; manifest-src 'self'; connect-src 'self'{stream}; frame-src 'self'; "
+        f"font-src 'self'; manifest-src 'self'; connect-src 'self'{websocket_source}; frame-src 'self'; "
         "worker-src 'self'; frame-ancestors 'self'; base-uri 'none'; form-action 'self'"
     )
 
 
 def security_headers(scope: Scope) -> dict[str, str]:
-    """The security headers for the answer to a request."""
+    """The security headers for the response to a request."""
     host = Headers(scope=scope).get("host", "")
     return {
         **FIXED,
@@ -42,7 +42,7 @@ def security_headers(scope: Scope) -> dict[str, str]:
 
 
 class SecurityHeaders:
-    """ASGI middleware: adds the security headers that an answer does not have yet."""
+    """ASGI middleware: adds the security headers that a response does not have yet."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -52,11 +52,11 @@ class SecurityHeaders:
             await self._app(scope, receive, send)
             return
 
-        async def with_headers(message: Message) -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in security_headers(scope).items():
                     headers.setdefault(name, value)
             await send(message)
 
-        await self._app(scope, receive, with_headers)
+        await self._app(scope, receive, send_with_headers)

@@ -11,7 +11,7 @@ from gcs_server.api.authorized import authorized_command, progress_to
 from gcs_server.api.group_models import VehicleId
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.setpoint_fields import example
 from gcs_server.api.station import StationDep
 from gcs_server.api.strict_body import StrictBody
@@ -75,4 +75,4 @@ async def hold_several(body: HoldRequest, station: StationDep, principal: Princi
     for result in results:
         if isinstance(result, BaseException):  # an error of one vehicle does not stop the others
             raise result
-    return answer({"results": results})
+    return json_response({"results": results})

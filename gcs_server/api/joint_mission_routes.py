@@ -11,11 +11,16 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.group_routes import authorized_commands
-from gcs_server.api.offboard_mission_routes import check_findings, chosen_mission, corridor_for, start_of
+from gcs_server.api.offboard_mission_routes import (
+    check_findings,
+    chosen_mission,
+    corridor_for,
+    start_conditions,
+)
 from gcs_server.api.plan_checks import plan_context_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.streamer.missions.missions import low_battery_share
@@ -66,7 +71,7 @@ async def start_joint_mission(
                     await station.offboard(vehicle.id).avoidance.wait_for_sensor()
         await station.missions.ready()
         for vehicle in vehicles.values():
-            _require_ready(vehicle)  # again: the compilation takes seconds
+            _require_ready(vehicle)  # checked again, because the compilation takes seconds
         starts: dict[str, tuple[str, Start]] = {}
         for role, vehicle in vehicles.items():
             timeline, motion = timelines[role]
@@ -76,14 +81,16 @@ async def start_joint_mission(
             )  # fmt: skip
         station.missions.begin_together(starts, mission.separation_m)
         views = [{"vehicle": v.id, "mission": station.missions.status(v.id)} for v in vehicles.values()]
-        return answer({"vehicles": views})
+        return json_response({"vehicles": views})
 
 
-def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, str]) -> dict[str, Vehicle]:
+def _vehicles_of(
+    station: Station, mission: OffboardMission, vehicle_ids: dict[str, str]
+) -> dict[str, Vehicle]:
     """The vehicles by role, in the order of the document; all of them can be armed or are flying.
 
     Raises:
-        InvalidRequest: the mission has no roles, or the named roles differ from its roles.
+        InvalidRequest: the mission has no roles, or `vehicle_ids` has other roles.
     """
     if not mission.roles:
         raise InvalidRequest(
@@ -91,18 +98,18 @@ def _vehicles_of(station: Station, mission: OffboardMission, named: dict[str, st
             f"{mission.name!r} has no roles: one vehicle flies it.",
             remedy="Start it with that vehicle (POST /vehicles/{v}/offboard_mission/start).",
         )
-    require_roles(mission, named)
-    vehicles = {role: station.fleet.get(named[role]) for role in mission.roles}
+    require_roles(mission, vehicle_ids)
+    vehicles = {role: station.fleet.get(vehicle_ids[role]) for role in mission.roles}
     for vehicle in vehicles.values():
         vehicle.require_commandable()
         _require_ready(vehicle)
     return vehicles
 
 
-def require_roles(mission: OffboardMission, named: Mapping[str, str]) -> None:
-    """Raises InvalidRequest unless exactly the roles of the mission are named."""
-    missing = [role for role in mission.roles if role not in named]
-    unknown = [role for role in named if role not in mission.roles]
+def require_roles(mission: OffboardMission, vehicle_ids: Mapping[str, str]) -> None:
+    """Raises InvalidRequest unless `vehicle_ids` has exactly the roles of the mission."""
+    missing = [role for role in mission.roles if role not in vehicle_ids]
+    unknown = [role for role in vehicle_ids if role not in mission.roles]
     if missing or unknown:
         problem = f"role {missing[0]!r} has no vehicle" if missing else f"there is no role {unknown[0]!r}"
         raise InvalidRequest(
@@ -130,5 +137,5 @@ def _compile_context(station: Station, vehicle: Vehicle) -> dict[str, Any]:
         "parameters": context.parameters,
         "reported": context.reported,
         "operator": context.operator.to_json(),
-        "start": start_of(vehicle),
+        "start": start_conditions(vehicle),
     }

@@ -13,7 +13,7 @@ from fastapi.responses import FileResponse
 
 from gcs_server.api import responses
 from gcs_server.api.problems import RESPONSES, Problem, problem
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.storage.maps import MapError, MapInfo, is_map_name, read_map, read_tile
 
@@ -30,7 +30,7 @@ GZIP_MAGIC = b"\x1f\x8b"
 async def list_maps(station: StationDep) -> Response:
     """The map files in the data folder, sorted by name, and the files that cannot be read."""
     maps, unreadable = await asyncio.to_thread(_scan_folder, station)
-    return answer({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
+    return json_response({"folder": str(station.maps), "maps": maps, "unreadable": unreadable})
 
 
 @router.get(
@@ -47,16 +47,16 @@ async def map_file(
     name: str, station: StationDep, range_header: Annotated[str | None, Header(alias="Range")] = None
 ) -> Response:
     """A PMTiles file, or the part requested by a Range header."""
-    path = await _find(station, name)
+    path = await _find_map(station, name)
     if path is None or path.suffix != ".pmtiles":
-        return _unknown(name)
+        return _unknown_map_response(name)
     if range_header is not None and not _is_within(range_header, path.stat().st_size):
         return problem(
             416,
             "No such part",
             "no_such_part",
             f"{name} has no part {range_header[:100]!r}.",
-            remedy="Ask for `bytes=FIRST-LAST` within the file.",
+            remedy="Request `bytes=FIRST-LAST` within the file.",
         )
     return FileResponse(path, media_type="application/octet-stream", headers=REVALIDATE)
 
@@ -78,9 +78,9 @@ async def map_tile(
     station: StationDep,
 ) -> Response:
     """A tile of an MBTiles file, y counted from the north."""
-    path = await _find(station, name)
+    path = await _find_map(station, name)
     if path is None or path.suffix != ".mbtiles":
-        return _unknown(name)
+        return _unknown_map_response(name)
     info = await asyncio.to_thread(read_map, path)
     tile = await asyncio.to_thread(read_tile, path, zoom, x, y)
     if tile is None:
@@ -130,13 +130,13 @@ def _entry(info: MapInfo) -> dict[str, object]:
     }
 
 
-async def _find(station: Station, name: str) -> File | None:
+async def _find_map(station: Station, name: str) -> File | None:
     if not is_map_name(name):
         return None
     path = station.maps / name
     return path if await asyncio.to_thread(path.is_file) else None
 
 
-def _unknown(name: str) -> Response:
+def _unknown_map_response(name: str) -> Response:
     detail = f"There is no map {name!r} of this kind; GET /api/v1/maps lists the maps."
     return problem(404, "Not found", "unknown_map", detail)

@@ -1,4 +1,4 @@
-"""Bodies and answers of the routes for missions that are registered with PX4 as flight modes."""
+"""Request and response bodies of the routes for missions that are registered with PX4 as flight modes."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ class RegisterMode(WhichMission):
         default=0,
         ge=0,
         le=MAX_DEFERRAL_S,
-        description="How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never. It "
-        "defers its reaction to a lost ground station connection, lost manual control or a low battery.",
+        description="How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. "
+        "PX4 defers its reaction to a lost ground station connection, lost manual control or a low battery.",
     )
 
 
@@ -46,5 +46,7 @@ class MissionModesView(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     vehicle: str = Field(description="The vehicle's id.")
-    possible: bool = Field(description="Whether the vehicle is reached over ROS 2, which modes need.")
-    modes: list[MissionModeModel] = Field(description="The modes.")  # type: ignore[valid-type]
+    possible: bool = Field(
+        description="Whether the server has a ROS 2 connection to the vehicle, which modes need."
+    )
+    modes: list[MissionModeModel] = Field(description="The registered modes.")  # type: ignore[valid-type]

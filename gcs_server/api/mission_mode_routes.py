@@ -8,11 +8,11 @@ from fastapi import APIRouter, Response
 
 from gcs_server.api import mission_mode_models as m
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.offboard_mission_routes import chosen_mission, prepared_start, start_of
+from gcs_server.api.offboard_mission_routes import chosen_mission, prepared_start, start_conditions
 from gcs_server.api.plan_checks import plan_context_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.errors import Refused
 from gcs_server.streamer.missions.mode_status import MissionAsMode
@@ -33,7 +33,7 @@ async def show_modes(vehicle: VehicleDep, station: StationDep) -> Response:
 
 @router.post("/register", response_model=m.MissionModesView)
 async def register(v: str, body: m.RegisterMode, station: StationDep, principal: PrincipalDep) -> Response:
-    """Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
+    """Registers a mission with PX4 as a flight mode; answers when PX4 has accepted the mode.
 
     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
     when the mode is selected in the air. At registration, the mission is compiled and checked from the
@@ -65,10 +65,10 @@ async def unregister(
 
 
 async def prepare_mode(station: Station, vehicle_id: str, mode: MissionAsMode) -> Start:
-    """The mission of a mode, compiled for the vehicle's present position.
+    """The mission of a mode, compiled and checked for the vehicle's present position.
 
     Raises:
-        GcsError: it cannot be flown from there.
+        GcsError: the mission cannot be flown from the present position.
     """
     vehicle = station.fleet.get(vehicle_id)
     overrides = _home_when_armed(vehicle) if mode.takes_off else {"in_air": True}
@@ -81,7 +81,7 @@ def compile_inputs_of(station: Station, vehicle_id: str) -> Conditions | None:
     """Position, yaw and settings for a mission that is compiled now; None: no valid position."""
     vehicle = station.fleet.get(vehicle_id)
     try:
-        start = start_of(vehicle)
+        start = start_conditions(vehicle)
     except Refused:
         return None
     context = plan_context_of(station, vehicle)
@@ -107,4 +107,4 @@ def _view(station: Station, vehicle_id: str) -> Response:
     vehicle = station.fleet.get(vehicle_id)
     possible = dds_address(vehicle) is not None
     modes = station.mission_modes.all(vehicle_id)
-    return answer({"vehicle": vehicle_id, "possible": possible, "modes": modes})
+    return json_response({"vehicle": vehicle_id, "possible": possible, "modes": modes})

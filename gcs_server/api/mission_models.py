@@ -1,4 +1,4 @@
-"""Bodies and answers of the routes for a vehicle's mission."""
+"""Request and response bodies of the routes for a vehicle's mission."""
 
 from __future__ import annotations
 
@@ -60,9 +60,9 @@ class StartRequest(StrictBody):
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
         default=[],
         description="Codes of the plan's error findings that the caller accepts; `plan_not_known` if the "
-        "server does not know which plan is on the vehicle; `flight_from_here` for errors of a flight from "
-        "here to a later `item` and onwards, which the plan itself does not have; `separation` if the flight "
-        "may come too near to another vehicle.",
+        "server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight "
+        "from the vehicle's position to a later `item` and onwards has; `separation` if the vehicle may come "
+        "too near to another vehicle.",
     )
     dry_run: Annotated[str, Field(max_length=20)] | None = Field(
         default=None,
@@ -89,9 +89,9 @@ class HeldView(ResponseBody):
     """The plan on the vehicle."""
 
     state: Literal["plan", "another", "not_known"] = Field(
-        description="plan: the vehicle has `plan`; another: the vehicle has another plan than the one that "
-        "was uploaded last; not_known: the server has not uploaded or compared the plan on the vehicle, or "
-        "the vehicle reports no ids."
+        description="plan: the vehicle has `plan`; another: the vehicle has another plan than `plan`; "
+        "not_known: the server has not uploaded or compared the plan on the vehicle, or the vehicle reports "
+        "no ids."
     )
     plan: PlanNameModel | None = Field(  # type: ignore[valid-type]
         description="The last uploaded and verified plan, to which `state` refers."
@@ -111,15 +111,15 @@ class MissionView(ResponseBody):
     holds: HeldView = Field(description="The plan on the vehicle.")
     transfer: str | None = Field(description="The running transfer; null: no transfer is running.")
     flight: WaypointFlightModel | None = Field(  # type: ignore[valid-type]
-        description="As in the topic `waypoint_flight`; null: none since the server started."
+        description="As in the topic `waypoint_flight`; null: no flight since the server started."
     )
     resume: ResumeModel | None = Field(  # type: ignore[valid-type]
         description="Where an interrupted flight of the plan on the vehicle can be resumed after a landing, "
         "also after a restart of the vehicle or the server; null: see `no_resume`."
     )
     no_resume: str | None = Field(
-        description="Why the interrupted flight cannot be resumed, as a sentence; null: it can, or none was "
-        "interrupted."
+        description="Why the interrupted flight cannot be resumed, as a sentence; null: it can be resumed, "
+        "or no flight was interrupted."
     )
     if_link_lost: str | None = Field(
         description="What the vehicle does in Mission mode if the server or its link fails, by its "
@@ -137,7 +137,7 @@ class DownloadedPlan(ResponseBody):
     )
     read_unix_s: float = Field(description="Time of the download [s since 1970 UTC].")
     still_held: bool | None = Field(
-        description="Whether the vehicle still reports the same ids; null: no ids."
+        description="Whether the vehicle still reports the same mission ids; null: it reports no ids."
     )
     notes: list[str] = Field(description="Content that the plan cannot represent; sentences.")
 
@@ -151,4 +151,6 @@ class MissionComparison(ResponseBody):
         description="At most 50 each for mission, geofence and rally points."
     )
     read_unix_s: float = Field(description="Time of the download [s since 1970 UTC].")
-    still_held: bool | None = Field(description="Whether the vehicle still reports the same ids.")
+    still_held: bool | None = Field(
+        description="Whether the vehicle still reports the same mission ids; null: it reports no ids."
+    )

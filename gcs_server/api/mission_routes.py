@@ -11,14 +11,14 @@ from msgspec import Raw
 from gcs_server.api import mission_models as m
 from gcs_server.api import responses
 from gcs_server.api.authorized import authorized_command, progress_to
-from gcs_server.api.mission_start import check_start, still_held
+from gcs_server.api.mission_start import check_start, is_still_on_vehicle
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
-from gcs_server.api.vehicle_routes import carry_out
+from gcs_server.api.vehicle_routes import run_command
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
@@ -45,27 +45,27 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
     If the server knows the plan, it reads the parameters for `if_link_lost` in the background, and sends
     nothing else.
     """
-    held, holds, flights = (
+    on_vehicle, plan_state, flights = (
         vehicle.mission.items_on_vehicle,
         vehicle.mission.plan_on_vehicle(),
         station.waypoint_flights,
     )
     sample = vehicle.topic("mission")
     resume_at = flights.resume(vehicle.id)
-    return answer(
+    return json_response(
         {
             "vehicle": vehicle.id,
             "mission": sample.value if sample is not None else None,
             "holds": {
-                "state": holds,
-                "plan": None if held is None else held.plan,
-                "known_unix_s": None if held is None else held.at_unix_s,
+                "state": plan_state,
+                "plan": None if on_vehicle is None else on_vehicle.plan,
+                "known_unix_s": None if on_vehicle is None else on_vehicle.at_unix_s,
             },
             "transfer": vehicle.mission.running_transfer,
             "flight": flights.status(vehicle.id),
             "resume": None if isinstance(resume_at, str) else resume_at,
             "no_resume": resume_at if isinstance(resume_at, str) else None,
-            "if_link_lost": flights.if_link_lost(vehicle.id) if holds == "plan" else None,
+            "if_link_lost": flights.if_link_lost(vehicle.id) if plan_state == "plan" else None,
         }
     )
 
@@ -76,7 +76,7 @@ async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
 
     `samples` are the flown positions, and the nearest points of the planned path.
     """
-    return answer({"vehicle": vehicle.id, "flown": station.waypoint_flights.flown(vehicle.id)})
+    return json_response({"vehicle": vehicle.id, "flown": station.waypoint_flights.flown(vehicle.id)})
 
 
 @router.post(
@@ -97,8 +97,8 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
     with authorized_command(station, principal, "mission/upload", v, arguments):
         vehicle = station.fleet.get(v)
         _require_confirmation(vehicle, "mission/upload", body.confirm)
-        name, plan = await _chosen(station, body)
-        items = _items(plan)
+        name, plan = await _chosen_plan(station, body)
+        items = _mavlink_items(plan)
 
         async def work(report: ReportProgress) -> dict[str, object]:
             uploaded = await vehicle.mission.upload(items, name, progress=report)
@@ -107,8 +107,10 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
             return {"items": counts, "not_kept": not_kept[:20]}
 
         subject = f"{name.id}@{name.version}" if name.id is not None else None
-        operation = _begin(station, vehicle, "mission/upload", work, subject, (principal.name, principal.key))
-        return await _operation_answer(station, operation, body.wait)
+        operation = _begin_transfer(
+            station, vehicle, "mission/upload", work, subject, (principal.name, principal.key)
+        )
+        return await _operation_response(station, operation, body.wait)
 
 
 @router.post(
@@ -126,25 +128,27 @@ async def download(
     """Reads mission, geofence and rally points from the vehicle; `GET …/mission/plan` returns them."""
 
     async def work(report: ReportProgress) -> dict[str, object]:
-        held = await vehicle.mission.download(progress=report)
-        return {"items": {part: len(held.items[part]) for part in PARTS}}
+        on_vehicle = await vehicle.mission.download(progress=report)
+        return {"items": {part: len(on_vehicle.items[part]) for part in PARTS}}
 
-    operation = _begin(station, vehicle, "mission/download", work, None, (principal.name, principal.key))
-    return await _operation_answer(station, operation, body is not None and body.wait)
+    operation = _begin_transfer(
+        station, vehicle, "mission/download", work, None, (principal.name, principal.key)
+    )
+    return await _operation_response(station, operation, body is not None and body.wait)
 
 
 @router.get("/plan", response_model=m.DownloadedPlan)
 async def downloaded_plan(vehicle: VehicleDep) -> Response:
     """The plan that was last downloaded from the vehicle, or uploaded and verified."""
-    held = _held(vehicle)
-    plan, notes = plan_from_items(held)
-    return answer(
+    on_vehicle = _downloaded_items(vehicle)
+    plan, notes = plan_from_items(on_vehicle)
+    return json_response(
         {
             "vehicle": vehicle.id,
             "plan": Raw(plan_document.write(plan)),
-            "plan_name": held.plan,
-            "read_unix_s": held.at_unix_s,
-            "still_held": still_held(vehicle, held),
+            "plan_name": on_vehicle.plan,
+            "read_unix_s": on_vehicle.at_unix_s,
+            "still_held": is_still_on_vehicle(vehicle, on_vehicle),
             "notes": notes,
         }
     )
@@ -154,23 +158,25 @@ async def downloaded_plan(vehicle: VehicleDep) -> Response:
 async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -> Response:
     """Differences between a plan and the items of the last download from the vehicle.
 
-    If a stored plan is equal, and the vehicle still has these items, that plan becomes the vehicle's known
-    plan.
+    If a stored plan is equal and the vehicle still has these items, the server regards that plan as the plan
+    on the vehicle.
     """
-    name, plan = await _chosen(station, body)
-    held = _held(vehicle)
-    items = _items(plan)
-    all_differences = [each for part in PARTS for each in differences(part, items[part], held.items[part])]
+    name, plan = await _chosen_plan(station, body)
+    on_vehicle = _downloaded_items(vehicle)
+    items = _mavlink_items(plan)
+    all_differences = [
+        each for part in PARTS for each in differences(part, items[part], on_vehicle.items[part])
+    ]
     equal = not any(each.essential for each in all_differences)
-    same_ids = still_held(vehicle, held)
+    same_ids = is_still_on_vehicle(vehicle, on_vehicle)
     if equal and same_ids and name.id is not None:
-        await vehicle.mission.set_items_on_vehicle(replace(held, plan=name))
-    return answer(
+        await vehicle.mission.set_items_on_vehicle(replace(on_vehicle, plan=name))
+    return json_response(
         {
             "vehicle": vehicle.id,
             "equal": equal,
             "differences": all_differences,
-            "read_unix_s": held.at_unix_s,
+            "read_unix_s": on_vehicle.at_unix_s,
             "still_held": same_ids,
         }
     )
@@ -189,7 +195,7 @@ async def clear(
         _require_confirmation(vehicle, "mission/clear", confirm)
         await vehicle.mission.clear()
 
-    return await carry_out(station, principal, "mission/clear", v, {}, work)
+    return await run_command(station, principal, "mission/clear", v, {}, work)
 
 
 @router.post("/start", response_model=responses.CommandDone)
@@ -199,17 +205,19 @@ async def start(
     principal: PrincipalDep,
     body: Annotated[m.StartRequest | None, Body()] = None,
 ) -> Response:
-    """Starts the vehicle's mission at an item, or the current one; arms if needed.
+    """Starts the vehicle's mission at the given or the current item; arms the vehicle if needed.
 
     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
-    or is unknown, unless `despite` lists their codes. A start on the ground at a later item also checks the
-    flight from here to that item. The predicted flight is compared with what the other vehicles of this
-    server fly now: waypoint plans that the server monitors, offboard missions, and vehicles that hover. If
-    two may come nearer than 5 m plus a margin of about 2 m, braking included, the code is `separation`, and
-    the text names both vehicles, place, time and distance. Not compared: vehicles flown by hand or by other
-    commands, and vehicles of other stations. All findings are in one answer.
+    or is unknown, unless `despite` lists their codes; the response contains all findings. Before a start on
+    the ground at a later item, the server also checks the flight from the vehicle's position to that item.
 
-    An interrupted flight is resumed by a start at the item of `resume` of `GET …/mission`. Hold pauses the
+    The server compares the predicted flight with the other vehicles of this server that fly a waypoint plan
+    known to the server or an offboard mission, or hover. If two vehicles may come nearer than 5 m plus a
+    margin of about 2 m, braking distances included, the code is `separation`, and the text names both
+    vehicles, place, time and distance. The server does not compare vehicles flown by hand or by other
+    commands, or vehicles of other stations.
+
+    To resume an interrupted flight, start at the item of `resume` of `GET …/mission`. Hold pauses the
     mission. The server monitors the flight of a plan that it knows (topic `waypoint_flight`), and never
     intervenes.
     """
@@ -230,7 +238,7 @@ async def start(
             progress = progress_to(vehicle, principal, "mission/start")
             await vehicle.command.start_mission(by=principal.name, progress=progress)
 
-    return await carry_out(station, principal, "mission/start", v, arguments, work)
+    return await run_command(station, principal, "mission/start", v, arguments, work)
 
 
 @router.post("/resume", response_model=responses.CommandDone)
@@ -247,16 +255,16 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
         progress = progress_to(vehicle, principal, "mission/resume")
         await vehicle.command.set_mode("mission", by=principal.name, progress=progress)
 
-    return await carry_out(station, principal, "mission/resume", v, {}, work)
+    return await run_command(station, principal, "mission/resume", v, {}, work)
 
 
-# --- the parts ----------------------------------------------------------------------------------------
+# --- helpers ------------------------------------------------------------------------------------------
 
 
-def _begin(
+def _begin_transfer(
     station: Station, vehicle: Vehicle, kind: str, work: Any, subject: str | None, by: tuple[str, str]
 ) -> Operation:
-    """Starts a transfer; refused if the vehicle already has one."""
+    """Starts a transfer; refused if another transfer of the vehicle is running."""
     vehicle.require("mission_transfer")
     if vehicle.mission.running_transfer is not None or any(
         each.state == "running" and each.vehicle == vehicle.id and each.kind.startswith("mission/")
@@ -273,13 +281,13 @@ def _begin(
     )
 
 
-async def _operation_answer(station: Station, operation: Operation, wait: bool) -> Response:
+async def _operation_response(station: Station, operation: Operation, wait: bool) -> Response:
     if wait:
-        ended = await station.operations.wait(operation.id)
-        if ended.state == "cancelled":
+        ended_operation = await station.operations.wait(operation.id)
+        if ended_operation.state == "cancelled":
             raise Refused(f"{operation.text.rstrip('.')} was cancelled.")
-        return answer(operation_view(ended))
-    response = answer(operation_view(operation), 202)
+        return json_response(operation_view(ended_operation))
+    response = json_response(operation_view(operation), 202)
     response.headers["Location"] = f"{API}/operations/{operation.id}"
     return response
 
@@ -291,7 +299,7 @@ def _require_confirmation(vehicle: Vehicle, command: str, confirmation: str | No
         BY_NAME[command].require_confirmation(confirmation or "", vehicle=vehicle.id)
 
 
-async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanReference, Plan]:
+async def _chosen_plan(station: Station, body: m.WhichPlan) -> tuple[PlanReference, Plan]:
     if body.plan is not None:
         return PlanReference(None, None, None), body.plan
     assert body.plan_id is not None
@@ -308,7 +316,7 @@ async def _chosen(station: Station, body: m.WhichPlan) -> tuple[PlanReference, P
         raise Refused(f"Plan {head.name!r} cannot be read: {error}") from error
 
 
-def _items(plan: Plan) -> Items:
+def _mavlink_items(plan: Plan) -> Items:
     """The plan as MAVLink items.
 
     Raises:
@@ -325,11 +333,11 @@ def _items(plan: Plan) -> Items:
     return items
 
 
-def _held(vehicle: Vehicle) -> ItemsOnVehicle:
-    held = vehicle.mission.items_on_vehicle
-    if held is None:
+def _downloaded_items(vehicle: Vehicle) -> ItemsOnVehicle:
+    on_vehicle = vehicle.mission.items_on_vehicle
+    if on_vehicle is None:
         raise Refused(
             f"The plan on vehicle {vehicle.id} has not been downloaded.",
             remedy="Download it first (POST …/mission/download).",
         )
-    return held
+    return on_vehicle

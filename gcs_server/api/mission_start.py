@@ -1,5 +1,5 @@
-"""Checks before the mission on a vehicle starts: the plan, the separation from the flights of other vehicles,
-and the flight from here if the vehicle starts on the ground at a later item."""
+"""Checks before the mission on a vehicle starts: the plan, the separation from other vehicles, and for a
+start on the ground at a later item the flight from the vehicle's position."""
 
 from __future__ import annotations
 
@@ -40,29 +40,31 @@ PLACE_CODES = frozenset(
         "terrain_hit",
     }
 )
-"""Errors that depend on where the vehicle takes off."""
+"""Codes of errors that depend on the take-off position."""
 
 
 async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> DryRunPath | None:
-    """Refuses to start a plan with errors or conflicts with other vehicles that the caller has not accepted.
+    """Refuses to start a plan that has errors or conflicts with other vehicles that the caller has not
+    accepted.
 
-    All findings are in one answer. A start that is not refused counts as a flight for the starts of other
-    vehicles, until `WaypointFlights.announced` ends.
+    The error contains all findings. While `WaypointFlights.announced` lasts, the starts of other vehicles are
+    compared with a flight that was not refused.
 
     Returns:
         Path and corridor of the dry run that the request names.
 
     Raises:
-        PlanFindings: the plan, its rest from here, or its separation from other vehicles has such findings,
-            or the plan is not known.
-        Refused: the vehicle has no mission, another one than `request` names, or cannot start at the item.
+        PlanFindings: the plan, its rest flown from the vehicle's position, or its separation from other
+            vehicles has such errors, or the plan is not known.
+        Refused: the vehicle has no mission or another mission than `request` names, or cannot start at the
+            item.
     """
     _require_mission(vehicle, request.mission_id)
-    held = vehicle.mission.items_on_vehicle
-    same_ids = None if held is None else still_held(vehicle, held)
-    if held is not None and not held.items["mission"] and same_ids is not False:
+    on_vehicle = vehicle.mission.items_on_vehicle
+    same_ids = None if on_vehicle is None else is_still_on_vehicle(vehicle, on_vehicle)
+    if on_vehicle is not None and not on_vehicle.items["mission"] and same_ids is not False:
         raise Refused(f"Vehicle {vehicle.id} has no mission.", remedy="Upload a plan first.")
-    if held is None or not same_ids:
+    if on_vehicle is None or not same_ids:
         if NOT_KNOWN not in request.despite:
             raise PlanFindings(
                 f"The server does not know which plan is on vehicle {vehicle.id}, "
@@ -72,12 +74,12 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
             )
         return dry_run_path(station, vehicle, request.dry_run)
     path = dry_run_path(station, vehicle, request.dry_run)
-    plan, _ = plan_from_items(held)
-    plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, held)})
+    plan, _ = plan_from_items(on_vehicle)
+    plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, on_vehicle)})
     found = await _errors(station, vehicle, plan, request)
     async with station.waypoint_flights.comparing:
         compared = await compare_with_others(station, vehicle, plan, request.item, path)
-        found.append(_too_near(vehicle, compared.conflicts))
+        found.append(_separation_errors(vehicle, compared.conflicts))
         _require_accepted(found, request.despite)
         if compared.path is not None:
             station.waypoint_flights.expect(vehicle.id, compared.path)
@@ -86,35 +88,36 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
 
 @dataclass(frozen=True, slots=True)
 class _Errors:
-    """Errors of one group: of the plan, of the flight from here, or of the separation."""
+    """Errors of the plan, of the flight from the vehicle's position, or of the separation."""
 
-    about: str
-    """Begin of the message, which the first error completes."""
+    message_start: str
+    """Beginning of the message; the text of the first error follows."""
     found: tuple[tuple[str, str], ...]
     """Codes and texts."""
     remedy: str
 
-    def without(self, despite: Collection[str]) -> _Errors:
-        """Those that the caller has not accepted."""
+    def unaccepted(self, despite: Collection[str]) -> _Errors:
+        """The errors whose codes are not in `despite`."""
         return replace(self, found=tuple(each for each in self.found if each[0] not in despite))
 
 
 def _require_accepted(groups: Sequence[_Errors], despite: Collection[str]) -> None:
     """Raises PlanFindings with all errors of all groups that the caller has not accepted."""
-    remaining = [each for each in (errors.without(despite) for errors in groups) if each.found]
+    remaining = [each for each in (errors.unaccepted(despite) for errors in groups) if each.found]
     if not remaining:
         return
-    every = [each for errors in remaining for each in errors.found]
+    all_errors = [each for errors in remaining for each in errors.found]
     raise PlanFindings(
-        " ".join(f"{errors.about} {errors.found[0][1]}" for errors in remaining),
-        codes=tuple(dict.fromkeys(code for code, _ in every)),
-        reasons=tuple(text for _, text in every),
+        " ".join(f"{errors.message_start} {errors.found[0][1]}" for errors in remaining),
+        codes=tuple(dict.fromkeys(code for code, _ in all_errors)),
+        reasons=tuple(text for _, text in all_errors),
         remedy=" ".join(errors.remedy for errors in remaining),
     )
 
 
 async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: StartRequest) -> list[_Errors]:
-    """Errors of the plan, and for a start on the ground at a later item those of the flight from here."""
+    """Errors of the plan, and of the flight from the vehicle's position for a start on the ground at a later
+    item."""
     findings = (await check_document(station, plan, vehicle))["findings"]
     errors = [(each["code"], each["text"]) for each in findings if each["severity"] == "error"]
     found = [
@@ -127,18 +130,18 @@ async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: Start
     landed = not vehicle.status.armed or vehicle.flight_state.landed_state == "on_ground"
     if landed and request.item is not None and request.item > 0:
         rest = await _rest_errors(station, vehicle, plan, request.item)
-        known = {text for _, text in errors}
+        plan_errors = {text for _, text in errors}
         found.append(
             _Errors(
                 f"The flight from here to item {request.item + 1} and onwards has errors:",
-                tuple((FROM_HERE, text) for text in rest if text not in known),
+                tuple((FROM_HERE, text) for text in rest if text not in plan_errors),
                 "Start at another item or place, or name flight_from_here in `despite`.",
             )
         )
     return found
 
 
-def _too_near(vehicle: Vehicle, found: Sequence[Conflict]) -> _Errors:
+def _separation_errors(vehicle: Vehicle, found: Sequence[Conflict]) -> _Errors:
     return _Errors(
         f"Vehicle {vehicle.id} may come too near to another vehicle:",
         tuple((SEPARATION, each.text) for each in found),
@@ -146,12 +149,13 @@ def _too_near(vehicle: Vehicle, found: Sequence[Conflict]) -> _Errors:
     )
 
 
-def still_held(vehicle: Vehicle, held: ItemsOnVehicle) -> bool | None:
-    """Whether the vehicle still reports the ids of this transfer; None: it reports no ids."""
+def is_still_on_vehicle(vehicle: Vehicle, on_vehicle: ItemsOnVehicle) -> bool | None:
+    """Whether the vehicle still reports the mission ids of this transfer; None: the vehicle reports no
+    ids."""
     ids = vehicle.mission.ids()
-    if ids is None or not any((*ids.values(), *held.ids.values())):
+    if ids is None or not any((*ids.values(), *on_vehicle.ids.values())):
         return None
-    return ids == held.ids
+    return ids == on_vehicle.ids
 
 
 def _require_mission(vehicle: Vehicle, mission_id: int | None) -> None:
@@ -171,21 +175,21 @@ async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int
             f"Vehicle {vehicle.id} cannot start at item {item + 1} on the ground. {found}",
             remedy="Start at an earlier item.",
         )
-    here = VehicleEstimates(vehicle).global_position()
-    if here is None:
+    position = VehicleEstimates(vehicle).global_position()
+    if position is None:
         return []  # the vehicle refuses to arm without a position
-    start = HomePosition(lat_deg=here.lat_deg, lon_deg=here.lon_deg, alt_amsl_m=here.alt_amsl_m)
+    start = HomePosition(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl_m=position.alt_amsl_m)
     check = await check_document(station, remaining_plan(plan, item, start), vehicle, home=start)
     return [each["text"] for each in check["findings"] if each["code"] in PLACE_CODES]
 
 
-async def _stored_obstacles(station: Station, held: ItemsOnVehicle) -> tuple[Obstacle, ...]:
-    """The obstacles of the stored plan that is on the vehicle; the vehicle itself stores no obstacles. Empty
-    if the plan was not stored or is deleted."""
-    if held.plan is None or held.plan.id is None:
+async def _stored_obstacles(station: Station, on_vehicle: ItemsOnVehicle) -> tuple[Obstacle, ...]:
+    """The obstacles of the stored plan that is on the vehicle, because a vehicle stores no obstacles; empty
+    if the plan is not stored on the server."""
+    if on_vehicle.plan is None or on_vehicle.plan.id is None:
         return ()
     try:
-        _, document = await station.plans.get(held.plan.id, held.plan.version)
+        _, document = await station.plans.get(on_vehicle.plan.id, on_vehicle.plan.version)
         return plan_document.read(document).obstacles
     except (UnknownPlan, StorageError, PlanError):
         return ()

@@ -66,7 +66,7 @@ class GotoRequest(StrictBody):
     )
 
     @model_validator(mode="after")
-    def _one_altitude(self) -> GotoRequest:
+    def _check_one_altitude(self) -> GotoRequest:
         if (self.alt_amsl_m is None) == (self.alt_home_m is None):
             raise ValueError("give exactly one of alt_amsl_m and alt_home_m")
         return self
@@ -88,14 +88,20 @@ class GimbalAngles(StrictBody):
 
     model_config = _example(pitch_deg=-30, yaw_deg=0)
 
-    pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180, description="Up is positive [deg].")
+    pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180, description="Pitch; up is positive [deg].")
     yaw_deg: float = Field(
         allow_inf_nan=False,
         ge=-360,
         le=360,
         description="Yaw relative to the nose, or relative to north with `yaw_lock` [deg].",
     )
-    roll_deg: float | None = Field(default=None, allow_inf_nan=False, ge=-180, le=180, description="[deg]")
+    roll_deg: float | None = Field(
+        default=None,
+        allow_inf_nan=False,
+        ge=-180,
+        le=180,
+        description="Roll; right side down is positive [deg].",
+    )
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
     wait: bool = Field(
         default=True,
@@ -109,8 +115,12 @@ class GimbalRates(StrictBody):
 
     model_config = _example(pitch_rate_deg_s=5, yaw_rate_deg_s=-10)
 
-    pitch_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360, description="Upward [deg/s].")
-    yaw_rate_deg_s: float = Field(allow_inf_nan=False, ge=-360, le=360, description="Clockwise [deg/s].")
+    pitch_rate_deg_s: float = Field(
+        allow_inf_nan=False, ge=-360, le=360, description="Pitch rate, upward [deg/s]."
+    )
+    yaw_rate_deg_s: float = Field(
+        allow_inf_nan=False, ge=-360, le=360, description="Yaw rate, clockwise [deg/s]."
+    )
     yaw_lock: bool = Field(default=False, description="Keep the direction while the vehicle turns.")
 
 

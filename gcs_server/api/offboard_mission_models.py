@@ -1,4 +1,4 @@
-"""Bodies and answers of the routes for offboard missions."""
+"""Request and response bodies of the routes for offboard missions."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ OptionalDryRun = Annotated[
 
 
 def _check_key(value: Any) -> Any:
-    """One message for all wrong values, instead of one for each type."""
+    """Checks a key or an index, with one error message for all wrong values."""
     if type(value) is int or (isinstance(value, str) and len(value) <= 100):
         return value
     raise ValueError("give keys (texts) and indexes (whole numbers)")
@@ -35,7 +35,7 @@ def _check_key(value: Any) -> Any:
 PlaceKey = Annotated[int | str, BeforeValidator(_check_key)]
 
 
-class OneMission(StrictBody):
+class MissionSource(StrictBody):
     """A mission: stored on the server, or in the request."""
 
     plan_id: str | None = Field(default=None, max_length=40, description="Id of a stored offboard mission.")
@@ -53,7 +53,7 @@ class OneMission(StrictBody):
         return self
 
 
-class WhichMission(OneMission):
+class WhichMission(MissionSource):
     """A mission, and the findings that the caller accepts."""
 
     despite: Annotated[list[Annotated[str, Field(max_length=40)]], Field(max_length=50)] = Field(
@@ -61,17 +61,19 @@ class WhichMission(OneMission):
     )
 
 
-class MissionToInsert(OneMission):
+class MissionToInsert(MissionSource):
     """The mission to insert, and the mission into which it is inserted."""
 
     plan: MissionBody = Field(description="The mission to change (docs/missions.md).")
     at: Annotated[list[PlaceKey], Field(min_length=2, max_length=50)] = Field(
-        description="Place of the new step in `plan`, as keys and indexes; later steps move back by one.",
+        description="Place of the new step in `plan`, as keys and indexes; the index of each later step "
+        "increases by one.",
         examples=[["steps", 2], ["roles", "lead", "steps", 0], ["missions", "round", 1]],
     )
     in_air: bool = Field(
         default=False,
-        description="Leave out the inserted take-off and last landing, because the vehicle is flying there.",
+        description="Leave out the inserted mission's take-off and last landing, because the vehicle is in "
+        "the air at the new step.",
     )
     positions: Positions | None = Field(
         default=None,
@@ -82,11 +84,13 @@ class MissionToInsert(OneMission):
 
 
 class MissionWithInserted(ResponseBody):
-    """A mission with another one inserted; nothing is saved."""
+    """A mission with another mission inserted; nothing is saved."""
 
     plan: OffboardMission = Field(description="The mission.")
     called: str = Field(description="Name of the list in `missions` that the new `call` step calls.")
-    notes: list[str] = Field(description="What differs from the two missions flown alone; sentences.")
+    notes: list[str] = Field(
+        description="Differences between the result and the two missions flown separately; sentences."
+    )
 
 
 class StartMission(WhichMission):
@@ -96,7 +100,7 @@ class StartMission(WhichMission):
 
 
 class StartJointMission(WhichMission):
-    """A mission with roles, and the vehicle that flies each."""
+    """A mission with roles, and the vehicle that flies each role."""
 
     vehicles: Annotated[dict[Role, VehicleId], Field(min_length=2, max_length=MAX_ROLES)] = Field(
         description="A vehicle's id for each role; each vehicle once.", examples=[{"lead": "1", "left": "2"}]

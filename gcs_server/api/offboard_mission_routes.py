@@ -18,7 +18,7 @@ from gcs_server.api.plan_checks import plan_context_of, text_of
 from gcs_server.api.plan_traffic import mission_traffic
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, PlanFindings, Refused
@@ -46,7 +46,7 @@ async def show_flown(vehicle: VehicleDep, station: StationDep) -> Response:
 
     `samples` are the flown positions, and the positions that were sent at the same times.
     """
-    return answer({"vehicle": vehicle.id, "flown": station.missions.flight(vehicle.id).flown()})
+    return json_response({"vehicle": vehicle.id, "flown": station.missions.flight(vehicle.id).flown()})
 
 
 @router.post("/start", response_model=m.OffboardMissionView)
@@ -93,7 +93,7 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
 
 @router.post("/skip", response_model=m.OffboardMissionView)
 async def skip(v: str, station: StationDep, principal: PrincipalDep) -> Response:
-    """Skips the current step; a suspended mission resumes at the next one."""
+    """Skips the current step; a suspended mission resumes at the next step."""
     return command_mission(
         station, principal, "offboard_mission/skip", v, lambda flight: flight.skip(principal.name)
     )
@@ -127,7 +127,7 @@ async def abort(
     )
 
 
-# --- the parts ----------------------------------------------------------------------------------------
+# --- helpers ------------------------------------------------------------------------------------------
 
 
 def command_mission(
@@ -135,19 +135,19 @@ def command_mission(
     principal: Principal,
     command: str,
     vehicle_id: str,
-    do: Callable[[MissionFlight], None],
+    command_flight: Callable[[MissionFlight], None],
     arguments: dict[str, object] | None = None,
 ) -> Response:
     """Runs a command on the mission of a vehicle. The caller must control all vehicles of this mission."""
     vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
     with authorized_commands(station, principal, command, {v: arguments or {} for v in vehicles}):
         station.fleet.get(vehicle_id).require_commandable()
-        do(station.missions.flight(vehicle_id))
+        command_flight(station.missions.flight(vehicle_id))
         return _view(station, vehicle_id)
 
 
 def _view(station: Station, vehicle_id: str) -> Response:
-    return answer({"vehicle": vehicle_id, "mission": station.missions.status(vehicle_id)})
+    return json_response({"vehicle": vehicle_id, "mission": station.missions.status(vehicle_id)})
 
 
 async def prepared_start(
@@ -167,8 +167,8 @@ async def prepared_start(
         name: name and origin of the mission.
         text: its JSON text.
         despite: codes of the error findings that the client accepts.
-        client: who starts it.
-        overrides: values of `start_of` that will be different when the mission begins.
+        client: name of the client that starts the mission.
+        overrides: values of `start_conditions` that will be different when the mission begins.
 
     Raises:
         PlanFindings: the mission has error findings whose codes are not in `despite`.
@@ -199,7 +199,7 @@ async def _compiled_start(
             "parameters": context.parameters,
             "reported": context.reported,
             "operator": context.operator.to_json(),
-            "start": {**start_of(vehicle), **(overrides or {})},
+            "start": {**start_conditions(vehicle), **(overrides or {})},
         },
         small=False,
         field="mission",
@@ -214,8 +214,8 @@ async def _require_sensor(station: Station, vehicle_id: str, prepared: Start) ->
         await station.offboard(vehicle_id).avoidance.wait_for_sensor()
 
 
-async def chosen_mission(station: Station, body: m.OneMission) -> tuple[MissionName, str]:
-    """The chosen mission: its name, and its JSON text."""
+async def chosen_mission(station: Station, body: m.MissionSource) -> tuple[MissionName, str]:
+    """Name, id and version of the mission in the request, and its JSON text."""
     if body.mission is not None:
         return MissionName(body.mission.name, None, None), text_of(body.mission)
     assert body.plan_id is not None
@@ -230,9 +230,9 @@ async def chosen_mission(station: Station, body: m.OneMission) -> tuple[MissionN
     return MissionName(head.name, head.id, head.version), document.decode()
 
 
-def start_of(vehicle: Vehicle) -> dict[str, Any]:
-    """The conditions of a start now: the vehicle's position and yaw, its local origin, the altitude of home,
-    and whether it is in the air.
+def start_conditions(vehicle: Vehicle) -> dict[str, Any]:
+    """Conditions for a mission that starts now: the vehicle's position and yaw, its local origin, the
+    altitude of home, and whether the vehicle is in the air.
 
     Raises:
         Refused: the position is unknown.

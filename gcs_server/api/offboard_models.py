@@ -50,13 +50,13 @@ class LimitsRequest(StrictBody):
 
     model_config = example(speed_max_m_s=5, height_max_m=30, distance_max_m=100)
 
-    speed_max_m_s: float | None = _limit("Horizontal speed [m/s].", 0.1, 20)
-    climb_max_m_s: float | None = _limit("Climb rate [m/s].", 0.1, 20)
-    sink_max_m_s: float | None = _limit("Descent rate [m/s].", 0.1, 20)
-    tilt_max_rad: float | None = _limit("Tilt [rad].", 0.02, 1.5)
-    height_min_m: float | None = _limit("Above home [m].", -1000, 10_000)
-    height_max_m: float | None = _limit("Above home [m].", -1000, 10_000)
-    distance_max_m: float | None = _limit("From home, over the ground [m].", 5, 10_000)
+    speed_max_m_s: float | None = _limit("Maximum horizontal speed [m/s].", 0.1, 20)
+    climb_max_m_s: float | None = _limit("Maximum climb rate [m/s].", 0.1, 20)
+    sink_max_m_s: float | None = _limit("Maximum descent rate [m/s].", 0.1, 20)
+    tilt_max_rad: float | None = _limit("Maximum tilt [rad].", 0.02, 1.5)
+    height_min_m: float | None = _limit("Minimum altitude above home [m].", -1000, 10_000)
+    height_max_m: float | None = _limit("Maximum altitude above home [m].", -1000, 10_000)
+    distance_max_m: float | None = _limit("Maximum horizontal distance from home [m].", 5, 10_000)
     fence: AnyFence | None = Field(
         default=None, description="Stay inside this fence, in addition to the vehicle's own fence."
     )
@@ -72,7 +72,7 @@ class LimitsRequest(StrictBody):
     )
 
     @model_validator(mode="after")
-    def _heights_in_order(self) -> LimitsRequest:
+    def _check_altitude_range(self) -> LimitsRequest:
         low, high = self.height_min_m, self.height_max_m
         if low is not None and high is not None and high - low < 1:
             raise ValueError("height_max_m must be at least 1 m above height_min_m")

@@ -12,7 +12,7 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.offboard_stream import SetpointSocket, apply, arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer, fields_of
+from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.api.station import OffboardDep, StationDep
 
@@ -29,27 +29,27 @@ async def show(offboard: OffboardDep) -> Response:
         "limits": offboard.limits(),
         "failsafe": offboard.failsafe(),
     }
-    return answer(view)
+    return json_response(view)
 
 
 @router.post("/start", response_model=views.OffboardStarted)
 async def start(v: str, body: StartRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
 
-    In the answer, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
+    In the response, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
     limits, and whether the operator's limits were restored after a restart.
     """
     with authorized_command(station, principal, "offboard/start", v, arguments_of(body)):
         offboard = station.offboard(v)
         status = await offboard.start(body.to_stream_request(principal), body.rate_hz)
-        return answer(fields_of(status) | {"limits": offboard.limits()})
+        return json_response(fields_of(status) | {"limits": offboard.limits()})
 
 
 @router.post("/setpoint", response_model=views.OffboardModel)
 async def setpoint(v: str, body: SetpointRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Replaces the setpoint of a running stream and sends the new one immediately; refused (409) if no stream
     is running."""
-    return answer(await apply(station, principal, v, body))
+    return json_response(await apply(station, principal, v, body))
 
 
 @router.post("/stop", response_model=views.OffboardModel)
@@ -57,14 +57,14 @@ async def stop(v: str, station: StationDep, principal: PrincipalDep) -> Response
     """Puts the vehicle into Hold, waits for its confirmation, then stops the stream. Does nothing if no
     stream is running."""
     with authorized_command(station, principal, "offboard/stop", v, {}):
-        return answer(await station.offboard(v).stop())
+        return json_response(await station.offboard(v).stop())
 
 
 @router.get("/limits", response_model=views.LimitsModel)
 async def show_limits(offboard: OffboardDep) -> Response:
     """Limits of setpoints: the vehicle's own, and the operator's."""
     await offboard.ensure_parameters()
-    return answer(offboard.limits())
+    return json_response(offboard.limits())
 
 
 @router.put("/limits", response_model=views.LimitsModel)
@@ -78,7 +78,7 @@ async def set_limits(
         offboard = station.offboard(v)
         await offboard.operator_limits.set(body.to_limits(), by=principal.name)  # applied before it is stored
         await offboard.ensure_parameters()
-        return answer(offboard.limits())
+        return json_response(offboard.limits())
 
 
 @router.put("/avoidance", response_model=views.OffboardModel)
@@ -96,7 +96,7 @@ async def set_avoidance(
             await offboard.avoidance.switch_on(body.way)
         else:
             offboard.avoidance.switch_off()
-        return answer(offboard.status())
+        return json_response(offboard.status())
 
 
 @router.put("/failsafe", response_model=views.FailsafeModel)
@@ -107,13 +107,13 @@ async def set_failsafe(
     with authorized_command(station, principal, "offboard/failsafe", v, body.model_dump(exclude_none=True)):
         offboard = station.offboard(v)
         offboard.vehicle.require_commandable()
-        return answer(await offboard.set_failsafe(body.action, body.after_s))
+        return json_response(await offboard.set_failsafe(body.action, body.after_s))
 
 
 @router.websocket("/stream")
 async def stream(socket: WebSocket, v: str, station: StationDep, principal: PrincipalDep) -> None:
-    """Receives setpoints on a WebSocket and answers each with the applied setpoint; see "Offboard stream" in
-    docs/api.md."""
+    """Receives setpoints on a WebSocket and responds to each with the applied setpoint; see "Offboard stream"
+    in docs/api.md."""
     await socket.accept()
     try:
         with station.authority.connected(principal):

@@ -1,8 +1,8 @@
-"""Setpoints over a WebSocket at up to 100 Hz; each is answered with the applied setpoint.
+"""Setpoints over a WebSocket at up to 100 Hz; the server responds to each setpoint with the applied setpoint.
 
-Only the newest waiting setpoint is sent; older ones are answered `superseded`. If a client does not read its
-answers, the oldest are dropped. Closing the socket does not stop the stream: it continues until the setpoint
-expires.
+The server sends only the newest waiting setpoint to the vehicle; the response to older ones is `superseded`.
+If a client does not read its responses, the server drops the oldest ones. Closing the socket does not stop
+the setpoint stream, which continues until the setpoint expires.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from gcs_server.streamer.offboard.status import OffboardStatus
 from gcs_server.telemetry.wire import encode
 
 MAX_HZ = 100.0
-ANSWERS_KEPT = 200
-ANSWERS_BYTES = 131_072
-"""Total size of answers that wait to be read."""
-UNPARSED_BYTES = 2 << 20
-"""Total size of messages that wait to be parsed."""
+MAX_RESPONSES = 200
+MAX_RESPONSES_BYTES = 131_072
+"""Maximum total size of responses that the client has not read."""
+MAX_UNPARSED_CHARACTERS = 2 << 20
+"""Maximum total length of messages that wait to be parsed."""
 LARGE_MESSAGE = 4096
 """A message with more characters is parsed in a separate iteration of the event loop."""
 MAX_BACKLOG = 200
-"""Maximum number of messages that wait to be parsed; older ones are superseded."""
+"""Maximum number of messages that wait to be parsed; older messages are superseded."""
 FLOOD_PER_S = 2000
 CLOSE_FLOOD = 1008
 
-Answer = dict[str, object]
+Response = dict[str, object]
 
 
 class Socket(Protocol):
@@ -71,18 +71,18 @@ class SetpointSocket:
         self._socket = socket
         self._backlog: deque[str] = deque()
         self._backlog_size = 0
-        self._answers: deque[bytes] = deque()
-        self._answers_size = 0
+        self._responses: deque[bytes] = deque()
+        self._responses_size = 0
         self._received = asyncio.Event()
-        self._answered = asyncio.Event()
+        self._response_added = asyncio.Event()
 
     async def serve(self) -> None:
         """Serves the socket until it is closed."""
         async with asyncio.TaskGroup() as group:
-            parts = [group.create_task(work()) for work in (self._receive, self._apply, self._send)]
-            await asyncio.wait(parts, return_when=asyncio.FIRST_COMPLETED)
-            for part in parts:
-                part.cancel()
+            tasks = [group.create_task(work()) for work in (self._receive, self._apply, self._send)]
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                task.cancel()
 
     async def _receive(self) -> None:
         window_s, count = self._clock.monotonic_s(), 0
@@ -97,10 +97,10 @@ class SetpointSocket:
                 return
             self._backlog.append(text)
             self._backlog_size += len(text)
-            while len(self._backlog) > MAX_BACKLOG or self._backlog_size > UNPARSED_BYTES:
-                overtaken = self._backlog.popleft()
-                self._backlog_size -= len(overtaken)
-                self._answer(_superseded(overtaken))
+            while len(self._backlog) > MAX_BACKLOG or self._backlog_size > MAX_UNPARSED_CHARACTERS:
+                superseded = self._backlog.popleft()
+                self._backlog_size -= len(superseded)
+                self._respond(_superseded_response(superseded))
             self._received.set()
 
     async def _apply(self) -> None:
@@ -114,59 +114,66 @@ class SetpointSocket:
                 text = self._backlog.pop()
                 self._backlog_size -= len(text)
                 if applied:
-                    self._answer(_superseded(text))
+                    self._respond(_superseded_response(text))
                 else:
                     if len(text) > LARGE_MESSAGE:
                         await self._station.request_queue.wait(self._principal)
-                    answer = await self._apply_message(text)
-                    applied = "error" not in answer
-                    self._answer(answer)
+                    response = await self._apply_message(text)
+                    applied = "error" not in response
+                    self._respond(response)
+            # One setpoint may be applied before its period has passed.
             period_s = 1.0 / MAX_HZ
-            next_s = (
-                max(next_s, self._clock.monotonic_s() - period_s) + period_s
-            )  # one setpoint may be sent before its period has passed
+            next_s = max(next_s, self._clock.monotonic_s() - period_s) + period_s
 
     async def _send(self) -> None:
         while True:
-            await self._answered.wait()
-            self._answered.clear()
-            while self._answers:
-                encoded = self._answers.popleft()
-                self._answers_size -= len(encoded)
+            await self._response_added.wait()
+            self._response_added.clear()
+            while self._responses:
+                encoded = self._responses.popleft()
+                self._responses_size -= len(encoded)
                 await self._socket.send_text(encoded.decode())
 
-    def _answer(self, answer: Answer) -> None:
-        encoded = encode(answer)
-        self._answers.append(encoded)
-        self._answers_size += len(encoded)
-        while len(self._answers) > ANSWERS_KEPT or self._answers_size > ANSWERS_BYTES:
-            self._answers_size -= len(self._answers.popleft())
-        self._answered.set()
+    def _respond(self, response: Response) -> None:
+        encoded = encode(response)
+        self._responses.append(encoded)
+        self._responses_size += len(encoded)
+        while len(self._responses) > MAX_RESPONSES or self._responses_size > MAX_RESPONSES_BYTES:
+            self._responses_size -= len(self._responses.popleft())
+        self._response_added.set()
 
-    async def _apply_message(self, text: str) -> Answer:
+    async def _apply_message(self, text: str) -> Response:
         try:
-            seq, data = _parsed(text)
+            seq, data = _parse(text)
         except ValueError as error:
             return {"error": {"code": "invalid_request", "detail": str(error), "field": "body"}}
-        head: Answer = {} if seq is None else {"seq": seq}
+        seq_field: Response = {} if seq is None else {"seq": seq}
         try:
             body = SetpointRequest.model_validate(data)
         except ValidationError as error:
             faults = validation_errors(RequestValidationError(error.errors(include_url=False)))
             detail = "; ".join(f"{fault['field']}: {fault['message']}" for fault in faults)
-            wrong = {
+            error_fields = {
                 "code": "invalid_request",
                 "detail": detail,
                 "field": faults[0]["field"],
                 "errors": faults,
             }
-            return {**head, "error": wrong}
+            return {**seq_field, "error": error_fields}
         try:
             status = await apply(self._station, self._principal, self._vehicle_id, body)
         except GcsError as error:
-            refused = {"code": error.code, "detail": error.message, "remedy": error.remedy, **error.details()}
-            return {**head, "error": {name: value for name, value in refused.items() if value is not None}}
-        return {**head, "applied": status.setpoint, "limited": status.limited}
+            error_fields = {
+                "code": error.code,
+                "detail": error.message,
+                "remedy": error.remedy,
+                **error.details(),
+            }
+            return {
+                **seq_field,
+                "error": {name: value for name, value in error_fields.items() if value is not None},
+            }
+        return {**seq_field, "applied": status.setpoint, "limited": status.limited}
 
 
 async def apply(
@@ -186,7 +193,7 @@ def arguments_of(body: BaseModel) -> dict[str, object]:
     return arguments
 
 
-def _parsed(text: str) -> tuple[int | None, dict[str, Any]]:
+def _parse(text: str) -> tuple[int | None, dict[str, Any]]:
     fault = json_fault(text.encode())
     if fault is not None:
         raise ValueError(f"not read: {fault}")
@@ -203,9 +210,9 @@ def _parsed(text: str) -> tuple[int | None, dict[str, Any]]:
     return seq, fields
 
 
-def _superseded(text: str) -> Answer:
+def _superseded_response(text: str) -> Response:
     try:
-        seq, _ = _parsed(text)
+        seq, _ = _parse(text)
     except ValueError:
         seq = None
     return {"superseded": True} if seq is None else {"seq": seq, "superseded": True}

@@ -1,4 +1,4 @@
-"""Answers of the offboard routes, as models for the OpenAPI description."""
+"""Response bodies of the offboard routes, as models for the OpenAPI description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Routes of operations (long-running work): list them, show one, cancel one."""
+"""Routes of operations (long-running work): list, show and cancel."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
 from gcs_server.api.reflect import model_of
-from gcs_server.api.responses import answer, fields_of
+from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.station import StationDep
 from gcs_server.operations.operations import Operation
 
@@ -26,7 +26,7 @@ class OperationList(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     operations: list[OperationModel] = Field(  # type: ignore[valid-type]
-        description="Running operations and those that ended recently; oldest first."
+        description="Running operations, and operations that ended recently; oldest first."
     )
 
 
@@ -43,16 +43,18 @@ async def list_operations(
         str | None, Query(max_length=32, description="Only operations of this vehicle.")
     ] = None,
 ) -> Response:
-    """Running operations and those that ended recently. Each change is also sent as an `operation` event on
+    """Running operations, and operations that ended recently. Each change is also an `operation` event on
     the telemetry socket."""
-    all_ = station.operations.all()
-    return answer({"operations": [operation_view(o) for o in all_ if vehicle in (None, o.vehicle)]})
+    operations = station.operations.all()
+    return json_response(
+        {"operations": [operation_view(o) for o in operations if vehicle in (None, o.vehicle)]}
+    )
 
 
 @router.get("/{o}", response_model=OperationModel)
 async def show_operation(o: str, station: StationDep) -> Response:
     """Progress of an operation, or its result or error."""
-    return answer(operation_view(station.operations.get(o)))
+    return json_response(operation_view(station.operations.get(o)))
 
 
 @router.delete("/{o}", response_model=OperationModel)
@@ -66,7 +68,7 @@ async def cancel_operation(o: str, station: StationDep, principal: PrincipalDep)
         station, principal, "operations/cancel", None, {"operation": o, "kind": operation.kind}
     ):
         if operation.vehicle is not None and operation.client_key != principal.key:
-            refused = station.authority.refusal(principal, "operations/cancel", [operation.vehicle])
-            if refused is not None:
-                raise refused
-        return answer(operation_view(await station.operations.cancel(o)))
+            refusal = station.authority.refusal(principal, "operations/cancel", [operation.vehicle])
+            if refusal is not None:
+                raise refusal
+        return json_response(operation_view(await station.operations.cancel(o)))

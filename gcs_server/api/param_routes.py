@@ -1,4 +1,4 @@
-"""Routes of a vehicle's parameters: list all with metadata, read one, set one."""
+"""Routes of a vehicle's parameters: list all with metadata, read and set."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import StationDep, VehicleDep
 from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.control.commands import API
@@ -26,8 +26,8 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
 
-VIEWED_AT_ONCE = 100
-"""Number of parameters encoded in one iteration of the event loop."""
+MAX_ENCODED_AT_ONCE = 100
+"""Maximum number of parameters that are encoded in one iteration of the event loop."""
 
 FactsModel = model_of(
     ParamMetadata,
@@ -43,9 +43,7 @@ class ParameterView(ResponseBody):
 
     name: str = Field(description="Up to 16 characters of A–Z, 0–9 and _.")
     value: float | int | None = Field(description="Value in the parameter's unit; null: the value is NaN.")
-    is_integer: bool = Field(
-        description="Whether the type is a 32-bit integer; otherwise it is a 32-bit float."
-    )
+    is_integer: bool = Field(description="Whether the type is a 32-bit integer; false: a 32-bit float.")
     is_default: bool | None = Field(
         description="Whether the value is the firmware's default; null: not known."
     )
@@ -101,8 +99,8 @@ async def all_params(vehicle: VehicleDep) -> Response:
     known = vehicle.params.all()
     head = encode({"vehicle": vehicle.id, "list": vehicle.params.list})
     parts: list[bytes] = []
-    for begin in range(0, len(known), VIEWED_AT_ONCE):
-        parts += [encode(_view(vehicle, param)) for param in known[begin : begin + VIEWED_AT_ONCE]]
+    for begin in range(0, len(known), MAX_ENCODED_AT_ONCE):
+        parts += [encode(_view(vehicle, param)) for param in known[begin : begin + MAX_ENCODED_AT_ONCE]]
         await asyncio.sleep(0)
     content = b'%s,"params":[%s]}' % (head[:-1], b",".join(parts))
     return Response(content, media_type="application/json")
@@ -130,12 +128,12 @@ async def refresh_params(
     params = vehicle.params
 
     async def read(report: ReportProgress) -> dict[str, object]:
-        def report_progress(known: ParamList) -> None:
-            fraction = None if not known.count else known.received / known.count
-            report(f"{known.received} of {known.count or 'unknown'} parameters received.", fraction)
+        def report_progress(state: ParamList) -> None:
+            fraction = None if not state.count else state.received / state.count
+            report(f"{state.received} of {state.count or 'unknown'} parameters received.", fraction)
 
-        known = await params.refresh(ignore_cache=request.ignore_cache, progress=report_progress)
-        return {"received": known.received, "source": known.source}
+        state = await params.refresh(ignore_cache=request.ignore_cache, progress=report_progress)
+        return {"received": state.received, "source": state.source}
 
     operation = station.operations.start(
         "parameters/read",
@@ -146,13 +144,13 @@ async def refresh_params(
         needs_vehicle=True,
     )
     if request.wait:
-        ended = await station.operations.wait(operation.id)
-        if ended.state == "cancelled":
+        operation = await station.operations.wait(operation.id)
+        if operation.state == "cancelled":
             raise Refused(f"Reading the parameters of vehicle {vehicle.id} was cancelled.")
-        return answer(params.list)
+        return json_response(params.list)
     if params.list.state != "reading":
         params.mark_reading()
-    response = answer(params.list, 202)
+    response = json_response(params.list, 202)
     response.headers["Location"] = f"{API}/operations/{operation.id}"
     return response
 
@@ -160,7 +158,7 @@ async def refresh_params(
 @router.get("/{v}/params/{name}", response_model=ParameterView)
 async def get_param(vehicle: VehicleDep, name: str) -> Response:
     """Reads one parameter from the vehicle. A vehicle does not answer for an unknown name (504)."""
-    return answer(_view(vehicle, await vehicle.params.get(name)))
+    return json_response(_view(vehicle, await vehicle.params.get(name)))
 
 
 @router.put("/{v}/params/{name}", response_model=ParameterView)
@@ -177,4 +175,4 @@ async def set_param(
         arguments["force"] = True
     with authorized_command(station, principal, "param", v, arguments):
         vehicle = station.fleet.get(v)
-        return answer(_view(vehicle, await vehicle.params.set(name, body.value, force=body.force)))
+        return json_response(_view(vehicle, await vehicle.params.set(name, body.value, force=body.force)))

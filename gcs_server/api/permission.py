@@ -59,7 +59,7 @@ def require_permission(principal: Principal, command: Command) -> None:
         raise NotPermitted(str(principal), command.name, command.permission)
 
 
-async def permitted(connection: HTTPConnection, principal: PrincipalDep) -> None:
+async def check_permission(connection: HTTPConnection, principal: PrincipalDep) -> None:
     """Dependency of every route; a refusal is written to the journal.
 
     Raises:

@@ -42,7 +42,8 @@ class PlanContext:
     parameters: dict[str, float] = field(default_factory=dict[str, float])
     """Parameters by PX4 name."""
     unknown_parameters: tuple[str, ...] = ()
-    """PX4 names of the other parameters that the checks of an offboard mission need."""
+    """PX4 names of the parameters that the checks of an offboard mission need and whose values are
+    unknown."""
     home: dict[str, float] | None = None
     """Home position: `lat_deg`, `lon_deg`, `alt_amsl_m`."""
     origin: dict[str, float] | None = None
@@ -73,13 +74,13 @@ async def check_document(
         home: home position to use instead of the vehicle's.
     """
     context = plan_context_of(station, vehicle)
-    needed = context.unknown_parameters
+    unknown_parameters = context.unknown_parameters
     if not isinstance(document, OffboardMission):
-        needed = tuple(name for name in needed if name in PARAMETERS.values())
+        unknown_parameters = tuple(name for name in unknown_parameters if name in PARAMETERS.values())
     arguments = {
         "plan": text_of(document),
         "parameters": context.parameters,
-        "unknown_parameters": needed,
+        "unknown_parameters": unknown_parameters,
         "home": context.home if home is None else home.model_dump(),
         "origin": context.origin,
         "reported": context.reported,
@@ -108,7 +109,7 @@ def is_small(document: Document) -> bool:
 
 
 def is_small_pattern(pattern: PatternDocument) -> bool:
-    """Whether a pattern is generated in a thread, in about 50 ms; larger ones need a process. A form
+    """Whether a pattern is small enough for a thread, in about 50 ms; larger patterns need a process. A form
     generates a pattern after each change, and a process takes a second to start."""
     if isinstance(pattern, OrbitPattern | PerimeterPattern):
         return True
@@ -129,13 +130,13 @@ def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
     if vehicle is None:
         return PlanContext()
     not_known: list[str] = []
-    result = {
+    params = {
         name: vehicle.params.known(name) for name in {*PARAMETERS.values(), *MOTION_PARAMETERS.values()}
     }
-    parameters = {name: float(param.value) for name, param in result.items() if param is not None}
-    # PX4 builds do not have every parameter: one that is missing in the whole list does not exist.
+    parameters = {name: float(param.value) for name, param in params.items() if param is not None}
+    # A parameter that is missing in a complete list does not exist in this PX4 build.
     is_complete = vehicle.params.list.state == "ready"
-    unknown = () if is_complete else tuple(sorted(name for name in result if name not in parameters))
+    unknown = () if is_complete else tuple(sorted(name for name in params if name not in parameters))
     limits = station.offboard(vehicle.id).operator_limits.limits
     operator = OperatorArea(limits.height_max_m, limits.distance_max_m, limits.fence)
     sample = vehicle.topic("home")

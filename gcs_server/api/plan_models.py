@@ -1,4 +1,4 @@
-"""Bodies and answers of the routes for plans.
+"""Request and response bodies of the routes for plans.
 
 The documents are defined in `missions`, which checks their JSON; its errors name the item and the fix.
 """
@@ -34,8 +34,8 @@ from missions.values import Altitude, Point
 MAX_NAME_LENGTH = 100
 
 
-def _as_json(read: Callable[[str], Any]) -> BeforeValidator:
-    """Reads a part of a body with a function that reads JSON text."""
+def _json_validator(read: Callable[[str], Any]) -> BeforeValidator:
+    """A validator that reads a value with a function for JSON text."""
 
     def convert(value: object) -> object:
         try:
@@ -47,16 +47,16 @@ def _as_json(read: Callable[[str], Any]) -> BeforeValidator:
 
 
 PlanBody = Annotated[
-    Plan, _as_json(plan_document.read), Field(description="The plan's document (docs/missions.md).")
+    Plan, _json_validator(plan_document.read), Field(description="The plan's document (docs/missions.md).")
 ]
 MissionBody = Annotated[
     OffboardMission,
-    _as_json(mission_reader.read_json),
+    _json_validator(mission_reader.read_json),
     Field(description="An offboard mission's document (docs/missions.md)."),
 ]
 DocumentBody = Annotated[
     Document,
-    _as_json(documents.read),
+    _json_validator(documents.read),
     Field(description="A waypoint plan or an offboard mission, depending on `format` (docs/missions.md)."),
 ]
 AnyDocument = Annotated[Plan | OffboardMission, Field(discriminator="format")]
@@ -103,7 +103,7 @@ class Power(StrictBody):
     battery_wh: float = Field(gt=0, le=1e6, description="Energy of the full battery [Wh].")
     mass_kg: float = Field(gt=0, le=1e4, description="Mass with battery and payload [kg].")
     reserve: float = Field(
-        default=0.2, ge=0, lt=1, description="Share of the battery that is kept as reserve."
+        default=0.2, ge=0, lt=1, description="Fraction of the battery that is kept as reserve."
     )
 
 
@@ -191,10 +191,10 @@ class FindingModel(ResponseBody):
     )
     text: str = Field(description="Message for the pilot.")
     place: FindingPlace = Field(description="The part of the plan that the finding is about.")
-    fix: str | None = Field(description="How to correct it.")
+    fix: str | None = Field(description="How to correct the problem.")
     limit: float | None = Field(
-        description="The number that it was checked against: height above home [m], speed [m/s], tilt [rad] "
-        "or least time [s]; null: it has none. The page's fixes use it."
+        description="The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt "
+        "[rad] or minimum time [s]; null: no limit. The page's fixes use it."
     )
 
 
@@ -230,7 +230,7 @@ class PlanCheck(ResponseBody):
     )
     vehicle: str | None = Field(description="Vehicle for which the plan was checked.")
     ground: list[tuple[float, float | None]] = Field(
-        description="The ground below the flight: distance along the flight [m], and height of the ground "
+        description="The ground below the flight: distance along the flight [m], and altitude of the ground "
         "above home, or above the start of an offboard mission [m]; null: unknown. Empty without elevation "
         "files."
     )
@@ -271,7 +271,8 @@ class GroundPlan(ResponseBody):
     plan: Plan = Field(description="The plan.")
     resolved: int = Field(description="Number of items and rally points with resolved altitudes.")
     unknown: int = Field(
-        description="Number of items and rally points with unresolved altitudes, because no file covers them."
+        description="Number of items and rally points whose altitudes are unresolved, because no file covers "
+        "their positions."
     )
     added: int = Field(description="Number of added waypoints.")
     notes: list[str] = Field(description="Unusable files and positions without elevation data; sentences.")

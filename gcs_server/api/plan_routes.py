@@ -25,7 +25,7 @@ from gcs_server.api.plan_traffic import traffic_findings
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.refusals import MAX_BODY_BYTES
-from gcs_server.api.responses import answer, fields_of
+from gcs_server.api.responses import fields_of, json_response
 from gcs_server.api.station import StationDep
 from gcs_server.errors import InvalidRequest
 from gcs_server.plans.files import PlanVersion
@@ -38,9 +38,9 @@ from missions.values import Altitude, Reference
 router = APIRouter(prefix="/plans", tags=["plans"], responses=RESPONSES)
 
 SMALL_FILE_BYTES = 32_768
-"""Files up to this size are read in a thread, larger ones in a process."""
+"""Files up to this size are read in a thread, larger files in a process."""
 SMALL_YAML_BYTES = 8_192
-"""The same limit for YAML, which takes longer to parse."""
+"""Limit for YAML files, which take longer to parse."""
 MAX_MISSION_BYTES = MAX_BODY_BYTES - 4096
 """Maximum size of a mission after an insertion. The rest of MAX_BODY_BYTES is for the other fields of the
 request that saves the mission."""
@@ -69,7 +69,7 @@ MEDIA_TYPES: dict[FormatName, str] = {
 @router.get("", response_model=m.PlanList)
 async def list_plans(station: StationDep) -> Response:
     """The newest version of each plan, without the documents."""
-    return answer({"plans": await station.plans.all()})
+    return json_response({"plans": await station.plans.all()})
 
 
 @router.post("", response_model=m.KeptPlan, status_code=201)
@@ -96,14 +96,14 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     check = await check_document(station, body.plan, vehicle, power)
     if vehicle is not None and not isinstance(body.plan, OffboardMission):
         check["findings"] += await traffic_findings(station, vehicle, body.plan)
-    return answer(check)
+    return json_response(check)
 
 
 @router.post("/convert", response_model=m.ConvertedPlan)
 async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
     """Converts a waypoint plan to an offboard mission, which flies it by setpoints. Saves nothing.
 
-    With `vehicle`, its parameters are used, and its home if the plan has none.
+    With `vehicle`, the vehicle's parameters are used, and its home if the plan has no home.
     """
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
     context = plan_context_of(station, vehicle)
@@ -115,7 +115,7 @@ async def convert_plan(body: m.PlanToConvert, station: StationDep) -> Response:
         "home": home,
     }
     result = await station.plan_work.run("convert", arguments, small=is_small(body.plan))
-    return answer({**result, "plan": Raw(result["plan"].encode())})
+    return json_response({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.post("/insert", response_model=MissionWithInserted)
@@ -127,18 +127,18 @@ async def insert_mission(body: MissionToInsert, station: StationDep) -> Response
     limit and avoidance become fields of its steps; its other limits, its geofence and its obstacles apply to
     the whole mission.
     """
-    name, added = await chosen_mission(station, body)
+    name, inserted = await chosen_mission(station, body)
     arguments = {
         **body.model_dump(include={"at", "in_air", "positions"}),
         "plan": text_of(body.plan),
-        "added": added,
+        "added": inserted,
         "name": name.name,
         "max_bytes": MAX_MISSION_BYTES,
     }
-    small = is_small(body.plan) and len(added) <= SMALL_MISSION_BYTES
+    small = is_small(body.plan) and len(inserted) <= SMALL_MISSION_BYTES
     field = "mission" if body.plan_id is None else "plan_id"
     result = await station.plan_work.run("insert", arguments, small=small, field=field)
-    return answer({**result, "plan": Raw(result["plan"].encode())})
+    return json_response({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.post("/ground", response_model=m.GroundPlan)
@@ -151,13 +151,13 @@ async def follow_ground(body: m.PlanToFollowGround, station: StationDep) -> Resp
     """
     arguments = {"plan": text_of(body.plan), "tolerance_m": body.tolerance_m}
     result = await station.plan_work.run("follow_ground", arguments, small=False)
-    return answer({**result, "plan": Raw(result["plan"].encode())})
+    return json_response({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.get("/schema/{kind}", response_model=dict[str, Any])
 async def plan_schema(kind: PlanKind) -> Response:
     """The JSON Schema of the documents of a kind."""
-    return answer(documents.schema(kind))
+    return json_response(documents.schema(kind))
 
 
 @router.post("/import", response_model=m.ImportedPlan, openapi_extra=FILE_BODY)
@@ -173,7 +173,8 @@ async def import_plan(
             ge=-12_000,
             le=100_000,
             allow_inf_nan=False,
-            description="Altitude of points that have none in the file [m]; default: such a file is refused.",
+            description="Altitude of points without an altitude in the file [m]; default: a file with such "
+            "points is refused.",
         ),
     ] = None,
     altitude_reference: Annotated[Reference, Query(description="Reference of `altitude_m`.")] = "home",
@@ -183,7 +184,7 @@ async def import_plan(
 
     The body is the bytes of the file.
     """
-    data = await _file_of(request)
+    data = await _file_content(request)
     altitude = None
     if altitude_m is not None:
         altitude = Altitude(value_m=altitude_m, reference=altitude_reference).model_dump()
@@ -191,7 +192,7 @@ async def import_plan(
     max_bytes = SMALL_YAML_BYTES if filename.lower().endswith((".yaml", ".yml")) else SMALL_FILE_BYTES
     small = len(data) <= max_bytes and not data.startswith(b"PK")  # PK: a ZIP archive (KMZ)
     result = await station.plan_work.run("import", arguments, small=small, field="body")
-    return answer({**result, "plan": Raw(result["plan"].encode())})
+    return json_response({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.post("/table", response_model=m.ImportedTableModel, openapi_extra=FILE_BODY)
@@ -208,13 +209,13 @@ async def import_table(
     The body is the bytes of the file. Columns: `t_s`, `north_m`, `east_m`, `down_m`, and optionally
     `yaw_ned_rad`.
     """
-    data = await _file_of(request)
+    data = await _file_content(request)
     arguments = {"file": base64.b64encode(data).decode(), "filename": filename}
     small = len(data) <= SMALL_FILE_BYTES
-    return answer(await station.plan_work.run("table", arguments, small=small, field="body"))
+    return json_response(await station.plan_work.run("table", arguments, small=small, field="body"))
 
 
-async def _file_of(request: Request) -> bytes:
+async def _file_content(request: Request) -> bytes:
     data = await request.body()
     if not data:
         raise InvalidRequest("body", "The file is empty.", remedy="Send the file as the request's body.")
@@ -293,7 +294,7 @@ async def make_pattern(
     task = "pattern" if tolerance_m is None else "pattern_on_ground"
     small = tolerance_m is None and is_small_pattern(pattern)
     result = await station.plan_work.run(task, arguments, small=small, field="body")
-    return answer({**result, "plan": Raw(result["plan"].encode())})
+    return json_response({**result, "plan": Raw(result["plan"].encode())})
 
 
 @router.get("/{plan}", response_model=m.KeptPlan)
@@ -309,13 +310,13 @@ async def get_plan(
 @router.get("/{plan}/versions", response_model=m.PlanVersions)
 async def list_versions(plan: str, station: StationDep) -> Response:
     """The stored versions of a plan, newest first."""
-    return answer({"versions": await station.plans.versions(plan)})
+    return json_response({"versions": await station.plans.versions(plan)})
 
 
 @router.put("/{plan}", response_model=m.KeptPlan)
 async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, principal: PrincipalDep) -> Response:
     """Adds a version. Answers 409 `conflict` if `base_version` is not the newest version, with the time and
-    the client of the newest one."""
+    the client of the newest version."""
     arguments: dict[str, object] = {"plan": plan, "name": body.name, "base_version": body.base_version}
     with authorized_command(station, principal, "plans/save", None, arguments):
         head = await station.plans.save(
@@ -345,4 +346,4 @@ async def delete_plan(
 
 
 def _stored_plan(head: PlanVersion, document: bytes, status: int = 200) -> Response:
-    return answer({**fields_of(head), "plan": Raw(document)}, status)
+    return json_response({**fields_of(head), "plan": Raw(document)}, status)

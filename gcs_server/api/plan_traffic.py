@@ -1,5 +1,5 @@
-"""Compares the flight of a waypoint plan or an offboard mission with what the other vehicles of this station
-fly now."""
+"""Compares the flight of a waypoint plan or an offboard mission with the current flights of the other
+vehicles of this station."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from missions.waypoints.planned import PlannedPasses, planned_by_plan
 from missions.waypoints.resume import remaining_plan, resume_point
 
 SEPARATION, SEPARATION_UNKNOWN = "separation", "separation_unknown"
-HOVERS_BELOW_M_S = 0.5
+MAX_HOVER_SPEED_M_S = 0.5
 """Speed below which a vehicle without a known path counts as hovering."""
 
 
@@ -38,10 +38,10 @@ class Comparison:
     """The flight of a plan, compared with the flights of the other vehicles."""
 
     path: PredictedPath | None
-    """Predicted path of the vehicle; None: its position is not known, or the plan has no path."""
+    """Predicted path of the vehicle; None: the vehicle's position is not known, or the plan has no path."""
     conflicts: tuple[Conflict, ...]
     not_compared: tuple[str, ...]
-    """Sentences about vehicles that fly and cannot be compared."""
+    """Sentences about flying vehicles that cannot be compared."""
 
 
 async def compare_with_others(
@@ -57,52 +57,53 @@ async def compare_with_others(
         station: the running server.
         vehicle: the vehicle that will fly the plan.
         plan: the plan.
-        item: index of the item at which it starts; None: the current one.
-        dry_run: the path of its dry run; None: straight lines with estimated times.
+        item: index of the item at which the flight starts; None: the vehicle's current item.
+        dry_run: the path of a dry run of the plan; None: straight lines with estimated times.
     """
-    predict = _own_path(vehicle, plan, item, dry_run)
-    others, not_compared = _others(station, vehicle)
+    predict = _path_predictor(vehicle, plan, item, dry_run)
+    other_paths, not_compared = _other_paths(station, vehicle)
 
     def compare() -> Comparison:
         path = None if predict is None else predict()
-        if path is None and others:
+        if path is None and other_paths:
             text = (
                 f"The path of vehicle {vehicle.id} is not known, so it is not compared with other vehicles."
             )
             return Comparison(None, (), (text,))
-        return Comparison(path, () if path is None else conflicts(path, others), tuple(not_compared))
+        return Comparison(path, () if path is None else conflicts(path, other_paths), tuple(not_compared))
 
     return await asyncio.to_thread(compare)
 
 
 async def traffic_findings(station: Station, vehicle: Vehicle, plan: Plan) -> list[dict[str, Any]]:
-    """The findings of a check of a plan for a vehicle on the ground, if it were started now; as
-    `FindingModel`. They are warnings, because the check does not know when the plan is started."""
+    """Separation findings of a plan, as `FindingModel`, if a vehicle on the ground started it now. The
+    findings are warnings, because the time of the start is not known."""
     if vehicle_reading(vehicle).in_air:
         return []
-    compared = await compare_with_others(station, vehicle, plan, 0)
+    comparison = await compare_with_others(station, vehicle, plan, 0)
     rows = {f"item {seq + 1}": row for seq, (row, _) in enumerate(plan.simple_items())}
-    found = [
+    findings = [
         _finding(SEPARATION, f"Started now: {each.text}", rows.get(each.place), FIX)
-        for each in compared.conflicts
+        for each in comparison.conflicts
     ]
-    return found + [_finding(SEPARATION_UNKNOWN, text, None, None) for text in compared.not_compared]
+    return findings + [_finding(SEPARATION_UNKNOWN, text, None, None) for text in comparison.not_compared]
 
 
 async def mission_traffic(station: Station, vehicle: Vehicle, timeline: Timeline) -> list[dict[str, Any]]:
-    """The findings of the start of an offboard mission: where it comes too near to other vehicles."""
-    here, origin = vehicle_reading(vehicle).position_ned_m, VehicleEstimates(vehicle).origin()
-    if here is None or origin is None:
+    """Separation errors of an offboard mission that starts now: the steps in which it comes too near to other
+    vehicles."""
+    position_ned_m, origin = vehicle_reading(vehicle).position_ned_m, VehicleEstimates(vehicle).origin()
+    if position_ned_m is None or origin is None:
         return []  # the mission is not started without a position
-    others, _ = _others(station, vehicle)
+    other_paths, _ = _other_paths(station, vehicle)
 
     def compare() -> tuple[Conflict, ...]:
-        path = predict_timeline(vehicle.id, origin, timeline, here)
-        return () if path is None else conflicts(path, others)
+        path = predict_timeline(vehicle.id, origin, timeline, position_ned_m)
+        return () if path is None else conflicts(path, other_paths)
 
-    found = await asyncio.to_thread(compare)
+    findings = await asyncio.to_thread(compare)
     return [
-        {"code": SEPARATION, "severity": "error", "step": each.place, "text": each.text} for each in found
+        {"code": SEPARATION, "severity": "error", "step": each.place, "text": each.text} for each in findings
     ]
 
 
@@ -114,14 +115,15 @@ def _finding(code: str, text: str, row: int | None, fix: str | None) -> dict[str
 # --- the other vehicles -----------------------------------------------------------------------------------
 
 
-def _others(station: Station, vehicle: Vehicle) -> tuple[list[PredictedPath], list[str]]:
-    """The predicted paths of the other vehicles that fly, and sentences about those without one."""
+def _other_paths(station: Station, vehicle: Vehicle) -> tuple[list[PredictedPath], list[str]]:
+    """The predicted paths of the other flying vehicles, and sentences about vehicles whose path is not
+    known."""
     paths: list[PredictedPath] = []
     not_compared: list[str] = []
     for other in station.fleet.all():
         if other.id == vehicle.id or other.identity.replayed:
             continue
-        path = _path_of(station, other)
+        path = _current_path(station, other)
         if path is not None:
             paths.append(path)
         elif vehicle_reading(other).in_air:
@@ -131,28 +133,29 @@ def _others(station: Station, vehicle: Vehicle) -> tuple[list[PredictedPath], li
     return paths, not_compared
 
 
-def _path_of(station: Station, other: Vehicle) -> PredictedPath | None:
-    """What the vehicle flies now: a waypoint plan, an offboard mission, or nothing that moves it."""
-    for path in (_path_of_mission(station, other), station.waypoint_flights.predicted(other.id)):
+def _current_path(station: Station, other: Vehicle) -> PredictedPath | None:
+    """Predicted path of a vehicle that flies an offboard mission or a waypoint plan, or hovers; None: the
+    path is not known, or the vehicle is not flying."""
+    for path in (_mission_path(station, other), station.waypoint_flights.predicted(other.id)):
         if path is not None:
             return path
-    return _hovering(other)
+    return _hover_path(other)
 
 
-def _path_of_mission(station: Station, other: Vehicle) -> PredictedPath | None:
+def _mission_path(station: Station, other: Vehicle) -> PredictedPath | None:
     flight, origin = station.missions.newest(other.id), VehicleEstimates(other).origin()
-    here = vehicle_reading(other).position_ned_m
-    if flight is None or not flight.runner.in_charge or origin is None or here is None:
+    position_ned_m = vehicle_reading(other).position_ned_m
+    if flight is None or not flight.runner.in_charge or origin is None or position_ned_m is None:
         return None
-    return predict_mission(other.id, origin, flight.runner.flight, here)
+    return predict_mission(other.id, origin, flight.runner.flight, position_ned_m)
 
 
-def _hovering(other: Vehicle) -> PredictedPath | None:
+def _hover_path(other: Vehicle) -> PredictedPath | None:
     reading, origin = vehicle_reading(other), VehicleEstimates(other).origin()
     position, velocity = reading.position_ned_m, reading.velocity_ned_m_s
     if not reading.in_air or origin is None or position is None or velocity is None:
         return None
-    if math.hypot(*velocity) > HOVERS_BELOW_M_S:
+    if math.hypot(*velocity) > MAX_HOVER_SPEED_M_S:
         return None
     return stationary_path(other.id, origin, position, "hovering")
 
@@ -168,54 +171,54 @@ class _Start:
     model: VehicleModel
     origin: LocalOrigin
     home: HomePosition
-    here: Vector3
+    position_ned_m: Vector3
     in_air: bool
     item: int
-    """Index of the item at which it starts."""
+    """Index of the item at which the vehicle starts."""
 
 
-def _own_path(
+def _path_predictor(
     vehicle: Vehicle, plan: Plan, item: int | None, dry_run: DryRunPath | None
 ) -> Callable[[], PredictedPath | None] | None:
-    """A function that predicts the path, to be called in a thread; None: the vehicle's position is not
-    known."""
+    """A function that predicts the vehicle's path, to be called in a thread; None: the vehicle's position is
+    not known."""
     estimates, reading = VehicleEstimates(vehicle), vehicle_reading(vehicle)
-    here, origin = reading.position_ned_m, estimates.origin()
-    if here is None or origin is None:
+    position_ned_m, origin = reading.position_ned_m, estimates.origin()
+    if position_ned_m is None or origin is None:
         return None
-    lat_deg, lon_deg, alt_amsl_m = origin.to_geodetic(here)
+    lat_deg, lon_deg, alt_amsl_m = origin.to_geodetic(position_ned_m)
     home = estimates.home()
     if reading.in_air and home is not None:
         lat_deg, lon_deg, alt_amsl_m = home.lat_deg, home.lon_deg, home.alt_amsl_m
-    at = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
+    home_position = HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m)
     start = _Start(
-        vehicle.id, vehicle_model(vehicle), origin, at, here, reading.in_air,
-        _current(vehicle) if item is None else item,
+        vehicle.id, vehicle_model(vehicle), origin, home_position, position_ned_m, reading.in_air,
+        _current_item(vehicle) if item is None else item,
     )  # fmt: skip
     planned = None if dry_run is None else dry_run.planned
-    return lambda: _predicted(start, plan, planned)
+    return lambda: _predict(start, plan, planned)
 
 
-def _predicted(start: _Start, plan: Plan, by_dry_run: PlannedPasses | None) -> PredictedPath | None:
+def _predict(start: _Start, plan: Plan, dry_run_passes: PlannedPasses | None) -> PredictedPath | None:
     item, flown_plan = start.item, plan
     if not start.in_air and item > 0:
         if isinstance(resume_point(plan, item), str):
             item = 0  # PX4 begins again at the first item
         else:
-            flown_plan, by_dry_run = remaining_plan(plan, item, start.home), None
-    planned = by_dry_run or planned_by_plan(flown_plan, start.model, start.home, start.origin)
+            flown_plan, dry_run_passes = remaining_plan(plan, item, start.home), None
+    planned = dry_run_passes or planned_by_plan(flown_plan, start.model, start.home, start.origin)
     if planned is None:
         return None
     index = 0
     if start.in_air:
-        index = next((at for at, each in enumerate(planned.passes) if max(each.items) >= item), 0)
+        index = next((number for number, each in enumerate(planned.passes) if max(each.items) >= item), 0)
     return predict_plan(
         start.vehicle, start.origin, planned, ends_in_air=not ends_with_landing(flown_plan), index=index,
-        off_path_ned_m=start.here if start.in_air else None, speed_m_s=start.model.cruise_m_s,
+        off_path_ned_m=start.position_ned_m if start.in_air else None, speed_m_s=start.model.cruise_m_s,
     )  # fmt: skip
 
 
-def _current(vehicle: Vehicle) -> int:
+def _current_item(vehicle: Vehicle) -> int:
     sample = vehicle.topic("mission")
     current = sample.value.current if sample is not None and isinstance(sample.value, Mission) else None
     return current or 0

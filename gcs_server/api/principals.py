@@ -17,20 +17,20 @@ def principal_of(connection: HTTPConnection) -> Principal:
     request. Browsers cannot send these headers with a WebSocket; they use `?client=` and `&client_id=`
     instead.
     """
-    known = connection.scope.get(SCOPE_KEY)
-    if known is None:
-        name, own_id = _given_identity(connection)
+    principal = connection.scope.get(SCOPE_KEY)
+    if principal is None:
+        name, client_id = _sent_identity(connection)
         address = connection.client.host if connection.client is not None else ""
-        known = connection.scope[SCOPE_KEY] = Principal.of(name, own_id, address)
-    return known
+        principal = connection.scope[SCOPE_KEY] = Principal.from_identity(name, client_id, address)
+    return principal
 
 
 def has_identity(connection: HTTPConnection) -> bool:
-    """Whether the caller gave a name or an id, not only its address."""
-    return any(_given_identity(connection))
+    """Whether the caller has sent a name or an id."""
+    return any(_sent_identity(connection))
 
 
-def _given_identity(connection: HTTPConnection) -> tuple[str, str]:
+def _sent_identity(connection: HTTPConnection) -> tuple[str, str]:
     headers = connection.headers
     query = connection.query_params if connection.scope["type"] == "websocket" else {}
     return (

@@ -1,4 +1,4 @@
-"""Converts all errors to HTTP answers: problem+json (RFC 9457) with field, reason and remedy."""
+"""Converts all errors to HTTP responses: problem+json (RFC 9457) with field, reason and remedy."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ UNION_TAGS = frozenset(KINDS) | {"hold", "land", "stop_stream", "polygon", "circ
 """Names of union branches, which Pydantic adds to the paths of fields."""
 
 MAX_ERRORS = 20
-"""Maximum number of invalid values in one answer."""
+"""Maximum number of invalid values in one response."""
 MAX_VALUE_LENGTH = 300
 
 _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
@@ -135,9 +135,9 @@ RESPONSES: dict[int | str, dict[str, object]] = {
 
 
 def status_of(error: GcsError) -> tuple[int, str]:
-    """HTTP status and title."""
-    for kind, status, title in _STATUS:
-        if isinstance(error, kind):
+    """HTTP status and title of the response to an error."""
+    for error_type, status, title in _STATUS:
+        if isinstance(error, error_type):
             return status, title
     return 500, "The server failed"
 
@@ -175,7 +175,7 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
         if item["type"] == "document_field":
             parts = [item["ctx"]["field"]]
-        problems.append({"field": _short(".".join(parts) or "body"), "message": _short(message)})
+        problems.append({"field": _shortened(".".join(parts) or "body"), "message": _shortened(message)})
     if len(errors) > MAX_ERRORS:
         problems.append({"field": "body", "message": f"and {len(errors) - MAX_ERRORS} more invalid values"})
     return problems
@@ -187,7 +187,7 @@ def _is_consequence(item: dict[str, Any], error: RequestValidationError) -> bool
     return any(other["loc"][: len(path)] == path and other is not item for other in error.errors())
 
 
-def _short(text: str) -> str:
+def _shortened(text: str) -> str:
     """Shortens names and values from the client, which may have any length."""
     return text if len(text) <= MAX_VALUE_LENGTH else f"{text[:MAX_VALUE_LENGTH]}…"
 
@@ -204,9 +204,9 @@ def install(app: FastAPI) -> None:
         assert isinstance(error, RequestValidationError)
         errors = validation_errors(error)
         detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
-        note = getattr(request.app.state, "journal_invalid", None)
-        if note is not None:
-            note(request, detail)
+        write_journal = getattr(request.app.state, "journal_invalid", None)
+        if write_journal is not None:
+            write_journal(request, detail)
         return problem(
             422, "Invalid request", "invalid_request", detail, field=errors[0]["field"], errors=errors
         )
@@ -218,15 +218,15 @@ def install(app: FastAPI) -> None:
 
     async def unexpected_error(request: Request, error: Exception) -> Response:
         log.error("%s %s failed", request.method, request.url.path, exc_info=error)
-        answer = problem(
+        response = problem(
             500,
             "The server failed",
             "internal",
             f"{type(error).__name__} while handling {request.method} {request.url.path}.",
             remedy="Check the vehicle's state before you try again; the server's log has the details.",
         )
-        answer.headers.update(security_headers(request.scope))  # no middleware processes this answer
-        return answer
+        response.headers.update(security_headers(request.scope))  # no middleware processes this response
+        return response
 
     app.add_exception_handler(GcsError, gcs_error)
     app.add_exception_handler(RequestValidationError, invalid)

@@ -1,4 +1,4 @@
-"""Why a vehicle cannot arm or fly each of its modes."""
+"""Routes of readiness: why a vehicle cannot arm or fly in each of its modes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field, create_model
 
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.reflect import model_of
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import VehicleDep
 from gcs_server.vehicle.readiness import Cause, ModeReadiness, Offer, Readiness
 from gcs_server.vehicle.vehicle import Vehicle
@@ -39,7 +39,7 @@ def _view(vehicle: Vehicle) -> dict[str, object]:
 @router.get("/{v}/readiness", response_model=ReadinessView)
 async def readiness(vehicle: VehicleDep) -> Response:
     """The vehicle's last report, for all modes; the telemetry topic `readiness` has every change."""
-    return answer(_view(vehicle))
+    return json_response(_view(vehicle))
 
 
 @router.post("/{v}/readiness/check", response_model=ReadinessView)
@@ -49,4 +49,4 @@ async def check(vehicle: VehicleDep) -> Response:
     """
     await vehicle.health.check()
     vehicle.in_background("metadata of its events", vehicle.health.read_texts(vehicle.metadata))
-    return answer(_view(vehicle))
+    return json_response(_view(vehicle))

@@ -14,7 +14,7 @@ from gcs_server.api import models, responses
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import StationDep
 from gcs_server.errors import RecordingUnusable
 from gcs_server.operations.operations import ReportProgress
@@ -29,7 +29,7 @@ async def list_recordings(station: StationDep) -> Response:
     """Recorded flights, newest first; `problem` and `running` mark recordings that are damaged or still being
     written.
     """
-    return answer({"recordings": await station.replays.recordings()})
+    return json_response({"recordings": await station.replays.recordings()})
 
 
 @router.get(
@@ -38,7 +38,7 @@ async def list_recordings(station: StationDep) -> Response:
     responses={200: {"content": {"application/octet-stream": {}}}},
 )
 async def download_recording(name: str, station: StationDep) -> StreamingResponse:
-    """The file; if it is still being written, its current content."""
+    """The file of a recording; its current content, if the recording is still running."""
     path = station.replays.path(name)
     size = path.stat().st_size
     headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{_quoted(name)}"'}
@@ -48,8 +48,8 @@ async def download_recording(name: str, station: StationDep) -> StreamingRespons
 @router.get("/recordings/{name}/index", response_model=responses.RecordingIndexModel)
 async def index_recording(name: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Index of a recording: start, end, and each vehicle's modes, armed periods and messages. The first
-    request reads the recording, which takes seconds, as an operation that can be followed and cancelled. If
-    it is cancelled, the answer is 409.
+    request reads the recording, which takes seconds, as an operation that can be followed and cancelled. A
+    cancelled operation gives 409.
     """
     replays = station.replays
     if not replays.is_indexed(name):
@@ -71,43 +71,43 @@ async def index_recording(name: str, station: StationDep, principal: PrincipalDe
         )
         if (await station.operations.wait(operation.id)).state == "cancelled":
             raise RecordingUnusable(f"{name}: reading it was cancelled.")
-    return answer(await replays.index_of_recording(name))
+    return json_response(await replays.index_of_recording(name))
 
 
 @router.get("/replays", response_model=responses.Replays)
 async def list_replays(station: StationDep) -> Response:
     """The replays that are open; also sent by the telemetry socket."""
-    return answer({"replays": station.replays.all()})
+    return json_response({"replays": station.replays.all()})
 
 
 @router.post("/replays", response_model=responses.ReplayModel, status_code=201)
 async def open_replay(body: models.ReplayRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Opens a recording for replay; one that is already open is not changed."""
+    """Opens a recording for replay; a replay that is already open is not changed."""
     with authorized_command(station, principal, "replays/open", None, body.model_dump()):
-        opened = await station.replays.open(body.recording, speed=body.speed, playing=body.playing)
-        return answer(opened, 201)
+        replay = await station.replays.open(body.recording, speed=body.speed, playing=body.playing)
+        return json_response(replay, 201)
 
 
 @router.get("/replays/{name}", response_model=responses.ReplayModel)
 async def show_replay(name: str, station: StationDep) -> Response:
     """State of a replay: position, speed, playing or paused."""
-    return answer(station.replays.get(name))
+    return json_response(station.replays.get(name))
 
 
 @router.post("/replays/{name}", response_model=responses.ReplayModel)
 async def change_replay(name: str, body: models.ReplayChange, station: StationDep) -> Response:
     """Plays, pauses, sets the speed or jumps to a time; answers once the vehicles show their state at that
     time."""
-    changed = await station.replays.change(
+    replay = await station.replays.change(
         name, playing=body.playing, speed=body.speed, position_unix_s=body.position_unix_s
     )
-    return answer(changed)
+    return json_response(replay)
 
 
 @router.get("/replays/{name}/index", response_model=responses.RecordingIndexModel)
 async def index_replay(name: str, station: StationDep) -> Response:
     """The index of an open replay, including one opened by `gcs replay FILE`."""
-    return answer(await station.replays.index_of_replay(name))
+    return json_response(await station.replays.index_of_replay(name))
 
 
 @router.delete("/replays/{name}", status_code=204)
@@ -124,8 +124,8 @@ def _quoted(name: str) -> str:
 
 async def _read_pieces(path: Path, size: int) -> AsyncGenerator[bytes]:
     """The first `size` bytes of the file in pieces; the file may be growing."""
-    left = size
+    remaining = size
     async with await anyio.open_file(path, "rb") as file:
-        while left and (piece := await file.read(min(PIECE_BYTES, left))):
-            left -= len(piece)
+        while remaining and (piece := await file.read(min(PIECE_BYTES, remaining))):
+            remaining -= len(piece)
             yield piece

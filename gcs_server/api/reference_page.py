@@ -22,7 +22,7 @@ async def page() -> FileResponse:
 
 
 @router.get("/docs/reference.js")
-async def program() -> FileResponse:
+async def script() -> FileResponse:
     """The script of the page."""
     return FileResponse(FOLDER / "reference.js", media_type="text/javascript", headers=_FRESH)
 
@@ -35,6 +35,6 @@ async def style() -> FileResponse:
 
 @router.get("/docs/")
 @router.get("/api/v1/docs")
-async def elsewhere() -> RedirectResponse:
-    """Redirects from another common address of the reference."""
+async def redirect() -> RedirectResponse:
+    """Redirects other common addresses of an API reference to `/docs`."""
     return RedirectResponse("/docs", status_code=308)

@@ -51,8 +51,8 @@ def field_description(name: str) -> str:
         if unit and name.endswith(end):
             description = name[: -len(end)]
             break
-    plain = description.replace("_", " ").capitalize()
-    return " ".join(part for part in (plain, f"({frame})" if frame else "", unit) if part) + "."
+    label = description.replace("_", " ").capitalize()
+    return " ".join(part for part in (label, f"({frame})" if frame else "", unit) if part) + "."
 
 
 def attribute_docs(kind: type) -> dict[str, str]:

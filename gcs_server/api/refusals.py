@@ -1,4 +1,4 @@
-"""Answers to clients that exceed a limit: one table for the server and the API description."""
+"""Responses to clients that exceed a limit: one table for the server and the API description."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ BODY_DEADLINE_S = 20.0
 UNREAD_DEADLINE_S = 20.0
 """Deadline for a client to read some of the written data."""
 MAX_PIPELINED = 8
-"""Maximum number of requests that wait on one connection while another is being answered."""
+"""Maximum number of requests that wait on one connection while an earlier request is being served."""
 
 
 @dataclass(frozen=True, slots=True)
 class LimitRefusal:
-    """The answer to a request that exceeds a limit."""
+    """The response to a request that exceeds a limit."""
 
     status: int
     code: str
@@ -67,7 +67,7 @@ BODY_TOO_LARGE = LimitRefusal(
     "Send less at once: a path of fewer points, fewer vehicles in a call.",
 )
 URL_TOO_LONG = LimitRefusal(
-    414, "url_too_long", f"The address is longer than {MAX_URL_BYTES:,} bytes.", "Send a shorter one."
+    414, "url_too_long", f"The address is longer than {MAX_URL_BYTES:,} bytes.", "Send a shorter address."
 )
 HEAD_TOO_LARGE = LimitRefusal(
     431,
@@ -80,7 +80,7 @@ TOO_MANY = LimitRefusal(
     429,
     "too_many_requests",
     "This client, or its address, has too many connections, requests or WebSockets open.",
-    "Close some, wait for the answers, then try again. A client in control of a vehicle is served.",
+    "Close some, wait for the responses, then try again. A client in control of a vehicle is served.",
 )
 SERVER_FULL = LimitRefusal(
     503,

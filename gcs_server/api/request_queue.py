@@ -1,9 +1,9 @@
 """Starts requests one at a time, each in a separate iteration of the event loop.
 
-Otherwise hundreds of simultaneous requests would be answered in one iteration, and all other work of the
-loop would wait. Clients in control of a vehicle come first, then known clients, then new ones. A client that
+Without this queue, the loop would serve hundreds of simultaneous requests in one iteration and delay all
+other work. Clients in control of a vehicle come first, then known clients, then new clients. A client that
 keeps changing its name therefore does not delay other clients. Within a priority, addresses alternate, and
-so do the clients of an address.
+the clients of an address alternate.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Callable
 from gcs_server.control.principal import Principal
 
 KNOWN_AFTER_S = 2.0
-"""Time after its first request at which a client counts as known."""
+"""Time after a client's first request at which the client counts as known."""
 FORGOTTEN_AFTER_S = 60.0
 MAX_KNOWN_CLIENTS = 500
 
@@ -63,13 +63,13 @@ class RequestQueue:
     async def wait(self, client: Principal) -> None:
         """Returns when the request may start; immediately if no other request waits."""
         loop = asyncio.get_running_loop()
-        known = self._record_request(client.key, loop.time())
+        is_known = self._record_request(client.key, loop.time())
         if not self._is_starting:
             self._is_starting = True
             loop.call_soon(self._next)
             return
         future: asyncio.Future[None] = loop.create_future()
-        self._lanes[0 if self._in_control(client.key) else 1 if known else 2].push(client, future)
+        self._lanes[0 if self._in_control(client.key) else 1 if is_known else 2].push(client, future)
         await future
 
     def _record_request(self, key: str, now_s: float) -> bool:
@@ -91,5 +91,5 @@ class RequestQueue:
             if not future.done():  # otherwise the request was cancelled
                 break
         future.set_result(None)
-        # This request runs in the next iteration of the loop, and the one after it one iteration later.
+        # This request runs in the next iteration of the loop, and the following request one iteration later.
         asyncio.get_running_loop().call_soon(self._next)

@@ -1,4 +1,4 @@
-"""Models of answers for the OpenAPI description, and the functions that build the answers."""
+"""Models of responses for the OpenAPI description, and the functions that build responses."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _sample_model(name: str, value: Any) -> type[BaseModel]:
             float | None,
             Field(description="The vehicle's boot clock [s]; null if its message has no time."),
         ),
-        received_unix_s=(float, Field(description="When the server received it [s since 1970 UTC].")),
+        received_unix_s=(float, Field(description="Time of reception by the server [s since 1970 UTC].")),
         value=(value, Field(description="The sample itself.")),
     )
 
@@ -137,7 +137,7 @@ _vehicle_fields: dict[str, Any] = {
     ),
     "reach": (ReachModel, Field(description="Protocols over which the vehicle is connected.")),
     "topics": (TopicsModel, Field(description="Newest sample of each topic.")),
-    "control": (ControlModel | None, Field(description="State of control; null for a recording.")),  # type: ignore[operator]
+    "control": (ControlModel | None, Field(description="State of control; null for a replayed vehicle.")),  # type: ignore[operator]
     "offboard": (OffboardModel | None, Field(description="The vehicle's setpoint stream.")),  # type: ignore[operator]
 }
 VehicleModel = create_model(
@@ -154,7 +154,7 @@ class HistorySample(ResponseBody):
     vehicle: str = Field(description="The vehicle's id.")
     topic: str = Field(description="Name of the topic.")
     vehicle_time_boot_s: float | None = Field(description="The vehicle's own boot clock [s].")
-    received_unix_s: float = Field(description="When the server received it [s since 1970 UTC].")
+    received_unix_s: float = Field(description="Time of reception by the server [s since 1970 UTC].")
     value: dict[str, Any] = Field(description="As in `topics` of the vehicle.")
 
 
@@ -167,7 +167,7 @@ class History(ResponseBody):
 class Message(ResponseBody):
     """One event of a vehicle."""
 
-    index: int = Field(description="Number of the event, increasing for each vehicle; use it as `since`.")
+    index: int = Field(description="Number of the event, increasing for each vehicle; the value for `since`.")
     kind: str = Field(description="status_text, event, mode_changed, armed, disarmed, command, …")
     vehicle: str | None = Field(description="The vehicle's id.")
     unix_s: float = Field(description="Time of the event at the server [s since 1970 UTC].")
@@ -179,7 +179,7 @@ class Message(ResponseBody):
 class Messages(ResponseBody):
     """Status texts and events, oldest first."""
 
-    messages: list[Message] = Field(description="At most the last thousand.")
+    messages: list[Message] = Field(description="At most the last thousand messages.")
 
 
 class CommandDone(ResponseBody):
@@ -203,15 +203,15 @@ class GimbalPointed(CommandDone):
 
 
 class GimbalView(ResponseBody):
-    """State of the selected gimbal; default: the first one."""
+    """State of the selected gimbal; default: the first gimbal."""
 
     vehicle: str = Field(description="The vehicle's id.")
     available: bool = Field(description="False: the vehicle has reported no gimbal.")
     in_control: bool = Field(description="Whether this server is in primary control.")
     roi: RoiModel | None = Field(  # type: ignore[valid-type]
-        description="The ROI that this server has set; null: none, or it has ended."
+        description="The ROI that this server has set; null: no ROI is set, or it was cleared."
     )
-    gimbal: GimbalModel | None = Field(description="State and limits, and who controls it.")  # type: ignore[valid-type]
+    gimbal: GimbalModel | None = Field(description="State, limits, and the component that controls it.")  # type: ignore[valid-type]
 
 
 class Links(ResponseBody):
@@ -261,7 +261,7 @@ class Recordings(ResponseBody):
 class Replays(ResponseBody):
     """Open replays."""
 
-    replays: list[ReplayModel] = Field(description="Open replays; empty if none is open.")  # type: ignore[valid-type]
+    replays: list[ReplayModel] = Field(description="Open replays; may be empty.")  # type: ignore[valid-type]
 
 
 class Journal(ResponseBody):
@@ -273,11 +273,11 @@ class Journal(ResponseBody):
 class Warnings(ResponseBody):
     """Current warnings."""
 
-    warnings: list[NoticeModel] = Field(description="Empty if there are none.")  # type: ignore[valid-type]
+    warnings: list[NoticeModel] = Field(description="Current warnings; may be empty.")  # type: ignore[valid-type]
 
 
 class ServerHealth(ResponseBody):
-    """The server is running."""
+    """Health of the running server."""
 
     status: str = Field(description="Always `ok`: a server with a problem does not answer.")
     uptime_s: float = Field(description="Time since the server's start [s].")
@@ -297,8 +297,8 @@ class Version(ResponseBody):
     recording: bool = Field(description="Whether links are recorded; details are in /links.")
 
 
-def answer(value: object, status_code: int = 200) -> Response:
-    """JSON by msgspec: NaN and infinity become null."""
+def json_response(value: object, status_code: int = 200) -> Response:
+    """A JSON response; NaN and infinity become null."""
     return Response(encode(value), status_code=status_code, media_type="application/json")
 
 
@@ -360,8 +360,8 @@ def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[byte
         part = samples[start : start + LINES_PER_YIELD]
         piece = run("the history", encode_lines, part)
         if piece is None:
-            each = (run(f"the history of {sample.topic}", encode_lines, [sample]) for sample in part)
-            piece = b",".join(encoded_line for encoded_line in each if encoded_line)
+            encoded_lines = (run(f"the history of {sample.topic}", encode_lines, [sample]) for sample in part)
+            piece = b",".join(encoded_line for encoded_line in encoded_lines if encoded_line)
         if piece:
             yield piece
 

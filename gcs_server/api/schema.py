@@ -37,7 +37,7 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.api.described import describe_documents, describe_refusals, flatten_unions
-from gcs_server.api.permission import permitted
+from gcs_server.api.permission import check_permission
 from gcs_server.api.station import renew_control
 from gcs_server.control.commands import API, BY_CALL
 from gcs_server.version import __version__
@@ -86,10 +86,10 @@ class _DocumentedApp(FastAPI):
                     "description": "The token in the link that the server prints at its start (`GCS_TOKEN`).",
                 }
             }
-            openapi["security"] = [{"token": []}, {}]  # on loopback no token is required unless one was set
+            openapi["security"] = [{"token": []}, {}]  # on loopback a token is required only if one was set
             for path, operations in openapi["paths"].items():
                 for method, operation in operations.items():
-                    operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].described()
+                    operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].openapi_fields()
             describe_refusals(openapi)
             flatten_unions(openapi)
             describe_documents(openapi)
@@ -97,7 +97,7 @@ class _DocumentedApp(FastAPI):
         return self.openapi_schema
 
 
-PERMITTED = [Depends(permitted)]
+PERMISSION_CHECK = [Depends(check_permission)]
 """Checks the permission before every route."""
 
 
@@ -106,7 +106,7 @@ def _routes() -> tuple[BaseRoute, ...]:
     """The routes, created once for all applications, because FastAPI needs almost a second for this.
     `dependency_overrides` of an application have no effect on them.
     """
-    app = FastAPI(dependencies=PERMITTED, openapi_url=None, docs_url=None, redoc_url=None)
+    app = FastAPI(dependencies=PERMISSION_CHECK, openapi_url=None, docs_url=None, redoc_url=None)
     app.include_router(api_router())
     app.include_router(reference_page.router)
     return tuple(app.routes)
@@ -115,7 +115,7 @@ def _routes() -> tuple[BaseRoute, ...]:
 def bare_app() -> FastAPI:
     """An application with the description and the routes, but without a running server."""
     app = _DocumentedApp(
-        dependencies=PERMITTED,
+        dependencies=PERMISSION_CHECK,
         title="Offboard GCS",
         version=__version__,
         description=(
@@ -125,9 +125,9 @@ def bare_app() -> FastAPI:
             "Name your program in `X-Client` and give it a unique id in `X-Client-Id`: only one client at a "
             "time controls a vehicle (409 `not_in_control`). "
             "A server that other machines can reach requires its token with every call, as "
-            "`Authorization: Bearer …`; without it the answer is 401."
+            "`Authorization: Bearer …`; without the token the response is 401."
         ),
-        separate_input_output_schemas=False,  # requests and answers use the same type for a plan
+        separate_input_output_schemas=False,  # requests and responses use the same type for a plan
         openapi_url=None,  # FastAPI would encode it again for each request
         docs_url=None,
         redoc_url=None,
@@ -145,7 +145,7 @@ def bare_app() -> FastAPI:
 
 @functools.cache
 def description() -> dict[str, Any]:
-    """The OpenAPI description; all applications of this process have the same."""
+    """The OpenAPI description, which is the same for all applications of this process."""
     return bare_app().openapi()
 
 

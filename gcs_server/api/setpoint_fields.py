@@ -19,18 +19,18 @@ RadiansPerSecond = Annotated[float, Field(allow_inf_nan=False, ge=-10, le=10)]
 Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
 Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
 Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
-Signal = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
+Normalized = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
 PositionNed = tuple[Metres, Metres, Metres]
 PartialPositionNed = tuple[Metres | None, Metres | None, Metres | None]
 PartialVelocity = tuple[MetresPerSecond | None, MetresPerSecond | None, MetresPerSecond | None]
 PartialAcceleration = tuple[MetresPerSecond2 | None, MetresPerSecond2 | None, MetresPerSecond2 | None]
-Quaternion = tuple[Signal, Signal, Signal, Signal]
+Quaternion = tuple[Normalized, Normalized, Normalized, Normalized]
 Thrust = Annotated[
     float,
     Field(allow_inf_nan=False, ge=0, le=1, description="Total thrust, 0 to 1, along the body's up axis."),
 ]
 
-POSITION_TEXT = "North, east, down of the vehicle's local origin [m]; down is negative above it."
+POSITION_TEXT = "North, east, down of the vehicle's local origin [m]; down is negative above the origin."
 VELOCITY_TEXT = "North, east, down [m/s]; each at most 20."
 ACCELERATION_TEXT = "North, east, down [m/s²], without gravity; each at most 20."
 NULL_MEANING = " null: not controlled."
@@ -72,7 +72,7 @@ class YawOrRate(SetpointBody):
     )
 
     @model_validator(mode="after")
-    def _one_yaw(self) -> YawOrRate:
+    def _check_one_yaw(self) -> YawOrRate:
         if self.yaw_ned_rad is not None and self.yaw_rate_ned_rad_s is not None:
             raise ValueError("give yaw_ned_rad or yaw_rate_ned_rad_s, not both")
         return self

@@ -18,6 +18,7 @@ from gcs_server.api.setpoint_fields import (
     Latitude,
     Longitude,
     MetresPerSecond,
+    Normalized,
     PartialAcceleration,
     PartialPositionNed,
     PartialVelocity,
@@ -25,7 +26,6 @@ from gcs_server.api.setpoint_fields import (
     Quaternion,
     RadiansPerSecond,
     SetpointBody,
-    Signal,
     Thrust,
     YawOrRate,
     example,
@@ -63,7 +63,7 @@ class PositionGlobalSetpoint(YawOrRate):
     )
 
     @model_validator(mode="after")
-    def _one_altitude(self) -> PositionGlobalSetpoint:
+    def _check_one_altitude(self) -> PositionGlobalSetpoint:
         if (self.alt_amsl_m is None) == (self.alt_home_m is None):
             raise ValueError("give exactly one of alt_amsl_m and alt_home_m")
         return self
@@ -123,8 +123,8 @@ class VelocityBodySetpoint(YawOrRate):
 
 
 class AccelerationSetpoint(YawOrRate):
-    """An acceleration in the vehicle's local frame, without compensation of drag; zero does not hold the
-    position."""
+    """An acceleration in the vehicle's local frame, without compensation of drag; at zero the vehicle does
+    not keep its position."""
 
     model_config = example(type="acceleration", acceleration_ned_m_s2=[0.5, 0, 0])
 
@@ -136,8 +136,8 @@ class AccelerationSetpoint(YawOrRate):
 
 
 class TrajectorySetpoint(YawOrRate):
-    """Position, velocity and acceleration, in this order of priority; those of lower priority are
-    feed-forward. Each axis needs at least one of them. Give north and east together, or neither.
+    """Position, velocity and acceleration. On each axis at least one is required: the vehicle controls the
+    first of them that is given, and the others are feed-forward. Give north and east together, or neither.
     """
 
     model_config = example(
@@ -189,7 +189,7 @@ class AttitudeSetpoint(SetpointBody):
     thrust: Thrust
 
     @model_validator(mode="after")
-    def _one_attitude(self) -> AttitudeSetpoint:
+    def _check_one_attitude(self) -> AttitudeSetpoint:
         angles = (self.roll_rad, self.pitch_rad, self.yaw_ned_rad)
         if self.q_ned_frd is None:
             if any(angle is None for angle in angles):
@@ -228,28 +228,32 @@ class RatesSetpoint(SetpointBody):
 
 
 class ThrustTorqueSetpoint(SetpointBody):
-    """Body thrust and torque, which bypass all controllers; no MAVLink message carries them."""
+    """Body thrust and torque, which bypass all controllers; not possible over MAVLink."""
 
     model_config = example(type="thrust_torque", thrust_frd=[0, 0, -0.5], torque_frd=[0, 0, 0])
 
     type: Literal["thrust_torque"]
-    thrust_frd: tuple[Signal, Signal, Signal] = Field(description="Forward, right, down, each -1 to 1.")
-    torque_frd: tuple[Signal, Signal, Signal] = Field(description="Roll, pitch, yaw, each -1 to 1.")
+    thrust_frd: tuple[Normalized, Normalized, Normalized] = Field(
+        description="Forward, right, down, each -1 to 1."
+    )
+    torque_frd: tuple[Normalized, Normalized, Normalized] = Field(
+        description="Roll, pitch, yaw, each -1 to 1."
+    )
 
     def to_setpoint(self) -> s.ThrustTorque:
         return s.ThrustTorque(self.thrust_frd, self.torque_frd)
 
 
 class ActuatorsSetpoint(SetpointBody):
-    """Individual motor and servo values; no MAVLink message carries them."""
+    """Individual motor and servo values; not possible over MAVLink."""
 
     model_config = example(type="actuators", motors=[0.5, 0.5, 0.5, 0.5])
 
     type: Literal["actuators"]
-    motors: Annotated[tuple[Signal | None, ...], Field(max_length=12)] = Field(
+    motors: Annotated[tuple[Normalized | None, ...], Field(max_length=12)] = Field(
         default=(), description="Each -1 to 1; null is disarmed."
     )
-    servos: Annotated[tuple[Signal | None, ...], Field(max_length=8)] = Field(
+    servos: Annotated[tuple[Normalized | None, ...], Field(max_length=8)] = Field(
         default=(), description="Each -1 to 1; null is disarmed."
     )
 
@@ -264,7 +268,7 @@ class ActuatorsSetpoint(SetpointBody):
 
 
 class PathPointBody(StrictBody):
-    """A position and its time."""
+    """A position at a time."""
 
     t_s: float = Field(
         allow_inf_nan=False, ge=0, le=3600, description="Time since the start of the path [s]."
@@ -293,7 +297,7 @@ class PathSetpoint(SetpointBody):
 
     type: Literal["path"]
     points: Annotated[tuple[PathPointBody, ...], Field(min_length=2, max_length=5000), FailFast()] = Field(
-        description="Points in the order of their times; the vehicle holds the last point."
+        description="Points in the order of their times; the vehicle keeps the position of the last point."
     )
 
     @model_validator(mode="after")
@@ -313,7 +317,7 @@ class PathSetpoint(SetpointBody):
 
 
 class FollowSetpoint(SetpointBody):
-    """A position relative to another vehicle, moving with it; exactly one offset, at least 2 m long."""
+    """A position that moves with another vehicle; exactly one offset, at least 2 m long."""
 
     model_config = example(type="follow", vehicle="2", offset_frd_m=[-5, 0, -2], yaw="same")
 
@@ -326,11 +330,13 @@ class FollowSetpoint(SetpointBody):
         default=None, description="Offset forward, right, down along that vehicle's heading, level [m]."
     )
     yaw: Literal["keep", "same", "face"] = Field(
-        default="keep", description="Heading: kept, that of the followed vehicle, or towards it."
+        default="keep",
+        description="keep: the present heading; same: the heading of the followed vehicle; face: towards the "
+        "followed vehicle.",
     )
 
     @model_validator(mode="after")
-    def _one_offset(self) -> FollowSetpoint:
+    def _check_one_offset(self) -> FollowSetpoint:
         if (self.offset_ned_m is None) == (self.offset_frd_m is None):
             raise ValueError("give exactly one of offset_ned_m and offset_frd_m")
         if math.hypot(*(self.offset_ned_m or self.offset_frd_m or ())) < s.FOLLOW_MIN_DISTANCE_M:

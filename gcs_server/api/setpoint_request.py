@@ -50,7 +50,7 @@ class Validity(StrictBody):
         allow_inf_nan=False,
         ge=0.05,
         le=3600,
-        description="Time until the setpoint expires unless renewed [s]; `on_expiry` then applies.",
+        description="Time until the setpoint expires if it is not renewed [s]; then `on_expiry` applies.",
     )
     on_expiry: AnyOnExpiry = Field(
         default=HoldOnExpiry(action="hold"),
@@ -65,7 +65,7 @@ class Validity(StrictBody):
 
 
 class SetpointRequest(Validity):
-    """A setpoint, sent immediately; it replaces the previous one."""
+    """A setpoint, sent immediately; it replaces the previous setpoint."""
 
     model_config = example(
         setpoint={"type": "velocity", "velocity_ned_m_s": [1, 0, 0]},

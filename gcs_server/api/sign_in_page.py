@@ -21,7 +21,7 @@ FOLDER = Path(__file__).resolve().parent / "sign_in"
 
 @functools.cache
 def _parts() -> tuple[Template, str, str]:
-    """The document, its style, and the content security policy that allows both."""
+    """The document, its style, and the content security policy that allows the style."""
     style = (FOLDER / "style.css").read_text("utf-8")
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = (
@@ -32,10 +32,10 @@ def _parts() -> tuple[Template, str, str]:
 
 
 def sign_in_page(refusal: Refusal, location: str) -> HTMLResponse:
-    """The page.
+    """The sign-in page as a response.
 
     Args:
-        refusal: the error to show at the field, if the token was wrong.
+        refusal: why access was refused; its text is shown at the field if the token was wrong.
         location: path on this server to open after signing in.
     """
     document, style, policy = _parts()

@@ -54,15 +54,17 @@ class Station:
     dry_runs: DryRuns
     topic_inspectors: TopicInspectors
     started_s: float
-    own_ids: tuple[int, int]
+    mavlink_ids: tuple[int, int]
     """System and component id of this server."""
     maps: Path
     """Folder of the operator's offline maps; need not exist."""
     request_queue: RequestQueue = field(init=False)
     has_scene: bool = False
     simulator: bool = False
-    more_warnings: list[Callable[[], list[Notice]]] = field(default_factory=list[Callable[[], list[Notice]]])
-    setpoints_noted: dict[tuple[str, str, str], tuple[float, int]] = field(
+    warning_sources: list[Callable[[], list[Notice]]] = field(
+        default_factory=list[Callable[[], list[Notice]]]
+    )
+    setpoint_lines: dict[tuple[str, str, str], tuple[float, int]] = field(
         default_factory=dict[tuple[str, str, str], tuple[float, int]]
     )
     """Time of the last journal line and number of setpoints since then, by client key, vehicle and result."""
@@ -85,13 +87,13 @@ class Station:
         if self.journal.warning is not None:
             notices.append(Notice("journal", self.journal.warning))
         notices += self.authority.warnings()
-        for more in self.more_warnings:
-            notices += more()
+        for source_warnings in self.warning_sources:
+            notices += source_warnings()
         return notices
 
 
 # Dependencies are coroutines: FastAPI would call plain functions in other threads, which costs a setpoint
-# milliseconds, and nothing here is thread-safe.
+# milliseconds, and the objects of a station are not thread-safe.
 
 
 async def get_station(connection: HTTPConnection) -> Station:
@@ -108,7 +110,7 @@ async def renew_control(station: StationDep, principal: PrincipalDep) -> None:
 
 
 async def get_vehicle(v: str, station: StationDep) -> Vehicle:
-    """Dependency of reading routes: raises UnknownVehicle."""
+    """Dependency of routes that read a vehicle's data: raises UnknownVehicle."""
     return station.fleet.get(v)
 
 

@@ -11,7 +11,7 @@ from gcs_server.api import models, responses
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.principals import PrincipalDep, has_identity, principal_of
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep
 from gcs_server.control.link_guard import LinkGuard
 from gcs_server.links.names import shown_url
@@ -25,13 +25,13 @@ router = APIRouter(tags=["station"])
 async def health(station: StationDep) -> Response:
     """Answers while the server is running."""
     uptime_s = station.clock.monotonic_s() - station.started_s
-    return answer({"status": "ok", "uptime_s": uptime_s, "vehicles": len(station.fleet.all())})
+    return json_response({"status": "ok", "uptime_s": uptime_s, "vehicles": len(station.fleet.all())})
 
 
 @router.get("/version", response_model=responses.Version)
 async def version(station: StationDep) -> Response:
     """Name, version and features of this server."""
-    return answer(
+    return json_response(
         {
             "name": "offboard-gcs",
             "version": __version__,
@@ -46,7 +46,7 @@ async def version(station: StationDep) -> Response:
 @router.get("/links", response_model=responses.Links)
 async def list_links(station: StationDep) -> Response:
     """State and counters of all links."""
-    return answer({"links": station.router.links()})
+    return json_response({"links": station.router.links()})
 
 
 @router.post("/links", response_model=responses.LinkModel, status_code=201, responses=RESPONSES)
@@ -60,8 +60,8 @@ async def add_link(body: models.LinkRequest, station: StationDep, principal: Pri
     with authorized_command(station, principal, "links/add", None, arguments):
         link = station.router.make_link(body.url, body.name)
         if link.forward:
-            _guard(station).may_forward(principal)
-        return answer(station.router.add(link), 201)
+            _link_guard(station).check_forwarding(principal)
+        return json_response(station.router.add(link), 201)
 
 
 @router.delete("/links/{name}", status_code=204, responses=RESPONSES)
@@ -85,12 +85,12 @@ async def remove_link(
     """
     arguments: dict[str, object] = {"name": name} if confirm is None else {"name": name, "confirm": confirm}
     with authorized_command(station, principal, "links/remove", None, arguments):
-        _guard(station).may_close(name, principal, confirm)
+        _link_guard(station).check_close(name, principal, confirm)
         await station.router.remove_link(name)
     return Response(status_code=204)
 
 
-def _guard(station: Station) -> LinkGuard:
+def _link_guard(station: Station) -> LinkGuard:
     return LinkGuard(station.router, station.fleet, station.authority)
 
 
@@ -100,13 +100,13 @@ async def journal(
     limit: Annotated[int, Query(ge=1, le=1000, description="Maximum number of entries.")] = 100,
 ) -> Response:
     """Commands with client, arguments and result, newest first."""
-    return answer({"entries": station.journal.tail(limit)})
+    return json_response({"entries": station.journal.tail(limit)})
 
 
 @router.get("/warnings", response_model=responses.Warnings)
 async def warnings(station: StationDep) -> Response:
     """Current warnings: ports in use, stopped recordings, duplicate ids, a simulator that has ended."""
-    return answer({"warnings": station.warnings()})
+    return json_response({"warnings": station.warnings()})
 
 
 @router.websocket("/telemetry")

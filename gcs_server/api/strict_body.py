@@ -1,8 +1,8 @@
 """Base classes of bodies. Requests with unknown fields are refused, and numbers must be JSON numbers.
 
-By default Pydantic reads `true` as 1.0 and `"30"` as 30, and a vehicle would climb to that altitude. Here
-float fields accept any JSON number, and every other field accepts only its own JSON type. NaN and infinity
-are refused.
+By default Pydantic reads `true` as 1.0 and `"30"` as 30, and a vehicle would climb to that altitude. With
+these base classes, float fields accept any JSON number, and every other field accepts only its own JSON type.
+NaN and infinity are refused.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class StrictBody(BaseModel):
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        # Not `strict=True` of the whole model: that refuses a JSON list for a tuple as well.
+        # `strict=True` for the whole model would also refuse a JSON list for a tuple.
         schema = handler(source)
         _make_strict(schema)
         return schema
 
 
 class ResponseBody(BaseModel):
-    """Base class of response bodies; they have only the described fields."""
+    """Base class of response bodies, which have only the described fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")

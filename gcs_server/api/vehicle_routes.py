@@ -12,7 +12,7 @@ from gcs_server.api import control_models, models, responses
 from gcs_server.api.authorized import authorized_command, progress_to
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
-from gcs_server.api.responses import answer
+from gcs_server.api.responses import json_response
 from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.control.commands import BY_NAME
 from gcs_server.control.principal import Principal
@@ -26,7 +26,7 @@ HISTORY_S = 300.0
 router = APIRouter(prefix="/vehicles", tags=["vehicles"], responses=RESPONSES)
 
 
-async def carry_out(
+async def run_command(
     station: Station,
     principal: Principal,
     command: str,
@@ -36,34 +36,33 @@ async def carry_out(
     *,
     result_as: str | None = None,
 ) -> Response:
-    """Runs a command and writes it to the journal; answers once the vehicle's own state shows the result.
-
-    `result_as` is the answer's field for the result of `work`.
+    """Runs `work` as a command and writes it to the journal; answers once the vehicle's own state shows the
+    result. `result_as` is the name of the response's field for the result of `work`.
     """
-    with authorized_command(station, principal, command, vehicle_id, arguments) as outcome:
+    with authorized_command(station, principal, command, vehicle_id, arguments) as duration:
         vehicle = station.fleet.get(vehicle_id)
         result = await work(vehicle)
     body: dict[str, object] = {
         "vehicle": vehicle_id,
         "command": command,
-        "duration_s": outcome.duration_s,
+        "duration_s": duration.duration_s,
         "status": vehicle.status,
     }
     if result_as is not None:
         body[result_as] = result
-    return answer(body)
+    return json_response(body)
 
 
 @router.get("", response_model=list[responses.VehicleModel])
 async def list_vehicles(station: StationDep) -> Response:
     """All vehicles with all their data."""
-    return answer([responses.vehicle_view(vehicle) for vehicle in station.fleet.all()])
+    return json_response([responses.vehicle_view(vehicle) for vehicle in station.fleet.all()])
 
 
 @router.get("/{v}", response_model=responses.VehicleModel)
 async def show_vehicle(vehicle: VehicleDep) -> Response:
     """Identity, status and every topic's newest sample."""
-    return answer(responses.vehicle_view(vehicle))
+    return json_response(responses.vehicle_view(vehicle))
 
 
 @router.delete("/{v}", status_code=204)
@@ -72,9 +71,9 @@ async def remove_vehicle(v: str, station: StationDep, principal: PrincipalDep) -
     stream, or is controlled by another client. If it connects again, it is listed as a new vehicle.
     """
     with authorized_command(station, principal, "vehicles/remove", None, {"vehicle": v}):
-        refused = station.authority.refusal(principal, "vehicles/remove", [v])
-        if refused is not None:
-            raise refused
+        refusal = station.authority.refusal(principal, "vehicles/remove", [v])
+        if refusal is not None:
+            raise refusal
         station.fleet.remove(v, principal.name)
     return Response(status_code=204)
 
@@ -102,15 +101,14 @@ async def history(
     samples: list[Sample] = []
     for topic in topic_names:
         samples += vehicle.history((topic,), since)
-        await asyncio.sleep(
-            0
-        )  # decodes thousands of frames in pieces, so that the event loop can do other work in between
+        # Between two topics with thousands of frames, the event loop can do other work.
+        await asyncio.sleep(0)
     samples.sort(key=lambda sample: sample.received_monotonic_s)
     pieces: list[bytes] = []
     for piece in responses.history_pieces(vehicle, samples):
         pieces.append(piece)
         await asyncio.sleep(0)
-    return answer(responses.history_view(pieces))
+    return json_response(responses.history_view(pieces))
 
 
 @router.get("/{v}/messages", response_model=responses.Messages)
@@ -118,66 +116,77 @@ async def messages(
     vehicle: VehicleDep, since: Annotated[int, Query(ge=0, description="Only messages after this index.")] = 0
 ) -> Response:
     """Status texts of the vehicle, and events of vehicle and server."""
-    return answer({"messages": [responses.message_view(e) for e in vehicle.events.since(since)]})
+    return json_response({"messages": [responses.message_view(e) for e in vehicle.events.since(since)]})
 
 
 @router.post("/{v}/arm", response_model=responses.CommandDone, tags=["commands"])
 async def arm(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Starts the motors."""
-    return await carry_out(
-        station, principal, "arm", v, {}, lambda x: x.command.arm(progress=progress_to(x, principal, "arm"))
+    return await run_command(
+        station,
+        principal,
+        "arm",
+        v,
+        {},
+        lambda vehicle: vehicle.command.arm(progress=progress_to(vehicle, principal, "arm")),
     )
 
 
 @router.post("/{v}/disarm", response_model=responses.CommandDone, tags=["commands"])
 async def disarm(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Stops the motors on the ground."""
-    return await carry_out(
+    return await run_command(
         station,
         principal,
         "disarm",
         v,
         {},
-        lambda x: x.command.disarm(progress=progress_to(x, principal, "disarm")),
+        lambda vehicle: vehicle.command.disarm(progress=progress_to(vehicle, principal, "disarm")),
     )
 
 
 @router.post("/{v}/hold", response_model=responses.CommandDone, tags=["commands"])
 async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Switches to Hold, even if another client has control; ends a setpoint stream."""
-    return await carry_out(
+    return await run_command(
         station,
         principal,
         "hold",
         v,
         {},
-        lambda x: x.command.hold(by=principal.name, progress=progress_to(x, principal, "hold")),
+        lambda vehicle: vehicle.command.hold(
+            by=principal.name, progress=progress_to(vehicle, principal, "hold")
+        ),
     )
 
 
 @router.post("/{v}/land", response_model=responses.CommandDone, tags=["commands"])
 async def land(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Lands at the current position; answers once the vehicle is landing."""
-    return await carry_out(
+    return await run_command(
         station,
         principal,
         "land",
         v,
         {},
-        lambda x: x.command.land(by=principal.name, progress=progress_to(x, principal, "land")),
+        lambda vehicle: vehicle.command.land(
+            by=principal.name, progress=progress_to(vehicle, principal, "land")
+        ),
     )
 
 
 @router.post("/{v}/rtl", response_model=responses.CommandDone, tags=["commands"])
 async def rtl(v: str, station: StationDep, principal: PrincipalDep) -> Response:
     """Returns to the launch position; answers once the vehicle is returning."""
-    return await carry_out(
+    return await run_command(
         station,
         principal,
         "rtl",
         v,
         {},
-        lambda x: x.command.rtl(by=principal.name, progress=progress_to(x, principal, "rtl")),
+        lambda vehicle: vehicle.command.rtl(
+            by=principal.name, progress=progress_to(vehicle, principal, "rtl")
+        ),
     )
 
 
@@ -186,29 +195,29 @@ async def takeoff(
     v: str, body: models.TakeoffRequest, station: StationDep, principal: PrincipalDep
 ) -> Response:
     """Arms if needed and takes off; answers once the vehicle is taking off."""
-    return await carry_out(
+    return await run_command(
         station,
         principal,
         "takeoff",
         v,
         body.model_dump(),
-        lambda x: x.command.takeoff(
-            body.alt_home_m, by=principal.name, progress=progress_to(x, principal, "takeoff")
+        lambda vehicle: vehicle.command.takeoff(
+            body.alt_home_m, by=principal.name, progress=progress_to(vehicle, principal, "takeoff")
         ),
     )
 
 
 @router.post("/{v}/mode", response_model=responses.CommandDone, tags=["commands"])
 async def mode(v: str, body: models.ModeRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Changes the flight mode; answers once the vehicle reports it."""
-    return await carry_out(
+    """Changes the flight mode; answers once the vehicle reports the new mode."""
+    return await run_command(
         station,
         principal,
         "mode",
         v,
         body.model_dump(),
-        lambda x: x.command.set_mode(
-            body.mode, by=principal.name, progress=progress_to(x, principal, "mode")
+        lambda vehicle: vehicle.command.set_mode(
+            body.mode, by=principal.name, progress=progress_to(vehicle, principal, "mode")
         ),
     )
 
@@ -229,7 +238,7 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
             progress=progress_to(vehicle, principal, "goto"),
         )
 
-    return await carry_out(station, principal, "goto", v, body.model_dump(exclude_none=True), work)
+    return await run_command(station, principal, "goto", v, body.model_dump(exclude_none=True), work)
 
 
 @router.post("/{v}/land_now", response_model=responses.CommandDone, tags=["commands"])
@@ -243,7 +252,7 @@ async def land_now(
         BY_NAME["land_now"].require_confirmation(body.confirm, vehicle=v)
         await vehicle.command.land(by=principal.name, progress=progress_to(vehicle, principal, "land_now"))
 
-    return await carry_out(station, principal, "land_now", v, body.model_dump(), work)
+    return await run_command(station, principal, "land_now", v, body.model_dump(), work)
 
 
 @router.post("/{v}/kill", response_model=responses.CommandDone, tags=["commands"])
@@ -257,4 +266,4 @@ async def kill(v: str, body: models.KillRequest, station: StationDep, principal:
         BY_NAME["kill"].require_confirmation(body.confirm, vehicle=v)
         await vehicle.command.kill(by=principal.name, progress=progress_to(vehicle, principal, "kill"))
 
-    return await carry_out(station, principal, "kill", v, body.model_dump(), work)
+    return await run_command(station, principal, "kill", v, body.model_dump(), work)

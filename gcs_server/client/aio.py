@@ -24,7 +24,7 @@ from gcs_server.client.offboard_mission import start_body
 from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plan, Plans
 from gcs_server.client.setpoints import Body, Expiry, validity_fields
-from gcs_server.client.vehicle import Vehicle, held_at_end, until_found
+from gcs_server.client.vehicle import Vehicle, hold_at_end, poll_until_found
 
 LEAVE_TIMEOUT_S = 2.0
 """Maximum wait for the server at the end of the block [s]."""
@@ -36,8 +36,8 @@ class Gcs:
     Args:
         url: address of the server.
         client: name of this program in the journal.
-        timeout_s: maximum wait for one answer [s]. A command is answered once the vehicle's state shows its
-            result.
+        timeout_s: maximum wait for one response [s]. The response to a command arrives once the vehicle's
+            state shows its result.
         token: access token, required if other machines can reach the server. Default: the token in `url`, or
             else `GCS_TOKEN`.
         client_id: distinguishes this program from others with the same name. Default: `GCS_CLIENT_ID`, or
@@ -76,7 +76,7 @@ class Gcs:
 
         Raises:
             ApiError: the server or the vehicle refused.
-            Unreachable: the server did not answer.
+            Unreachable: the server did not respond.
         """
         content = await self.raw(method, path, body=body)
         return json.loads(content) if content else None
@@ -90,7 +90,7 @@ class Gcs:
         try:
             response = await self._http.request(method, path, json=body, content=content)
         except httpx.TransportError as error:
-            raise Unreachable(f"No answer from {self.url}: {error or type(error).__name__}.") from error
+            raise Unreachable(f"No response from {self.url}: {error or type(error).__name__}.") from error
         raise_for(response)
         return response.content
 
@@ -106,7 +106,7 @@ class Gcs:
         """Switches several vehicles to Hold at the same time, even if another client has control.
 
         Args:
-            vehicles: their ids; default: all armed vehicles.
+            vehicles: ids of the vehicles; default: all armed vehicles.
 
         Returns:
             For each `vehicle`, whether it is `held`, or else its `problem`.
@@ -141,25 +141,27 @@ class Gcs:
                     return vehicle
             return None
 
-        what = f"vehicle {vehicle_id}" if vehicle_id else "a vehicle"
-        return await until_found(find, timeout_s, f"{what} to be {'ready to arm' if ready else 'connected'}")
+        awaited = f"vehicle {vehicle_id}" if vehicle_id else "a vehicle"
+        return await poll_until_found(
+            find, timeout_s, f"{awaited} to be {'ready to arm' if ready else 'connected'}"
+        )
 
     async def socket(self, path: str) -> ClientConnection:
         """A WebSocket below `/api/v1`.
 
         Raises:
             ApiError: the server refused the connection.
-            Unreachable: it did not answer.
+            Unreachable: the server did not respond.
         """
         address = f"{self.url.replace('http', 'ws', 1)}/api/v1{path}"
         try:
             return await connect(address, additional_headers=self._headers, compression=None)
-        except InvalidStatus as refused:
-            # a failed handshake contains no text; an ordinary request raises the error with the reason
+        except InvalidStatus as error:
+            # A failed handshake contains no reason; an ordinary request raises the error with the reason.
             await self.request("GET", "/version")
-            raise Unreachable(f"{self.url} refused {path}: {refused}.") from refused
+            raise Unreachable(f"{self.url} refused {path}: {error}.") from error
         except OSError as error:
-            raise Unreachable(f"No answer from {self.url}: {error}.") from error
+            raise Unreachable(f"No response from {self.url}: {error}.") from error
 
     @asynccontextmanager
     async def group(
@@ -177,26 +179,28 @@ class Gcs:
         """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
         All vehicles start at the same time, each with its setpoint (any of `gcs_server.client.setpoints`). If
-        one vehicle cannot start, none moves. All setpoints expire together, `valid_for_s` after the end of
-        the longest path. If Hold fails after an exception, a note on that exception states why.
+        one vehicle cannot start, no vehicle moves. All setpoints expire together, `valid_for_s` after the end
+        of the longest path. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
             The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
 
         Raises:
             Refused: a vehicle cannot fly, two vehicles would come too close, or another client has control of
-                one.
+                a vehicle.
         """
         validity = validity_fields(valid_for_s, on_expiry, hold_for_s)
-        given = {
+        options = {
             "minimum_separation_m": minimum_separation_m,
             "start_at_unix_s": start_at_unix_s,
             "rate_hz": rate_hz,
         }
-        more: Body = {name: value for name, value in given.items() if value is not None}
-        body: Body = {"members": members_of(setpoints), "others_go_on": others_go_on, **more, **validity}
+        given_options: Body = {name: value for name, value in options.items() if value is not None}
+        body: Body = {
+            "members": members_of(setpoints), "others_go_on": others_go_on, **given_options, **validity
+        }  # fmt: skip
         group = Group(self, await self.request("POST", "/groups", body), validity)
-        async with held_at_end(f"Group {group.id}", group.hold):
+        async with hold_at_end(f"Group {group.id}", group.hold):
             yield group
 
     async def start_together(
@@ -210,7 +214,7 @@ class Gcs:
         despite: Sequence[str] = (),
     ) -> list[dict[str, Any]]:
         """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of one
-        vehicle's `offboard_mission` act on all.
+        vehicle's `offboard_mission` act on all vehicles.
 
         Args:
             vehicles: the vehicle's id for each role.
@@ -225,8 +229,8 @@ class Gcs:
             For each `vehicle` its `mission`, in the form of `offboard_mission.state()`.
 
         Raises:
-            Refused: a vehicle cannot start, another client has control of one, or the mission has errors that
-                `despite` does not list.
+            Refused: a vehicle cannot start, another client has control of a vehicle, or the mission has
+                errors that `despite` does not list.
         """
         body = start_body(mission, plan_id, version, despite, vehicles=dict(vehicles), dry_run=dry_run)
         return (await self.request("POST", "/offboard_missions/start", body))["vehicles"]
@@ -239,12 +243,12 @@ class Gcs:
 
         Raises:
             ApiError: the server refused the connection.
-            Unreachable: it did not answer.
+            Unreachable: the server did not respond.
         """
         socket = await self.socket("/telemetry")
         async with socket:
-            wanted = {"type": "subscribe", "vehicles": vehicles, "topics": topics, "rate_hz": rate_hz}
-            await socket.send(json.dumps(wanted))
+            subscription = {"type": "subscribe", "vehicles": vehicles, "topics": topics, "rate_hz": rate_hz}
+            await socket.send(json.dumps(subscription))
             async for frame in socket:
                 message = json.loads(frame)
                 for sample in message.get("samples", ()):

@@ -37,8 +37,8 @@ class SyncGcs(LoopThread):
     Args:
         url: address of the server.
         client: name of this program in the journal.
-        timeout_s: maximum wait for one answer [s]. A command is answered once the vehicle's state shows its
-            result.
+        timeout_s: maximum wait for one response [s]. The response to a command arrives once the vehicle's
+            state shows its result.
         token: access token, required if other machines can reach the server. Default: the token in `url`, or
             else `GCS_TOKEN`.
         client_id: distinguishes this program from others with the same name. Default: `GCS_CLIENT_ID`, or
@@ -63,7 +63,7 @@ class SyncGcs(LoopThread):
 
         Raises:
             ApiError: the server or the vehicle refused.
-            Unreachable: the server did not answer.
+            Unreachable: the server did not respond.
         """
         return self._portal.call(lambda: self._inner.request(method, path, body))
 
@@ -87,7 +87,7 @@ class SyncGcs(LoopThread):
         """Switches several vehicles to Hold at the same time, even if another client has control.
 
         Args:
-            vehicles: their ids; default: all armed vehicles.
+            vehicles: ids of the vehicles; default: all armed vehicles.
 
         Returns:
             For each `vehicle`, whether it is `held`, or else its `problem`.
@@ -137,15 +137,15 @@ class SyncGcs(LoopThread):
         """Flies several vehicles as a group inside a block; leaving the block in any way puts all into Hold.
 
         All vehicles start at the same time, each with its setpoint (any of `gcs_server.client.setpoints`). If
-        one vehicle cannot start, none moves. All setpoints expire together, `valid_for_s` after the end of
-        the longest path. If Hold fails after an exception, a note on that exception states why.
+        one vehicle cannot start, no vehicle moves. All setpoints expire together, `valid_for_s` after the end
+        of the longest path. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
             The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
 
         Raises:
             Refused: a vehicle cannot fly, two vehicles would come too close, or another client has control of
-                one.
+                a vehicle.
         """
         with self._portal.wrap_async_context_manager(
             self._inner.group(
@@ -172,7 +172,7 @@ class SyncGcs(LoopThread):
         despite: Sequence[str] = (),
     ) -> list[dict[str, Any]]:
         """Flies a mission with roles: all vehicles start, or none. `pause`, `resume` and `abort` of one
-        vehicle's `offboard_mission` act on all.
+        vehicle's `offboard_mission` act on all vehicles.
 
         Args:
             vehicles: the vehicle's id for each role.
@@ -187,8 +187,8 @@ class SyncGcs(LoopThread):
             For each `vehicle` its `mission`, in the form of `offboard_mission.state()`.
 
         Raises:
-            Refused: a vehicle cannot start, another client has control of one, or the mission has errors that
-                `despite` does not list.
+            Refused: a vehicle cannot start, another client has control of a vehicle, or the mission has
+                errors that `despite` does not list.
         """
         return self._portal.call(
             lambda: self._inner.start_together(
@@ -204,13 +204,13 @@ class SyncGcs(LoopThread):
 
         Raises:
             ApiError: the server refused the connection.
-            Unreachable: it did not answer.
+            Unreachable: the server did not respond.
         """
         return iterate(self._portal, self._inner.telemetry(vehicles=vehicles, topics=topics, rate_hz=rate_hz))
 
 
 class SyncVehicle:
-    """One vehicle. Every command returns once the vehicle's own state shows it."""
+    """One vehicle. Every command returns once the vehicle's own state shows the result."""
 
     def __init__(self, inner: vehicle.Vehicle, portal: BlockingPortal) -> None:
         self._inner = inner
@@ -300,11 +300,11 @@ class SyncVehicle:
         """Changes the flight mode: hold, position, land, …"""
         self._portal.call(lambda: self._inner.set_mode(mode))
 
-    def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
+    def goto(self, lat_deg: float, lon_deg: float, **options: float) -> None:
         """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg` and
         `max_distance_m`.
         """
-        self._portal.call(lambda: self._inner.goto(lat_deg, lon_deg, **altitude_and_more))
+        self._portal.call(lambda: self._inner.goto(lat_deg, lon_deg, **options))
 
     def kill(self) -> None:
         """Stops the motors, even in flight: the vehicle falls."""
@@ -355,12 +355,12 @@ class SyncVehicle:
         Hold.
 
         The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
-        current position. If the vehicle has landed or another party controls it, nothing is sent at the end.
-        If this program hangs, the setpoint expires after `valid_for_s` and the server executes `on_expiry`.
-        If Hold fails after an exception, a note on that exception states why.
+        current position. If the vehicle has landed or another party controls it, the block sends nothing at
+        its end. If this program hangs, the setpoint expires after `valid_for_s` and the server executes
+        `on_expiry`. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
-            The stream; `started` is the server's answer, which includes the vehicle's failsafe.
+            The stream; `started` is the server's response, which includes the vehicle's failsafe.
         """
         with self._portal.wrap_async_context_manager(
             self._inner.offboard(

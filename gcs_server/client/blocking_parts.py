@@ -23,7 +23,7 @@ from gcs_server.client import (
 from gcs_server.client.control import OnLost
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_TIMEOUT_S
-from gcs_server.client.offboard import Answer, SetpointCalls
+from gcs_server.client.offboard import Response, SetpointCalls
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body, PathPoints
 
@@ -49,7 +49,7 @@ class SyncControl:
 
         Raises:
             NotInControl: another client has control.
-            Refused: `force` was used without a request before.
+            Refused: `force` was used without an earlier request.
         """
         return self._portal.call(lambda: self._inner.take(force=force, on_expiry=on_expiry))
 
@@ -112,7 +112,7 @@ class SyncGimbal:
         """Points the gimbal; yaw is relative to the nose, or to north with `yaw_lock`.
 
         Returns:
-            The angles at which a limit stopped the gimbal (`limited` of the answer); None if it reached the
+            The angles at which a limit stopped the gimbal (`limited` of the response); None if it reached the
             commanded angles.
         """
         return self._portal.call(
@@ -137,7 +137,7 @@ class SyncGroup:
 
     Args:
         gcs: the client.
-        started: the server's answer to the start.
+        started: the server's response to the start.
         validity: validity of the setpoints, and the action on expiry.
     """
 
@@ -148,8 +148,8 @@ class SyncGroup:
         self.started = self._inner.started
 
     def send(self, setpoints: Setpoints) -> dict[str, Any]:
-        """Sends new setpoints to some or all members at the same time, and renews the setpoints of the
-        others.
+        """Sends new setpoints to some or all members at the same time, and renews the setpoints of the other
+        members.
 
         Raises:
             Invalid: a value is invalid, or a vehicle is not in the group.
@@ -198,7 +198,7 @@ class SyncMission:
         `vehicle {id} flies the new mission at once`.
 
         Raises:
-            Refused: the vehicle refuses an item, or has different items afterwards; the text names them.
+            Refused: the vehicle refuses an item, or has different items afterwards; the text names the items.
         """
         return self._portal.call(
             lambda: self._inner.upload(
@@ -234,10 +234,10 @@ class SyncMission:
         dry_run: str | None = None,
         mission_id: int | None = None,
     ) -> None:
-        """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
+        """Starts the mission at an item (counted from 0) or at the current item; arms the vehicle if needed.
 
-        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it. An
-        interrupted flight is resumed with `item` and `mission_id` of `state()["resume"]`.
+        `dry_run` is the id of a dry run of the plan on the vehicle: the server compares the flight with it.
+        To resume an interrupted flight, give `item` and `mission_id` of `state()["resume"]`.
 
         Raises:
             Refused: the plan is unknown or has errors, and `despite` does not list the codes; the dry run
@@ -248,22 +248,24 @@ class SyncMission:
         )
 
     def flown(self) -> dict[str, Any]:
-        """The newest flight of a plan, with its plan: `samples`, `planned_legs`, `deviation_max_m`."""
+        """The newest flight of a plan, compared with the plan: `samples`, `planned_legs`,
+        `deviation_max_m`.
+        """
         return self._portal.call(lambda: self._inner.flown())
 
     def resume(self) -> None:
-        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it. After a landing, see
-        `start`.
+        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses a mission. After a
+        landing, use `start`.
         """
         self._portal.call(lambda: self._inner.resume())
 
 
-class SyncOffboard(SetpointCalls[Answer]):
+class SyncOffboard(SetpointCalls[Response]):
     """A running setpoint stream.
 
     Args:
         vehicle: the vehicle.
-        started: the server's answer to the start.
+        started: the server's response to the start.
         validity: validity of each setpoint, and the action on expiry.
     """
 
@@ -272,7 +274,7 @@ class SyncOffboard(SetpointCalls[Answer]):
         self._portal = portal
         self.started = self._inner.started
 
-    def send(self, body: Body) -> Answer:
+    def send(self, body: Body) -> Response:
         """Sends any setpoint body; returns the stream's state.
 
         Raises:
@@ -282,7 +284,8 @@ class SyncOffboard(SetpointCalls[Answer]):
         return self._portal.call(lambda: self._inner.send(body))
 
     def follow_path(self, points: PathPoints) -> None:
-        """Flies a curve through timed points and returns at its end; the vehicle then holds the last point.
+        """Flies a curve through timed points and returns at its end; the vehicle then keeps the position of
+        the last point.
 
         Raises:
             Timeout: another setpoint, mode or client has interrupted the path.
@@ -294,12 +297,12 @@ class SyncOffboard(SetpointCalls[Answer]):
         """Opens a WebSocket for setpoints at up to 100 Hz; the stream continues after the block.
 
         Yields:
-            An object with the same calls; each call returns once the server has answered.
+            An object with the same calls; each call returns once the server has responded.
         """
         with self._portal.wrap_async_context_manager(self._inner.live()) as found:
             yield SyncLiveOffboard(found, self._portal)
 
-    def status(self) -> Answer:
+    def status(self) -> Response:
         """Achieved rate, age and remaining validity of the setpoint; limits, failsafe, available setpoint
         types.
         """
@@ -310,14 +313,14 @@ class SyncOffboard(SetpointCalls[Answer]):
         self._portal.call(lambda: self._inner.stop())
 
 
-class SyncLiveOffboard(SetpointCalls[Answer]):
+class SyncLiveOffboard(SetpointCalls[Response]):
     """Setpoints over a WebSocket."""
 
     def __init__(self, inner: offboard.LiveOffboard, portal: BlockingPortal) -> None:
         self._inner = inner
         self._portal = portal
 
-    def send(self, body: Body) -> Answer:
+    def send(self, body: Body) -> Response:
         """Sends any setpoint body; returns the `applied` setpoint and what the limits changed (`limited`).
 
         Raises:
@@ -339,7 +342,7 @@ class SyncOffboardMission:
         self._portal = portal
 
     def state(self) -> dict[str, Any] | None:
-        """Status of the newest mission (as the topic `offboard_mission`); None if there was none."""
+        """Status of the newest mission (as the topic `offboard_mission`); None if no mission was started."""
         return self._portal.call(lambda: self._inner.state())
 
     def flown(self) -> dict[str, Any]:

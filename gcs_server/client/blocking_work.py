@@ -98,10 +98,10 @@ class SyncDryRuns:
 class SyncMissionModes:
     """The offboard missions that this server has registered as flight modes of a vehicle.
 
-    The vehicle must be reached over ROS 2. The mode is selected by `vehicle.set_mode(mode["mode"])`, another
-    ground station, or a transmitter. The mission starts when the mode is selected in the air, or, if it
-    begins with a take-off, when the vehicle is armed in the mode. A mode is unregistered when the server
-    ends.
+    The server must be connected to the vehicle over ROS 2. `vehicle.set_mode(mode["mode"])`, another ground
+    station or an RC transmitter selects a mode. A mission that begins with a take-off starts when the vehicle
+    is armed in the mode; any other mission starts when the mode is selected in the air. The server
+    unregisters its modes when it is shut down.
     """
 
     def __init__(self, inner: mission_modes.MissionModes, portal: BlockingPortal) -> None:
@@ -129,8 +129,8 @@ class SyncMissionModes:
         control or a low battery by up to this time, while the vehicle flies in the mode.
 
         Raises:
-            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode, the mission has errors that
-                `despite` does not list, or the vehicle has a mode of this name.
+            Refused: the server has no ROS 2 connection to the vehicle, PX4 refuses the mode, the mission has
+                errors that `despite` does not list, or the vehicle has a mode of this name.
         """
         return self._portal.call(
             lambda: self._inner.register(
@@ -144,7 +144,7 @@ class SyncMissionModes:
         )
 
     def unregister(self, name: str) -> list[dict[str, Any]]:
-        """Removes a mode; returns the others.
+        """Removes a mode; returns the remaining modes.
 
         Raises:
             Refused: there is no such mode, or the vehicle flies in it.
@@ -153,7 +153,7 @@ class SyncMissionModes:
 
 
 class SyncOperations:
-    """The server's operations, running or recently ended; each as from `GET /operations/{o}`."""
+    """The server's operations, running or recently ended, each in the form of `GET /operations/{o}`."""
 
     def __init__(self, inner: operations.Operations, portal: BlockingPortal) -> None:
         self._inner = inner
@@ -182,7 +182,7 @@ class SyncOperations:
 
 
 class SyncPlans:
-    """The plans of the server; each as from `GET /plans/{plan}`: `id`, `version`, `plan`, …"""
+    """The plans of the server, each in the form of `GET /plans/{plan}`: `id`, `version`, `plan`, …"""
 
     def __init__(self, inner: plans.Plans, portal: BlockingPortal) -> None:
         self._inner = inner
@@ -242,11 +242,12 @@ class SyncPlans:
         in_air: bool = False,
         positions: str | None = None,
     ) -> dict[str, Any]:
-        """Inserts a stored offboard mission (`plan_id`) or another one (`mission`) into an offboard mission:
-        `plan`, the name of the `called` list, and `notes`. Saves nothing.
+        """Inserts a stored offboard mission (`plan_id`) or the document `mission` into the offboard mission
+        `plan`. Returns the result as `plan`, the name of the `called` list, and `notes`; saves nothing.
 
-        `at` is the place of the new call step, `["steps", 2]`. With `in_air`, the inserted take-off and last
-        landing are left out. If the planned starts differ, `positions` is "from_start" or "same_places".
+        `at` is the place of the new call step, such as `["steps", 2]`. With `in_air`, the inserted take-off
+        and last landing are left out. If the planned starts differ, `positions` is "from_start" or
+        "same_places".
         """
         return self._portal.call(
             lambda: self._inner.insert(
@@ -310,7 +311,7 @@ class SyncPlans:
         `figures`, `notes`. Saves nothing.
 
         `plan` is a waypoint plan with the items, or with `document="offboard_mission"` a mission with the
-        steps; its steps begin in the air and belong after a take-off. With `vehicle_id`, the vehicle's
+        steps; the steps begin in the air, so insert them after a take-off. With `vehicle_id`, the vehicle's
         parameters are used. With `tolerance_m`, altitudes above the ground are resolved, as in
         `follow_ground`.
         """

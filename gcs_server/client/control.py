@@ -45,7 +45,7 @@ class Control:
 
         Raises:
             NotInControl: another client has control.
-            Refused: `force` was used without a request before.
+            Refused: `force` was used without an earlier request.
         """
         body: Body = {"force": force}
         return await self._vehicle.request(
@@ -93,12 +93,12 @@ class Control:
         status = await self.take(force=force, on_expiry=on_expiry)
         problem: BaseException | None = None
         async with asyncio.TaskGroup() as group:
-            renewing = group.create_task(self._renew(status["lease_s"] / RENEWALS_PER_LEASE))
+            renewal = group.create_task(self._renew(status["lease_s"] / RENEWALS_PER_LEASE))
             try:
                 yield status
             except BaseException as error:
                 problem = error  # raised below, because a TaskGroup would wrap it
-            renewing.cancel()
+            renewal.cancel()
         with suppress(ApiError, Unreachable):
             await asyncio.shield(self.release())
         if problem is not None:

@@ -44,11 +44,11 @@ class DryRuns:
             settings: `conditions`, `spread`, `obstacles`, `seed`, `endurance_s`, `battery_reserve`;
                 `vehicles` by role, for a mission of several vehicles.
         """
-        given = {
+        options = {
             "plan": None if plan is None else dict(plan), "plan_id": plan_id, "version": version,
             "vehicle": vehicle_id, "flights": flights,
         }  # fmt: skip
-        body = {**(settings or {}), **{name: value for name, value in given.items() if value is not None}}
+        body = {**(settings or {}), **{name: value for name, value in options.items() if value is not None}}
         return await self._gcs.request("POST", "/dry_runs", body)
 
     async def get(self, dry_run_id: str) -> dict[str, Any]:
@@ -75,5 +75,5 @@ class DryRuns:
         operation = await self.start(
             plan, plan_id=plan_id, version=version, vehicle_id=vehicle_id, flights=flights, settings=settings
         )
-        ended = await Operations(self._gcs).wait(operation["id"], timeout_s=timeout_s)
-        return await self.get(ended["result"]["dry_run"])
+        operation = await Operations(self._gcs).wait(operation["id"], timeout_s=timeout_s)
+        return await self.get(operation["result"]["dry_run"])

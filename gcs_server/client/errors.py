@@ -1,13 +1,13 @@
-"""Exceptions of the client: refusals of the server or the vehicle, and missing answers.
+"""Exceptions of the client: refusals of the server or the vehicle, and missing responses.
 
-ApiError                    any answer that is not a success
+ApiError                    any response that is not a success
 ├── NotAllowed              401, 403: the token is missing or wrong, or the server answers this machine only
 ├── Invalid                 422: a field is missing, not finite or out of range
 ├── Unknown                 404: no such vehicle, link or parameter
 ├── Refused                 409: the server's checks or the vehicle refused, with the vehicle's reasons
 │   └── NotInControl        409: another client has control of the vehicle
 └── NoReply                 504: the vehicle did not answer
-Unreachable                 the server itself did not answer
+Unreachable                 the server itself did not respond
 Timeout                     a condition did not become true in time
 """
 
@@ -19,7 +19,7 @@ import httpx
 
 
 class ApiError(Exception):
-    """An error answer (problem+json) of the server."""
+    """An error response (problem+json) of the server."""
 
     def __init__(self, status: int, problem: dict[str, object]) -> None:
         reasons = problem.get("reasons")
@@ -50,7 +50,7 @@ class Refused(ApiError):
 
 
 class NotInControl(Refused):
-    """Another client has control of the vehicle; `holder` is its name."""
+    """Another client has control of the vehicle; `holder` is the name of that client."""
 
     def __init__(self, status: int, problem: dict[str, object]) -> None:
         super().__init__(status, problem)
@@ -64,7 +64,7 @@ class NoReply(ApiError):
 
 
 class Unreachable(Exception):
-    """The server did not answer; the request may or may not have been executed."""
+    """The server did not respond; the request may or may not have been executed."""
 
 
 class Timeout(Exception):
@@ -87,14 +87,14 @@ _STATUS_BY_CODE = {"invalid_request": 422, "unknown_vehicle": 404, "disconnected
 def raise_problem(problem: dict[str, object]) -> NoReturn:
     """Raises the `ApiError` for a problem inside another document, such as an operation."""
     code = str(problem.get("code"))
-    given = problem.get("status")
-    status = given if isinstance(given, int) else _STATUS_BY_CODE.get(code, 409)
-    kind = NotInControl if code == "not_in_control" else _BY_STATUS.get(status, ApiError)
-    raise kind(status, problem)
+    sent_status = problem.get("status")
+    status = sent_status if isinstance(sent_status, int) else _STATUS_BY_CODE.get(code, 409)
+    error_type = NotInControl if code == "not_in_control" else _BY_STATUS.get(status, ApiError)
+    raise error_type(status, problem)
 
 
 def raise_for(response: httpx.Response) -> None:
-    """Raises the `ApiError` for an unsuccessful answer."""
+    """Raises the `ApiError` for an unsuccessful response."""
     if response.is_success:
         return
     try:

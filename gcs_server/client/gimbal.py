@@ -11,9 +11,9 @@ from gcs_server.client.setpoints import Body
 class Gimbal:
     """The vehicle's gimbal; angles in degrees, pitch up positive."""
 
-    def __init__(self, vehicle: Requester, which: str = "") -> None:
+    def __init__(self, vehicle: Requester, query: str = "") -> None:
         self._vehicle = vehicle
-        self._which = which
+        self._query = query
 
     def at(self, *, component: int | None = None, device: int | None = None) -> Gimbal:
         """Selects another gimbal of the vehicle; the topic `gimbal` lists them in `gimbals`.
@@ -22,12 +22,12 @@ class Gimbal:
             component: MAVLink component id of the gimbal manager (`component_id`).
             device: `gimbal_device_id`, if the gimbal manager has several gimbals.
         """
-        named = (("component", component), ("device", device))
-        which = "&".join(f"{name}={value}" for name, value in named if value is not None)
-        return Gimbal(self._vehicle, f"?{which}" if which else "")
+        selectors = (("component", component), ("device", device))
+        query = "&".join(f"{name}={value}" for name, value in selectors if value is not None)
+        return Gimbal(self._vehicle, f"?{query}" if query else "")
 
     async def _post(self, path: str, body: Body | None = None) -> Any:
-        return await self._vehicle.request("POST", f"/gimbal/{path}{self._which}", body)
+        return await self._vehicle.request("POST", f"/gimbal/{path}{self._query}", body)
 
     async def take(self) -> None:
         """Takes control."""
@@ -43,7 +43,7 @@ class Gimbal:
         """Points the gimbal; yaw is relative to the nose, or to north with `yaw_lock`.
 
         Returns:
-            The angles at which a limit stopped the gimbal (`limited` of the answer); None if it reached the
+            The angles at which a limit stopped the gimbal (`limited` of the response); None if it reached the
             commanded angles.
         """
         body: Body = {"pitch_deg": pitch_deg, "yaw_deg": yaw_deg, "yaw_lock": yaw_lock}

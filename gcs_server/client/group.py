@@ -22,7 +22,7 @@ class Group:
 
     Args:
         gcs: the client.
-        started: the server's answer to the start.
+        started: the server's response to the start.
         validity: validity of the setpoints, and the action on expiry.
     """
 
@@ -31,12 +31,12 @@ class Group:
         self._validity = validity
         self.id: str = started["id"]
         self.started = started
-        """The server's answer to the start, as from `status`; `start_unix_s` is the time of the common
-        start."""
+        """The server's response to the start, in the form of `status`; `start_unix_s` is the time of the
+        common start."""
 
     async def send(self, setpoints: Setpoints) -> dict[str, Any]:
-        """Sends new setpoints to some or all members at the same time, and renews the setpoints of the
-        others.
+        """Sends new setpoints to some or all members at the same time, and renews the setpoints of the other
+        members.
 
         Raises:
             Invalid: a value is invalid, or a vehicle is not in the group.

@@ -41,16 +41,16 @@ class Mission:
         `vehicle {id} flies the new mission at once`.
 
         Raises:
-            Refused: the vehicle refuses an item, or has different items afterwards; the text names them.
+            Refused: the vehicle refuses an item, or has different items afterwards; the text names the items.
         """
-        body = {**_which(plan, plan_id, version), **({} if confirm is None else {"confirm": confirm})}
-        begun = await self._vehicle.request("POST", "/mission/upload", body)
-        return (await self._operations.wait(begun["id"], timeout_s=timeout_s))["result"]
+        body = {**_chosen_plan(plan, plan_id, version), **({} if confirm is None else {"confirm": confirm})}
+        operation = await self._vehicle.request("POST", "/mission/upload", body)
+        return (await self._operations.wait(operation["id"], timeout_s=timeout_s))["result"]
 
     async def download(self, *, timeout_s: float = TRANSFER_TIMEOUT_S) -> dict[str, Any]:
         """Reads the vehicle's items; returns the same result as `plan`."""
-        begun = await self._vehicle.request("POST", "/mission/download")
-        await self._operations.wait(begun["id"], timeout_s=timeout_s)
+        operation = await self._vehicle.request("POST", "/mission/download")
+        await self._operations.wait(operation["id"], timeout_s=timeout_s)
         return await self.plan()
 
     async def plan(self) -> dict[str, Any]:
@@ -61,7 +61,7 @@ class Mission:
         self, plan: Plan | None = None, *, plan_id: str | None = None, version: int | None = None
     ) -> dict[str, Any]:
         """Compares a plan with the last downloaded one: whether it is `equal`, and the `differences`."""
-        return await self._vehicle.request("POST", "/mission/compare", _which(plan, plan_id, version))
+        return await self._vehicle.request("POST", "/mission/compare", _chosen_plan(plan, plan_id, version))
 
     async def clear(self) -> None:
         """Clears mission, geofence and rally points on the vehicle; refused while the vehicle is in Mission
@@ -76,29 +76,30 @@ class Mission:
         dry_run: str | None = None,
         mission_id: int | None = None,
     ) -> None:
-        """Starts the mission at an item (counted from 0) or at the current one; arms if needed.
+        """Starts the mission at an item (counted from 0) or at the current item; arms the vehicle if needed.
 
-        `dry_run` is the id of a dry run of the plan on the vehicle: the flight is compared with it. An
-        interrupted flight is resumed with `item` and `mission_id` of `state()["resume"]`.
+        `dry_run` is the id of a dry run of the plan on the vehicle: the server compares the flight with it.
+        To resume an interrupted flight, give `item` and `mission_id` of `state()["resume"]`.
 
         Raises:
             Refused: the plan is unknown or has errors, and `despite` does not list the codes; the dry run
                 was made for another plan or position; or the vehicle has another mission than `mission_id`.
         """
-        more = {"item": item, "dry_run": dry_run, "mission_id": mission_id}
-        body: Body = {"despite": list(despite), **{k: v for k, v in more.items() if v is not None}}
+        options = {"item": item, "dry_run": dry_run, "mission_id": mission_id}
+        body: Body = {"despite": list(despite), **{k: v for k, v in options.items() if v is not None}}
         await self._vehicle.request("POST", "/mission/start", body)
 
     async def flown(self) -> dict[str, Any]:
-        """The newest flight of a plan, with its plan: `samples`, `planned_legs`, `deviation_max_m`."""
+        """The newest flight of a plan, compared with the plan: `samples`, `planned_legs`,
+        `deviation_max_m`."""
         return (await self._vehicle.request("GET", "/mission/flown"))["flown"]
 
     async def resume(self) -> None:
-        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses it. After a landing, see
-        `start`."""
+        """Resumes the mission in flight at the current item; `vehicle.hold()` pauses a mission. After a
+        landing, use `start`."""
         await self._vehicle.request("POST", "/mission/resume")
 
 
-def _which(plan: Plan | None, plan_id: str | None, version: int | None) -> Body:
-    given = {"plan": None if plan is None else dict(plan), "plan_id": plan_id, "version": version}
-    return {name: value for name, value in given.items() if value is not None}
+def _chosen_plan(plan: Plan | None, plan_id: str | None, version: int | None) -> Body:
+    options = {"plan": None if plan is None else dict(plan), "plan_id": plan_id, "version": version}
+    return {name: value for name, value in options.items() if value is not None}

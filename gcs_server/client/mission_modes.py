@@ -13,10 +13,10 @@ from gcs_server.client.plans import Plan
 class MissionModes:
     """The offboard missions that this server has registered as flight modes of a vehicle.
 
-    The vehicle must be reached over ROS 2. The mode is selected by `vehicle.set_mode(mode["mode"])`, another
-    ground station, or a transmitter. The mission starts when the mode is selected in the air, or, if it
-    begins with a take-off, when the vehicle is armed in the mode. A mode is unregistered when the server
-    ends.
+    The server must be connected to the vehicle over ROS 2. `vehicle.set_mode(mode["mode"])`, another ground
+    station or an RC transmitter selects a mode. A mission that begins with a take-off starts when the vehicle
+    is armed in the mode; any other mission starts when the mode is selected in the air. The server
+    unregisters its modes when it is shut down.
     """
 
     def __init__(self, vehicle: Requester) -> None:
@@ -43,16 +43,16 @@ class MissionModes:
         control or a low battery by up to this time, while the vehicle flies in the mode.
 
         Raises:
-            Refused: the vehicle is not reached over ROS 2, PX4 refuses the mode, the mission has errors that
-                `despite` does not list, or the vehicle has a mode of this name.
+            Refused: the server has no ROS 2 connection to the vehicle, PX4 refuses the mode, the mission has
+                errors that `despite` does not list, or the vehicle has a mode of this name.
         """
-        more = {"defer_failsafes_s": defer_failsafes_s} if defer_failsafes_s else {}
-        body = start_body(mission, plan_id, version, despite, name=name, **more)
+        deferral = {"defer_failsafes_s": defer_failsafes_s} if defer_failsafes_s else {}
+        body = start_body(mission, plan_id, version, despite, name=name, **deferral)
         modes = (await self._vehicle.request("POST", "/mission_modes/register", body))["modes"]
         return next(mode for mode in modes if mode["name"] == name)
 
     async def unregister(self, name: str) -> list[dict[str, Any]]:
-        """Removes a mode; returns the others.
+        """Removes a mode; returns the remaining modes.
 
         Raises:
             Refused: there is no such mode, or the vehicle flies in it.

@@ -22,8 +22,8 @@ from gcs_server.client.setpoints import Body, Partial, PathPoints
 
 R_co = TypeVar("R_co", covariant=True)
 POLL_S = 0.1
-Answer = dict[str, Any]
-"""Answer to a setpoint: the state of the stream (as `GET …/offboard`), or `applied` and `limited` over the
+Response = dict[str, Any]
+"""Response to a setpoint: the state of the stream (as `GET …/offboard`), or `applied` and `limited` over the
 WebSocket."""
 
 
@@ -43,7 +43,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Fly to a local position and hold it."""
+        """Fly to a local position and keep it."""
         body = setpoints.position_ned(
             north_m, east_m, down_m, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -188,21 +188,21 @@ class Requester(Protocol):
     async def socket(self, path: str) -> ClientConnection: ...
 
 
-class Offboard(SetpointCalls[Awaitable[Answer]]):
+class Offboard(SetpointCalls[Awaitable[Response]]):
     """A running setpoint stream.
 
     Args:
         vehicle: the vehicle.
-        started: the server's answer to the start.
+        started: the server's response to the start.
         validity: validity of each setpoint, and the action on expiry.
     """
 
-    def __init__(self, vehicle: Requester, started: Answer, validity: Body) -> None:
+    def __init__(self, vehicle: Requester, started: Response, validity: Body) -> None:
         self._vehicle = vehicle
         self._validity = validity
         self.started = started
 
-    async def send(self, body: Body) -> Answer:
+    async def send(self, body: Body) -> Response:
         """Sends any setpoint body; returns the stream's state.
 
         Raises:
@@ -212,32 +212,33 @@ class Offboard(SetpointCalls[Awaitable[Answer]]):
         return await self._vehicle.request("POST", "/offboard/setpoint", {"setpoint": body, **self._validity})
 
     async def follow_path(self, points: PathPoints) -> None:
-        """Flies a curve through timed points and returns at its end; the vehicle then holds the last point.
+        """Flies a curve through timed points and returns at its end; the vehicle then keeps the position of
+        the last point.
 
         Raises:
             Timeout: another setpoint, mode or client has interrupted the path.
         """
-        listed = list(points)
-        started = await self.path(listed)
-        duration_s = listed[-1][0]
-        while (started["age_s"] or 0.0) < duration_s:
+        point_list = list(points)
+        state = await self.path(point_list)
+        duration_s = point_list[-1][0]
+        while (state["age_s"] or 0.0) < duration_s:
             await asyncio.sleep(POLL_S)
-            started = await self.status()
-            if started["ordered_type"] != "path":
-                raise Timeout(started["ended"] or "Another setpoint has replaced the path.")
+            state = await self.status()
+            if state["ordered_type"] != "path":
+                raise Timeout(state["ended"] or "Another setpoint has replaced the path.")
 
     @asynccontextmanager
     async def live(self) -> AsyncGenerator[LiveOffboard]:
         """Opens a WebSocket for setpoints at up to 100 Hz; the stream continues after the block.
 
         Yields:
-            An object with the same calls; each call returns once the server has answered.
+            An object with the same calls; each call returns once the server has responded.
         """
         socket = await self._vehicle.socket("/offboard/stream")
         async with socket:
             yield LiveOffboard(socket, self._validity)
 
-    async def status(self) -> Answer:
+    async def status(self) -> Response:
         """Achieved rate, age and remaining validity of the setpoint; limits, failsafe, available setpoint
         types.
         """
@@ -248,7 +249,7 @@ class Offboard(SetpointCalls[Awaitable[Answer]]):
         await self._vehicle.request("POST", "/offboard/stop")
 
 
-class LiveOffboard(SetpointCalls[Awaitable[Answer]]):
+class LiveOffboard(SetpointCalls[Awaitable[Response]]):
     """Setpoints over a WebSocket."""
 
     def __init__(self, socket: ClientConnection, validity: Body) -> None:
@@ -256,7 +257,7 @@ class LiveOffboard(SetpointCalls[Awaitable[Answer]]):
         self._validity = validity
         self._seq = 0
 
-    async def send(self, body: Body) -> Answer:
+    async def send(self, body: Body) -> Response:
         """Sends any setpoint body; returns the `applied` setpoint and what the limits changed (`limited`).
 
         Raises:
@@ -267,11 +268,11 @@ class LiveOffboard(SetpointCalls[Awaitable[Answer]]):
         try:
             await self._socket.send(json.dumps({"setpoint": body, **self._validity, "seq": self._seq}))
             while True:
-                answer = json.loads(await self._socket.recv())
-                if answer.get("seq") == self._seq:
+                response = json.loads(await self._socket.recv())
+                if response.get("seq") == self._seq:
                     break
         except ConnectionClosed as error:
             raise Unreachable(f"The server closed the setpoint stream: {error}.") from error
-        if "error" in answer:
-            raise_problem(answer["error"])
-        return answer
+        if "error" in response:
+            raise_problem(response["error"])
+        return response

@@ -21,7 +21,7 @@ class OffboardMission:
         self._vehicle = vehicle
 
     async def state(self) -> dict[str, Any] | None:
-        """Status of the newest mission (as the topic `offboard_mission`); None if there was none."""
+        """Status of the newest mission (as the topic `offboard_mission`); None if no mission was started."""
         return (await self._vehicle.request("GET", "/offboard_mission"))["mission"]
 
     async def flown(self) -> dict[str, Any]:
@@ -48,29 +48,29 @@ class OffboardMission:
         Raises:
             Refused: the mission has errors that `despite` does not list, or an estimate is missing.
         """
-        return await self._do("start", start_body(mission, plan_id, version, despite, dry_run=dry_run))
+        return await self._command("start", start_body(mission, plan_id, version, despite, dry_run=dry_run))
 
     async def pause(self) -> dict[str, Any]:
         """Pauses the mission: the vehicle stops on its path."""
-        return await self._do("pause")
+        return await self._command("pause")
 
     async def resume(self) -> dict[str, Any]:
         """Resumes the mission from the vehicle's current position."""
-        return await self._do("resume")
+        return await self._command("resume")
 
     async def skip(self) -> dict[str, Any]:
         """Skips the current step."""
-        return await self._do("skip")
+        return await self._command("skip")
 
     async def go_on(self) -> dict[str, Any]:
         """Continues after a step that waits for the operator."""
-        return await self._do("go_on")
+        return await self._command("go_on")
 
     async def abort(self, then: str = "hold") -> dict[str, Any]:
         """Ends the mission; `then` is hold, return or land."""
-        return await self._do("abort", {"then": then})
+        return await self._command("abort", {"then": then})
 
-    async def _do(self, action: str, body: Body | None = None) -> dict[str, Any]:
+    async def _command(self, action: str, body: Body | None = None) -> dict[str, Any]:
         return (await self._vehicle.request("POST", f"/offboard_mission/{action}", body))["mission"]
 
 
@@ -78,5 +78,5 @@ def start_body(
     mission: Plan | None, plan_id: str | None, version: int | None, despite: Sequence[str], **more: Any
 ) -> dict[str, Any]:
     """The body for the API, without values that are None."""
-    given = {"mission": mission, "plan_id": plan_id, "version": version, **more}
-    return {"despite": list(despite), **{name: each for name, each in given.items() if each is not None}}
+    fields = {"mission": mission, "plan_id": plan_id, "version": version, **more}
+    return {"despite": list(despite), **{name: value for name, value in fields.items() if value is not None}}

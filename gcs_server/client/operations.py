@@ -18,7 +18,7 @@ class Caller(Protocol):
 
 
 class Operations:
-    """The server's operations, running or recently ended; each as from `GET /operations/{o}`."""
+    """The server's operations, running or recently ended, each in the form of `GET /operations/{o}`."""
 
     def __init__(self, gcs: Caller) -> None:
         self._gcs = gcs
@@ -26,7 +26,7 @@ class Operations:
     async def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:
         """The operations of one vehicle, or all; oldest first."""
         operations = (await self._gcs.request("GET", "/operations"))["operations"]
-        return [each for each in operations if vehicle_id in (None, each["vehicle"])]
+        return [operation for operation in operations if vehicle_id in (None, operation["vehicle"])]
 
     async def get(self, operation_id: str) -> dict[str, Any]:
         """One operation: `state`, `progress`, `text`, and at the end `result` or `error`."""

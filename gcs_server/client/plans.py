@@ -1,4 +1,4 @@
-"""Plans of both kinds on the server: versions, checks, import and export of files."""
+"""Waypoint plans and offboard missions on the server: versions, checks, import and export of files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Caller(Protocol):
 
 
 class Plans:
-    """The plans of the server; each as from `GET /plans/{plan}`: `id`, `version`, `plan`, …"""
+    """The plans of the server, each in the form of `GET /plans/{plan}`: `id`, `version`, `plan`, …"""
 
     def __init__(self, gcs: Caller) -> None:
         self._gcs = gcs
@@ -93,11 +93,12 @@ class Plans:
         in_air: bool = False,
         positions: str | None = None,
     ) -> dict[str, Any]:
-        """Inserts a stored offboard mission (`plan_id`) or another one (`mission`) into an offboard mission:
-        `plan`, the name of the `called` list, and `notes`. Saves nothing.
+        """Inserts a stored offboard mission (`plan_id`) or the document `mission` into the offboard mission
+        `plan`. Returns the result as `plan`, the name of the `called` list, and `notes`; saves nothing.
 
-        `at` is the place of the new call step, `["steps", 2]`. With `in_air`, the inserted take-off and last
-        landing are left out. If the planned starts differ, `positions` is "from_start" or "same_places".
+        `at` is the place of the new call step, such as `["steps", 2]`. With `in_air`, the inserted take-off
+        and last landing are left out. If the planned starts differ, `positions` is "from_start" or
+        "same_places".
         """
         body: Body = {"plan": dict(plan), "at": list(at), "in_air": in_air}
         options: Body = {"plan_id": plan_id, "version": version, "mission": mission, "positions": positions}
@@ -156,7 +157,7 @@ class Plans:
         `figures`, `notes`. Saves nothing.
 
         `plan` is a waypoint plan with the items, or with `document="offboard_mission"` a mission with the
-        steps; its steps begin in the air and belong after a take-off. With `vehicle_id`, the vehicle's
+        steps; the steps begin in the air, so insert them after a take-off. With `vehicle_id`, the vehicle's
         parameters are used. With `tolerance_m`, altitudes above the ground are resolved, as in
         `follow_ground`.
         """

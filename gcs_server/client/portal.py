@@ -21,24 +21,24 @@ class LoopThread:
 
     def __init__(self, leave: Callable[..., Any]) -> None:
         self._leave = leave
-        self._starting: AbstractContextManager[BlockingPortal] = start_blocking_portal()
-        self._started: BlockingPortal | None = None
+        self._portal_context: AbstractContextManager[BlockingPortal] = start_blocking_portal()
+        self._running_portal: BlockingPortal | None = None
 
     def __enter__(self) -> Self:
-        self._started = self._starting.__enter__()
+        self._running_portal = self._portal_context.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
         try:
             self._portal.call(self._leave)
         finally:
-            self._starting.__exit__(None, None, None)
+            self._portal_context.__exit__(None, None, None)
 
     @property
     def _portal(self) -> BlockingPortal:
-        if self._started is None:
+        if self._running_portal is None:
             raise RuntimeError("Use the client in a block: with SyncGcs() as gcs: …")
-        return self._started
+        return self._running_portal
 
 
 def iterate(portal: BlockingPortal, source: AsyncGenerator[T]) -> Generator[T]:
@@ -48,7 +48,7 @@ def iterate(portal: BlockingPortal, source: AsyncGenerator[T]) -> Generator[T]:
         return await anext(source, _END)
 
     try:
-        while (found := portal.call(next_item)) is not _END:
-            yield found
+        while (item := portal.call(next_item)) is not _END:
+            yield item
     finally:
         portal.call(source.aclose)

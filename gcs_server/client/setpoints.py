@@ -14,12 +14,12 @@ PathPoints = Iterable[tuple[float, Sequence[float]] | tuple[float, Sequence[floa
 
 
 def _body(setpoint_type: str, **fields: object) -> Body:
-    listed = {
+    sent_fields = {
         name: list(value) if isinstance(value, tuple) else value  # type: ignore[arg-type]
         for name, value in fields.items()
         if value is not None
     }
-    return {"type": setpoint_type, **listed}
+    return {"type": setpoint_type, **sent_fields}
 
 
 def position_ned(
@@ -64,7 +64,7 @@ def position_body(
     forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
 ) -> Body:
     """An offset along the heading from the vehicle's position at the time when the server accepts the
-    setpoint; zeros hold the position.
+    setpoint; with zeros the vehicle keeps its position.
     """
     return _body("position_body", offset_frd_m=(forward_m, right_m, down_m), yaw_offset_rad=yaw_offset_rad)
 
@@ -128,8 +128,8 @@ def trajectory(
     yaw_ned_rad: float | None = None,
     yaw_rate_ned_rad_s: float | None = None,
 ) -> Body:
-    """Position, velocity and acceleration, in this order of priority; those of lower priority are
-    feed-forward."""
+    """Position, velocity and acceleration: on each axis, the vehicle controls the first of them that is
+    given; the others are feed-forward."""
     return _body(
         "trajectory",
         position_ned_m=_tuple(position_ned_m),
@@ -178,11 +178,11 @@ def actuators(motors: Partial = (), servos: Partial = ()) -> Body:
 
 def path(points: PathPoints) -> Body:
     """A curve through timed points; the server flies it even if this program ends."""
-    listed: list[Body] = []
+    sent_fields: list[Body] = []
     for t_s, position_ned_m, *yaw in points:
         point: Body = {"t_s": t_s, "position_ned_m": list(position_ned_m)}
-        listed.append({**point, "yaw_ned_rad": yaw[0]} if yaw else point)
-    return {"type": "path", "points": listed}
+        sent_fields.append({**point, "yaw_ned_rad": yaw[0]} if yaw else point)
+    return {"type": "path", "points": sent_fields}
 
 
 def follow(
@@ -192,8 +192,8 @@ def follow(
     offset_frd_m: Sequence[float] | None = None,
     yaw: Literal["keep", "same", "face"] = "keep",
 ) -> Body:
-    """A position relative to another vehicle, in NED or along that vehicle's heading; the server updates
-    it."""
+    """A position relative to another vehicle, in NED or along that vehicle's heading; the server updates the
+    setpoint as that vehicle moves."""
     return _body(
         "follow",
         vehicle=vehicle_id,
@@ -204,7 +204,7 @@ def follow(
 
 
 def first_setpoint(
-    given: Body | None,
+    body: Body | None,
     position_ned_m: Sequence[float] | None,
     velocity_ned_m_s: Sequence[float] | None,
     yaw_ned_rad: float | None,
@@ -214,12 +214,12 @@ def first_setpoint(
     position.
 
     Raises:
-        ValueError: more than one was given.
+        ValueError: more than one setpoint was given, or a yaw without a position or velocity.
     """
-    if sum(kind is not None for kind in (given, position_ned_m, velocity_ned_m_s)) > 1:
+    if sum(kind is not None for kind in (body, position_ned_m, velocity_ned_m_s)) > 1:
         raise ValueError("Give one setpoint: a body, position_ned_m or velocity_ned_m_s.")
-    if given is not None:
-        return given
+    if body is not None:
+        return body
     yaw = {"yaw_ned_rad": yaw_ned_rad, "yaw_rate_ned_rad_s": yaw_rate_ned_rad_s}
     if position_ned_m is not None:
         return _body("position", position_ned_m=_tuple(position_ned_m), **yaw)

@@ -34,7 +34,7 @@ class Server(Protocol):
 
 
 class Vehicle:
-    """One vehicle. Every command returns once the vehicle's own state shows it."""
+    """One vehicle. Every command returns once the vehicle's own state shows the result."""
 
     def __init__(self, gcs: Server, vehicle_id: str) -> None:
         self._gcs = gcs
@@ -96,7 +96,7 @@ class Vehicle:
             state = await self.show()
             return state if condition(state) else None
 
-        return await until_found(poll, timeout_s, what)
+        return await poll_until_found(poll, timeout_s, what)
 
     async def until_disarmed(self, *, timeout_s: float = 120.0) -> None:
         """Waits for the motors to stop."""
@@ -134,10 +134,10 @@ class Vehicle:
         """Changes the flight mode: hold, position, land, …"""
         await self.request("POST", "/mode", {"mode": mode})
 
-    async def goto(self, lat_deg: float, lon_deg: float, **altitude_and_more: float) -> None:
+    async def goto(self, lat_deg: float, lon_deg: float, **options: float) -> None:
         """Flies to a position; give `alt_amsl_m` or `alt_home_m`, and optionally `yaw_ned_deg` and
         `max_distance_m`."""
-        await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **altitude_and_more})
+        await self.request("POST", "/goto", {"lat_deg": lat_deg, "lon_deg": lon_deg, **options})
 
     async def kill(self) -> None:
         """Stops the motors, even in flight: the vehicle falls."""
@@ -167,8 +167,8 @@ class Vehicle:
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:
         """Sets the vehicle's own action when the stream stops: a mode (land, hold, rtl, …)."""
-        given = {"action": action, "after_s": after_s}
-        body: Body = {name: value for name, value in given.items() if value is not None}
+        options = {"action": action, "after_s": after_s}
+        body: Body = {name: value for name, value in options.items() if value is not None}
         return await self.request("PUT", "/offboard/failsafe", body)
 
     async def socket(self, path: str) -> ClientConnection:
@@ -193,24 +193,24 @@ class Vehicle:
         Hold.
 
         The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
-        current position. If the vehicle has landed or another party controls it, nothing is sent at the end.
-        If this program hangs, the setpoint expires after `valid_for_s` and the server executes `on_expiry`.
-        If Hold fails after an exception, a note on that exception states why.
+        current position. If the vehicle has landed or another party controls it, the block sends nothing at
+        its end. If this program hangs, the setpoint expires after `valid_for_s` and the server executes
+        `on_expiry`. If Hold fails after an exception, a note on that exception states why.
 
         Yields:
-            The stream; `started` is the server's answer, which includes the vehicle's failsafe.
+            The stream; `started` is the server's response, which includes the vehicle's failsafe.
         """
         setpoint = first_setpoint(first, position_ned_m, velocity_ned_m_s, yaw_ned_rad, yaw_rate_ned_rad_s)
         validity = validity_fields(valid_for_s, on_expiry, hold_for_s)
         rate: Body = {} if rate_hz is None else {"rate_hz": rate_hz}
         started = await self.request("POST", "/offboard/start", {"setpoint": setpoint, **rate, **validity})
         stream = Offboard(self, started, validity)
-        async with held_at_end(f"Vehicle {self.id}", stream.stop):
+        async with hold_at_end(f"Vehicle {self.id}", stream.stop):
             yield stream
 
 
 @asynccontextmanager
-async def held_at_end(name: str, hold: Callable[[], Awaitable[object]]) -> AsyncGenerator[None]:
+async def hold_at_end(name: str, hold: Callable[[], Awaitable[object]]) -> AsyncGenerator[None]:
     """Calls `hold` at the end of a block. After an exception, that exception is raised, with a note if `hold`
     fails too."""
     try:
@@ -224,7 +224,7 @@ async def held_at_end(name: str, hold: Callable[[], Awaitable[object]]) -> Async
     await hold()
 
 
-async def until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
+async def poll_until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float, waits_for: str) -> T:
     """Polls until `poll` returns a value.
 
     Raises:
@@ -233,9 +233,9 @@ async def until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float,
     loop = asyncio.get_running_loop()
     end_s = loop.time() + timeout_s
     while True:
-        found = await poll()
-        if found is not None:
-            return found
+        value = await poll()
+        if value is not None:
+            return value
         if loop.time() > end_s:
-            raise Timeout(f"Waited {timeout_s:g} s for {what}.")
+            raise Timeout(f"Waited {timeout_s:g} s for {waits_for}.")
         await asyncio.sleep(POLL_S)

@@ -35,12 +35,12 @@ the vehicle hovers or lands."""
 
 @dataclass(frozen=True, slots=True)
 class ControlStatus:
-    """State of control: the topic `control`, and the answer of the control routes."""
+    """State of control: the topic `control`, and the response of the control routes."""
 
     holder: str | None
     """The client in control; null: no client (the next client that sends a command takes control)."""
     holder_key: str | None
-    """Distinguishes clients with the same name; `GET /me` returns the caller's own."""
+    """Distinguishes clients with the same name; `GET /me` returns the caller's own key."""
     since_unix_s: float | None
     expires_in_s: float | None
     """Time until control ends if the client in control sends no request [s]. Each request renews it; it does
@@ -57,7 +57,7 @@ class ControlStatus:
     answer_s: float
     """Time to answer a request before control may be taken by force [s]."""
     mode_cause: ModeCause | None
-    """Cause of the vehicle's current mode; null if it has not changed since the vehicle connected."""
+    """Cause of the vehicle's current mode; null: the mode has not changed since the vehicle connected."""
 
 
 class VehicleControl:
@@ -90,7 +90,7 @@ class Authority:
 
     Args:
         clock: the clock of the leases.
-        fleet: the vehicles; each gets its `control`.
+        fleet: the vehicles; the attribute `control` of each vehicle is set.
         journal: records each change of control.
         supervisor: owns the task of each expiry action.
         lease_times: durations of leases and answers.
@@ -138,7 +138,7 @@ class Authority:
             lease.expire_due()
             lease.renew(client)
 
-    def held_by(self, client: Principal) -> list[str]:
+    def controlled_by(self, client: Principal) -> list[str]:
         """Ids of the vehicles that the client controls."""
         return [vehicle_id for vehicle_id, key in self._holders() if key == client.key]
 
@@ -151,8 +151,8 @@ class Authority:
         return [
             Notice(
                 "control",
-                f"{MAX_REQUESTS} clients request control of vehicle {vehicle_id}; no more can do so "
-                "until the holder answers some.",
+                f"{MAX_REQUESTS} clients request control of vehicle {vehicle_id}; further requests are "
+                "refused until the client in control answers some.",
                 vehicle=vehicle_id,
             )
             for vehicle_id, control in self._controls.items()
@@ -174,14 +174,14 @@ class Authority:
             lease.command(principal)
 
     def refusal(self, principal: Principal, name: str, vehicle_ids: Iterable[str]) -> NotInControl | None:
-        """Checks a command to several vehicles: the first refusal, or None. Does not take control."""
+        """The first refusal of a command to several vehicles; None: allowed. Does not take control."""
         if BY_NAME[name].control not in ("lease", "not_anothers"):
             return None
         for vehicle_id in vehicle_ids:
             lease = self._lease(vehicle_id)
-            refused = None if lease is None else lease.refusal(principal)
-            if refused is not None:
-                return refused
+            refusal = None if lease is None else lease.refusal(principal)
+            if refusal is not None:
+                return refusal
         return None
 
     def report_command(self, principal: Principal, command: Command, vehicle_id: str) -> None:
@@ -213,7 +213,7 @@ class Authority:
             vehicle.id,
             self._lease_times,
             lambda client: client.key in self._connected,
-            lambda change: self._changed(vehicle, control, change),
+            lambda change: self._publish_change(vehicle, control, change),
         )
         vehicle.control = self._controls[vehicle.id] = control = VehicleControl(vehicle, lease)
 
@@ -239,20 +239,20 @@ class Authority:
     def _leases(self) -> list[Lease]:
         return [control.lease for control in self._controls.values()]
 
-    def _changed(self, vehicle: Vehicle, control: VehicleControl, change: ControlChange) -> None:
-        taken_away = change.action in ("forced", "expired", "intervened")
+    def _publish_change(self, vehicle: Vehicle, control: VehicleControl, change: ControlChange) -> None:
+        is_warning = change.action in ("forced", "expired", "intervened")
         vehicle.events.add(
             "control",
             self._clock.unix_s(),
             change.text,
-            severity=d.MAV_SEVERITY_WARNING if taken_away else d.MAV_SEVERITY_NOTICE,
+            severity=d.MAV_SEVERITY_WARNING if is_warning else d.MAV_SEVERITY_NOTICE,
             data={
                 "action": change.action,
                 "client": str(change.client),
                 "client_key": change.client.key,
                 "previous": None if change.previous is None else str(change.previous),
                 "previous_key": None if change.previous is None else change.previous.key,
-                "to_key": None if change.to is None else change.to.key,
+                "to_key": None if change.requester is None else change.requester.key,
                 "reason": change.reason,
                 "control": asdict(control.status()),
             },
@@ -268,13 +268,13 @@ class Authority:
         action, began_s = change.on_expiry, self._clock.monotonic_s()
         await vehicle.command.wait_for_kill()  # afterwards the action may be unnecessary
         status = vehicle.status
-        commanded_here = status.mode != "offboard" or vehicle.streaming
-        flies_mission_mode = status.mode in vehicle.mode_names.external and vehicle.streaming
-        moves_by_itself = (status.mode in MOVING_MODES and commanded_here) or flies_mission_mode
+        commanded_by_server = status.mode != "offboard" or vehicle.streaming
+        in_mission_mode = status.mode in vehicle.mode_names.external and vehicle.streaming
+        moves_by_itself = (status.mode in MOVING_MODES and commanded_by_server) or in_mission_mode
         mission = vehicle.offboard_mission
         moves_by_itself = moves_by_itself and not (mission is not None and mission.flown_by_pilot)
-        holds_position = status.mode == "hold" and action != "hold"
-        if not status.armed or status.landed_state not in FLYING or not (moves_by_itself or holds_position):
+        is_in_hold = status.mode == "hold" and action != "hold"
+        if not status.armed or status.landed_state not in FLYING or not (moves_by_itself or is_in_hold):
             return
         command = {"hold": vehicle.command.hold, "land": vehicle.command.land, "rtl": vehicle.command.rtl}
         result, detail = "ok", change.text

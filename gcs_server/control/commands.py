@@ -21,8 +21,8 @@ PERMISSIONS: frozenset[Permission] = frozenset(get_args(Permission))
 
 Control = Literal["none", "lease", "open", "not_anothers", "changes"]
 """`none`: the command is sent to no vehicle. `lease`: the caller needs control, and takes it if no client has
-it. `open`: does not need control; the client in control keeps it and is informed. `not_anothers`: refused
-while another client has control; does not take control. `changes`: changes control itself."""
+it. `open`: does not need control; the client in control keeps control and is informed. `not_anothers`:
+refused while another client has control; does not take control. `changes`: the command changes control."""
 
 CONTROL_TEXT: dict[Control, str] = {
     "none": "none",
@@ -59,7 +59,7 @@ class Command:
         """`METHOD /path` of the application."""
         return tuple(_full(call) for call in self.calls)
 
-    def described(self) -> dict[str, object]:
+    def openapi_fields(self) -> dict[str, object]:
         """The row as `x-authority` of the OpenAPI description."""
         return {
             "command": self.name,
@@ -99,11 +99,11 @@ def _full(call: str) -> str:
     return f"{method} {path[1:]}" if path.startswith("//") else f"{method} {API}{path}"
 
 
-def _views(name: str, *calls: str) -> Command:
+def _view(name: str, *calls: str) -> Command:
     return Command(name, "view", calls, journaled=False)
 
 
-def _flies(
+def _flight(
     name: str,
     *calls: str,
     vehicles: str = "the vehicle",
@@ -113,7 +113,7 @@ def _flies(
     return Command(name, "fly", calls, "lease", vehicles, confirmed, confirm_text)
 
 
-def _stops(name: str, label: str, *calls: str, confirm_text: str | None = None) -> Command:
+def _stop(name: str, label: str, *calls: str, confirm_text: str | None = None) -> Command:
     return Command(
         name,
         "stop",
@@ -132,12 +132,12 @@ def _gimbal(action: str) -> Command:
     )
 
 
-def _configures(name: str, call: str) -> Command:
+def _configuration(name: str, call: str) -> Command:
     return Command(name, "configure", (call,), "lease", "the vehicle")
 
 
-def _control(action: str, *more: str, confirmed: bool = False, journaled: bool = True) -> Command:
-    calls = (f"POST /vehicles/{{v}}/control/{action}", *more)
+def _control(action: str, *other_calls: str, confirmed: bool = False, journaled: bool = True) -> Command:
+    calls = (f"POST /vehicles/{{v}}/control/{action}", *other_calls)
     return Command(
         f"control/{action}", "control", calls, "changes", "the vehicle", confirmed, journaled=journaled
     )
@@ -145,29 +145,29 @@ def _control(action: str, *more: str, confirmed: bool = False, journaled: bool =
 
 ALL: tuple[Command, ...] = (
     # flying
-    _flies("arm", "POST /vehicles/{v}/arm", confirmed=True),
-    _flies("disarm", "POST /vehicles/{v}/disarm", confirmed=True),
-    _flies("takeoff", "POST /vehicles/{v}/takeoff", confirmed=True),
-    _flies("land", "POST /vehicles/{v}/land", confirmed=True),
-    _flies("rtl", "POST /vehicles/{v}/rtl", confirmed=True),
-    _flies("mode", "POST /vehicles/{v}/mode"),
-    _flies("goto", "POST /vehicles/{v}/goto", confirmed=True),
-    _flies(
+    _flight("arm", "POST /vehicles/{v}/arm", confirmed=True),
+    _flight("disarm", "POST /vehicles/{v}/disarm", confirmed=True),
+    _flight("takeoff", "POST /vehicles/{v}/takeoff", confirmed=True),
+    _flight("land", "POST /vehicles/{v}/land", confirmed=True),
+    _flight("rtl", "POST /vehicles/{v}/rtl", confirmed=True),
+    _flight("mode", "POST /vehicles/{v}/mode"),
+    _flight("goto", "POST /vehicles/{v}/goto", confirmed=True),
+    _flight(
         "mission/upload",
         "POST /vehicles/{v}/mission/upload",
         confirmed=True,
         confirm_text="vehicle {vehicle} flies the new mission at once",
     ),
-    _flies(
+    _flight(
         "mission/clear",
         "DELETE /vehicles/{v}/mission",
         confirmed=True,
         confirm_text="vehicle {vehicle} loses the mission that it flies",
     ),
-    _flies("mission/start", "POST /vehicles/{v}/mission/start", confirmed=True),
-    _flies("mission/resume", "POST /vehicles/{v}/mission/resume", confirmed=True),
-    _flies("offboard/start", "POST /vehicles/{v}/offboard/start", confirmed=True),
-    _flies(
+    _flight("mission/start", "POST /vehicles/{v}/mission/start", confirmed=True),
+    _flight("mission/resume", "POST /vehicles/{v}/mission/resume", confirmed=True),
+    _flight("offboard/start", "POST /vehicles/{v}/offboard/start", confirmed=True),
+    _flight(
         "offboard/setpoint",
         "POST /vehicles/{v}/offboard/setpoint",
         "WS /vehicles/{v}/offboard/stream",
@@ -175,49 +175,49 @@ ALL: tuple[Command, ...] = (
         "POST /groups/{g}/setpoints",
         vehicles="the vehicle, every member of the group",
     ),
-    _flies("offboard/stop", "POST /vehicles/{v}/offboard/stop"),
-    _flies("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance"),
-    _flies(
+    _flight("offboard/stop", "POST /vehicles/{v}/offboard/stop"),
+    _flight("offboard/avoidance", "PUT /vehicles/{v}/offboard/avoidance"),
+    _flight(
         "offboard_mission/start",
         "POST /vehicles/{v}/offboard_mission/start",
         "POST /offboard_missions/start",
         vehicles=ALL_OF_MISSION,
         confirmed=True,
     ),
-    _flies("offboard_mission/pause", "POST /vehicles/{v}/offboard_mission/pause", vehicles=ALL_OF_MISSION),
-    _flies(
+    _flight("offboard_mission/pause", "POST /vehicles/{v}/offboard_mission/pause", vehicles=ALL_OF_MISSION),
+    _flight(
         "offboard_mission/resume",
         "POST /vehicles/{v}/offboard_mission/resume",
         vehicles=ALL_OF_MISSION,
         confirmed=True,
     ),
-    _flies(
+    _flight(
         "offboard_mission/skip",
         "POST /vehicles/{v}/offboard_mission/skip",
         vehicles=ALL_OF_MISSION,
         confirmed=True,
     ),
-    _flies("offboard_mission/go_on", "POST /vehicles/{v}/offboard_mission/go_on", vehicles=ALL_OF_MISSION),
-    _flies(
+    _flight("offboard_mission/go_on", "POST /vehicles/{v}/offboard_mission/go_on", vehicles=ALL_OF_MISSION),
+    _flight(
         "offboard_mission/abort",
         "POST /vehicles/{v}/offboard_mission/abort",
         vehicles=ALL_OF_MISSION,
         confirmed=True,
     ),
-    _flies("mission_modes/register", "POST /vehicles/{v}/mission_modes/register"),
-    _flies("mission_modes/unregister", "POST /vehicles/{v}/mission_modes/unregister"),
-    _flies("group/start", "POST /groups", vehicles="every member", confirmed=True),
+    _flight("mission_modes/register", "POST /vehicles/{v}/mission_modes/register"),
+    _flight("mission_modes/unregister", "POST /vehicles/{v}/mission_modes/unregister"),
+    _flight("group/start", "POST /groups", vehicles="every member", confirmed=True),
     # allowed to all clients: anyone who sees a danger may stop a vehicle
-    _stops("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
-    _stops("land_now", "Land now", "POST /vehicles/{v}/land_now", confirm_text="vehicle {vehicle} lands now"),
-    _stops("kill", "Kill", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"),
+    _stop("hold", "Hold", "POST /vehicles/{v}/hold", "POST /hold", "POST /groups/{g}/hold"),
+    _stop("land_now", "Land now", "POST /vehicles/{v}/land_now", confirm_text="vehicle {vehicle} lands now"),
+    _stop("kill", "Kill", "POST /vehicles/{v}/kill", confirm_text="motors stop, vehicle {vehicle} falls"),
     # payload
     *(_gimbal(action) for action in ("take", "release", "angles", "rates", "roi", "roi/clear")),
     Command("camera/picture", "payload", ("POST /vehicles/{v}/camera/picture",), "lease", "the vehicle"),
     # settings of a vehicle
-    _configures("param", "PUT /vehicles/{v}/params/{name}"),
-    _configures("offboard/limits", "PUT /vehicles/{v}/offboard/limits"),
-    _configures("offboard/failsafe", "PUT /vehicles/{v}/offboard/failsafe"),
+    _configuration("param", "PUT /vehicles/{v}/params/{name}"),
+    _configuration("offboard/limits", "PUT /vehicles/{v}/offboard/limits"),
+    _configuration("offboard/failsafe", "PUT /vehicles/{v}/offboard/failsafe"),
     Command("params/refresh", "configure", ("POST /vehicles/{v}/params/refresh",), journaled=False),
     Command("mission/download", "configure", ("POST /vehicles/{v}/mission/download",), journaled=False),
     Command("readiness/check", "configure", ("POST /vehicles/{v}/readiness/check",), journaled=False),
@@ -259,7 +259,7 @@ ALL: tuple[Command, ...] = (
         "the operation's vehicle, unless the caller started it",
     ),
     # reading
-    _views(
+    _view(
         "vehicles",
         "GET /vehicles",
         "GET /vehicles/{v}",
@@ -282,7 +282,7 @@ ALL: tuple[Command, ...] = (
         "GET /groups",
         "GET /groups/{g}",
     ),
-    _views(
+    _view(
         "plans",
         "GET /plans",
         "GET /plans/{plan}",
@@ -300,9 +300,9 @@ ALL: tuple[Command, ...] = (
         "GET /dry_runs/{d}",
         "POST /vehicles/{v}/mission/compare",
     ),
-    _views("operations", "GET /operations", "GET /operations/{o}"),
-    _views("telemetry", "WS /telemetry", "WS /telemetry subscribe"),
-    _views(
+    _view("operations", "GET /operations", "GET /operations/{o}"),
+    _view("telemetry", "WS /telemetry", "WS /telemetry subscribe"),
+    _view(
         "recordings",
         "GET /recordings",
         "GET /recordings/{name}",
@@ -311,9 +311,9 @@ ALL: tuple[Command, ...] = (
         "GET /replays/{name}",
         "GET /replays/{name}/index",
     ),
-    _views("maps", "GET /maps", "GET /maps/{name}", "GET /maps/{name}/{zoom}/{x}/{y}"),
-    _views("server", "GET /health", "GET /version", "GET /warnings", "GET /links", "GET /journal", "GET /me"),
-    _views(
+    _view("maps", "GET /maps", "GET /maps/{name}", "GET /maps/{name}/{zoom}/{x}/{y}"),
+    _view("server", "GET /health", "GET /version", "GET /warnings", "GET /links", "GET /journal", "GET /me"),
+    _view(
         "scene",
         "GET //scene/",
         "POST //scene/view/{token}",

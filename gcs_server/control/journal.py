@@ -1,6 +1,6 @@
 """The journal of commands: one line with client, command, time and result for each command, including refused
-ones. A command never waits for the disk: a thread writes waiting lines in batches, and syncs each batch to
-disk (fsync) before the next. If the disk fails, lines are lost on disk, but commands still work. Commands
+commands. A command never waits for the disk: a thread writes waiting lines in batches, and syncs each batch
+to disk (fsync) before the next. If the disk fails, lines are lost on disk, but commands still work. Commands
 that were refused before anything was sent are written to a separate file with its own size limit, so that
 refusals cannot displace commands.
 """
@@ -22,7 +22,7 @@ from gcs_server.supervise import Supervisor
 log = logging.getLogger(__name__)
 
 TAIL_LENGTH, REFUSED_TAIL_LENGTH = 1000, 300
-"""Numbers of commands and refusals in memory; more commands than refusals are kept."""
+"""Maximum numbers of commands and refusals in memory."""
 QUEUE_LENGTH = 2000
 MAX_BYTES = 10_000_000
 """A file of this size is rotated to `journal.1.jsonl`."""
@@ -31,7 +31,7 @@ TAIL_BYTES = 1_000_000
 """Number of bytes of each file that are read at the start."""
 MAX_TEXT_LENGTH = 500
 MAX_ARGUMENTS_LENGTH = 4000
-"""As JSON."""
+"""Maximum length of the arguments of one command as JSON [characters]."""
 REPEAT_S = 10.0
 """Equal refusals within this time become one line, followed by a line with their number [s]."""
 MAX_REPEATS = 500
@@ -55,7 +55,7 @@ NOT_SENT = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class JournalEntry:
-    """One line."""
+    """One line of the journal."""
 
     unix_s: float
     client: str
@@ -68,7 +68,7 @@ class JournalEntry:
     """Text of the error."""
     duration_s: float
     repeated: int = 1
-    """Number of equal refusals of this client that this line counts."""
+    """Number of equal refusals for which this line was written."""
 
 
 class _FileLines:
@@ -91,9 +91,9 @@ class _FileLines:
             self.unwritten.append(entry)
 
     def take(self) -> list[JournalEntry]:
-        taken = list(self.unwritten)
+        entries = list(self.unwritten)
         self.unwritten.clear()
-        return taken
+        return entries
 
     def put_back(self, entries: list[JournalEntry]) -> None:
         waiting = [*entries, *self.unwritten]
@@ -114,14 +114,14 @@ class Journal:
     def __init__(self, clock: Clock, path: Path | None, *, max_bytes: int = MAX_BYTES) -> None:
         self._clock = clock
         self._path = path
-        refused = None if path is None else path.with_name(f"{path.stem}-refused{path.suffix}")
+        refused_path = None if path is None else path.with_name(f"{path.stem}-refused{path.suffix}")
         self._commands = _FileLines(path, max_bytes, TAIL_LENGTH)
-        self._refusals = _FileLines(refused, MAX_REFUSED_BYTES, REFUSED_TAIL_LENGTH)
+        self._refusals = _FileLines(refused_path, MAX_REFUSED_BYTES, REFUSED_TAIL_LENGTH)
         self._repeats: OrderedDict[tuple[object, ...], tuple[float, int, JournalEntry]] = OrderedDict()
-        """For equal refusals: time of the last line, number since then, and the newest entry."""
+        """For equal refusals: time of the last line, number of refusals since then, and the newest entry."""
         self._wake = asyncio.Event()
         self.warning: str | None = None
-        """Why lines cannot be written to disk; None if they can."""
+        """Why lines cannot be written to disk; None: lines can be written."""
 
     async def load(self) -> None:
         """Reads the newest lines from before the server's start; invalid lines are skipped."""
@@ -129,9 +129,9 @@ class Journal:
             if file_lines.log is not None:
                 lines = await asyncio.to_thread(file_lines.log.tail, TAIL_BYTES)
                 newest = lines[-file_lines.in_memory :]
-                entries = [entry for line in newest if (entry := _entry(line)) is not None]
-                room = file_lines.in_memory - len(file_lines.tail)
-                file_lines.tail.extendleft(reversed(entries[-room:] if room else []))
+                entries = [entry for line in newest if (entry := _parse_entry(line)) is not None]
+                free_entries = file_lines.in_memory - len(file_lines.tail)
+                file_lines.tail.extendleft(reversed(entries[-free_entries:] if free_entries else []))
 
     def start(self, supervisor: Supervisor) -> None:
         """Starts writing."""
@@ -151,12 +151,12 @@ class Journal:
         """Records a command; never fails and never waits."""
         entry = JournalEntry(
             self._clock.unix_s(),
-            _short(client),
-            _short(command),
-            None if vehicle is None else _short(vehicle),
-            _bounded(arguments),
+            _shortened(client),
+            _shortened(command),
+            None if vehicle is None else _shortened(vehicle),
+            _limit_length(arguments),
             result,
-            None if detail is None else _short(detail),
+            None if detail is None else _shortened(detail),
             round(duration_s, 4),
         )
         if result not in NOT_SENT:
@@ -169,41 +169,41 @@ class Journal:
     def tail(self, limit: int) -> list[JournalEntry]:
         """The newest `limit` lines, newest first; equal refusals that are still being counted appear as one
         line."""
-        self._settle_repeats()
-        both = [*self._commands.tail, *self._refusals.tail]
-        return sorted(both, key=lambda entry: entry.unix_s)[: -limit - 1 : -1]
+        self._end_repeats()
+        entries = [*self._commands.tail, *self._refusals.tail]
+        return sorted(entries, key=lambda entry: entry.unix_s)[: -limit - 1 : -1]
 
     def flush(self) -> None:
-        """Writes all waiting lines now and waits for it; a write error becomes `warning`."""
-        self._settle_repeats(at_once=True)
+        """Writes all waiting lines, and returns when they are written; a write error becomes `warning`."""
+        self._end_repeats(all_now=True)
         for file_lines in (self._commands, self._refusals):
-            self._after_write(file_lines, taken := file_lines.take(), _append(file_lines, taken))
+            self._after_write(file_lines, entries := file_lines.take(), _append(file_lines, entries))
 
     # --- internal -------------------------------------------------------------------------------------
 
     def _is_repeated(self, entry: JournalEntry) -> bool:
         key = (entry.client, entry.command, entry.vehicle, entry.result, entry.detail)
         now_s = self._clock.monotonic_s()
-        self._settle_repeats()
-        known = self._repeats.get(key)
-        if known is None:
+        self._end_repeats()
+        repeat = self._repeats.get(key)
+        if repeat is None:
             while len(self._repeats) >= MAX_REPEATS:
-                self._settle(next(iter(self._repeats)))
+                self._end_repeat(next(iter(self._repeats)))
             self._repeats[key] = (now_s, 0, entry)
             return False
-        self._repeats[key] = (known[0], known[1] + 1, entry)
+        self._repeats[key] = (repeat[0], repeat[1] + 1, entry)
         return True
 
-    def _settle_repeats(self, *, at_once: bool = False) -> None:
+    def _end_repeats(self, *, all_now: bool = False) -> None:
         """Writes a line with the number of repeated refusals when their period has ended."""
         now_s = self._clock.monotonic_s()
         while self._repeats:  # in chronological order
             key = next(iter(self._repeats))
-            if not at_once and now_s - self._repeats[key][0] < REPEAT_S:
+            if not all_now and now_s - self._repeats[key][0] < REPEAT_S:
                 return
-            self._settle(key)
+            self._end_repeat(key)
 
-    def _settle(self, key: tuple[object, ...]) -> None:
+    def _end_repeat(self, key: tuple[object, ...]) -> None:
         _, count, newest = self._repeats.pop(key)
         if count:
             self._refusals.add(replace(newest, repeated=count))
@@ -216,26 +216,26 @@ class Journal:
             except TimeoutError:
                 pass
             self._wake.clear()
-            self._settle_repeats()
+            self._end_repeats()
             for file_lines in (self._commands, self._refusals):
-                taken = file_lines.take()
-                writing = asyncio.to_thread(_append, file_lines, taken)
+                entries = file_lines.take()
+                write = asyncio.to_thread(_append, file_lines, entries)
                 try:
-                    problem = await writing
+                    problem = await write
                 except BaseException:
-                    file_lines.put_back(taken)  # the server shuts down: `flush` may write some lines twice
+                    file_lines.put_back(entries)  # the server shuts down: `flush` may write some lines twice
                     raise
-                self._after_write(file_lines, taken, problem)
+                self._after_write(file_lines, entries, problem)
             if self._commands.unwritten or self._refusals.unwritten:
                 await self._clock.sleep(RETRY_S if self.warning is not None else 0.0)
                 self._wake.set()
 
-    def _after_write(self, file_lines: _FileLines, taken: list[JournalEntry], problem: str | None) -> None:
+    def _after_write(self, file_lines: _FileLines, entries: list[JournalEntry], problem: str | None) -> None:
         if problem is None:
             if file_lines is self._commands or not self._commands.unwritten:
                 self.warning = None
             return
-        file_lines.put_back(taken)
+        file_lines.put_back(entries)
         text = f"The journal {self._path} cannot be written ({problem}); commands still work."
         if file_lines.lost:
             text += f" {file_lines.lost} lines are lost."
@@ -256,11 +256,11 @@ def _append(file_lines: _FileLines, entries: list[JournalEntry]) -> str | None:
     return None
 
 
-def _short(text: str) -> str:
+def _shortened(text: str) -> str:
     return text if len(text) <= MAX_TEXT_LENGTH else f"{text[:MAX_TEXT_LENGTH]}… ({len(text)} characters)"
 
 
-def _bounded(arguments: dict[str, object]) -> dict[str, object]:
+def _limit_length(arguments: dict[str, object]) -> dict[str, object]:
     if not arguments:
         return arguments
     try:
@@ -272,7 +272,7 @@ def _bounded(arguments: dict[str, object]) -> dict[str, object]:
     return {"left_out": f"{len(text)} characters of arguments, which begin: {text[:MAX_TEXT_LENGTH]}"}
 
 
-def _entry(line: bytes) -> JournalEntry | None:
+def _parse_entry(line: bytes) -> JournalEntry | None:
     """Parses a line; None if it is invalid."""
     try:
         fields = cast(dict[str, Any], json.loads(line))

@@ -47,8 +47,8 @@ class ControlChange:
     """The previous holder, if it changed."""
     reason: str | None = None
     on_expiry: OnControlLost = "nothing"
-    to: Principal | None = None
-    """The client whose request was answered."""
+    requester: Principal | None = None
+    """The client whose request was denied."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class ControlRequest:
     client: str
     """Name of the client."""
     key: str
-    """Distinguishes clients with the same name; `GET /me` returns the caller's own."""
+    """Distinguishes clients with the same name; `GET /me` returns the caller's own key."""
     reason: str | None
     """The reason that the client gave."""
     since_unix_s: float
@@ -67,7 +67,7 @@ class ControlRequest:
 
 
 @dataclass(slots=True)
-class _Holding:
+class _ActiveLease:
     client: Principal
     since_unix_s: float
     last_request_s: float
@@ -83,16 +83,16 @@ class Lease:
     Args:
         vehicle_id: id for messages.
         times: durations of leases and answers.
-        reachable: whether a client has an open telemetry socket, so that it can be asked.
+        is_reachable: whether a client has an open telemetry socket, so that it can be asked.
         on_change: called with each change.
     """
 
     clock: Clock
     vehicle_id: str
     times: LeaseTimes
-    reachable: Callable[[Principal], bool]
+    is_reachable: Callable[[Principal], bool]
     on_change: Callable[[ControlChange], None]
-    _holding: _Holding | None = None
+    _active: _ActiveLease | None = None
     _requests: dict[str, PendingRequest] = field(default_factory=dict[str, PendingRequest])
 
     # --- state ----------------------------------------------------------------------------------
@@ -101,29 +101,29 @@ class Lease:
     def holder(self) -> Principal | None:
         """The client in control; None: no client (the next client that sends a command takes control)."""
         self.expire_due()
-        return None if self._holding is None else self._holding.client
+        return None if self._active is None else self._active.client
 
     @property
     def since_unix_s(self) -> float | None:
         """Time when the holder got control [s since 1970 UTC]."""
-        return None if self._holding is None else self._holding.since_unix_s
+        return None if self._active is None else self._active.since_unix_s
 
     @property
     def on_expiry(self) -> OnControlLost | None:
         """Command sent to the vehicle when the holder's control expires."""
-        return None if self._holding is None else self._holding.on_expiry
+        return None if self._active is None else self._active.on_expiry
 
     @property
     def expires_in_s(self) -> float | None:
         """Time until control ends if the holder sends no request [s]."""
-        if self._holding is None:
+        if self._active is None:
             return None
-        return max(0.0, self._holding.last_request_s + self.times.lease_s - self.clock.monotonic_s())
+        return max(0.0, self._active.last_request_s + self.times.lease_s - self.clock.monotonic_s())
 
     @property
     def can_be_asked(self) -> bool:
         """Whether the holder can see a request."""
-        return self._holding is not None and self.reachable(self._holding.client)
+        return self._active is not None and self.is_reachable(self._active.client)
 
     @property
     def has_max_requests(self) -> bool:
@@ -133,9 +133,9 @@ class Lease:
     def requests(self) -> tuple[ControlRequest, ...]:
         """Clients that wait for an answer, the earliest first."""
         return tuple(
-            ControlRequest(str(a.client), a.client.key, a.reason, a.since_unix_s, self._answer_left_s(a))
-            for a in self._requests.values()
-            if not a.denied
+            ControlRequest(str(r.client), r.client.key, r.reason, r.since_unix_s, self._answer_left_s(r))
+            for r in self._requests.values()
+            if not r.denied
         )
 
     # --- the holder -----------------------------------------------------------------------------
@@ -147,104 +147,107 @@ class Lease:
             NotInControl: another client has control.
         """
         self.expire_due()
-        if self._holding is None:
-            self._give(
+        if self._active is None:
+            self._set_holder(
                 client, "taken", client, f"{client} commands vehicle {self.vehicle_id} and has control."
             )
-        elif self._holding.client.key == client.key:
+        elif self._active.client.key == client.key:
             self.renew(client)
-        elif self._can_be_replaced(self._holding):
-            before = self._holding.client
+        elif self._is_replaceable(self._active):
+            before = self._active.client
             text = f"{client} commands vehicle {self.vehicle_id} and has taken control from {before}."
-            self._give(client, "taken", client, text)
+            self._set_holder(client, "taken", client, text)
         else:
-            raise self._not_in_control(self._holding)
+            raise self._not_in_control(self._active)
 
     def refusal(self, client: Principal) -> NotInControl | None:
         """The error for a command of this client; None: allowed. Changes nothing."""
         self.expire_due()
-        holding = self._holding
-        if holding is None or holding.client.key == client.key or self._can_be_replaced(holding):
+        active = self._active
+        if active is None or active.client.key == client.key or self._is_replaceable(active):
             return None
-        return self._not_in_control(holding)
+        return self._not_in_control(active)
 
     def renew(self, client: Principal) -> None:
         """Called with each request of a client; renews the lease if the client is the holder."""
-        if self._holding is not None and self._holding.client.key == client.key:
-            self._holding.last_request_s = self.clock.monotonic_s()
+        if self._active is not None and self._active.client.key == client.key:
+            self._active.last_request_s = self.clock.monotonic_s()
 
     def take(self, client: Principal, *, force: bool = False, on_expiry: OnControlLost | None = None) -> None:
         """Takes control if no client has it, or by force from the holder.
 
         Args:
             client: the caller.
-            force: take it from the holder, who must be asked first if that is possible.
+            force: take control from the holder; if the holder can be asked, it must be asked first.
             on_expiry: command sent to the vehicle when the holder's control expires; default "nothing".
 
         Raises:
             NotInControl: another client has control, and `force` is false.
-            Refused: `force` without asking a holder that can be asked, or before its time to answer has
+            Refused: `force` before a holder that can be asked was asked, or before its time to answer has
                 ended.
         """
         self.expire_due()
-        holding = self._holding
-        if holding is None:
-            self._give(client, "taken", client, f"{client} has taken control of vehicle {self.vehicle_id}.")
-        elif holding.client.key != client.key:
-            if not force and not self._can_be_replaced(holding):
-                raise self._not_in_control(holding)
-            if self._can_be_replaced(holding):
-                text = f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client}."
-                self._give(client, "taken", client, text)
+        active = self._active
+        if active is None:
+            self._set_holder(
+                client, "taken", client, f"{client} has taken control of vehicle {self.vehicle_id}."
+            )
+        elif active.client.key != client.key:
+            if not force and not self._is_replaceable(active):
+                raise self._not_in_control(active)
+            if self._is_replaceable(active):
+                text = f"{client} has taken control of vehicle {self.vehicle_id} from {active.client}."
+                self._set_holder(client, "taken", client, text)
             else:
-                self._check_force(client, holding)
+                self._check_force(client, active)
                 text = (
-                    f"{client} has taken control of vehicle {self.vehicle_id} from {holding.client} by force."
+                    f"{client} has taken control of vehicle {self.vehicle_id} from {active.client} by force."
                 )
-                self._give(client, "forced", client, text)
+                self._set_holder(client, "forced", client, text)
         self.renew(client)
-        assert self._holding is not None
-        self._holding.taken_explicitly = True
+        assert self._active is not None
+        self._active.taken_explicitly = True
         if on_expiry is not None:
-            self._holding.on_expiry = on_expiry
+            self._active.on_expiry = on_expiry
 
-    def grant(self, client: Principal, to: str) -> None:
+    def grant(self, client: Principal, requester: str) -> None:
         """Gives control to a client that requested it.
 
         Args:
             client: the holder.
-            to: key or name of the requesting client.
+            requester: key or name of the requesting client.
 
         Raises:
             NotInControl: `client` does not have control.
             Refused: no client of that name has requested control.
         """
-        holding = self._require_holder(client)
-        pending = self._request_of(to)
-        text = f"{holding.client} has given control of vehicle {self.vehicle_id} to {pending.client}."
-        self._give(pending.client, "granted", client, text)
+        active = self._require_holder(client)
+        pending = self._find_request(requester)
+        text = f"{active.client} has given control of vehicle {self.vehicle_id} to {pending.client}."
+        self._set_holder(pending.client, "granted", client, text)
 
-    def deny(self, client: Principal, to: str, reason: str | None = None) -> None:
-        """Denies a request; the requesting client may then take control by force. Raises as `grant`."""
-        holding = self._require_holder(client)
-        pending = self._request_of(to)
+    def deny(self, client: Principal, requester: str, reason: str | None = None) -> None:
+        """Denies a request; the requesting client may then take control by force. Raises the same errors as
+        `grant`."""
+        active = self._require_holder(client)
+        pending = self._find_request(requester)
         pending.denied, pending.lifetime_start_s = True, self.clock.monotonic_s()
-        because = f": {reason}" if reason else ""
+        reason_text = f": {reason}" if reason else ""
         text = (
-            f"{holding.client} keeps control of vehicle {self.vehicle_id}; "
-            f"{pending.client} requested it{because}."
+            f"{active.client} keeps control of vehicle {self.vehicle_id}; "
+            f"{pending.client} requested it{reason_text}."
         )
         self.on_change(
-            ControlChange("denied", client, text, holding.client, reason=reason, to=pending.client)
+            ControlChange("denied", client, text, active.client, reason=reason, requester=pending.client)
         )
 
     def release(self, client: Principal) -> None:
         """Releases control (the first requesting client gets it), or withdraws the client's request. Does
-        nothing if it has neither."""
+        nothing if the client has neither control nor a request."""
         self.expire_due()
         pending = self._requests.pop(client.key, None)
-        holding = self._holding
-        if holding is not None and holding.client.key == client.key:
+        active = self._active
+        if active is not None and active.client.key == client.key:
             text = f"{client} has released control of vehicle {self.vehicle_id}."
             self._end(ControlChange("released", client, text, None, previous=client))
         elif pending is not None and not pending.denied:
@@ -256,35 +259,35 @@ class Lease:
     def request(self, client: Principal, reason: str | None = None) -> None:
         """Requests control from the holder; takes it immediately if no client has it."""
         self.expire_due()
-        holding = self._holding
-        if holding is None or (self._can_be_replaced(holding) and holding.client.key != client.key):
+        active = self._active
+        if active is None or (self._is_replaceable(active) and active.client.key != client.key):
             self.take(client)
             return
-        if holding.client.key == client.key:
+        if active.client.key == client.key:
             self.renew(client)
             return
         now_s = self.clock.monotonic_s()
-        known = self._requests.get(client.key)
-        if known is not None and not known.denied:
-            known.reason = reason or known.reason
+        earlier = self._requests.get(client.key)
+        if earlier is not None and not earlier.denied:
+            earlier.reason = reason or earlier.reason
             return
         remove_oldest_denied(self._requests, client, self.vehicle_id)
         self._requests[client.key] = PendingRequest(client, reason, self.clock.unix_s(), now_s, now_s)
-        because = f": {reason}" if reason else ""
-        text = f"{client} requests control from {holding.client} of vehicle {self.vehicle_id}{because}."
-        self.on_change(ControlChange("requested", client, text, holding.client, reason=reason))
+        reason_text = f": {reason}" if reason else ""
+        text = f"{client} requests control from {active.client} of vehicle {self.vehicle_id}{reason_text}."
+        self.on_change(ControlChange("requested", client, text, active.client, reason=reason))
 
     def report_intervention(self, client: Principal, command_label: str) -> None:
         """Reports to the holder that another client has sent a command that needs no control."""
         self.expire_due()
-        holding = self._holding
-        if holding is None or holding.client.key == client.key:
+        active = self._active
+        if active is None or active.client.key == client.key:
             return
         text = (
             f"{client} commanded {command_label} of vehicle {self.vehicle_id}; "
-            f"{holding.client} still has control."
+            f"{active.client} still has control."
         )
-        self.on_change(ControlChange("intervened", client, text, holding.client))
+        self.on_change(ControlChange("intervened", client, text, active.client))
 
     def expire_due(self) -> None:
         """Ends expired leases and requests. Called before each step and periodically."""
@@ -292,28 +295,26 @@ class Lease:
         for key, pending in list(self._requests.items()):
             if now_s - pending.lifetime_start_s > REQUEST_LIFETIME_S:
                 del self._requests[key]
-        holding = self._holding
-        if holding is None:
+        active = self._active
+        if active is None:
             return
-        if self.reachable(holding.client):
-            holding.last_request_s = now_s
-        elif now_s - holding.last_request_s > self.times.lease_s:
+        if self.is_reachable(active.client):
+            active.last_request_s = now_s
+        elif now_s - active.last_request_s > self.times.lease_s:
             text = (
-                f"{holding.client} sent nothing for {self.times.lease_s:g} s: "
+                f"{active.client} sent nothing for {self.times.lease_s:g} s: "
                 f"its control of vehicle {self.vehicle_id} has ended."
             )
             self._end(
-                ControlChange(
-                    "expired", holding.client, text, None, holding.client, on_expiry=holding.on_expiry
-                )
+                ControlChange("expired", active.client, text, None, active.client, on_expiry=active.on_expiry)
             )
 
     # --- internal -------------------------------------------------------------------------------
 
-    def _give(self, client: Principal, action: str, by: Principal, text: str) -> None:
-        previous = None if self._holding is None else self._holding.client
+    def _set_holder(self, client: Principal, action: str, actor: Principal, text: str) -> None:
+        previous = None if self._active is None else self._active.client
         now_s = self.clock.monotonic_s()
-        self._holding = _Holding(
+        self._active = _ActiveLease(
             client, self.clock.unix_s(), now_s, "nothing", taken_explicitly=action != "taken"
         )
         self._requests.pop(client.key, None)
@@ -321,44 +322,46 @@ class Lease:
             if pending.denied:
                 del self._requests[key]
             pending.holder_asked_s = now_s
-        self.on_change(ControlChange(action, by, text, client, previous))
+        self.on_change(ControlChange(action, actor, text, client, previous))
 
     def _end(self, change: ControlChange) -> None:
-        self._holding = None
+        self._active = None
         self.on_change(change)
-        waiting = next((a for a in self._requests.values() if not a.denied), None)
+        waiting = next((request for request in self._requests.values() if not request.denied), None)
         if waiting is not None:
             text = f"{waiting.client} requested control of vehicle {self.vehicle_id} and has it now."
-            self._give(waiting.client, "taken", waiting.client, text)
+            self._set_holder(waiting.client, "taken", waiting.client, text)
 
-    def _can_be_replaced(self, holding: _Holding) -> bool:
+    def _is_replaceable(self, active: _ActiveLease) -> bool:
         """Whether the next command of another client takes control: the holder has no client id, and took
         control only by a command."""
-        return not (holding.taken_explicitly or holding.client.identified or self.reachable(holding.client))
+        return not (active.taken_explicitly or active.client.identified or self.is_reachable(active.client))
 
-    def _require_holder(self, client: Principal) -> _Holding:
+    def _require_holder(self, client: Principal) -> _ActiveLease:
         self.expire_due()
-        if self._holding is None:
+        if self._active is None:
             raise Refused(f"Nobody controls vehicle {self.vehicle_id}.", remedy="Take control of it first.")
-        if self._holding.client.key != client.key:
-            raise self._not_in_control(self._holding)
+        if self._active.client.key != client.key:
+            raise self._not_in_control(self._active)
         self.renew(client)
-        return self._holding
+        return self._active
 
-    def _request_of(self, to: str) -> PendingRequest:
-        pending = [a for a in self._requests.values() if not a.denied]
-        matching = [a for a in pending if a.client.key == to] or [a for a in pending if str(a.client) == to]
+    def _find_request(self, requester: str) -> PendingRequest:
+        pending = [request for request in self._requests.values() if not request.denied]
+        with_key = [request for request in pending if request.client.key == requester]
+        matching = with_key or [request for request in pending if str(request.client) == requester]
         if len(matching) == 1:
             return matching[0]
         if matching:
-            keys = ", ".join(a.client.key for a in matching)
+            keys = ", ".join(request.client.key for request in matching)
             raise Refused(
-                f"{len(matching)} clients named {to!r} request control.",
+                f"{len(matching)} clients named {requester!r} request control.",
                 remedy=f"Give the key of one: {keys}.",
             )
-        names = ", ".join(f"{a.client} ({a.client.key})" for a in pending) or "nobody"
+        names = ", ".join(f"{request.client} ({request.client.key})" for request in pending) or "nobody"
         raise Refused(
-            f"{to!r} has not requested control of vehicle {self.vehicle_id}.", remedy=f"Requests: {names}."
+            f"{requester!r} has not requested control of vehicle {self.vehicle_id}.",
+            remedy=f"Requests: {names}.",
         )
 
     def _answer_left_s(self, pending: PendingRequest) -> float:
@@ -366,13 +369,13 @@ class Lease:
             return 0.0
         return max(0.0, pending.holder_asked_s + self.times.answer_s - self.clock.monotonic_s())
 
-    def _check_force(self, client: Principal, holding: _Holding) -> None:
+    def _check_force(self, client: Principal, active: _ActiveLease) -> None:
         if not self.can_be_asked:
             return
         pending = self._requests.get(client.key)
         if pending is None:
             raise Refused(
-                f"{holding.client} has control of vehicle {self.vehicle_id} and has not been asked for it.",
+                f"{active.client} has control of vehicle {self.vehicle_id} and has not been asked for it.",
                 remedy="Request control first (control/request); a denial, or "
                 f"{self.times.answer_s:g} s without an answer, lets you force it. Hold, Land now and Kill "
                 "need no control.",
@@ -380,14 +383,14 @@ class Lease:
         left_s = self._answer_left_s(pending)
         if not pending.denied and left_s > 0:
             raise Refused(
-                f"{holding.client} has {left_s:.0f} s left to answer.",
+                f"{active.client} has {left_s:.0f} s left to answer.",
                 remedy="Wait for the answer. Hold, Land now and Kill need no control.",
             )
 
-    def _not_in_control(self, holding: _Holding) -> NotInControl:
+    def _not_in_control(self, active: _ActiveLease) -> NotInControl:
         return NotInControl(
             self.vehicle_id,
-            holder=str(holding.client),
-            holder_key=holding.client.key,
-            can_be_asked=self.reachable(holding.client),
+            holder=str(active.client),
+            holder_key=active.client.key,
+            can_be_asked=self.is_reachable(active.client),
         )

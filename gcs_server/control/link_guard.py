@@ -17,8 +17,8 @@ from gcs_server.vehicle.endpoint import NO_DATA_AFTER_S
 from gcs_server.vehicle.fleet import Fleet
 from gcs_server.vehicle.vehicle import Vehicle
 
-ADD, CLOSE = "links/add", "links/remove"
-"""Names of the rows in `commands.py`."""
+ADD_COMMAND, CLOSE_COMMAND = "links/add", "links/remove"
+"""Names of the two commands in `commands.py`."""
 
 
 class LinkGuard:
@@ -26,8 +26,8 @@ class LinkGuard:
 
     Args:
         router: the links.
-        fleet: the vehicles connected over them.
-        authority: control of these vehicles.
+        fleet: the vehicles that are connected over the links.
+        authority: control of the vehicles.
     """
 
     def __init__(self, router: Router, fleet: Fleet, authority: Authority) -> None:
@@ -35,7 +35,7 @@ class LinkGuard:
         self._fleet = fleet
         self._authority = authority
 
-    def may_close(self, name: str, principal: Principal, confirm: str | None) -> None:
+    def check_close(self, name: str, principal: Principal, confirm: str | None) -> None:
         """Checks before a link is closed.
 
         Args:
@@ -52,40 +52,41 @@ class LinkGuard:
         if link.replay:
             return
         if link.forward:
-            self._require_control(principal, CLOSE, [v for v in self._live() if is_flown(v)])
+            self._require_control(principal, CLOSE_COMMAND, [v for v in self._live_vehicles() if is_flown(v)])
             return
-        vehicles_on_link = [v for v in self._live() if name in v.known_links]
-        self._require_control(principal, CLOSE, vehicles_on_link)
-        last = [v.id for v in vehicles_on_link if is_flown(v) and not self._has_other_link(v, name)]
-        if last and confirm != (expected := closing_confirmation(name, last)):
-            many = len(last) > 1
+        vehicles_on_link = [v for v in self._live_vehicles() if name in v.known_links]
+        self._require_control(principal, CLOSE_COMMAND, vehicles_on_link)
+        vehicle_ids = [v.id for v in vehicles_on_link if is_flown(v) and not self._has_other_link(v, name)]
+        if vehicle_ids and confirm != (expected := closing_confirmation(name, vehicle_ids)):
+            is_plural = len(vehicle_ids) > 1
             raise Refused(
-                f"Vehicle{'s' if many else ''} {', '.join(last)} {'are' if many else 'is'} armed or flown by "
-                f"setpoints, and link {name!r} is {'their' if many else 'its'} last link. The link stays "
-                "open.",
+                f"Vehicle{'s' if is_plural else ''} {', '.join(vehicle_ids)} "
+                f"{'are' if is_plural else 'is'} armed or flown by setpoints, and link {name!r} is "
+                f"{'their' if is_plural else 'its'} last link. The link stays open.",
                 remedy=f"To close it anyway, send confirm={expected!r}.",
             )
 
-    def may_forward(self, principal: Principal) -> None:
+    def check_forwarding(self, principal: Principal) -> None:
         """Checks before a link to another ground station is added.
 
         Raises:
             NotInControl: another client controls a vehicle, which that station could command.
         """
-        self._require_control(principal, ADD, self._live())
+        self._require_control(principal, ADD_COMMAND, self._live_vehicles())
 
-    def _live(self) -> list[Vehicle]:
+    def _live_vehicles(self) -> list[Vehicle]:
         return [v for v in self._fleet.all() if not v.identity.replayed]
 
     def _require_control(self, principal: Principal, command: str, vehicles: Iterable[Vehicle]) -> None:
-        refused = self._authority.refusal(principal, command, [v.id for v in vehicles])
-        if refused is not None:
-            raise refused
+        refusal = self._authority.refusal(principal, command, [v.id for v in vehicles])
+        if refusal is not None:
+            raise refusal
 
     def _has_other_link(self, vehicle: Vehicle, name: str) -> bool:
         now_s = vehicle.clock.monotonic_s()
         return any(
-            e.connection.name != name and now_s - e.received_s <= NO_DATA_AFTER_S for e in vehicle.endpoints
+            endpoint.connection.name != name and now_s - endpoint.received_s <= NO_DATA_AFTER_S
+            for endpoint in vehicle.endpoints
         )
 
 
@@ -96,4 +97,4 @@ def is_flown(vehicle: Vehicle) -> bool:
 
 def closing_confirmation(name: str, vehicle_ids: list[str]) -> str:
     """Confirmation text for closing a flying vehicle's last link."""
-    return BY_NAME[CLOSE].confirmation_text(link=name, vehicles=" and ".join(vehicle_ids))
+    return BY_NAME[CLOSE_COMMAND].confirmation_text(link=name, vehicles=" and ".join(vehicle_ids))

@@ -1,6 +1,6 @@
 """The caller of a request: `api/principals.py` makes one principal per caller for routes and WebSockets.
 
-A caller gives its name in `X-Client` and an id in `X-Client-Id`, which distinguishes callers of the same name
+A caller sends its name in `X-Client` and an id in `X-Client-Id`, which distinguishes callers of the same name
 (WebSockets of browsers: `?client=` and `&client_id=`). Without an id, the caller is identified by name and
 address. This coordinates operators; it does not protect against a caller that uses the identity of another.
 Access itself is protected by the token.
@@ -29,7 +29,7 @@ class Principal:
     address: str = ""
     """Address of the request; empty if only a name is known."""
     identified: bool = False
-    """Whether the caller gave an id."""
+    """Whether the caller sent an id."""
     permissions: frozenset[Permission] = PERMISSIONS
     """The caller's permissions; currently every caller has all permissions."""
 
@@ -37,7 +37,7 @@ class Principal:
         return self.name
 
     @classmethod
-    def of(cls, name: str, own_id: str = "", address: str = "") -> Principal:
+    def from_identity(cls, name: str, client_id: str = "", address: str = "") -> Principal:
         """Creates a principal from a request's headers.
 
         Args:
@@ -45,10 +45,12 @@ class Principal:
             own_id: `X-Client-Id`.
             address: address of the request.
         """
-        shown = _printable(name)[:MAX_NAME_LENGTH] or address or "unknown"
-        own = _printable(own_id)[:MAX_ID_LENGTH]
-        secret = f"id {own}" if own else f"name {shown} at {address}"
-        return cls(shown, sha256(secret.encode()).hexdigest()[:KEY_LENGTH], address, bool(own))
+        display_name = _printable(name)[:MAX_NAME_LENGTH] or address or "unknown"
+        printable_id = _printable(client_id)[:MAX_ID_LENGTH]
+        secret = f"id {printable_id}" if printable_id else f"name {display_name} at {address}"
+        return cls(
+            display_name, sha256(secret.encode()).hexdigest()[:KEY_LENGTH], address, bool(printable_id)
+        )
 
 
 def _printable(text: str) -> str:

@@ -34,18 +34,19 @@ def remove_oldest_denied(pending: dict[str, PendingRequest], client: Principal, 
     Raises:
         Refused: the limit is reached, and no request is denied.
     """
-    same = [a for a in pending.values() if a.client.address == client.address]
-    if client.address and len(same) >= MAX_REQUESTS_PER_ADDRESS:
-        limited, where = same, " at your address"
+    from_address = [request for request in pending.values() if request.client.address == client.address]
+    if client.address and len(from_address) >= MAX_REQUESTS_PER_ADDRESS:
+        limited, location_text = from_address, " at your address"
     elif len(pending) >= MAX_REQUESTS:
-        limited, where = list(pending.values()), ""
+        limited, location_text = list(pending.values()), ""
     else:
         return
-    denied = next((a for a in limited if a.denied), None)
+    denied = next((request for request in limited if request.denied), None)
     if denied is None:
         raise Refused(
-            f"{len(limited)} clients{where} already request control of vehicle {vehicle_id}.",
-            remedy="Wait until the holder has answered some (control/grant, control/deny); a request is "
-            f"forgotten after {REQUEST_LIFETIME_S:g} s. Hold, Land now and Kill need no control.",
+            f"{len(limited)} clients{location_text} already request control of vehicle {vehicle_id}.",
+            remedy="Wait until the client in control has answered some of them (control/grant, "
+            f"control/deny); a request expires after {REQUEST_LIFETIME_S:g} s. Hold, Land now and Kill need "
+            "no control.",
         )
     del pending[denied.client.key]

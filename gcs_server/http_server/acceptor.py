@@ -1,4 +1,4 @@
-"""Accepts connections: a few per iteration of the event loop, and only if there is room.
+"""Accepts connections: a few per iteration of the event loop, and only within the limits of `Connections`.
 
 asyncio's own acceptor accepts all waiting connections at once, and without free file descriptors it logs a
 traceback for each of them every second.
@@ -17,7 +17,7 @@ from collections.abc import Callable
 from gcs_server.api.connections import Connection, Connections
 from gcs_server.api.refusals import SERVER_FULL
 from gcs_server.clock import Clock
-from gcs_server.http_server.http_protocol import raw_answer
+from gcs_server.http_server.http_protocol import raw_response
 from gcs_server.supervise import Supervisor
 
 log = logging.getLogger(__name__)
@@ -34,7 +34,7 @@ class Acceptor:
     Args:
         listener: bound, listening, not blocking.
         protocol: creates the protocol of a new connection.
-        connections: decides whether there is room.
+        connections: decides whether a connection is served.
         clock: the server's clock.
     """
 
@@ -79,7 +79,7 @@ class Acceptor:
                 try:
                     accepted, address = await loop.sock_accept(self._listener)
                 except OSError as error:
-                    await self._failed(error)
+                    await self._handle_failure(error)
                     break
                 self._register(accepted, str(address[0]))
             await asyncio.sleep(0)
@@ -99,7 +99,7 @@ class Acceptor:
             self._connections.remove(connection)
             accepted.close()
 
-    async def _failed(self, error: OSError) -> None:
+    async def _handle_failure(self, error: OSError) -> None:
         """Handles a failure to accept. Without a free file descriptor, refuses one waiting connection and
         retries later."""
         if error.errno not in NO_FILES:
@@ -130,5 +130,5 @@ def _refuse(accepted: socket.socket) -> None:
     """Sends the refusal without waiting, and closes the connection."""
     with accepted, contextlib.suppress(OSError):
         accepted.setblocking(False)
-        accepted.send(raw_answer(SERVER_FULL))
+        accepted.send(raw_response(SERVER_FULL))
         accepted.shutdown(socket.SHUT_WR)

@@ -26,6 +26,6 @@ class ConnectionContext:
     clock: Clock
 
     @property
-    def of_uvicorn(self) -> tuple[Config, ServerState, dict[str, Any]]:
+    def uvicorn_arguments(self) -> tuple[Config, ServerState, dict[str, Any]]:
         """The arguments of uvicorn's own protocols."""
         return self.config, self.server_state, self.app_state

@@ -1,4 +1,4 @@
-"""The limit of open files of the process, and the share for client connections."""
+"""The process's limit of open files, and the part of it for client connections."""
 
 from __future__ import annotations
 
@@ -8,29 +8,31 @@ import resource
 log = logging.getLogger(__name__)
 
 WANTED = 4096
+"""Limit of open files that is sufficient for all clients."""
 RESERVED = 256
-"""Reserved for MAVLink links, recordings, the stream process, the journal and the page's files."""
+"""Descriptors reserved for MAVLink links, recordings, the stream process, the journal and the page's
+files."""
 
 
 def raise_descriptor_limit() -> int:
-    """Raises the soft limit as far as useful and allowed. Returns the number of possible connections, so that
-    `RESERVED` descriptors stay free.
+    """Raises the process's soft limit to `WANTED`, or to a lower hard limit. Returns the number of client
+    connections that leave `RESERVED` descriptors free.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    allowed = soft
+    limit = soft
     if soft != resource.RLIM_INFINITY and soft < WANTED:
-        allowed = WANTED if hard == resource.RLIM_INFINITY else min(WANTED, hard)
+        limit = WANTED if hard == resource.RLIM_INFINITY else min(WANTED, hard)
         try:
-            resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+            resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard))
         except (OSError, ValueError):
-            allowed = soft
-    if allowed == resource.RLIM_INFINITY:
+            limit = soft
+    if limit == resource.RLIM_INFINITY:
         return WANTED
-    if allowed < WANTED:
+    if limit < WANTED:
         log.warning(
             "This process may open %d files only (ulimit -n): fewer clients can connect at once. "
             "%d or more are better.",
-            allowed,
+            limit,
             WANTED,
         )
-    return max(allowed - RESERVED, allowed // 2)
+    return max(limit - RESERVED, limit // 2)

@@ -1,6 +1,6 @@
 """The HTTP protocol of one connection, with limits of size, time and number. It extends uvicorn's protocol:
-input is counted before it is stored, and refused with a reason. After a refusal the server closes its own
-side first and drops further input, so that the answer arrives.
+input is counted before it is stored, and refused with a reason. After a refusal the server closes only its
+own side and drops further input, so that the client receives the response.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ OVERHEAD_BYTES = 131_072
 """Largest overhead of a chunked body [bytes]."""
 MAX_CHUNKS = 4096
 LINGER_S = 2.0
+"""Maximum time from a refusal to the end of the connection [s]."""
 LINGER_BYTES = 4 << 20
+"""Maximum number of bytes that are dropped after a refusal."""
 
 _HEADERS = (
     b"content-type: application/problem+json\r\ncache-control: no-store\r\n"
@@ -30,8 +32,8 @@ _HEADERS = (
 )
 
 
-def raw_answer(refusal: r.LimitRefusal) -> bytes:
-    """A complete HTTP answer."""
+def raw_response(refusal: r.LimitRefusal) -> bytes:
+    """The complete HTTP response for a refusal."""
     body = refusal.body()
     return b"HTTP/1.1 %d %s\r\n%scontent-length: %d\r\n\r\n%s" % (
         refusal.status,
@@ -50,7 +52,7 @@ class BoundedHttp(HttpToolsProtocol):
     """The HTTP protocol of one connection."""
 
     def __init__(self, context: ConnectionContext) -> None:
-        super().__init__(*context.of_uvicorn)
+        super().__init__(*context.uvicorn_arguments)
         self._context = context
         self.connection = context.connection
         self._connections = context.connections
@@ -65,12 +67,12 @@ class BoundedHttp(HttpToolsProtocol):
         self._body_bytes = 0
         self._chunks = 0
         self._fed_bytes = 0
-        """Raw bytes since the message began, without those received together with its start."""
-        self._began = False
+        """Raw bytes of the message, without the bytes that were received together with its start."""
+        self._message_began = False
         """Whether a message starts in the bytes that are being parsed."""
-        self._unanswered: deque[RequestResponseCycle] = deque()
-        self._arriving: RequestResponseCycle | None = None
-        """The request whose body is arriving; None until its head is complete."""
+        self._open_cycles: deque[RequestResponseCycle] = deque()
+        self._incoming: RequestResponseCycle | None = None
+        """The request whose body is being received; None until its head is complete."""
         self._refused = False
         self._lingers_until_s: float | None = None
         self._dropped_bytes = 0
@@ -97,17 +99,17 @@ class BoundedHttp(HttpToolsProtocol):
                 self.end()
             return
         self._unset_keepalive_if_required()
-        self._began = False
+        self._message_began = False
         try:
             cast(httptools.HttpRequestParser, self.parser).feed_data(data)
         except httptools.HttpParserUpgrade:
             if self._should_upgrade():
                 self.handle_websocket_upgrade()
-            return  # a request for another protocol (h2c) is answered as HTTP/1.1
+            return  # a request for another protocol (h2c) is served as HTTP/1.1
         except httptools.HttpParserError:
             self._refuse(r.MALFORMED)
             return
-        if not self._began:
+        if not self._message_began:
             self._fed_bytes += len(data)
         # No callback counts incomplete headers, chunk extensions and trailers.
         if self._in_head and self._fed_bytes > r.MAX_HEAD_BYTES:
@@ -122,9 +124,9 @@ class BoundedHttp(HttpToolsProtocol):
         if len(self.pipeline) >= r.MAX_PIPELINED:
             self._stop(r.TOO_MANY)
         super().on_message_begin()
-        self._in_head = self._began = True
+        self._in_head = self._message_began = True
         self._since_s = self._clock.monotonic_s()
-        self._arriving = None
+        self._incoming = None
         self._chunks = self._fed_bytes = self._head_bytes = self._url_bytes = self._body_bytes = 0
 
     def on_url(self, url: bytes) -> None:
@@ -152,8 +154,8 @@ class BoundedHttp(HttpToolsProtocol):
             self._stop(r.BODY_TOO_LARGE)
         super().on_headers_complete()
         if not self._should_upgrade():
-            self._arriving = self.cycle
-            self._unanswered.append(self.cycle)
+            self._incoming = self.cycle
+            self._open_cycles.append(self.cycle)
             cast("dict[str, Any]", self.scope)["extensions"] = {SCOPE_KEY: self.connection}
             self._connections.set_busy(self.connection, True)
             self._connections.shed()
@@ -179,9 +181,9 @@ class BoundedHttp(HttpToolsProtocol):
         super().on_message_complete()
 
     def on_response_complete(self) -> None:
-        """The request has been answered."""
-        self._unanswered.popleft()
-        if not self._unanswered:
+        """A response is complete."""
+        self._open_cycles.popleft()
+        if not self._open_cycles:
             self._connections.release_body(self.connection)
             self._connections.set_busy(self.connection, False)
         if not (self._in_body or self._in_head):
@@ -190,7 +192,7 @@ class BoundedHttp(HttpToolsProtocol):
 
     def handle_websocket_upgrade(self) -> None:
         """Continues the connection as a WebSocket."""
-        if self._unanswered:
+        if self._open_cycles:
             self._refuse(r.MALFORMED)
             return
         self.server_state.connections.discard(self)
@@ -235,23 +237,23 @@ class BoundedHttp(HttpToolsProtocol):
         raise _Stop
 
     def _refuse(self, refusal: r.LimitRefusal) -> None:
-        """Answers with the reason, unless another answer has started, and closes."""
+        """Sends the reason, unless another response has started, and closes the connection."""
         if self._refused:
             return
         self._refused = True
         self._connections.count_refusal()
         self.pipeline.clear()
         self._unset_keepalive_if_required()
-        arriving = self._arriving
-        others = any(cycle is not arriving for cycle in self._unanswered)
-        begun = arriving is not None and arriving.response_started
-        for cycle in self._unanswered:
+        incoming = self._incoming
+        has_earlier_requests = any(cycle is not incoming for cycle in self._open_cycles)
+        response_started = incoming is not None and incoming.response_started
+        for cycle in self._open_cycles:
             cycle.disconnected, cycle.waiting_for_100_continue = True, False
             cycle.message_event.set()
         if self.transport.is_closing():
             return
-        if not (others or begun):
-            self.transport.write(raw_answer(refusal))
+        if not (has_earlier_requests or response_started):
+            self.transport.write(raw_response(refusal))
         self._lingers_until_s = self._clock.monotonic_s() + LINGER_S
         self.flow.resume_writing()
         self.flow.resume_reading()

@@ -18,7 +18,7 @@ from gcs_server.http_server.http_protocol import BoundedHttp
 
 KEEP_ALIVE_S = 15
 """How long an idle connection stays open [s]: longer than clients reuse it (httpx: 5 s). Otherwise the server
-may close it at the moment when a client sends a request, which then has no answer."""
+may close it at the moment when a client sends a request, which then gets no response."""
 
 
 class HttpServer(uvicorn.Server):
@@ -26,9 +26,9 @@ class HttpServer(uvicorn.Server):
 
     Args:
         app: the application.
-        connections: its connections and their limits.
+        connections: the server's connections and their limits.
         clock: the server's clock.
-        addresses: printed when it is ready.
+        addresses: URLs of the page, printed when the server is ready.
         trusted_proxies: proxies whose headers for the caller's address and scheme are trusted.
     """
 

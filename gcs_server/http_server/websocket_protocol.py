@@ -1,6 +1,6 @@
 """The protocol of one WebSocket, with limits: input is parsed in small pieces, and only as fast as the
 application reads it. uvicorn's protocol parses all input at once and stores each message; a quarter of a
-megabyte of empty frames would stall the event loop for almost a second. Here each piece is parsed in a
+megabyte of empty frames would stall the event loop for almost a second. This protocol parses each piece in a
 separate iteration of the event loop, once the application has read the messages of the previous piece.
 """
 
@@ -35,7 +35,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
     """The protocol of one WebSocket."""
 
     def __init__(self, context: ConnectionContext) -> None:
-        super().__init__(*context.of_uvicorn)
+        super().__init__(*context.uvicorn_arguments)
         self.connection = context.connection
         self._connections = context.connections
         self._clock = clock = context.clock
@@ -64,13 +64,13 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         if not self.handshake_initiated:  # the request head, from this server's parser
             super().data_received(data)
             return
-        if self.close_sent and not self._parsing:  # only the answer to the close frame matters
+        if self.close_sent and not self._parsing:  # only the client's close frame matters
             data = data[-PIECE_BYTES:]
         self._unparsed.extend(data[i : i + PIECE_BYTES] for i in range(0, len(data), PIECE_BYTES))
         self.transport.pause_reading()
-        self._parse_some()
+        self._parse_piece()
 
-    def _parse_some(self) -> None:
+    def _parse_piece(self) -> None:
         """Parses one piece. The next piece is parsed in another iteration of the event loop, once the
         application has read the messages."""
         self._parsing = False
@@ -84,7 +84,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         if self._unparsed:
             if self.queue.empty() or self.close_sent:
                 self._parsing = True
-                self.loop.call_soon(self._parse_some)
+                self.loop.call_soon(self._parse_piece)
         elif self.queue.empty():
             self.read_paused = False
             self.transport.resume_reading()
@@ -93,7 +93,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         """The next message for the application."""
         message = await self.queue.get()
         if self.queue.empty() and not self._parsing:
-            self._parse_some()
+            self._parse_piece()
         return message
 
     async def send(self, message: Any) -> None:
@@ -107,7 +107,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
             raise ClientDisconnected
         await super().send(message)
         if accepting and self.handshake_complete:
-            self._parse_some()
+            self._parse_piece()
 
     def handle_connect(self, event: Request) -> None:
         """The head is complete; the application starts in the next iteration of the event loop."""
@@ -135,7 +135,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         super().handle_cont(event)
 
     def handle_ping(self) -> None:
-        """Answers a ping, unless too many answers are unread."""
+        """Sends a pong, unless the client has not read too many pongs."""
         if self.unread_bytes() < MAX_UNREAD_PONG_BYTES:
             super().handle_ping()
         else:

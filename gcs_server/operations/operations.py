@@ -30,7 +30,7 @@ MAX_RUNNING = 20
 LINK_GRACE_S = 1.0
 """Time after a vehicle was lost until its work is stopped [s]. Until then, the work can fail with its own
 error."""
-MAX_RESULT = 16_384
+MAX_RESULT_LENGTH = 16_384
 """Maximum size of a result as JSON [characters]."""
 MAX_ENDED = 50
 MAX_TEXT_LENGTH = 300
@@ -68,9 +68,9 @@ class Operation:
     started_unix_s: float
     """Start time [s since 1970 UTC]."""
     ended_unix_s: float | None
-    """End time [s since 1970 UTC]; null while it runs."""
+    """End time [s since 1970 UTC]; null while the operation runs."""
     result: dict[str, object] | None
-    """The result; null unless it succeeded."""
+    """The result; null unless the operation succeeded."""
     error: GcsError | None
     """Why the operation failed."""
 
@@ -82,7 +82,7 @@ class _Running:
     needs_vehicle: bool
     reported_s: float
     stop_error: GcsError | None = None
-    """Error with which the operation is being stopped; None: it is cancelled or still running."""
+    """Error with which the operation is being stopped; None: the operation is cancelled or still running."""
 
 
 class Operations:
@@ -100,12 +100,13 @@ class Operations:
         self._on_change = on_change
         self._count = 0
         self._known: dict[str, Operation] = {}
-        """Ended operations in the order of their ends, and running ones in the order of their starts."""
+        """Ended operations in the order of their ends, and running operations in the order of their
+        starts."""
         self._running: dict[str, _Running] = {}
         self._closed = False
 
     def all(self) -> list[Operation]:
-        """Running operations and those that ended recently; oldest first."""
+        """Running operations, and operations that ended recently; oldest first."""
         return list(self._known.values())
 
     def get(self, operation_id: str) -> Operation:
@@ -114,13 +115,13 @@ class Operations:
         Raises:
             UnknownOperation: there is no such operation, or it was dropped.
         """
-        found = self._known.get(operation_id)
-        if found is None:
+        operation = self._known.get(operation_id)
+        if operation is None:
             raise UnknownOperation(
                 f"There is no operation {operation_id!r}.",
                 remedy=f"GET /operations lists them; the last {MAX_ENDED} that ended are kept.",
             )
-        return found
+        return operation
 
     def start(
         self,
@@ -149,9 +150,9 @@ class Operations:
             Refused: the limit of running operations is reached, or the server is shutting down.
         """
         for operation_id in self._running:
-            known = self._known[operation_id]
-            if (known.kind, known.vehicle, known.subject) == (kind, vehicle, subject):
-                return known
+            existing = self._known[operation_id]
+            if (existing.kind, existing.vehicle, existing.subject) == (kind, vehicle, subject):
+                return existing
         if self._closed:
             raise Refused("The server is shutting down; it starts no more operations.")
         if len(self._running) >= MAX_RUNNING:
@@ -161,10 +162,10 @@ class Operations:
             )
         self._count += 1
         operation_id = str(self._count)
-        now = self._clock.unix_s()
+        unix_s = self._clock.unix_s()
         name, key = by
         operation = Operation(
-            operation_id, kind, vehicle, subject, name, key, "running", None, text, now, None, None, None
+            operation_id, kind, vehicle, subject, name, key, "running", None, text, unix_s, None, None, None
         )
         self._known[operation_id] = operation
         task = self._supervisor.spawn(f"operation {operation_id}: {kind}", self._run(operation_id, work))
@@ -220,10 +221,10 @@ class Operations:
         """Cancels all operations, waits for them, and refuses new ones."""
         self._closed = True
         running = list(self._running.values())
-        for each in running:
-            each.task.cancel()
-        for each in running:
-            await each.ended.wait()
+        for entry in running:
+            entry.task.cancel()
+        for entry in running:
+            await entry.ended.wait()
 
     # --- internal -------------------------------------------------------------------------------------
 
@@ -237,7 +238,7 @@ class Operations:
     async def _run(self, operation_id: str, work: Work) -> None:
         try:
             result = await work(lambda text, progress: self._report(operation_id, text, progress))
-            if len(json.dumps(result)) > MAX_RESULT:
+            if len(json.dumps(result)) > MAX_RESULT_LENGTH:
                 raise ValueError("the result is too large")
         except asyncio.CancelledError:
             error = self._running[operation_id].stop_error
@@ -268,12 +269,12 @@ class Operations:
         if running is None:
             return
         fraction = None if progress is None else min(1.0, max(0.0, progress))
-        changed = replace(self._known[operation_id], text=text[:MAX_TEXT_LENGTH], progress=fraction)
-        self._known[operation_id] = changed
+        operation = replace(self._known[operation_id], text=text[:MAX_TEXT_LENGTH], progress=fraction)
+        self._known[operation_id] = operation
         now_s = self._clock.monotonic_s()
         if now_s - running.reported_s >= PROGRESS_PERIOD_S:
             running.reported_s = now_s
-            self._on_change(changed)
+            self._on_change(operation)
 
     def _end(
         self,
@@ -295,10 +296,10 @@ class Operations:
         )
         if state == "succeeded":
             ended = replace(ended, progress=1.0)
-        # moved to the end: operations are dropped in the order in which they ended
+        # Added at the end, because operations are dropped in the order in which they ended.
         self._known[operation_id] = ended
-        done = [key for key in self._known if key not in self._running]
-        for key in done[: max(0, len(done) - MAX_ENDED)]:
+        ended_ids = [key for key in self._known if key not in self._running]
+        for key in ended_ids[: max(0, len(ended_ids) - MAX_ENDED)]:
             del self._known[key]
         running.ended.set()
         self._on_change(ended)

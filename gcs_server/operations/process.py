@@ -20,10 +20,10 @@ from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from gcs_server.errors import GcsError
-from gcs_server.operations.operations import MAX_RESULT, ReportProgress
+from gcs_server.operations.operations import MAX_RESULT_LENGTH, ReportProgress
 
 END_TIMEOUT_S = 2.0
-MAX_LINE_LENGTH = 4 * MAX_RESULT
+MAX_LINE_LENGTH = 4 * MAX_RESULT_LENGTH
 NICENESS = 10
 
 
@@ -63,7 +63,7 @@ async def run_process(
                 process.stdin.write(request + b"\n")
                 await process.stdin.drain()
         while line := await process.stdout.readline():
-            value = _object(line)
+            value = _parse_object(line)
             if "result" in value and isinstance(value["result"], dict):
                 return cast(dict[str, object], value["result"])
             if "problem" in value:
@@ -71,8 +71,10 @@ async def run_process(
             progress = value.get("progress")
             fraction = progress if isinstance(progress, int | float) and 0 <= progress <= 1 else None
             report(str(value.get("text", "")), fraction)
-        code = await process.wait()
-        raise WorkerFailed(f"The process of this operation ended without a result (exit status {code}).")
+        exit_status = await process.wait()
+        raise WorkerFailed(
+            f"The process of this operation ended without a result (exit status {exit_status})."
+        )
     except ValueError as error:
         raise WorkerFailed(
             f"The process of this operation wrote output that cannot be read: {error}."
@@ -95,7 +97,7 @@ async def _end(process: asyncio.subprocess.Process) -> None:
         await process.wait()
 
 
-def _object(line: bytes) -> dict[str, Any]:
+def _parse_object(line: bytes) -> dict[str, Any]:
     value = json.loads(line)
     if not isinstance(value, dict):
         raise ValueError("a line is not an object")

@@ -13,7 +13,7 @@ from missions.plan import Plan
 from missions.runner.corridor import Corridor
 from missions.waypoints.planned import PlannedPasses, planned_by_dry_run
 
-SAME_START_M = 5.0
+MAX_START_DISTANCE_M = 5.0
 """Maximum distance from the vehicle to the start of its dry run [m]."""
 
 
@@ -27,8 +27,9 @@ def corridor_of(
         position_ned_m: the vehicle's position.
         origin: origin of the vehicle's local frame. None: unknown; the dry run is then assumed to have
             started at this position.
-        role: the vehicle's role in a mission of several vehicles; None: the mission has one vehicle. In
-            the dry run all vehicles stand at one height, so a role's corridor begins at the vehicle's height.
+        role: the vehicle's role in a mission of several vehicles; None: the mission has one vehicle. In the
+            dry run all vehicles start at one altitude, so a role's corridor begins at the altitude of the
+            real vehicle.
 
     Raises:
         Refused: the dry run has no corridor of this role, was made for a waypoint plan, or started at another
@@ -47,7 +48,7 @@ def corridor_of(
         north, east, down = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
         start = (north, east, down if role is None else start[2])
         _require_same_start(dry_run, (north + first_n, east + first_e), position_ned_m)
-    return _in_frame(corridor, start)
+    return _corridor_from(corridor, start)
 
 
 def path_of(
@@ -57,16 +58,16 @@ def path_of(
 
     Args:
         dry_run: the result of the dry run.
-        plan: the plan that it has flown.
+        plan: the plan of the dry run.
         ground_ned_m: the vehicle's position on the ground; in flight its home. The path begins at this
-            height, because the altitudes of most plans are above home.
+            altitude, because the altitudes of most plans are above home.
         origin: origin of the vehicle's local frame.
 
     Returns:
         The path, and the corridor; None: the dry run has one flight.
 
     Raises:
-        Refused: the dry run has not flown the whole plan, or started at another position.
+        Refused: the dry run did not fly the whole plan, or started at another position.
     """
     nominal, monte_carlo = dry_run["nominal"], dry_run["monte_carlo"]
     if not nominal["finished"] or nominal["path"] is None:
@@ -79,29 +80,29 @@ def path_of(
     _require_same_start(dry_run, (north, east), ground_ned_m)
     start = (north, east, ground_ned_m[2])
     planned = planned_by_dry_run(nominal, plan, start)
-    return planned, None if monte_carlo is None else _in_frame(monte_carlo["corridor"], start)
+    return planned, None if monte_carlo is None else _corridor_from(monte_carlo["corridor"], start)
 
 
 def _require_same_start(
     dry_run: Mapping[str, Any], start_ne_m: tuple[float, float], position_ned_m: Vector3
 ) -> None:
-    away_m = math.dist(start_ne_m, position_ned_m[:2])
-    if away_m > SAME_START_M:
+    distance_m = math.dist(start_ne_m, position_ned_m[:2])
+    if distance_m > MAX_START_DISTANCE_M:
         raise Refused(
-            f"Dry run {dry_run['id']} began {away_m:.0f} m from the vehicle's position.",
+            f"Dry run {dry_run['id']} began {distance_m:.0f} m from the vehicle's position.",
             remedy="Fly it in simulation again, with this vehicle's id.",
         )
 
 
-def _in_frame(corridor: Mapping[str, Any], start: Vector3) -> Corridor:
-    """The corridor, with the start of the dry run at this position."""
+def _corridor_from(corridor: Mapping[str, Any], start: Vector3) -> Corridor:
+    """The corridor in the local frame, with the dry run's start at `start`."""
     points = [(start[0] + n, start[1] + e, start[2] + d) for n, e, d in corridor["position_ned_m"]]
     horizontal, vertical = corridor["horizontal_m"], corridor["vertical_m"]
-    above = [max(0.0, *pair) for pair in zip(vertical["p95"], vertical["greatest"], strict=True)]
-    below = [
+    above_m = [max(0.0, *pair) for pair in zip(vertical["p95"], vertical["greatest"], strict=True)]
+    below_m = [
         max(0.0, -low, -greatest) for low, greatest in zip(vertical["p5"], vertical["greatest"], strict=True)
     ]
-    return Corridor(tuple(points), tuple(horizontal["greatest"]), tuple(above), tuple(below))
+    return Corridor(tuple(points), tuple(horizontal["greatest"]), tuple(above_m), tuple(below_m))
 
 
 def _corridor(dry_run: Mapping[str, Any], role: str | None) -> Mapping[str, Any] | None:
@@ -110,8 +111,8 @@ def _corridor(dry_run: Mapping[str, Any], role: str | None) -> Mapping[str, Any]
         return None
     if together is None:
         return monte_carlo["corridor"]
-    own = together["monte_carlo"]["roles"].get(role)
-    return None if own is None else own["corridor"]
+    role_result = together["monte_carlo"]["roles"].get(role)
+    return None if role_result is None else role_result["corridor"]
 
 
 def _subject(role: str | None) -> str:

@@ -1,5 +1,5 @@
 """`python -m gcs_server.plans.dry_run_worker`: executes one dry run in a separate process with its own
-limits. It flies simulated vehicles only and has no links to real ones.
+limits. It flies simulated vehicles only and has no links to real vehicles.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ MEMORY_BYTES = 2_500_000_000
 
 
 def main() -> None:
-    """Reads the request of `missions.dry_run.task`, writes progress and its answer."""
+    """Reads the request of `missions.dry_run.task`, and writes progress and the result."""
     limit(memory_bytes=MEMORY_BYTES, computing_s=1200, timeout_s=3600)
     request = json.loads(read_request())
 

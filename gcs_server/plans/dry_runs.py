@@ -15,8 +15,8 @@ from gcs_server.operations.process import WorkerFailed, run_process
 
 MAX_RUNNING = 2
 """Maximum number of processes; they have low priority, but a small computer has only two cores."""
-MAX_KEPT = 10
-MAX_ANSWER_BYTES = 8 * 1024 * 1024
+MAX_RESULTS = 10
+MAX_RESULT_BYTES = 8 * 1024 * 1024
 COMMAND = (sys.executable, "-m", "gcs_server.plans.dry_run_worker")
 
 
@@ -26,7 +26,7 @@ class DryRuns:
     def __init__(self) -> None:
         self._count = 0
         self._running = 0
-        self._kept: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._results: OrderedDict[str, dict[str, Any]] = OrderedDict()
         self._plans: dict[str, str] = {}
         """JSON text of the plan of each result."""
 
@@ -45,14 +45,14 @@ class DryRuns:
         return str(self._count)
 
     async def run(
-        self, dry_run_id: str, request: Mapping[str, Any], about: Mapping[str, Any], report: ReportProgress
+        self, dry_run_id: str, request: Mapping[str, Any], details: Mapping[str, Any], report: ReportProgress
     ) -> dict[str, object]:
-        """Runs a dry run and stores the result; cancelling it ends the process.
+        """Runs a dry run and stores the result; cancelling this call ends the process.
 
         Args:
             dry_run_id: id of the dry run.
             request: input of `missions.dry_run.task`, and `elevation`: paths of elevation files.
-            about: data to store with the result; `assumed` is extended by that of the result.
+            details: data to store with the result; the result's assumptions are added to its `assumed`.
             report: receives progress.
 
         Returns:
@@ -67,7 +67,7 @@ class DryRuns:
         self._running += 1
         try:
             result = await run_process(
-                COMMAND, report, request=json.dumps(request).encode(), max_line_bytes=MAX_ANSWER_BYTES
+                COMMAND, report, request=json.dumps(request).encode(), max_line_bytes=MAX_RESULT_BYTES
             )
         except WorkerFailed as error:
             raise Refused(
@@ -77,11 +77,11 @@ class DryRuns:
             ) from error
         finally:
             self._running -= 1
-        assumed = [*about["assumed"], *cast(list[str], result["assumed"])]
-        self._kept[dry_run_id] = {"id": dry_run_id, **about, **result, "assumed": assumed}
+        assumed = [*details["assumed"], *cast(list[str], result["assumed"])]
+        self._results[dry_run_id] = {"id": dry_run_id, **details, **result, "assumed": assumed}
         self._plans[dry_run_id] = request["plan"]
-        while len(self._kept) > MAX_KEPT:
-            oldest, _ = self._kept.popitem(last=False)
+        while len(self._results) > MAX_RESULTS:
+            oldest, _ = self._results.popitem(last=False)
             del self._plans[oldest]
         return {"dry_run": dry_run_id, **_summary(result)}
 
@@ -96,11 +96,11 @@ class DryRuns:
         Raises:
             UnknownDryRun: there is no such dry run, it has not ended, or it was deleted.
         """
-        result = self._kept.get(dry_run_id)
+        result = self._results.get(dry_run_id)
         if result is None:
             raise UnknownDryRun(
                 f"There is no result of a dry run {dry_run_id!r}.",
-                remedy=f"Wait for its operation to succeed; the last {MAX_KEPT} results are kept.",
+                remedy=f"Wait for its operation to succeed; the last {MAX_RESULTS} results are kept.",
             )
         return result
 

@@ -36,12 +36,12 @@ class PlanVersion:
     version: int
     """Number of the version, from 1; every save adds 1."""
     changed_unix_s: float
-    """Time when it was saved [s since 1970 UTC]."""
+    """Time when the version was saved [s since 1970 UTC]."""
     changed_by: str
-    """Client that saved it."""
+    """Name of the client that saved the version."""
     item_count: int
-    """Number of items of a waypoint plan as uploaded, or of steps of an offboard mission, including nested
-    ones."""
+    """Number of items of a waypoint plan as uploaded, or of steps of an offboard mission with nested
+    steps."""
     kind: PlanKind = "waypoint_plan"
     """Waypoint plan (flown by the vehicle) or offboard mission (flown by the server's setpoints)."""
 
@@ -118,12 +118,12 @@ class PlanFiles:
 
     def remove_versions(self, plan_id: str, versions: list[int]) -> int:
         """Removes old versions; returns the freed bytes."""
-        freed = 0
+        freed_bytes = 0
         for version in versions:
             path = self._path(plan_id, version)
-            freed += path.stat().st_size
+            freed_bytes += path.stat().st_size
             path.unlink()
-        return freed
+        return freed_bytes
 
     def remove(self, plan_id: str) -> None:
         """Removes a plan with all its versions.
@@ -166,7 +166,7 @@ def _head(value: Any) -> PlanVersion:
     time = fields.get("changed_unix_s")
     if set(fields) != {*types, "changed_unix_s"} or not isinstance(time, int | float):
         raise ValueError("its first line does not have the expected fields")
-    if any(type(fields[name]) is not kind for name, kind in types.items()):
+    if any(type(fields[name]) is not expected_type for name, expected_type in types.items()):
         raise ValueError("its first line has a value of another type")
     if fields["kind"] not in get_args(PlanKind):
         raise ValueError("its first line names a kind of plan that this server does not know")

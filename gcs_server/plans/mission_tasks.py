@@ -21,16 +21,17 @@ Values = dict[str, Any]
 
 
 def insert_mission(arguments: Mapping[str, Any]) -> Values:
-    """Inserts a mission. Arguments: `plan` and `added` (JSON texts); `name` of the added one; `at`, `in_air`,
-    `positions` (as for `insert`); `max_bytes`: maximum size of the result."""
+    """Inserts the mission `added` into `plan`. Arguments: `plan` and `added` (JSON texts); `name` of the
+    inserted mission; `at`, `in_air`, `positions` (as for `insert`); `max_bytes`: maximum size of the
+    result."""
     mission = read_json(arguments["plan"])
-    added = read_json(arguments["added"]).model_copy(update={"name": arguments["name"]})
-    found = insert(
-        mission, added, arguments["at"], in_air=arguments["in_air"], positions=arguments["positions"]
+    inserted = read_json(arguments["added"]).model_copy(update={"name": arguments["name"]})
+    result = insert(
+        mission, inserted, arguments["at"], in_air=arguments["in_air"], positions=arguments["positions"]
     )
-    text = documents.write(found.mission).decode()
-    _check_size(text, added.name, arguments["max_bytes"])
-    return {"plan": text, "called": found.called, "notes": list(found.notes)}
+    text = documents.write(result.mission).decode()
+    _check_size(text, inserted.name, arguments["max_bytes"])
+    return {"plan": text, "called": result.called, "notes": list(result.notes)}
 
 
 def _check_size(text: str, name: str, max_bytes: int) -> None:

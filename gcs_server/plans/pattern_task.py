@@ -28,27 +28,27 @@ def generate(arguments: Mapping[str, Any]) -> Values:
     vehicle; `tolerance_m`: largest deviation from the height above the ground (null: altitudes stay
     unresolved), with `elevation`, the paths of elevation files."""
     pattern = document.read(arguments["pattern"])
-    found = document.make(pattern)
-    plan, notes = _on_ground(Plan(items=found.items), arguments)
+    items_and_figures = document.make(pattern)
+    plan, notes = _on_ground(Plan(items=items_and_figures.items), arguments)
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
-    estimated = estimate(plan, vehicle)
+    flight = estimate(plan, vehicle)
     figures = {
-        each.name: getattr(found, each.name)
-        for each in dataclasses.fields(found)
+        each.name: getattr(items_and_figures, each.name)
+        for each in dataclasses.fields(items_and_figures)
         if each.name not in ("items", "lines")
     }
-    written = documents.write(plan)
+    content = documents.write(plan)
     if arguments["kind"] == "offboard_mission":
         items = [item for _, item in plan.simple_items()]
         mission = OffboardMission(
             name=pattern.kind.capitalize(), steps=steps_from_pattern(pattern, items, vehicle)
         )
-        written = documents.write(mission)
+        content = documents.write(mission)
     return {
-        "plan": written.decode(),
-        "lines": [[start.model_dump(), end.model_dump()] for start, end in found.lines],
+        "plan": content.decode(),
+        "lines": [[start.model_dump(), end.model_dump()] for start, end in items_and_figures.lines],
         "path": _path(plan),
-        "figures": {**figures, "length_m": estimated.length_m, "time_s": estimated.time_s},
+        "figures": {**figures, "length_m": flight.length_m, "time_s": flight.time_s},
         "notes": list(notes),
     }
 
@@ -68,11 +68,11 @@ def _on_ground(plan: Plan, arguments: Mapping[str, Any]) -> tuple[Plan, Sequence
         return plan, ()
     from gcs_server.plans import terrain_tasks
 
-    followed = terrain_tasks.follow({**arguments, "plan": plan_document.write(plan).decode()})
-    unknown = followed["unknown"]
+    resolved = terrain_tasks.resolve_altitudes({**arguments, "plan": plan_document.write(plan).decode()})
+    unknown = resolved["unknown"]
     missing = (
         (f"{unknown} altitudes above the ground are not resolved: no elevation file covers them.",)
         if unknown
         else ()
     )
-    return plan_document.read(followed["plan"]), (*missing, *followed["notes"])
+    return plan_document.read(resolved["plan"]), (*missing, *resolved["notes"])

@@ -1,5 +1,5 @@
 """The plans in the data folder, with versions. Each save names the version that it changes. All disk work
-runs in one thread, one task after the other, so that saves never interleave and a cancelled caller does not
+runs in one thread, one task after another, so that saves never interleave and a cancelled caller does not
 interrupt a save.
 """
 
@@ -49,7 +49,8 @@ class _Index:
     """The thread's index of the folder."""
 
     newest: dict[str, PlanVersion] = field(default_factory=dict[str, PlanVersion])
-    bytes_of: dict[str, int] = field(default_factory=dict[str, int])
+    size_bytes: dict[str, int] = field(default_factory=dict[str, int])
+    """Total size of the versions of each plan."""
     problems: list[str] = field(default_factory=list[str])
 
 
@@ -85,15 +86,15 @@ class PlanStore:
         Raises:
             StorageError: the folder cannot be read.
         """
-        found = await self._run(lambda index: list(index.newest.values()))
-        return sorted(found, key=lambda head: (head.name.casefold(), head.id))
+        newest = await self._run(lambda index: list(index.newest.values()))
+        return sorted(newest, key=lambda head: (head.name.casefold(), head.id))
 
     async def versions(self, plan_id: str) -> list[PlanVersion]:
         """The stored versions, newest first; raises the same errors as `get`."""
 
         def work(index: _Index) -> list[PlanVersion]:
             self._newest(index, plan_id)
-            return [self._files.head(plan_id, each) for each in reversed(self._files.versions(plan_id))]
+            return [self._files.head(plan_id, version) for version in reversed(self._files.versions(plan_id))]
 
         return await self._run(work)
 
@@ -112,7 +113,8 @@ class PlanStore:
             except FileNotFoundError:
                 raise UnknownPlan(
                     f"Plan {newest.name!r} has no version {version}.",
-                    remedy=f"Its newest is {newest.version}; the last {MAX_VERSIONS} are kept.",
+                    remedy=f"Its newest version is {newest.version}; the last {MAX_VERSIONS} versions are "
+                    "kept.",
                 ) from None
 
         return await self._run(work)
@@ -147,11 +149,11 @@ class PlanStore:
         Raises:
             UnknownPlan: there is no such plan.
             PlanConflict: another client has saved a newer version; nothing is overwritten.
-            Refused, StorageError: as `create`.
+            Refused, StorageError: the same as for `create`.
         """
 
         def work(index: _Index) -> PlanVersion:
-            newest = self._checked(index, plan_id, base_version)
+            newest = self._require_newest(index, plan_id, base_version)
             head = replace(
                 newest,
                 name=name,
@@ -169,9 +171,9 @@ class PlanStore:
         """Removes a plan and all its versions; raises the same errors as `save`."""
 
         def work(index: _Index) -> PlanVersion:
-            newest = self._checked(index, plan_id, base_version)
+            newest = self._require_newest(index, plan_id, base_version)
             self._files.remove(plan_id)
-            del index.newest[plan_id], index.bytes_of[plan_id]
+            del index.newest[plan_id], index.size_bytes[plan_id]
             return newest
 
         await self._change("deleted", work, by)
@@ -216,7 +218,7 @@ class PlanStore:
                 versions = self._files.versions(plan_id)
                 if versions:
                     index.newest[plan_id] = self._files.head(plan_id, versions[-1])
-                    index.bytes_of[plan_id] = self._files.size_bytes(plan_id)
+                    index.size_bytes[plan_id] = self._files.size_bytes(plan_id)
             except (OSError, ValueError) as error:
                 index.problems.append(
                     f"The plan in {self._files.folder / plan_id} cannot be read ({error}); it is not "
@@ -225,15 +227,15 @@ class PlanStore:
         return index
 
     def _newest(self, index: _Index, plan_id: str) -> PlanVersion:
-        found = index.newest.get(plan_id)
-        if found is None:
+        newest = index.newest.get(plan_id)
+        if newest is None:
             raise UnknownPlan(
                 f"There is no plan {plan_id[:40]!r}.",
                 remedy="GET /plans lists them; it may have been deleted.",
             )
-        return found
+        return newest
 
-    def _checked(self, index: _Index, plan_id: str, base_version: int) -> PlanVersion:
+    def _require_newest(self, index: _Index, plan_id: str, base_version: int) -> PlanVersion:
         newest = self._newest(index, plan_id)
         if newest.version != base_version:
             raise PlanConflict(
@@ -243,15 +245,15 @@ class PlanStore:
 
     def _write(self, index: _Index, head: PlanVersion, plan: Document) -> PlanVersion:
         content = documents.write(documents.with_name(plan, head.name))
-        if sum(index.bytes_of.values()) + len(content) > MAX_TOTAL_BYTES:
+        if sum(index.size_bytes.values()) + len(content) > MAX_TOTAL_BYTES:
             raise Refused(
                 f"The plans would take more than {MAX_TOTAL_BYTES // 1_000_000} MB, which is the limit.",
                 remedy="Delete plans that are not needed any more.",
             )
         size = self._files.write(head, content)
         index.newest[head.id] = head
-        index.bytes_of[head.id] = index.bytes_of.get(head.id, 0) + size
+        index.size_bytes[head.id] = index.size_bytes.get(head.id, 0) + size
         with suppress(OSError):  # the version is saved; old ones are removed with the next save
             old = self._files.versions(head.id)[:-MAX_VERSIONS]
-            index.bytes_of[head.id] -= self._files.remove_versions(head.id, old)
+            index.size_bytes[head.id] -= self._files.remove_versions(head.id, old)
         return head

@@ -1,6 +1,6 @@
 """Computations on plans, with JSON values as input and output, so that they can run in a thread or a process.
 
-An unusable plan or file is reported as an answer: `{"fault": {"place", "reason", "fix", "field"}}`.
+The result for an unusable plan or file is `{"fault": {"place", "reason", "fix", "field"}}`.
 """
 
 from __future__ import annotations
@@ -34,12 +34,13 @@ if TYPE_CHECKING:
 
 Values = dict[str, Any]
 """A JSON object."""
-PLACES = ("row", "zone", "rally_point", "obstacle", "step")
-"""Where a finding is; a waypoint plan has no `step`, an offboard mission only `obstacle` and `step`."""
+PLACE_FIELDS = ("row", "zone", "rally_point", "obstacle", "step")
+"""Fields of the place of a finding. A finding of a waypoint plan has no `step`; a finding of an offboard
+mission has only `obstacle` and `step`."""
 
 
 def run(task: str, arguments: Mapping[str, Any]) -> Values:
-    """Runs one of `TASKS`; a problem of the plan or file is part of the answer."""
+    """Runs one of `TASKS`; a problem of the plan or file is part of the result."""
     try:
         return TASKS[task](arguments)
     except PlanError as error:
@@ -84,7 +85,7 @@ def _finding(finding: Finding | MissionFinding) -> Values:
         "code": finding.code,
         "severity": finding.severity,
         "text": finding.message,
-        "place": {name: getattr(finding, name, None) for name in PLACES},
+        "place": {name: getattr(finding, name, None) for name in PLACE_FIELDS},
         "fix": finding.fix,
         "limit": finding.limit,
     }
@@ -100,8 +101,8 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
     start = Start()
     if home is not None:
         frame = LocalOrigin(**(home if origin is None else origin))
-        here = frame.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
-        start = Start(position_ned_m=here, origin=frame, home_alt_amsl_m=home["alt_amsl_m"])
+        start_ned_m = frame.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
+        start = Start(position_ned_m=start_ned_m, origin=frame, home_alt_amsl_m=home["alt_amsl_m"])
     elif mission.home is not None:
         frame = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
         start = Start(origin=frame, home_alt_amsl_m=mission.home.alt_amsl_m)
@@ -111,12 +112,12 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
     if mission.roles:
         return _check_roles(mission, vehicle, arguments["elevation"])
     timeline = compiler.compile_mission(mission, vehicle, start)
-    here = start.position_ned_m
-    legs = samples.legs(timeline, here)
-    ground_findings, ground = _mission_ground(legs, start.origin, here[2], arguments["elevation"])
+    start_ned_m = start.position_ned_m
+    legs = samples.legs(timeline, start_ned_m)
+    ground_findings, ground = _mission_ground(legs, start.origin, start_ned_m[2], arguments["elevation"])
     estimates = Estimate(
-        timeline.length_m, timeline.duration_s, mission_checks.climb_m(timeline, here[2]), timeline.photos,
-        timeline.energy_wh, endless=False, known_altitudes=True,
+        timeline.length_m, timeline.duration_s, mission_checks.climb_m(timeline, start_ned_m[2]),
+        timeline.photos, timeline.energy_wh, endless=False, known_altitudes=True,
     )  # fmt: skip
     return {
         "kind": "offboard_mission",
@@ -126,7 +127,7 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
             "steps": [dataclasses.asdict(each) for each in samples.step_times(timeline)],
             "legs": [dataclasses.asdict(each) for each in legs],
             "needs": list(timeline.needs),
-            "start_ned_m": here,
+            "start_ned_m": start_ned_m,
             "origin": None if start.origin is None else dataclasses.asdict(start.origin),
         },
         "ground": list(ground.profile),
@@ -185,15 +186,15 @@ def _check_roles(mission: OffboardMission, vehicle: MissionVehicle, elevation: S
 
 
 def _import(arguments: Mapping[str, Any]) -> Values:
-    """Imports a file. Arguments: `file` (base64), `filename`, `altitude` (for points without one; may be
-    null)."""
+    """Imports a file. Arguments: `file` (base64), `filename`, `altitude` (of points without an altitude; may
+    be null)."""
     altitude = arguments["altitude"]
     options = ImportOptions(None if altitude is None else Altitude.model_validate(altitude))
     data = base64.b64decode(arguments["file"])
-    found = any_format.recognise(data, arguments["filename"])
-    imported = any_format.read(found, data, options)
+    format_name = any_format.recognise(data, arguments["filename"])
+    imported = any_format.read(format_name, data, options)
     return {
-        "format": found,
+        "format": format_name,
         "kind": documents.kind_of(imported.plan),
         "plan": documents.write(imported.plan).decode(),
         "areas": [
@@ -210,8 +211,8 @@ def _import(arguments: Mapping[str, Any]) -> Values:
 
 def _export(arguments: Mapping[str, Any]) -> Values:
     """Exports a plan. Arguments: `plan` (JSON text), `format`."""
-    written = any_format.write(arguments["format"], documents.read(arguments["plan"]))
-    return {"file": base64.b64encode(written.data).decode(), "notes": list(written.notes)}
+    exported = any_format.write(arguments["format"], documents.read(arguments["plan"]))
+    return {"file": base64.b64encode(exported.data).decode(), "notes": list(exported.notes)}
 
 
 def _pattern(arguments: Mapping[str, Any]) -> Values:
@@ -250,7 +251,7 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
     `OperatorArea`), `start` (as `Start`, `origin` as a mapping or null), `elevation`: paths of elevation
     files.
 
-    `timeline` in the answer is the pickled timeline with its motion limits; only this server and its
+    `timeline` in the result is the pickled timeline with its motion limits; only this server and its
     processes write and read it.
     """
     from missions.offboard.compiler import compile_mission
@@ -262,7 +263,7 @@ def _compile(arguments: Mapping[str, Any]) -> Values:
     ground_findings = _ground_findings(timeline, start, arguments["elevation"])
     return {
         "findings": [_short_finding(each) for each in (*timeline.findings, *ground_findings)],
-        "timeline": _pickled((timeline, _motion_of(mission, vehicle))),
+        "timeline": _pickle((timeline, _motion_of(mission, vehicle))),
     }
 
 
@@ -270,7 +271,7 @@ def _compile_roles(arguments: Mapping[str, Any]) -> Values:
     """Compiles a mission of several vehicles. Arguments: `plan` (JSON text), `vehicles`: for each role the
     arguments of `compile`; `elevation`.
 
-    `timelines` in the answer is pickled: the timeline and the motion limits of each role.
+    `timelines` in the result is pickled: the timeline and the motion limits of each role.
     """
     from missions.offboard.roles import compile_roles
 
@@ -285,14 +286,14 @@ def _compile_roles(arguments: Mapping[str, Any]) -> Values:
     timelines = {
         role: (each, _motion_of(mission, vehicles[role])) for role, each in compiled.timelines.items()
     }
-    return {"findings": [_short_finding(each) for each in findings], "timelines": _pickled(timelines)}
+    return {"findings": [_short_finding(each) for each in findings], "timelines": _pickle(timelines)}
 
 
 def _ground_findings(timeline: Timeline, start: Start, elevation: Sequence[str]) -> list[MissionFinding]:
     from missions.offboard import samples
 
-    here = start.position_ned_m
-    return _mission_ground(samples.legs(timeline, here), start.origin, here[2], elevation)[0]
+    start_ned_m = start.position_ned_m
+    return _mission_ground(samples.legs(timeline, start_ned_m), start.origin, start_ned_m[2], elevation)[0]
 
 
 def _mission_of(text: str) -> OffboardMission:
@@ -342,20 +343,20 @@ def _short_finding(finding: MissionFinding) -> Values:
     }  # fmt: skip
 
 
-def _pickled(value: object) -> str:
+def _pickle(value: object) -> str:
     return base64.b64encode(pickle.dumps(value)).decode()
 
 
 def _follow_ground(arguments: Mapping[str, Any]) -> Values:
     from gcs_server.plans import terrain_tasks
 
-    return terrain_tasks.follow(arguments)
+    return terrain_tasks.resolve_altitudes(arguments)
 
 
 def _elevation_files(arguments: Mapping[str, Any]) -> Values:
     from gcs_server.plans import terrain_tasks
 
-    return terrain_tasks.files(arguments)
+    return terrain_tasks.list_files(arguments)
 
 
 WITH_ELEVATION = frozenset(

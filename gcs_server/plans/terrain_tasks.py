@@ -43,7 +43,7 @@ def ground_of_mission(
 
     Args:
         legs: the legs of one vehicle, or of all roles in sequence, in the frame of `origin`.
-        origin: origin of the local frame; None: unknown, and nothing is found.
+        origin: origin of the local frame; None: unknown, and the result is empty.
         start_down_m: down coordinate of the start.
         paths: paths of the elevation files.
     """
@@ -59,17 +59,17 @@ def ground_of_mission(
     return findings, PlanGround(profile.mission_profile(legs, origin, start_down_m, ground), not_known)
 
 
-def follow(arguments: Mapping[str, Any]) -> dict[str, Any]:
+def resolve_altitudes(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Resolves the altitudes of a plan. Arguments: `plan` (JSON text), `elevation` (paths), `tolerance_m`
     (null: no waypoints are added)."""
     plan = plan_document.read(arguments["plan"])
     ground, problems = _ground(Elevation.from_files(map(Path, arguments["elevation"])), plan_positions(plan))
-    found = follow_ground(plan, ground, arguments["tolerance_m"])
+    result = follow_ground(plan, ground, arguments["tolerance_m"])
     return {
-        "plan": plan_document.write(found.plan).decode(),
-        "resolved": found.resolved,
-        "unknown": found.unknown,
-        "added": found.added,
+        "plan": plan_document.write(result.plan).decode(),
+        "resolved": result.resolved,
+        "unknown": result.unknown,
+        "added": result.added,
         "notes": problems,
     }
 
@@ -81,11 +81,11 @@ def ground_around(
     return _ground(Elevation.from_files(map(Path, paths)), positions)
 
 
-def files(arguments: Mapping[str, Any]) -> dict[str, Any]:
+def list_files(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """The area of each elevation file. Argument: `elevation` (paths of the files)."""
     elevation = Elevation.from_files(map(Path, arguments["elevation"]))
-    found: list[ElevationFile] = [file for _, file in elevation.files]
-    return {"files": [dataclasses.asdict(each) for each in found], "unreadable": list(elevation.problems)}
+    readable: list[ElevationFile] = [file for _, file in elevation.files]
+    return {"files": [dataclasses.asdict(each) for each in readable], "unreadable": list(elevation.problems)}
 
 
 def _ground(

@@ -1,5 +1,5 @@
-"""Runs tasks on plans outside the event loop: small ones in a thread, large or untrusted ones in a
-process."""
+"""Runs tasks on plans outside the event loop: small tasks in a thread, large or untrusted plans and files in
+a process."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gcs_server.plans import tasks
 MAX_PROCESSES = 2
 """Maximum number of processes; a small computer has two cores, and one is needed for the vehicles."""
 MAX_WAITING = 16
-MAX_ANSWER_BYTES = 32 * 1024 * 1024
+MAX_RESULT_BYTES = 32 * 1024 * 1024
 ELEVATION_SUFFIXES = (".tif", ".tiff", ".hgt")
 MAX_ELEVATION_FILES = 200
 COMMAND = (sys.executable, "-m", "gcs_server.plans.worker")
@@ -34,7 +34,7 @@ class PlanWork:
         """
         self.elevation = elevation
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="plan work")
-        self._free = asyncio.Semaphore(MAX_PROCESSES)
+        self._process_slots = asyncio.Semaphore(MAX_PROCESSES)
         self._pending = 0
 
     async def run(
@@ -46,7 +46,7 @@ class PlanWork:
             task: one of `tasks.TASKS`.
             arguments: arguments of the task.
             small: whether the task takes only milliseconds for any content, so that it can run in a thread.
-            field: the field that an error names if it concerns no single field of the document.
+            field: the field that an error names if the error concerns no single field of the document.
 
         Raises:
             InvalidRequest: the plan or file cannot be used; the error contains the part, the reason and the
@@ -66,16 +66,16 @@ class PlanWork:
         try:
             if small:
                 loop = asyncio.get_running_loop()
-                answer = await loop.run_in_executor(self._thread, tasks.run, task, arguments)
+                result = await loop.run_in_executor(self._thread, tasks.run, task, arguments)
             else:
-                answer = await self._in_process(task, arguments)
+                result = await self._in_process(task, arguments)
         finally:
             self._pending -= 1
-        fault = answer.get("fault")
+        fault = result.get("fault")
         if fault is not None:
             text = f"{fault['place']}: {fault['reason']}."
             raise InvalidRequest(fault["field"] or field, text, remedy=fault["fix"])
-        return answer
+        return result
 
     async def elevation_paths(self) -> list[str]:
         """Paths of the operator's elevation files."""
@@ -88,9 +88,9 @@ class PlanWork:
     async def _in_process(self, task: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
         request = json.dumps({"task": task, "arguments": arguments}).encode()
         try:
-            async with self._free:
+            async with self._process_slots:
                 return await run_process(
-                    COMMAND, lambda _text, _share: None, request=request, max_line_bytes=MAX_ANSWER_BYTES
+                    COMMAND, lambda _text, _fraction: None, request=request, max_line_bytes=MAX_RESULT_BYTES
                 )
         except WorkerFailed as error:
             raise Refused(
@@ -103,7 +103,7 @@ def elevation_files(folder: Path) -> list[str]:
     """Paths of the files in a folder with the name of an elevation file, sorted by name."""
     if not folder.is_dir():
         return []
-    found = (
+    files = (
         each for each in folder.iterdir() if each.suffix.lower() in ELEVATION_SUFFIXES and each.is_file()
     )
-    return sorted(map(str, found))[:MAX_ELEVATION_FILES]
+    return sorted(map(str, files))[:MAX_ELEVATION_FILES]

@@ -13,7 +13,7 @@ MEMORY_BYTES = 1_500_000_000
 
 
 def main() -> None:
-    """Reads `{"task", "arguments"}`, writes its answer."""
+    """Reads `{"task", "arguments"}`, and writes the task's result."""
     limit(memory_bytes=MEMORY_BYTES, computing_s=20, timeout_s=60)
     request = json.loads(read_request())
 

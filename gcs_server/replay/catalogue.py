@@ -44,11 +44,11 @@ class RecordingInfo:
     vehicles: tuple[int, ...]
     """System ids of the vehicles near the start; of all vehicles once the recording was opened."""
     link: str | None
-    """Link from which it was recorded, from the file name; null for other files."""
+    """Name of the recorded link, from the file name; null for files with other names."""
     running: bool
     """Whether the recording is still being written."""
     problem: str | None
-    """Why the recording cannot be played completely; null if it can."""
+    """Why the recording cannot be played completely; null: it can be played completely."""
 
 
 def _is_recording_name(name: str) -> bool:
@@ -72,7 +72,7 @@ class Catalogue:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._known: dict[str, tuple[FileVersion, RecordingInfo]] = {}
+        self._cache: dict[str, tuple[FileVersion, RecordingInfo]] = {}
 
     def path(self, name: str) -> Path:
         """Path of a recording.
@@ -82,8 +82,8 @@ class Catalogue:
         """
         path = self._folder / name
         if not _is_recording_name(name) or path.is_symlink() or not path.is_file():
-            shown = name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}…"
-            raise UnknownRecording(f"There is no recording {shown!r}.")
+            shortened = name if len(name) <= MAX_NAME_LENGTH else f"{name[:MAX_NAME_LENGTH]}…"
+            raise UnknownRecording(f"There is no recording {shortened!r}.")
         return path
 
     def all(self, running: Set[str]) -> list[RecordingInfo]:
@@ -96,29 +96,31 @@ class Catalogue:
             names = [path.name for path in self._folder.iterdir() if path.name.endswith(SUFFIXES)]
         except FileNotFoundError:
             names = []
-        found: list[RecordingInfo] = []
+        infos: list[RecordingInfo] = []
         for name in names:
             try:
                 path = self.path(name)
                 version = file_version(path)
             except (UnknownRecording, OSError):
                 continue  # not a file, or deleted since
-            known = self._known.get(name)
-            if known is None or known[0] != version:
-                known = self._known[name] = version, read_info(path, version[0])
+            cached = self._cache.get(name)
+            if cached is None or cached[0] != version:
+                cached = self._cache[name] = version, read_info(path, version[0])
             is_running = name in running
-            problem = "The recording is still empty." if is_running and not version[0] else known[1].problem
-            found.append(replace(known[1], running=is_running, problem=problem))
-        self._known = {name: self._known[name] for name in names if name in self._known}
-        return sorted(found, key=lambda i: (i.started_unix_s or 0.0, i.name), reverse=True)
+            problem = "The recording is still empty." if is_running and not version[0] else cached[1].problem
+            infos.append(replace(cached[1], running=is_running, problem=problem))
+        self._cache = {name: self._cache[name] for name in names if name in self._cache}
+        return sorted(infos, key=lambda i: (i.started_unix_s or 0.0, i.name), reverse=True)
 
 
 def read_info(path: Path, size: int) -> RecordingInfo:
     """Reads a recording's start and end."""
-    named = _recording_name.fullmatch(path.name)
-    info = RecordingInfo(path.name, size, None, None, (), named["link"] if named else None, False, None)
+    name_match = _recording_name.fullmatch(path.name)
+    info = RecordingInfo(
+        path.name, size, None, None, (), name_match["link"] if name_match else None, False, None
+    )
     try:
-        head, tail, tail_offset = _ends(path)
+        head, tail, tail_offset = _read_ends(path)
     except OSError as error:
         return replace(info, problem=explain(path, error))
     if not head:
@@ -142,7 +144,7 @@ def read_info(path: Path, size: int) -> RecordingInfo:
     )
 
 
-def _ends(path: Path) -> tuple[bytes, bytes, int]:
+def _read_ends(path: Path) -> tuple[bytes, bytes, int]:
     """The first bytes of a file, the last bytes, and their offset (0 if the first bytes are the whole
     file)."""
     if path.suffix == ".gz":

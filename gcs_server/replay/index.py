@@ -23,7 +23,7 @@ from gcs_server.replay.records import (
 HEARTBEAT, COMMAND_ACK, EXTENDED_SYS_STATE, STATUSTEXT, EVENT, CURRENT_MODE = 0, 77, 245, 253, 410, 436
 AUTOPILOT_INVALID = 8
 STATES = frozenset({HEARTBEAT, EXTENDED_SYS_STATE, CURRENT_MODE})
-"""Repeated messages, of which only changes are indexed."""
+"""Repeated messages; the index contains only their changes."""
 EVENT_MESSAGES = STATES | {STATUSTEXT, EVENT, COMMAND_ACK}
 MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
 """Commands whose acknowledgement shows who changed the mode. Their numbers are listed here because loading
@@ -35,8 +35,8 @@ MAX_KINDS = 10_000
 MAX_EVENT_RECORDS = 50_000
 """Maximum number of state changes, and of texts; more than one per second for a day."""
 MAX_CHECKPOINT_NUMBERS = 2_000_000
-"""Limit of numbers in all checkpoints (16 MB); beyond it, every second checkpoint is dropped."""
-DAMAGED_FROM = 0.5
+"""Maximum number of numbers in all checkpoints (16 MB); above it, every second checkpoint is dropped."""
+MAX_DAMAGED_FRACTION = 0.5
 """Fraction of bytes outside records above which a file is not a telemetry log."""
 
 
@@ -77,14 +77,14 @@ class Index:
 
     def checkpoint(self, time_us: int) -> Checkpoint:
         """The last checkpoint before `time_us`."""
-        at = bisect.bisect_right(self.checkpoints, time_us, key=lambda c: c.cursor.time_us)
-        return self.checkpoints[max(0, at - 1)]
+        position = bisect.bisect_right(self.checkpoints, time_us, key=lambda c: c.cursor.time_us)
+        return self.checkpoints[max(0, position - 1)]
 
     def events_until(self, until_us: int) -> list[tuple[int, int]]:
         """(time, offset) of events to restore at a time; the oldest may be left out."""
         newest = (
-            _until(self.changes, until_us, CHANGES_RESTORED),
-            _until(self.texts, until_us, TEXTS_RESTORED),
+            _newest_until(self.changes, until_us, CHANGES_RESTORED),
+            _newest_until(self.texts, until_us, TEXTS_RESTORED),
         )
         return [pair for pairs in newest for pair in pairs]
 
@@ -96,7 +96,7 @@ class Index:
         )
 
 
-def _until(flat: array[int], until_us: int, at_most: int) -> list[tuple[int, int]]:
+def _newest_until(flat: array[int], until_us: int, at_most: int) -> list[tuple[int, int]]:
     end = bisect.bisect_right(flat[::2], until_us)
     return [(flat[2 * i], flat[2 * i + 1]) for i in range(max(0, end - at_most), end)]
 
@@ -116,23 +116,23 @@ class _ChangeFinder:
         raw, key = record.raw, record.key
         start = 10 if raw[0] == STX_V2 else 6
         payload = raw[start : start + raw[1]]
-        kind = message_id(key)
-        if kind == HEARTBEAT:
+        msg_id = message_id(key)
+        if msg_id == HEARTBEAT:
             if len(payload) < 9 or payload[5] == AUTOPILOT_INVALID or not system_id(key):
                 return
             self.first_heartbeats.setdefault(system_id(key), (record.time_us, record.offset))
-        if kind == COMMAND_ACK and int.from_bytes(payload[:2], "little") not in MODE_COMMANDS:
+        if msg_id == COMMAND_ACK and int.from_bytes(payload[:2], "little") not in MODE_COMMANDS:
             return
-        if kind in STATES:
+        if msg_id in STATES:
             is_new = self._states.get(key) != payload
             self._states[key] = payload
-            if kind != EXTENDED_SYS_STATE:  # both messages contain the mode; a different value is a change
+            if msg_id != EXTENDED_SYS_STATE:  # both messages contain the mode; a different value is a change
                 sender, mode = key >> 24, payload[:4].ljust(4, b"\0")
                 is_new = is_new or self._modes.get(sender) != mode
                 self._modes[sender] = mode
             if not is_new:
                 return
-        records = self.texts if kind in (STATUSTEXT, EVENT) else self.changes
+        records = self.texts if msg_id in (STATUSTEXT, EVENT) else self.changes
         if len(records) < 2 * MAX_EVENT_RECORDS:
             records.extend((record.time_us, record.offset))
         else:
@@ -143,22 +143,22 @@ class _Checkpoints:
     """Collects checkpoints: one per batch, fewer if they would become too large."""
 
     def __init__(self) -> None:
-        self.kept: list[Checkpoint] = []
+        self.checkpoints: list[Checkpoint] = []
         self._numbers = 0
         self._batches = 0
-        self._every = 1
+        self._stride = 1
 
     def add(self, cursor: Cursor, newest: dict[int, tuple[int, int]]) -> None:
         self._batches += 1
-        if (self._batches - 1) % self._every:
+        if (self._batches - 1) % self._stride:
             return
         flat = array("q", [number for pair in newest.values() for number in pair])
-        self.kept.append(Checkpoint(cursor, flat))
+        self.checkpoints.append(Checkpoint(cursor, flat))
         self._numbers += len(flat)
         if self._numbers > MAX_CHECKPOINT_NUMBERS:
-            self.kept = self.kept[::2]
-            self._numbers = sum(len(checkpoint.newest) for checkpoint in self.kept)
-            self._every *= 2
+            self.checkpoints = self.checkpoints[::2]
+            self._numbers = sum(len(checkpoint.newest) for checkpoint in self.checkpoints)
+            self._stride *= 2
 
 
 def make_index(file: BinaryIO) -> Index:
@@ -189,7 +189,7 @@ def make_index(file: BinaryIO) -> Index:
     size = batch.after.offset
     if not size:
         raise UnreadableRecording("The file is empty.")
-    if not count or skipped > DAMAGED_FROM * size:
+    if not count or skipped > MAX_DAMAGED_FRACTION * size:
         raise UnreadableRecording("No MAVLink records found: this is not a telemetry log (.tlog).")
     return Index(
         begin_us,
@@ -198,7 +198,7 @@ def make_index(file: BinaryIO) -> Index:
         skipped,
         size,
         tuple(sorted(finder.first_heartbeats)),
-        tuple(checkpoints.kept),
+        tuple(checkpoints.checkpoints),
         finder.changes,
         finder.texts,
         tuple(finder.first_heartbeats.values()),

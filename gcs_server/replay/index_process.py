@@ -1,7 +1,7 @@
 """Creates an index in a separate process (`python -m gcs_server.replay.index_process FILE`).
 
 Reading a long log takes seconds, which must not stall the server. The process has limits of memory and
-computing time, so that no recording can exhaust the server. Its answer is one line of JSON, then the arrays
+computing time, so that no recording can exhaust the server. Its output is one line of JSON, then the arrays
 as bytes, because parsing millions of numbers from text would stall all threads of the server.
 """
 
@@ -55,7 +55,7 @@ class IndexProcess:
         return from_bytes(output)
 
     def stop(self) -> None:
-        """Stops the process; its result is no longer needed."""
+        """Stops the process, because its result is no longer needed."""
         self._stopped = True
         if self._process is not None:
             self._process.kill()
@@ -109,15 +109,15 @@ def from_bytes(data: bytes) -> Index:
 
 
 def _arrays(lengths: list[int], data: bytes) -> Iterable[array[int]]:
-    at = 0
+    start = 0
     for length in lengths:
         numbers: array[int] = array("q")
-        numbers.frombytes(data[at : at + length * numbers.itemsize])
-        at += length * numbers.itemsize
+        numbers.frombytes(data[start : start + length * numbers.itemsize])
+        start += length * numbers.itemsize
         yield numbers
 
 
-def _answer(path: Path) -> bytes:
+def _output(path: Path) -> bytes:
     problem: dict[str, Any]
     try:
         with open_log(path) as file:
@@ -136,7 +136,7 @@ def main(arguments: list[str]) -> None:
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CPU, (COMPUTING_S, COMPUTING_S))
-    sys.stdout.buffer.write(_answer(Path(arguments[0])))
+    sys.stdout.buffer.write(_output(Path(arguments[0])))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 """Playback of a recording: its clock, its current position, and the records that restore the state at a given
-time. Nothing waits here."""
+time. No function of this module waits."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class PlaybackPosition:
         self.begin_us, self.end_us = begin_us, end_us
         self._speed = speed
         self._playing = playing
-        self._from_us = begin_us
+        self._start_us = begin_us
         self._since_s: float | None = None
 
     @property
@@ -68,11 +68,11 @@ class PlaybackPosition:
     def position_us(self, now_s: float) -> int:
         """The position at this time [us since 1970]."""
         if not self._playing:
-            return self._from_us
+            return self._start_us
         if self._since_s is None:
             self._since_s = now_s
         played_us = int((now_s - self._since_s) * 1e6 * self._speed)
-        return min(self.end_us, self._from_us + played_us)
+        return min(self.end_us, self._start_us + played_us)
 
     def play(self, now_s: float) -> None:
         """Starts playing."""
@@ -90,27 +90,28 @@ class PlaybackPosition:
     def jump(self, now_s: float, time_us: int) -> int:
         """Jumps to the nearest recorded time, and returns it."""
         self._restart(now_s, min(self.end_us, max(self.begin_us, time_us)), self._playing)
-        return self._from_us
+        return self._start_us
 
-    def _restart(self, now_s: float, from_us: int, playing: bool) -> None:
-        self._from_us, self._since_s, self._playing = from_us, now_s, playing
+    def _restart(self, now_s: float, start_us: int, playing: bool) -> None:
+        self._start_us, self._since_s, self._playing = start_us, now_s, playing
 
 
 @dataclass(frozen=True, slots=True)
 class RestoredState:
-    """The records that restore the state at one time, and where in the file reading continues."""
+    """The records that restore the state at one time."""
 
     records: list[Record]
-    """Records in recorded order: the newest one of each message up to that time, and the events so far."""
+    """Records in recorded order: the newest record of each message up to that time, and the events so far."""
     following: list[Record]
     """Records that were already read and are later."""
     after: Cursor
+    """Where in the file reading continues."""
     at_end: bool
 
 
 def condense(records: Iterable[Record]) -> list[Record]:
-    """Keeps the newest record of each message, and every record of an event or a state change, in order. The
-    kept records restore the same state as all of them.
+    """The newest record of each message, and every record of an event or a state change, in order. These
+    records restore the same state as all records.
     """
     all_records = list(records)
     newest = {record.key: record.offset for record in all_records}
@@ -128,18 +129,18 @@ def state_at(file: BinaryIO, index: Index, time_us: int) -> RestoredState:
     times_us |= {offset: at_us for at_us, offset in index.events_until(time_us)}
     times_us |= {offset: at_us for at_us, offset in index.first_heartbeats if at_us <= time_us}
     batch = Batch([], checkpoint.cursor, at_end=False, bytes_skipped=0)
-    read: list[Record] = []
+    recent: list[Record] = []
     following: list[Record] = []
     while not batch.at_end and not following:
         batch = read_batch(file, batch.after)
-        read = _newest_events(condense([*read, *(r for r in batch.records if r.time_us <= time_us)]))
+        recent = _newest_events(condense([*recent, *(r for r in batch.records if r.time_us <= time_us)]))
         following = batch.records[len(batch.records) - sum(r.time_us > time_us for r in batch.records) :]
-    old = [
+    earlier = [
         Record(times_us[offset], offset, 0, read_at(file, offset))
         for offset in sorted(times_us)
         if offset < checkpoint.cursor.offset
     ]
-    return RestoredState([*old, *read], following, batch.after, batch.at_end)
+    return RestoredState([*earlier, *recent], following, batch.after, batch.at_end)
 
 
 def _newest_events(records: list[Record]) -> list[Record]:
@@ -148,5 +149,5 @@ def _newest_events(records: list[Record]) -> list[Record]:
     if len(offsets) <= CHANGES_RESTORED + TEXTS_RESTORED:
         return records
     newest = {record.key: record.offset for record in records}
-    from_offset = offsets[-(CHANGES_RESTORED + TEXTS_RESTORED)]
-    return [r for r in records if r.offset >= from_offset or newest[r.key] == r.offset]
+    first_offset = offsets[-(CHANGES_RESTORED + TEXTS_RESTORED)]
+    return [r for r in records if r.offset >= first_offset or newest[r.key] == r.offset]

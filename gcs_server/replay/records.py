@@ -1,8 +1,8 @@
 """Records of a telemetry log: an 8-byte big-endian time (microseconds since 1970) and a raw MAVLink frame.
 
 A log may be damaged anywhere, so each record is checked: the frame must start with a MAVLink marker, and the
-time must be close to those of its neighbours. Bytes outside records are skipped and counted. Returned times
-never run backwards and never jump by days, even if the clock of the recording computer did.
+time must be close to the times of its neighbours. Bytes outside records are skipped and counted. Returned
+times never run backwards and never jump by days, even if the clock of the recording computer did.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ TIME_BYTES = 8
 MIN_FRAME_BYTES = 8
 BATCH_BYTES = 1 << 18
 PLAUSIBLE_US = (10**14, 10**16)
-"""Range of plausible times, 1973 to 2286; a time outside it is damaged."""
+"""Range of plausible times, 1973 to 2286; a record with a time outside this range is damaged."""
 SAME_CLOCK_US = 86_400_000_000
-"""Maximum time between neighbouring records; if they are farther apart, one is damaged or the clock was
-set."""
+"""Maximum time between neighbouring records; if two are farther apart, one of them is damaged or the clock
+was set."""
 JITTER_US = 2_000_000
 """Maximum step backwards between two records. Such steps occur because two threads write; a larger step means
 that the clock was set."""
@@ -157,24 +157,24 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
     position, skipped, size = 0, 0, len(data)
     time_us, shift_us = cursor.time_us, cursor.shift_us
     while size - position >= TIME_BYTES + MIN_FRAME_BYTES:
-        at = position + TIME_BYTES
-        length = _frame_length(data, at)
+        frame_start = position + TIME_BYTES
+        length = _frame_length(data, frame_start)
         stamp_us = _time.unpack_from(data, position)[0]
-        fits = bool(length) and PLAUSIBLE_US[0] < stamp_us < PLAUSIBLE_US[1]
-        if fits and at + length > size:
+        is_record = bool(length) and PLAUSIBLE_US[0] < stamp_us < PLAUSIBLE_US[1]
+        if is_record and frame_start + length > size:
             if not is_last:
                 break
-            fits = False
-        if fits and time_us:
+            is_record = False
+        if is_record and time_us:
             is_neighbour = -JITTER_US <= stamp_us + shift_us - time_us < SAME_CLOCK_US
         else:
             is_neighbour = cursor.offset + position == 0  # a log starts with a record
-        if fits and not is_neighbour:
-            following = at + length
+        if is_record and not is_neighbour:
+            following = frame_start + length
             if position and not is_last and size - following < TIME_BYTES + MIN_FRAME_BYTES:
                 break  # checked again with the next piece
-            fits = _follows(data, following, stamp_us)
-        if not fits:
+            is_record = _record_follows(data, following, stamp_us)
+        if not is_record:
             step = _next_start(data, position + TIME_BYTES + 1, size) - TIME_BYTES - position
             step = max(1, step)
             skipped += step
@@ -185,8 +185,15 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
             shift_us -= jump_us
             jump_us = 0
         time_us = max(time_us, stamp_us + shift_us)
-        records.append(Record(time_us, cursor.offset + position, _key(data, at), data[at : at + length]))
-        position = at + length
+        records.append(
+            Record(
+                time_us,
+                cursor.offset + position,
+                _key(data, frame_start),
+                data[frame_start : frame_start + length],
+            )
+        )
+        position = frame_start + length
     if is_last:
         skipped += size - position
         position = size
@@ -194,12 +201,12 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
     return Batch(records, after, is_last, skipped)
 
 
-def _follows(data: bytes, position: int, stamp_us: int) -> bool:
+def _record_follows(data: bytes, position: int, stamp_us: int) -> bool:
     """Whether a record with about the same time starts at this position."""
     if len(data) - position < TIME_BYTES + MIN_FRAME_BYTES:
         return False
-    near = abs(_time.unpack_from(data, position)[0] - stamp_us) < SAME_CLOCK_US
-    return near and _frame_length(data, position + TIME_BYTES) > 0
+    is_near = abs(_time.unpack_from(data, position)[0] - stamp_us) < SAME_CLOCK_US
+    return is_near and _frame_length(data, position + TIME_BYTES) > 0
 
 
 def _next_start(data: bytes, position: int, size: int) -> int:
@@ -208,13 +215,17 @@ def _next_start(data: bytes, position: int, size: int) -> int:
     return v1 if v1 >= 0 else v2 if v2 >= 0 else size
 
 
-def _frame_length(data: bytes, at: int) -> int:
-    if data[at] == STX_V2:
-        return 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
-    return 8 + data[at + 1] if data[at] == STX_V1 else 0
+def _frame_length(data: bytes, frame_start: int) -> int:
+    if data[frame_start] == STX_V2:
+        return 12 + data[frame_start + 1] + (13 if data[frame_start + 2] & 1 else 0)
+    return 8 + data[frame_start + 1] if data[frame_start] == STX_V1 else 0
 
 
-def _key(data: bytes, at: int) -> int:
-    if data[at] == STX_V2:
-        return data[at + 5] << 32 | data[at + 6] << 24 | int.from_bytes(data[at + 7 : at + 10], "little")
-    return data[at + 3] << 32 | data[at + 4] << 24 | data[at + 5]
+def _key(data: bytes, frame_start: int) -> int:
+    if data[frame_start] == STX_V2:
+        return (
+            data[frame_start + 5] << 32
+            | data[frame_start + 6] << 24
+            | int.from_bytes(data[frame_start + 7 : frame_start + 10], "little")
+        )
+    return data[frame_start + 3] << 32 | data[frame_start + 4] << 24 | data[frame_start + 5]

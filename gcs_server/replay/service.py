@@ -22,9 +22,9 @@ from gcs_server.replay.marks import VehicleMarks, make_marks
 from gcs_server.vehicle.fleet import Fleet
 
 MAX_INDEXES = 4
-"""Number of indexes in memory; the index of a long flight needs a few megabytes, the largest possible one
-20."""
-READ_AT_ONCE = 2
+"""Maximum number of indexes in memory; the index of a long flight needs a few megabytes, the largest possible
+index 20 MB."""
+MAX_READERS = 2
 MAX_REPLAYS = 8
 
 T = TypeVar("T")
@@ -81,7 +81,7 @@ class Replays:
         self._router, self._fleet = router, fleet
         self._catalogue = Catalogue(folder)
         self._processes: set[IndexProcess] = set()
-        self._readers = ThreadPoolExecutor(READ_AT_ONCE, thread_name_prefix="recordings")
+        self._readers = ThreadPoolExecutor(MAX_READERS, thread_name_prefix="recordings")
         self._listing = asyncio.Lock()
         self._indexes: OrderedDict[FileKey, asyncio.Future[Index]] = OrderedDict()
         self._marks: OrderedDict[FileKey, asyncio.Future[tuple[VehicleMarks, ...]]] = OrderedDict()
@@ -94,13 +94,13 @@ class Replays:
             if info.recording is not None and info.recording.file and info.recording.stopped is None
         }
         async with self._listing:  # the second of two concurrent callers uses the first one's result
-            found = await asyncio.to_thread(self._catalogue.all, running)
+            infos = await asyncio.to_thread(self._catalogue.all, running)
         indexes = {
             (path.name, version[0]): future.result()
             for (path, version), future in self._indexes.items()
             if future.done() and not future.cancelled() and future.exception() is None
         }
-        return [_with_index(info, indexes.get((info.name, info.bytes))) for info in found]
+        return [_with_index(info, indexes.get((info.name, info.bytes))) for info in infos]
 
     def path(self, name: str) -> Path:
         """Path of a recording's file. Raises UnknownRecording."""
@@ -141,7 +141,7 @@ class Replays:
         return await self._view(link.path, link.index)
 
     async def open(self, name: str, *, speed: float, playing: bool) -> Replay:
-        """Opens a replay from the start; an open one is not changed.
+        """Opens a replay from the start; a replay that is already open is not changed.
 
         Raises:
             UnknownRecording: there is no such recording.
@@ -151,10 +151,12 @@ class Replays:
         path = self.path(name)
         link_name = f"replay-{path.name}"
         index = await self._index(path)
-        is_open = {link.name for link in self._links()}
-        if link_name not in is_open and len(is_open) >= MAX_REPLAYS:
-            raise Refused(f"{len(is_open)} recordings are open already.", remedy="Close one of them first.")
-        if link_name not in is_open:
+        open_names = {link.name for link in self._links()}
+        if link_name not in open_names and len(open_names) >= MAX_REPLAYS:
+            raise Refused(
+                f"{len(open_names)} recordings are open already.", remedy="Close one of them first."
+            )
+        if link_name not in open_names:
             url = f"tlog:{quote(str(path))}"
             link = TlogLink(link_name, url, path, speed, index=index)
             self._router.add(link)
@@ -220,22 +222,22 @@ class Replays:
 
     def _replay(self, link: TlogLink) -> Replay:
         vehicles = tuple(v.id for v in self._fleet.all() if v.identity.replayed and link.name in v.links)
-        s = link.replay_state()
+        state = link.replay_state()
         return Replay(
             link.name,
             link.path.name,
             vehicles,
-            s.state,
-            s.detail,
-            s.playing,
-            s.speed,
-            s.position_unix_s,
-            s.begin_unix_s,
-            s.end_unix_s,
+            state.state,
+            state.detail,
+            state.playing,
+            state.speed,
+            state.position_unix_s,
+            state.begin_unix_s,
+            state.end_unix_s,
         )
 
     async def _view(self, path: Path, index: Index) -> RecordingIndex:
-        marks = await self._once(self._marks, path, lambda: make_marks(path, index))
+        marks = await self._compute_once(self._marks, path, lambda: make_marks(path, index))
         return RecordingIndex(
             path.name,
             index.begin_us / 1e6,
@@ -255,9 +257,9 @@ class Replays:
             finally:
                 self._processes.discard(process)
 
-        return await self._once(self._indexes, path, make)
+        return await self._compute_once(self._indexes, path, make)
 
-    async def _once(
+    async def _compute_once(
         self,
         results: OrderedDict[FileKey, asyncio.Future[T]],
         path: Path,

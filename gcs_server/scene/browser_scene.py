@@ -32,12 +32,12 @@ from missions.frames import Vector3, yaw_from_q
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
 """Sizes of the grid's cells [m]; a section has ten cells."""
-FINE_BELOW = 45.0
-"""Height of the camera in cells above which the next coarser grid is drawn."""
+FINE_GRID_MAX_CELLS = 45.0
+"""Height of the camera above the ground, in cells, from which on the next coarser grid is drawn."""
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-COMPASS_AT_M = 8_000.0
+COMPASS_DISTANCE_M = 8_000.0
 """Distance of the compass letters, so that they appear at the horizon [m]."""
-CAMERA_STRAYED_M = 0.02
+MAX_CAMERA_DRIFT_M = 0.02
 FAR_M = 20_000.0
 
 
@@ -47,12 +47,16 @@ class BrowserScene:
     Args:
         client: viser's handle of the browser.
         view: the requested view.
-        isolation: runs the drawing of each vehicle separately, so that a fault affects only one.
-        before: the browser's previous scene (in another theme); its camera pose is kept.
+        isolation: runs the drawing of each vehicle separately, so that a fault affects only one vehicle.
+        previous: the browser's previous scene (in another theme); its camera pose is kept.
     """
 
     def __init__(
-        self, client: viser.ClientHandle, view: View, isolation: Isolation, before: BrowserScene | None = None
+        self,
+        client: viser.ClientHandle,
+        view: View,
+        isolation: Isolation,
+        previous: BrowserScene | None = None,
     ) -> None:
         self._client = client
         self._isolation = isolation
@@ -60,12 +64,12 @@ class BrowserScene:
         self._palette: Palette = PALETTES[view.theme]
         self._shapes: Shapes = shapes()
         self._vehicles: dict[str, VehicleNode] = {}
-        self._world_pose = before._world_pose if before is not None else WorldPose()
-        self._mode: Mode | None = before._mode if before is not None else None
+        self._world_pose = previous._world_pose if previous is not None else WorldPose()
+        self._mode: Mode | None = previous._mode if previous is not None else None
         self._grid_step_m = 0.0
         self._next_grid_s = 0.0
-        self._framed_serial = before._framed_serial if before is not None else -1
-        """Serial of the preview for which the camera was moved last; -1: none."""
+        self._framed_serial = previous._framed_serial if previous is not None else -1
+        """Serial of the preview for which the camera was moved last; -1: not moved yet."""
         client.gui.configure_theme(
             control_layout="floating",
             dark_mode=view.theme == "dark",
@@ -112,7 +116,7 @@ class BrowserScene:
         dry_run_start_m: Vector3 | None = None,
         origin_deg_m: Vector3 | None = None,
     ) -> None:
-        """Sends changes.
+        """Sends the changes since the last call.
 
         Args:
             fleet: vehicles by id; their order determines the colours.
@@ -124,7 +128,7 @@ class BrowserScene:
             for vehicle_id in [v for v in self._vehicles if v not in fleet]:
                 self._vehicles.pop(vehicle_id).remove()
             self._add_vehicle(fleet, followed_id)
-            followed = self._show_dry_run(view, dry_run_start_m)
+            simulated_pose = self._show_dry_run(view, dry_run_start_m)
             for vehicle_id, node in self._vehicles.items():
                 track = fleet[vehicle_id]
                 if track.smoother.pose is None:
@@ -135,10 +139,10 @@ class BrowserScene:
                     track.smoother,
                     track.trail,
                     now_s,
-                    hidden=view.mode == "gimbal" and vehicle_id == followed_id and followed is None,
+                    hidden=view.mode == "gimbal" and vehicle_id == followed_id and simulated_pose is None,
                 )
             self._update_camera(
-                view, fleet[followed_id].smoother if followed_id is not None else None, followed
+                view, fleet[followed_id].smoother if followed_id is not None else None, simulated_pose
             )
             self._show_preview(view, fleet[followed_id] if followed_id is not None else None)
             if now_s >= self._next_grid_s:
@@ -159,14 +163,14 @@ class BrowserScene:
         ]
 
     def _add_vehicle(self, fleet: Mapping[str, Track], followed_id: str | None) -> None:
-        """Creates the nodes of one vehicle that has none, first those of the followed vehicle. This took 24
-        ms for one vehicle on a slow machine. A whole fleet at once would stop all views for seconds.
+        """Creates the nodes of one vehicle that has none, first of the followed vehicle. Creating the nodes
+        of a whole fleet at once would stop all views for seconds: one vehicle takes 24 ms on a slow machine.
         """
-        waiting = [v for v in fleet if v not in self._vehicles and fleet[v].smoother.pose is not None]
-        if waiting:
-            new = followed_id if followed_id in waiting else waiting[0]
-            self._vehicles[new] = VehicleNode(
-                self._client, list(fleet).index(new), self._palette, self._shapes
+        missing_ids = [v for v in fleet if v not in self._vehicles and fleet[v].smoother.pose is not None]
+        if missing_ids:
+            new_id = followed_id if followed_id in missing_ids else missing_ids[0]
+            self._vehicles[new_id] = VehicleNode(
+                self._client, list(fleet).index(new_id), self._palette, self._shapes
             )
 
     def set_dragged_handle(self, *, changes_yaw: bool) -> None:
@@ -184,12 +188,12 @@ class BrowserScene:
         if self._preview is None:
             self._preview = PreviewNode(self._client, self._palette, self._shapes)
         world_is_fixed = view.mode == "free"  # in the other modes the world moves during a drag
-        at = enu_from_ned(view.preview.position_ned_m)
+        position_enu_m = enu_from_ned(view.preview.position_ned_m)
         if not world_is_fixed:
             self._framed_serial = -1
         elif view.preview.handles and view.preview.serial != self._framed_serial:
             self._framed_serial = view.preview.serial
-            self._show_handles(_sum(origin, at), pose.position_enu_m)
+            self._show_handles(_sum(origin, position_enu_m), pose.position_enu_m)
         self._preview.update(
             view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=world_is_fixed
         )
@@ -198,24 +202,26 @@ class BrowserScene:
         """Draws paths and vehicles of the dry run if the page shows one.
 
         Returns:
-            The pose of the first vehicle if the camera follows it instead of the real one.
+            The pose of the first simulated vehicle, if the camera follows it instead of the real vehicle.
         """
-        shown = view.dry_run
-        if shown is None or start_m is None:
+        dry_run = view.dry_run
+        if dry_run is None or start_m is None:
             self._drop_dry_run()
             return None
-        drawn = self._dry_run
-        if not drawn or drawn[0].path is not shown.paths[0] or drawn[0].origin_enu_m != start_m:
+        nodes = self._dry_run
+        if not nodes or nodes[0].path is not dry_run.paths[0] or nodes[0].origin_enu_m != start_m:
             self._drop_dry_run()
-            drawn += [
+            nodes += [
                 DryRunNode(self._client, number, path, start_m, self._palette, self._shapes)
-                for number, path in enumerate(shown.paths)
+                for number, path in enumerate(dry_run.paths)
             ]
-        poses = [pose_at(node.path, shown.t_s or 0.0, start_m) for node in drawn]
-        for node, pose in zip(drawn, poses, strict=True):
-            inside = shown.follow and view.mode == "gimbal" and node is drawn[0]
-            node.update(pose, hidden=shown.t_s is None or inside, open_corridor=shown.t_s is None)
-        return poses[0] if shown.follow and shown.t_s is not None else None
+        poses = [pose_at(node.path, dry_run.t_s or 0.0, start_m) for node in nodes]
+        for node, pose in zip(nodes, poses, strict=True):
+            camera_is_inside = dry_run.follow and view.mode == "gimbal" and node is nodes[0]
+            node.update(
+                pose, hidden=dry_run.t_s is None or camera_is_inside, corridor_edges_only=dry_run.t_s is None
+            )
+        return poses[0] if dry_run.follow and dry_run.t_s is not None else None
 
     def _drop_dry_run(self) -> None:
         for node in self._dry_run:
@@ -223,7 +229,8 @@ class BrowserScene:
         self._dry_run.clear()
 
     def _show_handles(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
-        """Moves the camera so that handles moved by a page are visible; keeps the direction of view."""
+        """Moves the camera so that the handles that a page has moved are visible; keeps the direction of
+        view."""
         camera = self._client.camera
         position, look_at = camera_for_handles(
             _triple(camera.position), _triple(camera.look_at), handles_m, vehicle_m
@@ -240,16 +247,18 @@ class BrowserScene:
     def _scale(self) -> str:
         return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
 
-    def _update_camera(self, view: View, smoother: Smoother | None, followed: VehiclePose | None) -> None:
+    def _update_camera(
+        self, view: View, smoother: Smoother | None, simulated_pose: VehiclePose | None
+    ) -> None:
         pose = smoother.pose if smoother is not None else None
         heading_enu_rad = smoother.heading_enu_rad if smoother is not None else 0.0
-        if followed is not None:
-            pose, heading_enu_rad = followed, yaw_from_q(followed.q_enu_flu)
+        if simulated_pose is not None:
+            pose, heading_enu_rad = simulated_pose, yaw_from_q(simulated_pose.q_enu_flu)
         world = world_pose(view.mode, pose, heading_enu_rad)
         if view.mode != self._mode:
             self._start_mode(view.mode, world, pose)
         elif view.mode == "gimbal":
-            self._hold_camera()
+            self._restore_gimbal_camera()
         if world != self._world_pose:
             self._moving_world.place(world.position_m)
             self._moving_world.turn(world.q)
@@ -257,17 +266,17 @@ class BrowserScene:
             self._world_pose = world
 
     def _start_mode(self, mode: Mode, world: WorldPose, pose: VehiclePose | None) -> None:
-        wanted, camera = CAMERAS[mode], self._client.camera
-        position, look_at = wanted.position_m, wanted.look_at_m
+        camera_pose, camera = CAMERAS[mode], self._client.camera
+        position, look_at = camera_pose.position_m, camera_pose.look_at_m
         if mode == "free" and self._mode is not None:
             # The camera pose is kept; only the world moves back.
             position = in_world(self._world_pose, _triple(camera.position))
             look_at = in_world(self._world_pose, _triple(camera.look_at))
         elif mode == "free" and pose is not None:
-            position = _sum(wanted.position_m, pose.position_enu_m)
+            position = _sum(camera_pose.position_m, pose.position_enu_m)
             look_at = pose.position_enu_m
         self._mode = mode
-        self._set_camera(position, look_at, wanted.fov_rad)
+        self._set_camera(position, look_at, camera_pose.fov_rad)
 
     def _set_camera(self, position: Vector3, look_at: Vector3, fov_rad: float) -> None:
         camera = self._client.camera
@@ -277,19 +286,21 @@ class BrowserScene:
         camera.fov = fov_rad
         camera.near, camera.far = 0.05, FAR_M
 
-    def _hold_camera(self) -> None:
-        wanted, camera = CAMERAS["gimbal"], self._client.camera
+    def _restore_gimbal_camera(self) -> None:
+        camera_pose, camera = CAMERAS["gimbal"], self._client.camera
         look_at = _triple(camera.look_at)
-        ahead = _difference(look_at, _triple(camera.position))
-        strayed_m = math.dist(_triple(camera.position), wanted.position_m)
-        if strayed_m > CAMERA_STRAYED_M or math.hypot(ahead[1], ahead[2]) > 0.01 * max(0.1, ahead[0]):
-            self._set_camera(wanted.position_m, wanted.look_at_m, wanted.fov_rad)
+        view_direction = _difference(look_at, _triple(camera.position))
+        drift_m = math.dist(_triple(camera.position), camera_pose.position_m)
+        if drift_m > MAX_CAMERA_DRIFT_M or math.hypot(view_direction[1], view_direction[2]) > 0.01 * max(
+            0.1, view_direction[0]
+        ):
+            self._set_camera(camera_pose.position_m, camera_pose.look_at_m, camera_pose.fov_rad)
 
     def _fit_grid(self) -> None:
         """Chooses the grid's cell size: finer near the ground, coarser from above."""
         camera = self._client.camera
         height_m = abs(in_world(self._world_pose, _triple(camera.position))[2])
-        step_m = next((s for s in GRID_STEPS_M[:-1] if height_m < FINE_BELOW * s), GRID_STEPS_M[-1])
+        step_m = next((s for s in GRID_STEPS_M[:-1] if height_m < FINE_GRID_MAX_CELLS * s), GRID_STEPS_M[-1])
         if step_m == self._grid_step_m:
             return
         self._grid_step_m = step_m
@@ -309,14 +320,16 @@ class BrowserScene:
     def _show_marks(self, mode: Mode) -> None:
         """Shows the numbers on the ground only from above, because they cannot be read from a low camera
         behind a vehicle."""
-        readable = mode in ("free", "top")
-        if self._marks.visible != readable:
-            self._marks.visible = readable
+        is_readable = mode in ("free", "top")
+        if self._marks.visible != is_readable:
+            self._marks.visible = is_readable
 
     def _compass_label(self, eighth: int, name: str) -> Label:
         label = Label(self._client, f"/world/compass_{name}", self._palette.text_3, side="sign")
         bearing_rad = eighth * math.pi / 4
-        label.move((math.sin(bearing_rad) * COMPASS_AT_M, math.cos(bearing_rad) * COMPASS_AT_M, 0.0))
+        label.move(
+            (math.sin(bearing_rad) * COMPASS_DISTANCE_M, math.cos(bearing_rad) * COMPASS_DISTANCE_M, 0.0)
+        )
         label.text = name
         return label
 

@@ -19,7 +19,7 @@ REACH_M = 5_000.0
 flat."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
-Share = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
+Fraction = Annotated[float, Field(allow_inf_nan=False, ge=0.0, le=1.0)]
 
 
 class ClickRequest(BaseModel):
@@ -31,8 +31,8 @@ class ClickRequest(BaseModel):
     ray_enu: tuple[Finite, Finite, Finite] = Field(
         description="Direction from the camera to the clicked point."
     )
-    view_x: Share = Field(description="Position in the view from its left edge, 0 to 1.")
-    view_y: Share = Field(description="Position in the view from its upper edge, 0 to 1.")
+    view_x: Fraction = Field(description="Position in the view from its left edge, 0 to 1.")
+    view_y: Fraction = Field(description="Position in the view from its upper edge, 0 to 1.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ def ground_point(eye_enu_m: Vector3, ray_enu: Vector3, ground_z_m: float) -> Vec
     height_m = eye_enu_m[2] - ground_z_m
     if descent <= 0.0 or height_m <= 0.0:
         return None
-    away = (ray_enu[0] / descent * height_m, ray_enu[1] / descent * height_m)
-    if math.hypot(*away) > REACH_M:
+    offset_en_m = (ray_enu[0] / descent * height_m, ray_enu[1] / descent * height_m)
+    if math.hypot(*offset_en_m) > REACH_M:
         return None
-    return (eye_enu_m[0] + away[0], eye_enu_m[1] + away[1], ground_z_m)
+    return (eye_enu_m[0] + offset_en_m[0], eye_enu_m[1] + offset_en_m[1], ground_z_m)

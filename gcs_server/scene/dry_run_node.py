@@ -1,5 +1,5 @@
-"""One vehicle of a dry run in a browser's scene. Corridor and path are sent once, afterwards only the
-pose."""
+"""One vehicle of a dry run in a browser's scene. Corridor and path are sent once; then only the pose is
+sent."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import viser
 
 from gcs_server.scene.dry_runs import DryRunPath, corridor_edges, corridor_mesh, path_lines
 from gcs_server.scene.labels import Label
-from gcs_server.scene.model import GIMBAL_AT_M
+from gcs_server.scene.model import GIMBAL_POSITION_M
 from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import Palette, tone_corrected
 from gcs_server.scene.pose import VehiclePose
@@ -40,7 +40,7 @@ class DryRunNode:
     ) -> None:
         self.path, self.origin_enu_m = path, origin_enu_m
         self._scene, self._colour = client.scene, tone_corrected(palette.target, palette)
-        self._drawn: VehiclePose | None = None
+        self._drawn_pose: VehiclePose | None = None
         self._root_name = root = f"{ROOT}_{number}"
         self._root = self._scene.add_frame(root, show_axes=False)
         self._scene.add_frame(f"{root}/flown", show_axes=False, position=origin_enu_m)
@@ -53,7 +53,7 @@ class DryRunNode:
         self._ghost_node = MovingNode(client, f"{root}/ghost")
         self._mesh("/ghost/shell", shapes.shell, 0.45)
         self._lines("/ghost/outline", shapes.ghost, 1.6)
-        self._scene.add_frame(f"{root}/ghost/gimbal", show_axes=False, position=GIMBAL_AT_M)
+        self._scene.add_frame(f"{root}/ghost/gimbal", show_axes=False, position=GIMBAL_POSITION_M)
         self._gimbal_node = MovingNode(client, f"{root}/ghost/gimbal")
         self._frustum = self._scene.add_frame(f"{root}/ghost/gimbal/sees", show_axes=False)
         volume, edges = shapes.frustum
@@ -65,20 +65,20 @@ class DryRunNode:
         """Removes all nodes."""
         self._root.remove()
 
-    def update(self, pose: VehiclePose, *, hidden: bool, open_corridor: bool) -> None:
+    def update(self, pose: VehiclePose, *, hidden: bool, corridor_edges_only: bool) -> None:
         """Moves the simulated vehicle.
 
         Args:
-            hidden: hides the vehicle, because the view looks through its camera.
-            open_corridor: draws only the edges of the corridor, because the camera is inside it, behind the
-                real vehicle.
+            hidden: hides the simulated vehicle, because the view looks through its camera.
+            corridor_edges_only: draws only the edges of the corridor, because the camera is inside it, behind
+                the real vehicle.
         """
-        self._ghost.visible = self.label.shown = not hidden
+        self._ghost.visible = self.label.visible = not hidden
         if self._corridor is not None:
-            self._corridor.visible = not open_corridor
-        if pose == self._drawn:
+            self._corridor.visible = not corridor_edges_only
+        if pose == self._drawn_pose:
             return
-        self._drawn = pose
+        self._drawn_pose = pose
         self._ghost_node.place(pose.position_enu_m)
         self._ghost_node.turn(pose.q_enu_flu)
         if pose.q_body_camera is not None:

@@ -20,7 +20,7 @@ from missions.frames import IDENTITY, Vector3, conjugate, multiply, normalized, 
 
 MAX_POINTS = 600
 """Maximum number of drawn points of the path."""
-LEVEL_M = 0.01
+MIN_HORIZONTAL_M = 0.01
 """Horizontal distance below which two points define no direction [m]."""
 
 DryRunResults = Callable[[str], Mapping[str, Any]]
@@ -40,7 +40,8 @@ class DryRunRequest(BaseModel):
         description="Time to show, since the start of the flight [s]; null: show only paths and corridor.",
     )
     follow: bool = Field(
-        default=False, description="Whether the camera follows the simulated vehicle instead of the real one."
+        default=False,
+        description="Whether the camera follows the simulated vehicle instead of the real vehicle.",
     )
 
 
@@ -73,7 +74,7 @@ class DryRunMoment:
 
     id: str
     paths: tuple[DryRunPath, ...]
-    """Path of each vehicle that flew; the camera follows the first one."""
+    """Path of each vehicle that flew; the camera follows the first vehicle."""
     t_s: float | None
     """Time since the start of the flight [s]; None: the vehicles are not shown."""
     follow: bool
@@ -113,8 +114,8 @@ def _path_of(
 
 def path_lines(path: DryRunPath) -> Points:
     """(K, 2, 3): the flown path as line segments, thinned."""
-    every = max(1, len(path.t_s) // MAX_POINTS)
-    line = np.concatenate([path.position_enu_m[::every], path.position_enu_m[-1:]]).astype(np.float32)
+    stride = max(1, len(path.t_s) // MAX_POINTS)
+    line = np.concatenate([path.position_enu_m[::stride], path.position_enu_m[-1:]]).astype(np.float32)
     return np.stack([line[:-1], line[1:]], axis=1)
 
 
@@ -132,7 +133,7 @@ def corridor_mesh(path: DryRunPath) -> Mesh | None:
 
 
 def corridor_edges(path: DryRunPath) -> Points | None:
-    """(K, 2, 3): the four edges of the corridor as line segments; None without one."""
+    """(K, 2, 3): the four edges of the corridor as line segments; None if there is no corridor."""
     corners = path.corridor_enu_m
     if corners is None or len(corners) < 2:
         return None
@@ -149,14 +150,14 @@ def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
     after = int(np.clip(np.searchsorted(path.t_s, t_s, side="right"), 1, max(1, last)))
     before, after = min(after - 1, last), min(after, last)
     span_s = path.t_s[after] - path.t_s[before]
-    share = float(np.clip((t_s - path.t_s[before]) / span_s, 0.0, 1.0)) if span_s > 0 else 1.0
-    at = path.position_enu_m[before] * (1 - share) + path.position_enu_m[after] * share
-    nearest = after if share > 0.5 else before
+    fraction = float(np.clip((t_s - path.t_s[before]) / span_s, 0.0, 1.0)) if span_s > 0 else 1.0
+    position_enu_m = path.position_enu_m[before] * (1 - fraction) + path.position_enu_m[after] * fraction
+    nearest = after if fraction > 0.5 else before
     w, x, y, z = (float(value) for value in path.q_ned_frd[nearest])
     q_enu_flu = q_enu_flu_from_q_ned_frd(normalized((w, x, y, z)) or IDENTITY)
     pitch_rad, yaw_rad = (float(value) for value in path.gimbal_rad[nearest])
     q_camera = q_enu_flu_from_q_ned_frd(q_from_euler(0.0, pitch_rad, yaw_rad))
-    east_m, north_m, up_m = (float(value) for value in at)
+    east_m, north_m, up_m = (float(value) for value in position_enu_m)
     return VehiclePose(
         position_enu_m=(origin_enu_m[0] + east_m, origin_enu_m[1] + north_m, origin_enu_m[2] + up_m),
         q_enu_flu=q_enu_flu,
@@ -177,16 +178,18 @@ def _enu(positions_ned_m: Any) -> NDArray[np.float64]:
 
 
 def _corners(corridor: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Corners of the corridor: 95 % of the flights sideways, and the middle 90 % vertically."""
+    """Corners of the corridor, which contains 95 % of the flights sideways and the middle 90 % vertically."""
     middle = _enu(corridor["position_ned_m"])
-    ahead = np.gradient(middle[:, :2], axis=0) if len(middle) > 1 else np.zeros((len(middle), 2))
-    length_m = np.hypot(ahead[:, 0], ahead[:, 1])
-    level = length_m > LEVEL_M
+    direction = np.gradient(middle[:, :2], axis=0) if len(middle) > 1 else np.zeros((len(middle), 2))
+    length_m = np.hypot(direction[:, 0], direction[:, 1])
+    has_direction = length_m > MIN_HORIZONTAL_M
     # During a vertical climb the corridor keeps the direction of the previous leg.
-    index = np.maximum.accumulate(np.where(level, np.arange(len(middle)), 0))
-    ahead = np.where(level[:, None], ahead / np.maximum(length_m, LEVEL_M)[:, None], 0.0)[index]
-    ahead[np.hypot(ahead[:, 0], ahead[:, 1]) < 0.5] = (0.0, 1.0)
-    left = np.stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(middle))], axis=1)
+    index = np.maximum.accumulate(np.where(has_direction, np.arange(len(middle)), 0))
+    direction = np.where(
+        has_direction[:, None], direction / np.maximum(length_m, MIN_HORIZONTAL_M)[:, None], 0.0
+    )[index]
+    direction[np.hypot(direction[:, 0], direction[:, 1]) < 0.5] = (0.0, 1.0)
+    left = np.stack([-direction[:, 1], direction[:, 0], np.zeros(len(middle))], axis=1)
     sideways = left * np.asarray(corridor["horizontal_m"]["p95"], float)[:, None]
     up = np.array([0.0, 0.0, 1.0])
     low = up * np.asarray(corridor["vertical_m"]["p5"], float)[:, None]

@@ -1,8 +1,8 @@
 """Conversions to ENU and FLU, which only the scene uses; all other code uses NED and FRD.
 
 Vectors are `(x, y, z)` tuples [m], quaternions `(w, x, y, z)` tuples. The name of a quaternion contains both
-frames: `q_enu_flu` transforms FLU vectors to ENU. Values are floats, because for one pose they are faster
-than NumPy.
+frames: `q_enu_flu` transforms FLU vectors to ENU. Values are Python floats, which are faster than NumPy for
+one pose.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from missions.frames import Quaternion, Vector3, normalized, yaw_from_q
 
 GROUND_HANDLE = "/world/gizmo_ground"
 HEIGHT_HANDLE = "/world/gizmo_height"
-REACH_M = 1_000.0
+MAX_DRAG_DISTANCE_M = 1_000.0
 """Maximum distance from the vehicle to which the preview can be dragged [m]. Near the horizon one pixel
 covers a large distance.
 """
@@ -93,8 +93,8 @@ class SceneGizmo:
     """Whether the handle was released."""
 
 
-def drag_of(message: MovedMessage | ReleasedMessage) -> Drag | None:
-    """The drag in a browser's message; None if it is for another handle or the position is not valid."""
+def parse_drag(message: MovedMessage | ReleasedMessage) -> Drag | None:
+    """The drag in a browser's message; None if the message is for another handle or has no valid position."""
     if message.name not in (GROUND_HANDLE, HEIGHT_HANDLE):
         return None
     changes_yaw = message.name == GROUND_HANDLE
@@ -106,7 +106,7 @@ def drag_of(message: MovedMessage | ReleasedMessage) -> Drag | None:
     return Drag(message.position, q, changes_yaw)
 
 
-def dragged(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: Vector3) -> Preview | None:
+def apply_drag(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: Vector3) -> Preview | None:
     """The preview after a drag; None if it was dragged too far.
 
     Args:
@@ -115,7 +115,7 @@ def dragged(preview: Preview, drag: Drag, origin_enu_m: Vector3, vehicle_enu_m: 
     """
     if drag.position_enu_m is None or drag.q_enu is None:
         return preview
-    if math.dist(drag.position_enu_m, vehicle_enu_m) > REACH_M:
+    if math.dist(drag.position_enu_m, vehicle_enu_m) > MAX_DRAG_DISTANCE_M:
         return None
     east, north, up = (p - o for p, o in zip(drag.position_enu_m, origin_enu_m, strict=True))
     yaw_ned_rad = preview.yaw_ned_rad

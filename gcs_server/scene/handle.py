@@ -20,7 +20,7 @@ from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
 START_TIMEOUT_S = 60.0
 END_TIMEOUT_S = 3.0
 MAX_WAITING_BYTES = 8_000_000
-"""Number of unread bytes above which the process counts as dead."""
+"""Number of bytes that the process has not read, above which it counts as dead."""
 REMEDY = "Flying is not affected; try again in a few seconds."
 
 
@@ -34,8 +34,8 @@ class SceneWorker:
     def __init__(self, on_message: Callable[[object], None]) -> None:
         self._loop = asyncio.get_running_loop()
         self._on_message = on_message
-        ours, self._theirs = socket.socketpair()
-        self._pipe = MessagePipe(ours, MAX_WAITING_BYTES)
+        server_socket, self._worker_socket = socket.socketpair()
+        self._pipe = MessagePipe(server_socket, MAX_WAITING_BYTES)
         self._process: subprocess.Popen[bytes] | None = None
         self._address: asyncio.Future[ViserAddress] = self._loop.create_future()
         self._ended: asyncio.Future[None] = self._loop.create_future()
@@ -50,11 +50,11 @@ class SceneWorker:
     async def start(self) -> ViserAddress:
         """Starts the process; returns the address of viser. Raises SceneError."""
         try:
-            self._process = await asyncio.to_thread(_start, self._theirs)
+            self._process = await asyncio.to_thread(_start, self._worker_socket)
         except OSError as error:
             raise SceneError(f"The 3D view could not be started: {error}.", remedy=REMEDY) from error
         finally:
-            self._theirs.close()  # so that the end of the process is noticed
+            self._worker_socket.close()  # so that the end of the process closes the socket pair
         self._loop.add_reader(self._pipe.fileno(), self._read)
         futures = (self._address, self._ended)
         await asyncio.wait(futures, timeout=START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
@@ -91,7 +91,7 @@ class SceneWorker:
         if not self._ended.cancel() and not self._ended.cancelled():
             self._ended.exception()  # retrieved, so that asyncio does not log it again
         if self._process is not None:
-            await asyncio.to_thread(_reap, self._process)
+            await asyncio.to_thread(_wait_or_kill, self._process)
         if self._address.done():  # a killed process has not removed its folder
             folder = Path(self._address.result().socket_path).parent
             await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
@@ -109,7 +109,7 @@ class SceneWorker:
                 self._on_message(message)
 
     def _flush(self) -> None:
-        with contextlib.suppress(EOFError):  # `_read` also notices it
+        with contextlib.suppress(EOFError):  # `_read` reports the end of the process
             self._pipe.flush()
             if self._pipe.has_unsent_data:
                 return
@@ -122,16 +122,16 @@ class SceneWorker:
             self._ended.set_exception(SceneError(text, remedy=REMEDY))
 
 
-def _start(theirs: socket.socket) -> subprocess.Popen[bytes]:
+def _start(worker_socket: socket.socket) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-m", "gcs_server.scene.worker", str(theirs.fileno())],
+        [sys.executable, "-m", "gcs_server.scene.worker", str(worker_socket.fileno())],
         stdin=subprocess.DEVNULL,
-        pass_fds=[theirs.fileno()],
+        pass_fds=[worker_socket.fileno()],
         start_new_session=True,  # Ctrl-C is for the server
     )
 
 
-def _reap(process: subprocess.Popen[bytes]) -> None:
+def _wait_or_kill(process: subprocess.Popen[bytes]) -> None:
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(END_TIMEOUT_S)
         return

@@ -39,8 +39,9 @@ from gcs_server.scene.messages import SECRET_HEADER, SceneError, ViserAddress
 log = logging.getLogger(__name__)
 
 START_DEADLINE_S = 20.0
-STARTING_S = 60.0
-"""Younger folders may belong to a server that is still starting [s]."""
+MIN_STALE_AGE_S = 60.0
+"""Minimum age of a folder to be removed [s]; a younger folder may belong to a server that is still
+starting."""
 FOLDER_PREFIX = "gcs-scene-"
 MAX_SOCKET_PATH = 100
 """Maximum length of the socket's path; Unix systems allow 104 to 108 bytes."""
@@ -76,9 +77,9 @@ class ViserHost:
     async def start(self) -> ViserAddress:
         """Starts viser; raises SceneError with the reason."""
         try:
-            self._folder = await asyncio.to_thread(_own_folder)
+            self._folder = await asyncio.to_thread(_create_folder)
             # The socket is bound here, so that a failure raises an exception; viser would retry forever.
-            listener = _bound(self.socket_path)
+            listener = _bind(self.socket_path)
             async with asyncio.timeout(START_DEADLINE_S):
                 self._server = await asyncio.to_thread(self._build, listener)
         except (OSError, TimeoutError) as error:
@@ -111,29 +112,30 @@ class ViserHost:
 
     def _build(self, listener: socket.socket) -> viser.ViserServer:
         with _starting:
-            rich.get_console().quiet = True  # only viser prints with rich here
-            theirs: Any = _infra
-            own = theirs.websockets
+            rich.get_console().quiet = True  # in this process only viser prints with rich
+            viser_infra: Any = _infra
+            original = viser_infra.websockets
             try:
-                theirs.websockets = self._guarded(listener)
+                viser_infra.websockets = self._private_websockets(listener)
                 server = _PrivateViser(host="127.0.0.1", port=0, verbose=False)
             finally:
-                theirs.websockets = own
+                viser_infra.websockets = original
         for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
             server._websock_server.unregister_handler(message)  # pyright: ignore[reportPrivateUsage]
         return server
 
-    def _guarded(self, listener: socket.socket) -> types.SimpleNamespace:
-        """Replaces `websockets` while viser starts: serves this server's socket, and requires the secret."""
+    def _private_websockets(self, listener: socket.socket) -> types.SimpleNamespace:
+        """A replacement for `websockets` while viser starts: it serves this server's socket, and requires the
+        secret."""
 
         def serve(handler: Callable[..., Any], _host: str, _port: int, **options: Any) -> Any:
-            theirs = options.pop("process_request", None)
+            viser_check = options.pop("process_request", None)
 
             def process_request(connection: Any, request: Request) -> Response | None:
-                given = request.headers.get(SECRET_HEADER, "")
-                if not hmac.compare_digest(given.encode(errors="replace"), self.secret.encode()):
+                sent_secret = request.headers.get(SECRET_HEADER, "")
+                if not hmac.compare_digest(sent_secret.encode(errors="replace"), self.secret.encode()):
                     return Response(http.HTTPStatus.FORBIDDEN.value, "Forbidden", Headers(), b"")
-                return theirs(connection, request) if theirs is not None else None
+                return viser_check(connection, request) if viser_check is not None else None
 
             return websockets.asyncio.server.serve(
                 handler, process_request=process_request, unix=True, sock=listener, **options
@@ -151,7 +153,7 @@ class ViserHost:
             self._folder = None
 
 
-def _bound(path: Path) -> socket.socket:
+def _bind(path: Path) -> socket.socket:
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         listener.bind(str(path))
@@ -161,7 +163,7 @@ def _bound(path: Path) -> socket.socket:
     return listener
 
 
-def _own_folder() -> Path:
+def _create_folder() -> Path:
     """Creates a private folder (mode 0700) with a path short enough for a socket."""
     folder = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX))
     if len(str(folder)) > MAX_SOCKET_PATH:
@@ -171,14 +173,14 @@ def _own_folder() -> Path:
     return folder
 
 
-def _remove_stale_folders(ours: Path) -> None:
-    """Removes folders of killed servers: those with a socket that no process listens on."""
-    for folder in ours.parent.glob(f"{FOLDER_PREFIX}*"):
-        if folder == ours:
+def _remove_stale_folders(own_folder: Path) -> None:
+    """Removes folders of killed servers: folders with a socket that no process listens on."""
+    for folder in own_folder.parent.glob(f"{FOLDER_PREFIX}*"):
+        if folder == own_folder:
             continue
         try:
             # A starting server has bound its socket, but listens a moment later.
-            if ours.stat().st_mtime - folder.stat().st_mtime < STARTING_S:
+            if own_folder.stat().st_mtime - folder.stat().st_mtime < MIN_STALE_AGE_S:
                 continue
             with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
                 probe.settimeout(0.2)

@@ -44,7 +44,7 @@ class Label:
         self.colour = colour
         self.text = ""
         self.note = ""
-        self.shown = True
+        self.visible = True
 
     def move(self, position_m: Vector3) -> None:
         """Moves the tag."""
@@ -52,7 +52,7 @@ class Label:
 
     def html(self) -> str:
         """HTML for the script that draws the tag; empty if there is nothing to show."""
-        if not self.shown or not self.text:
+        if not self.visible or not self.text:
             return ""
         return (
             f'<i data-gcs-tag="{html.escape(self.name)}" data-gcs-colour="{self.colour}" '
@@ -77,7 +77,7 @@ class LabelLayer:
         return True
 
     def update(self, labels: list[Label], *, mode: str, scale: str, origin: str) -> None:
-        """Sends the texts if one has changed.
+        """Sends the texts if a text has changed.
 
         Args:
             mode: mode of the view; `gimbal` has a mark at the centre.

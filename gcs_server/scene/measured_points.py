@@ -11,7 +11,7 @@ from gcs_server.streamer.offboard.obstacles import scans_of
 from missions.avoidance.scans import LEVEL_MAX_SINE, recent_scans
 from missions.frames import Quaternion, Vector3
 
-SHOWN_S = 2.5
+DRAWN_FOR_S = 2.5
 """Time for which a measured point is drawn [s]; by default PX4 sends DISTANCE_SENSOR every two seconds."""
 HALF_HEIGHT_M = 0.18
 """Half the height of the stroke that marks a point [m]."""
@@ -26,7 +26,7 @@ def measured_points(
         return ()
     x, y, z = position_enu_m
     points: list[Vector3] = []
-    for scan in recent_scans(scans_of(samples, q_ned_frd, now_monotonic_s), now_monotonic_s, SHOWN_S):
+    for scan in recent_scans(scans_of(samples, q_ned_frd, now_monotonic_s), now_monotonic_s, DRAWN_FOR_S):
         for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True):
             if far_m is not None and d <= LEVEL_MAX_SINE:
                 east, north, up = enu_from_ned((n * far_m, e * far_m, d * far_m))
@@ -36,6 +36,6 @@ def measured_points(
 
 def upright_lines(points_enu_m: tuple[Vector3, ...]) -> Points:
     """An upright line at each point, (N, 2, 3), which is visible from all sides."""
-    at = np.asarray(points_enu_m, np.float32).reshape(-1, 1, 3)
+    points = np.asarray(points_enu_m, np.float32).reshape(-1, 1, 3)
     half = np.asarray([[0.0, 0.0, -HALF_HEIGHT_M], [0.0, 0.0, HALF_HEIGHT_M]], np.float32)
-    return at + half
+    return points + half

@@ -11,10 +11,10 @@ from gcs_server.scene.gizmo import Drag, SceneGizmo
 from gcs_server.scene.view_request import ViewRequest
 
 SECRET_HEADER = "X-Scene-Secret"
-ACKNOWLEDGED_EVERY = 4
-"""The process reports at the latest after this number of snapshots."""
+MAX_SNAPSHOTS_PER_REPORT = 4
+"""The process sends a `DrawingState` at the latest after this number of snapshots."""
 MAX_DRY_RUNS = 8
-"""Number of newest dry runs that both sides keep."""
+"""Number of newest dry runs that the server and the process keep."""
 
 
 class SceneError(GcsError):
@@ -42,7 +42,7 @@ class Started:
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class Response:
     """Result or error of the request with this number."""
 
     number: int
@@ -51,7 +51,7 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
+class DrawingState:
     """State of the drawing; sent when it changes, and after every few snapshots."""
 
     snapshots: int
@@ -91,7 +91,7 @@ class Snapshot:
 
 
 @dataclass(frozen=True, slots=True)
-class HistoryAnswer:
+class HistoryResponse:
     """The history of a vehicle, encoded (`snapshots.py`)."""
 
     vehicle: int
@@ -100,7 +100,7 @@ class HistoryAnswer:
 
 @dataclass(frozen=True, slots=True)
 class SetView:
-    """Sets the content of a token's view; answered with (mode, vehicle, theme)."""
+    """Sets the content of a token's view; the result is (mode, vehicle, theme)."""
 
     number: int
     token: str
@@ -109,7 +109,7 @@ class SetView:
 
 @dataclass(frozen=True, slots=True)
 class Click:
-    """A click in a token's view; answered with a SceneClick, or None if it was not on the ground."""
+    """A click in a token's view; the result is a SceneClick, or None if the click was not on the ground."""
 
     number: int
     token: str

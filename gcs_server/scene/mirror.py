@@ -19,13 +19,13 @@ log = logging.getLogger(__name__)
 
 PAUSE_S = 1.0
 """Pause between two snapshots after which a history that was requested earlier is not used [s]."""
-_values = {topic: msgspec.msgpack.Decoder(kind) for topic, kind in TOPICS.items()}
+_values = {topic: msgspec.msgpack.Decoder(value_type) for topic, value_type in TOPICS.items()}
 _snapshots = msgspec.msgpack.Decoder(SnapshotData)
 _histories = msgspec.msgpack.Decoder(list[SampleData])
 
 
 class VehicleClock:
-    """The vehicle's clock; its time is that of the newest snapshot."""
+    """The vehicle's clock, which shows the time of the newest snapshot."""
 
     def __init__(self) -> None:
         self._monotonic_s = self._unix_s = 0.0
@@ -45,7 +45,7 @@ class VehicleClock:
 
 @dataclass(frozen=True, slots=True)
 class MirrorIdentity:
-    """The identity fields that must be shown."""
+    """The identity fields that the 3D view shows."""
 
     simulated: bool | None
     replayed: bool
@@ -55,8 +55,8 @@ class MirrorVehicle:
     """One vehicle; see `SceneVehicle`.
 
     Args:
-        number: its number in snapshots.
-        request_history: called with number, topics and start time; the answer is `take_history`.
+        number: number of the vehicle in snapshots.
+        request_history: called with number, topics and start time; `take_history` gets the history.
     """
 
     def __init__(
@@ -94,8 +94,8 @@ class MirrorVehicle:
             self._request_history(self._number, topics, since_unix_s)
         if self._history is not None:
             self._requested_topics = None
-        taken, self._history = self._history, None
-        return taken
+        history, self._history = self._history, None
+        return history
 
     def take_history(self, samples: list[Sample]) -> None:
         """Stores the history that was requested."""
@@ -111,7 +111,7 @@ class MirrorVehicle:
         self.target = None if data.target is None else OffboardTarget(*data.target)
         for sample in data.samples:
             self._samples[sample.topic] = _sample(sample)
-        for topic in data.absent:
+        for topic in data.missing_topics:
             self._samples.pop(topic, None)
 
 
@@ -149,17 +149,17 @@ class MirrorFleet:
         """The setpoint that the server streams to a vehicle."""
         return self.get(vehicle_id).target
 
-    def take(self, snapshot: bytes) -> None:
+    def apply(self, snapshot: bytes) -> None:
         """Applies a snapshot."""
         data = _snapshots.decode(snapshot)
-        for changed in data.changed:
-            vehicle = self._by_number.get(changed.number)
+        for vehicle_data in data.changed:
+            vehicle = self._by_number.get(vehicle_data.number)
             if vehicle is None:
-                vehicle = MirrorVehicle(changed.number, changed.id, self._request_history)
-                self._by_number[changed.number] = vehicle
-            self._isolation.run(f"reading vehicle {changed.id}", vehicle.update, changed)
-        known = self._by_number
-        self._by_number = {number: known[number] for number in data.order if number in known}
+                vehicle = MirrorVehicle(vehicle_data.number, vehicle_data.id, self._request_history)
+                self._by_number[vehicle_data.number] = vehicle
+            self._isolation.run(f"reading vehicle {vehicle_data.id}", vehicle.update, vehicle_data)
+        vehicles = self._by_number
+        self._by_number = {number: vehicles[number] for number in data.order if number in vehicles}
         self.stalled = frozenset(data.stalled)
 
     def take_history(self, number: int, samples: bytes) -> None:

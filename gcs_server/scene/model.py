@@ -22,7 +22,7 @@ Faces = NDArray[np.uint32]
 ARM_M = 0.46
 ROTOR_RADIUS_M = 0.27
 ROTOR_Z_M = 0.10
-GIMBAL_AT_M: Vector3 = (0.17, 0.0, -0.115)
+GIMBAL_POSITION_M: Vector3 = (0.17, 0.0, -0.115)
 FRUSTUM_HALF_WIDTH = 0.52
 FRUSTUM_HALF_HEIGHT = 0.32
 """Tangents of half the camera's field of view, a common 55° × 36°."""
@@ -44,16 +44,16 @@ class Mesh:
     faces: Faces
 
 
-def joined(*meshes: Mesh) -> Mesh:
-    """Joins meshes of one colour, so that they are sent as one."""
+def join_meshes(*meshes: Mesh) -> Mesh:
+    """Joins meshes of one colour into one mesh."""
     offsets = np.cumsum([0, *(len(m.vertices) for m in meshes[:-1])])
     faces = [m.faces + np.uint32(offset) for m, offset in zip(meshes, offsets, strict=True)]
     return Mesh(np.concatenate([m.vertices for m in meshes]), np.concatenate(faces).astype(np.uint32))
 
 
-def moved(mesh: Mesh, by_m: Vector3) -> Mesh:
+def move_mesh(mesh: Mesh, offset_m: Vector3) -> Mesh:
     """The mesh, moved by a vector."""
-    return Mesh(mesh.vertices + np.asarray(by_m, np.float32), mesh.faces)
+    return Mesh(mesh.vertices + np.asarray(offset_m, np.float32), mesh.faces)
 
 
 def rounded_box(half_m: Vector3, *, roundness: float = 0.45, rings: int = 18, sides: int = 28) -> Mesh:
@@ -103,20 +103,22 @@ def disc(radius_m: float, sides: int = 40) -> Mesh:
     return Mesh(np.concatenate([np.zeros((1, 3)), rim]).astype(np.float32), np.asarray(faces, np.uint32))
 
 
-def ring_segments(radius_m: float, at_m: Vector3 = (0.0, 0.0, 0.0), sides: int = 40) -> Points:
+def ring_segments(radius_m: float, centre_m: Vector3 = (0.0, 0.0, 0.0), sides: int = 40) -> Points:
     """A circle as (sides, 2, 3) line segments."""
     angle = np.linspace(0, 2 * math.pi, sides + 1)
-    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides + 1)], axis=1) * radius_m + np.asarray(at_m)
+    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(sides + 1)], axis=1) * radius_m + np.asarray(
+        centre_m
+    )
     return np.stack([rim[:-1], rim[1:]], axis=1).astype(np.float32)
 
 
 def shell() -> Mesh:
     """Body and arms."""
-    body = moved(rounded_box((0.20, 0.125, 0.062)), (0.0, 0.0, 0.02))
+    body = move_mesh(rounded_box((0.20, 0.125, 0.062)), (0.0, 0.0, 0.02))
     arms = [
         tube((x * 0.25, y * 0.25, 0.025), (x, y, ROTOR_Z_M - 0.055), 0.034, 0.022) for x, y, _ in ROTORS_FLU_M
     ]
-    return joined(body, *arms)
+    return join_meshes(body, *arms)
 
 
 def dark_parts() -> Mesh:
@@ -130,9 +132,9 @@ def dark_parts() -> Mesh:
         for sy in (1, -1)
     ]
     skids = [tube((0.20, sy * 0.19, -0.22), (-0.20, sy * 0.19, -0.22), 0.012, 0.012) for sy in (1, -1)]
-    x, y, z = GIMBAL_AT_M
+    x, y, z = GIMBAL_POSITION_M
     mount = tube((x - 0.02, y, -0.02), (x - 0.02, y, z + 0.02), 0.022, 0.022)
-    return joined(*motors, *legs, *skids, mount)
+    return join_meshes(*motors, *legs, *skids, mount)
 
 
 def front_mark() -> Mesh:
@@ -149,34 +151,34 @@ def front_mark() -> Mesh:
             a = (x * 0.60, y * 0.60, 0.025 + (height - 0.025) * 0.47)
             b = (x * 0.78, y * 0.78, 0.025 + (height - 0.025) * 0.71)
             collars.append(tube(a, b, 0.033, 0.030))
-    return joined(arrow, *collars)
+    return join_meshes(arrow, *collars)
 
 
 def blade_pair() -> Mesh:
     """Two slim blades; the node rotates about z."""
     r = ROTOR_RADIUS_M * 0.97
     outline = [(0.02, 0.012), (r * 0.35, 0.028), (r, 0.010), (r, -0.006), (r * 0.35, -0.016), (0.02, -0.012)]
-    one = np.asarray([(x, y, 0.0) for x, y in outline], np.float32)
-    other = one * np.asarray([-1, -1, 1], np.float32)
+    blade = np.asarray([(x, y, 0.0) for x, y in outline], np.float32)
+    opposite_blade = blade * np.asarray([-1, -1, 1], np.float32)
     fan = np.asarray([(0, i, i + 1) for i in range(1, len(outline) - 1)], np.uint32)
     hub = tube((0, 0, -0.012), (0, 0, 0.018), 0.022, 0.014)
-    return joined(Mesh(one, fan), Mesh(other, fan), hub)
+    return join_meshes(Mesh(blade, fan), Mesh(opposite_blade, fan), hub)
 
 
 def rotor_discs() -> Mesh:
     """The four swept discs."""
-    return joined(*(moved(disc(ROTOR_RADIUS_M), at) for at in ROTORS_FLU_M))
+    return join_meshes(*(move_mesh(disc(ROTOR_RADIUS_M), rotor_m) for rotor_m in ROTORS_FLU_M))
 
 
 def rotor_rims() -> Points:
     """The four discs' edges."""
-    return np.concatenate([ring_segments(ROTOR_RADIUS_M, at) for at in ROTORS_FLU_M])
+    return np.concatenate([ring_segments(ROTOR_RADIUS_M, rotor_m) for rotor_m in ROTORS_FLU_M])
 
 
 def camera_ball() -> Mesh:
     """The gimbal's camera, looking along x."""
     ball = rounded_box((0.06, 0.052, 0.056), roundness=0.75)
-    return joined(ball, tube((0.02, 0, 0), (0.078, 0, 0), 0.040, 0.036))
+    return join_meshes(ball, tube((0.02, 0, 0), (0.078, 0, 0), 0.040, 0.036))
 
 
 def camera_lens_ring() -> Points:
@@ -197,8 +199,8 @@ def frustum() -> tuple[Mesh, Points]:
 
 
 def ghost() -> Points:
-    """Outline of a vehicle, drawn at its target."""
-    hub = [((0.0, 0.0, 0.02), at) for at in ROTORS_FLU_M]
+    """Outline of a vehicle, drawn at the vehicle's target."""
+    hub = [((0.0, 0.0, 0.02), rotor_m) for rotor_m in ROTORS_FLU_M]
     nose = [
         ((0.30, 0.0, 0.02), (0.14, 0.10, 0.02)),
         ((0.30, 0.0, 0.02), (0.14, -0.10, 0.02)),

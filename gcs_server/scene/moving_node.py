@@ -1,10 +1,10 @@
 """Moves the nodes of one browser's scene without viser's handles, which are slow.
 
 A handle of viser compares values with NumPy, casts them by type hints, and serializes each message by its
-annotations. This caused most of the server's cost of an open 3D view. Therefore the values that change at
-each step are put directly into viser's queue for the browser. They keep the order of messages and use viser's
-own keys, so that a newer value replaces one that has not been sent. Tests compare these messages with those
-of viser's handles, for the pinned minor version.
+annotations. For the values that change at each step, this would cost more than the rest of an open 3D view.
+Therefore these values are put directly into viser's queue for the browser. They keep the order of messages
+and use viser's own keys, so that a newer value replaces a value that has not been sent. Tests compare these
+messages with the messages of viser's handles, for the pinned minor version.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from viser.infra import Message
 
 from missions.frames import Quaternion, Vector3
 
-MOVED_M = 2e-4
+MIN_MOVE_M = 2e-4
 """A smaller move is not sent, because it is not visible [m]."""
-TURNED = 2e-5
+MIN_TURN = 2e-5
 """A smaller change of a quaternion's components is not sent."""
-SCALED = 5e-3
+MIN_SCALING = 5e-3
 """A smaller change of a scale is not sent; lines of one metre are scaled to their length [m]."""
 
 
@@ -55,7 +55,7 @@ class NodeChange(Message):
         updates = self._fields.get("updates")
         if updates is None or binary_buffers is None:
             return self._fields
-        return {**self._fields, "updates": {k: _extracted(v, binary_buffers) for k, v in updates.items()}}
+        return {**self._fields, "updates": {k: _extract_array(v, binary_buffers) for k, v in updates.items()}}
 
 
 class MovingNode:
@@ -64,8 +64,8 @@ class MovingNode:
 
     Args:
         name: name of the node.
-        position_m: its initial position, in its parent's frame.
-        q: its initial rotation.
+        position_m: initial position of the node, in its parent's frame.
+        q: initial rotation of the node.
     """
 
     __slots__ = ("_name", "_owner", "_position_m", "_q", "_queue", "_scale")
@@ -85,20 +85,20 @@ class MovingNode:
 
     def place(self, position_m: Vector3) -> None:
         """Moves the node, in its parent's frame."""
-        if _differs(position_m, self._position_m, MOVED_M):
+        if _differs(position_m, self._position_m, MIN_MOVE_M):
             self._position_m = position_m
             self._send("SetPositionMessage", "position", position_m)
 
     def turn(self, q: Quaternion) -> None:
         """Turns the node, in its parent's frame."""
-        if _differs(q, self._q, TURNED):
+        if _differs(q, self._q, MIN_TURN):
             self._q = q
             self._send("SetOrientationMessage", "wxyz", q)
 
     def scale(self, x: float, y: float, z: float) -> None:
         """Scales the node along its axes."""
         scale = (x, y, z)
-        if not self._scale or _differs(scale, self._scale, SCALED):
+        if not self._scale or _differs(scale, self._scale, MIN_SCALING):
             self._scale = scale
             self.change("scale", tuple(map(float, scale)))
 
@@ -112,19 +112,19 @@ class MovingNode:
         fields["type"] = "SceneNodeUpdateMessage"
         self._queue(NodeChange(f"scene:{self._name}:update:{prop}", fields))
 
-    def _send(self, kind: str, field: str, value: tuple[float, ...]) -> None:
+    def _send(self, message_type: str, field: str, value: tuple[float, ...]) -> None:
         # A float of NumPy cannot be encoded, and a value that cannot be encoded ends the browser's
         # connection.
-        plain = tuple(map(float, value))
-        fields = {"name": self._name, field: plain, "owner": self._owner, "type": kind}
-        self._queue(NodeChange(f"scene:{self._name}:update:{kind}", fields))
+        floats = tuple(map(float, value))
+        fields = {"name": self._name, field: floats, "owner": self._owner, "type": message_type}
+        self._queue(NodeChange(f"scene:{self._name}:update:{message_type}", fields))
 
 
-def _differs(a: Sequence[float], b: Sequence[float], by: float) -> bool:
-    return a != b and any(abs(x - y) > by for x, y in zip(a, b, strict=True))
+def _differs(a: Sequence[float], b: Sequence[float], tolerance: float) -> bool:
+    return a != b and any(abs(x - y) > tolerance for x, y in zip(a, b, strict=True))
 
 
-def _extracted(value: Any, binary_buffers: list[memoryview]) -> Any:
+def _extract_array(value: Any, binary_buffers: list[memoryview]) -> Any:
     if not isinstance(value, np.ndarray):
         return value
     binary_buffers.append(np.ascontiguousarray(value).data)

@@ -37,8 +37,8 @@ _BOOT = """
   }).observe(page, { attributes: true, attributeFilter: ['data-mantine-color-scheme'] });
 
   // Panels cover parts of the view, so the camera's target is shown in the middle of the free part. The
-  // framing page sends this point: its offset to the right and down from the middle, as shares of the view.
-  // While the framing page edits a plan, it gets the clicks, and the server none.
+  // framing page sends this point: its offset to the right and down from the middle, as fractions of the
+  // view. While the framing page edits a plan, this view sends clicks to that page and not to the server.
   let middle = [0, 0], editing = false;
   addEventListener('message', (event) => {
     if (event.source !== parent || event.origin !== location.origin) return;
@@ -194,13 +194,13 @@ class Page:
     """The document and its compressed form, ready to be sent."""
 
     plain: bytes
-    zipped: bytes
+    gzipped: bytes
     etag: str
 
 
 @functools.cache
 def page() -> Page:
-    """The page; it is built at the first request and kept."""
+    """The page; it is built at the first request."""
     package = importlib.util.find_spec("viser")  # found without importing it, which takes a second
     if package is None or package.origin is None:
         raise ValueError("viser is not installed")
@@ -209,8 +209,8 @@ def page() -> Page:
     style = _STYLE + "".join(_theme_style(p) for p in PALETTES.values())
     inserted = f"<style>{style}</style><script>{_BOOT}</script>"
     # Before viser's first script, after the declaration of the character set.
-    head, mark, rest = html.partition("<title>Viser</title>")
-    if not mark:
+    head, title, rest = html.partition("<title>Viser</title>")
+    if not title:
         raise ValueError("viser's page has no title where it is expected: is this viser 1.1?")
     plain = f"{head}<title>3D</title>{inserted}{rest}".encode()
     return Page(plain, gzip.compress(plain, 6), f'"{hashlib.sha256(plain).hexdigest()[:24]}"')
@@ -218,12 +218,12 @@ def page() -> Page:
 
 def content_policy(host: str, *, secure: bool) -> str:
     """Content security policy: allows only the document's own content and the stream from this server."""
-    # Named in addition to 'self', because not every browser applies 'self' to WebSockets.
-    stream = f"{'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
+    # Not every browser applies 'self' to WebSockets.
+    websocket_source = f"{'wss' if secure else 'ws'}://{host}" if _HOST.fullmatch(host) else ""
     return (
         "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' 'wasm-unsafe-eval' blob: data:; "
         "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; worker-src blob: data:; "
-        f"connect-src 'self' {stream} data: blob:; "
+        f"connect-src 'self' {websocket_source} data: blob:; "
         "frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
     )
 

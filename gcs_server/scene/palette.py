@@ -1,7 +1,7 @@
 """The colours of the 3D view, for both themes.
 
-The values are those of the page's tokens; cyan and the other identity colours are for vehicles, violet is for
-targets, and grey is for everything else.
+The page's design tokens have the same values. Cyan and the other identity colours are for vehicles, violet is
+for targets, and grey is for everything else.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One common ENU frame for vehicles with different local origins.
 
-The world's origin is the first known home, or else the first global position. It is the zero of the grid and
-the height of the ground. A vehicle's local origin is computed from its home, which is reported in both
+The world's origin is the first known home, or else the first global position; it is the origin of the grid
+and the altitude of the ground. A vehicle's local origin is computed from its home, which is reported in both
 frames, or else from one pair of global and local position. A vehicle without a global position uses the
 world's origin.
 """
@@ -19,10 +19,10 @@ from missions.frames import Vector3
 
 STANDING_HEIGHT_M = 0.225
 """Height of the drawn body above its skids."""
-LANDED_WITHIN_M = 3.0
-"""A landed vehicle is drawn on the ground if its estimated height is below this [m], because estimates drift
-by a metre in a flight. If it is higher, the vehicle has landed on a hill or a roof."""
-ORIGIN_MOVED_M = 5.0
+MAX_LANDED_HEIGHT_M = 3.0
+"""A landed vehicle is drawn on the ground if its estimated altitude above home is below this [m], because
+estimates drift by a metre in a flight. A landed vehicle at a higher altitude is on a hill or a roof."""
+MAX_ORIGIN_DRIFT_M = 5.0
 """Difference between global and local position above which the local origin has moved, by an estimator reset
 [m]."""
 
@@ -33,13 +33,13 @@ class VehiclePlace:
 
     position_enu_m: Vector3
     local_origin_enu_m: Vector3 | None
-    """Origin of the vehicle's local frame; None if it has none, so that targets cannot be drawn."""
+    """Origin of the vehicle's local frame; None: not known, so that targets cannot be drawn."""
     ground_z_m: float
-    """Height of the vehicle's home, the reference of its altitude."""
+    """z of the vehicle's home."""
     home_enu_m: Vector3 | None
     height_m: float
-    """Estimated height above the vehicle's home; it may differ from zero on the ground."""
-    known: bool
+    """Estimated altitude above the vehicle's home; it may differ from zero on the ground."""
+    position_known: bool
     """Whether a position is known; otherwise the vehicle is drawn at the origin to show its attitude."""
 
 
@@ -83,7 +83,7 @@ class Placement:
         ground = home_enu_m or origin or (0.0, 0.0, 0.0)
         height_m = position[2] - ground[2] if position is not None else 0.0
         status = value_of(vehicle, "status", Status)
-        if status is not None and status.landed_state == "on_ground" and abs(height_m) < LANDED_WITHIN_M:
+        if status is not None and status.landed_state == "on_ground" and abs(height_m) < MAX_LANDED_HEIGHT_M:
             x, y, _ = position or ground
             position_drawn = (x, y, ground[2] + STANDING_HEIGHT_M)
         else:
@@ -94,7 +94,7 @@ class Placement:
             ground_z_m=ground[2],
             home_enu_m=home_enu_m,
             height_m=height_m,
-            known=position is not None,
+            position_known=position is not None,
         )
 
     def earlier_positions(
@@ -116,9 +116,9 @@ class Placement:
             if isinstance(value, LocalPosition) and origin is not None:
                 yield _add(origin, enu_from_ned(value.position_ned_m))
             elif isinstance(value, GlobalPosition):
-                at = self._geodetic(value.lat_deg, value.lon_deg, value.alt_amsl_m)
-                if at is not None:
-                    yield at
+                position_enu_m = self._geodetic(value.lat_deg, value.lon_deg, value.alt_amsl_m)
+                if position_enu_m is not None:
+                    yield position_enu_m
 
     @property
     def origin_deg_m(self) -> tuple[float, float, float] | None:
@@ -155,10 +155,11 @@ class Placement:
         if local_enu_m is None:
             return None
         for origin in (_home_origin(home, home_enu_m), self._local_origins_enu_m.get(vehicle_id)):
-            # The home contains both frames for the same time, so that the height above home equals that of
-            # the vehicle. An old home would give a different height after an estimator reset.
+            # The home contains both frames for the same time, so that the altitude above home equals the
+            # vehicle's own value. An old home would give a different altitude after an estimator reset.
             if origin is not None and (
-                global_enu_m is None or math.dist(_add(origin, local_enu_m), global_enu_m) < ORIGIN_MOVED_M
+                global_enu_m is None
+                or math.dist(_add(origin, local_enu_m), global_enu_m) < MAX_ORIGIN_DRIFT_M
             ):
                 return origin
         if global_enu_m is not None:

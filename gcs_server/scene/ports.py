@@ -28,7 +28,7 @@ class SceneVehicle(Protocol):
 
     @property
     def clock(self) -> TimeSource:
-        """The clock of its samples; a replayed vehicle has the recording's clock."""
+        """The clock of the vehicle's samples; a replayed vehicle has the recording's clock."""
         ...
 
     @property
@@ -59,7 +59,7 @@ OffboardTargets = Callable[[str], tuple[Vector3 | None, Vector3 | None, float | 
 """Returns the OffboardTarget of a vehicle id; None while this server streams nothing to it."""
 
 
-def value_of(vehicle: SceneVehicle, topic: str, kind: type[T]) -> T | None:
-    """The newest value of a topic; None if there is none, or if it has another type."""
+def value_of(vehicle: SceneVehicle, topic: str, value_type: type[T]) -> T | None:
+    """The newest value of a topic; None if no value was received, or if it has another type."""
     sample = vehicle.topic(topic)
-    return sample.value if sample is not None and isinstance(sample.value, kind) else None
+    return sample.value if sample is not None and isinstance(sample.value, value_type) else None

@@ -52,7 +52,7 @@ class VehiclePose:
     note: str
     """Note after the label: simulated, replayed, lost, no position; otherwise empty."""
     measured_points_enu_m: tuple[Vector3, ...] = ()
-    """Points measured by its distance sensors."""
+    """Points measured by the vehicle's distance sensors."""
 
 
 def pose_of(
@@ -119,14 +119,18 @@ def _target(
         if status is not None and not status.armed:
             return None
         offboard = OffboardTarget(
-            position_ned_m=_complete(sample.value.position_ned_m),
-            velocity_ned_m_s=_complete(sample.value.velocity_ned_m_s),
+            position_ned_m=_complete_vector(sample.value.position_ned_m),
+            velocity_ned_m_s=_complete_vector(sample.value.velocity_ned_m_s),
             yaw_ned_rad=sample.value.yaw_ned_rad,
         )
     yaw_enu_rad = None if offboard.yaw_ned_rad is None else yaw_enu_from_ned(offboard.yaw_ned_rad)
     if offboard.position_ned_m is not None:
-        at = enu_from_ned(offboard.position_ned_m)
-        return Target((origin[0] + at[0], origin[1] + at[1], origin[2] + at[2]), yaw_enu_rad, False)
+        offset_enu_m = enu_from_ned(offboard.position_ned_m)
+        return Target(
+            (origin[0] + offset_enu_m[0], origin[1] + offset_enu_m[1], origin[2] + offset_enu_m[2]),
+            yaw_enu_rad,
+            False,
+        )
     if offboard.velocity_ned_m_s is not None:
         v = enu_from_ned(offboard.velocity_ned_m_s)
         p, t = place.position_enu_m, VELOCITY_ARROW_S
@@ -134,7 +138,7 @@ def _target(
     return None
 
 
-def _complete(v: tuple[float | None, float | None, float | None]) -> Vector3 | None:
+def _complete_vector(v: tuple[float | None, float | None, float | None]) -> Vector3 | None:
     a, b, c = v
     if a is None or b is None or c is None or not all(math.isfinite(x) for x in (a, b, c)):
         return None
@@ -142,7 +146,7 @@ def _complete(v: tuple[float | None, float | None, float | None]) -> Vector3 | N
 
 
 def _label(vehicle_id: str, place: VehiclePlace) -> str:
-    if not place.known:
+    if not place.position_known:
         return vehicle_id
     return f"{vehicle_id} · {height_text(place.height_m)}"
 
@@ -150,7 +154,7 @@ def _label(vehicle_id: str, place: VehiclePlace) -> str:
 def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
     facts = (
         (lost, "lost"),
-        (not place.known, "no position"),
+        (not place.position_known, "no position"),
         (vehicle.identity.simulated is True, "simulated"),
         # A vehicle that has not reported whether it is simulated may be real, so the label says neither.
         (vehicle.identity.simulated is None, "simulated?"),

@@ -1,7 +1,8 @@
 """The preview of a setpoint in one browser's scene, and the two handles to drag it.
 
-The handles are viser's transform controls: one moves along the ground and turns about the vertical, the other
-moves up and down, so that a preview cannot be tilted. `gizmo.py` reads the browser's messages about them.
+The handles are viser's transform controls: the ground handle moves along the ground and turns about the
+vertical, the height handle moves up and down, so that a preview cannot be tilted. `gizmo.py` reads the
+browser's messages about the handles.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ LABEL_BELOW_M = 0.14
 
 
 def drag_label(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
-    """Distance, height above home and yaw."""
+    """Distance to the vehicle, altitude above home, and yaw as text."""
     parts = [
         f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m",
         f"height {height_text(position_enu_m[2] - ground_z_m)}",
@@ -50,7 +51,7 @@ class PreviewNode:
         self.label.text = "not sent"
         self._handles: tuple[Any, Any] | None = None
         self._serial = -1
-        self._drawn: Preview | None = None
+        self._drawn_preview: Preview | None = None
         self._dragged_handle = GROUND_HANDLE
 
     def remove(self) -> None:
@@ -74,43 +75,43 @@ class PreviewNode:
             handles: whether handles can be dragged, which requires that the world of this view does not move.
         """
         east, north, up = enu_from_ned(preview.position_ned_m)
-        at = (origin_enu_m[0] + east, origin_enu_m[1] + north, origin_enu_m[2] + up)
+        position_enu_m = (origin_enu_m[0] + east, origin_enu_m[1] + north, origin_enu_m[2] + up)
         yaw = preview.yaw_ned_rad
         q = q_from_yaw(yaw_enu_from_ned(yaw)) if yaw is not None else IDENTITY
-        self._ghost.position, self._ghost.wxyz = at, q
-        self.label.move((at[0], at[1], at[2] - LABEL_BELOW_M))
-        self.label.note = drag_label(preview, at, vehicle_enu_m, ground_z_m)
-        self._stretch(vehicle_enu_m, at)
+        self._ghost.position, self._ghost.wxyz = position_enu_m, q
+        self.label.move((position_enu_m[0], position_enu_m[1], position_enu_m[2] - LABEL_BELOW_M))
+        self.label.note = drag_label(preview, position_enu_m, vehicle_enu_m, ground_z_m)
+        self._draw_line(vehicle_enu_m, position_enu_m)
         if not (handles and preview.handles):
             self._remove_handles()
         elif self._handles is None or preview.serial != self._serial:
             self._remove_handles()
-            self._handles = self._add_handles(at, q, changes_yaw=yaw is not None)
-        elif self._drawn is not None and preview != self._drawn:
-            self._follow(at, q)
-        self._serial, self._drawn = preview.serial, preview
+            self._handles = self._add_handles(position_enu_m, q, changes_yaw=yaw is not None)
+        elif self._drawn_preview is not None and preview != self._drawn_preview:
+            self._move_other_handle(position_enu_m, q)
+        self._serial, self._drawn_preview = preview.serial, preview
 
-    def _follow(self, at: Vector3, q: Quaternion) -> None:
-        """Moves the handle that is not being dragged; the browser moves the other one."""
+    def _move_other_handle(self, position_enu_m: Vector3, q: Quaternion) -> None:
+        """Moves the handle that is not being dragged; the browser moves the dragged handle."""
         assert self._handles is not None
         ground, height = self._handles
         if self._dragged_handle == HEIGHT_HANDLE:
-            ground.position, ground.wxyz = at, q
+            ground.position, ground.wxyz = position_enu_m, q
         else:
-            height.position = at
+            height.position = position_enu_m
 
     def set_dragged_handle(self, changes_yaw: bool) -> None:
         """Records which handle is being dragged."""
         self._dragged_handle = GROUND_HANDLE if changes_yaw else HEIGHT_HANDLE
 
-    def _add_handles(self, at: Vector3, q: Quaternion, *, changes_yaw: bool) -> tuple[Any, Any]:
+    def _add_handles(self, position_enu_m: Vector3, q: Quaternion, *, changes_yaw: bool) -> tuple[Any, Any]:
         common: dict[str, Any] = {
             "scale": HANDLE_PX,
             "fixed": True,
             "line_width": 3.0,
             "depth_test": False,
             "opacity": 0.9,
-            "position": at,
+            "position": position_enu_m,
         }
         ground = self._scene.add_transform_controls(
             GROUND_HANDLE,
@@ -129,7 +130,7 @@ class PreviewNode:
             handle.remove()
         self._handles = None
 
-    def _stretch(self, start: Vector3, end: Vector3) -> None:
+    def _draw_line(self, start: Vector3, end: Vector3) -> None:
         length_m = math.dist(start, end)
         self._line.visible = length_m > MIN_LINE_M
         if length_m > MIN_LINE_M:

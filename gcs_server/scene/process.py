@@ -1,9 +1,9 @@
 """The server's side of the 3D view, which a separate process draws (`worker.py`).
 
 The event loop also runs the flights, so for the view it only reads the vehicles' newest samples for a
-snapshot, and passes on bytes between viser and the browsers. No further snapshot is sent while the process
-has not reported the last ones: a slow view gets fewer pictures, and nothing waits for it. Measured in
-docs/performance.md.
+snapshot, and passes on bytes between viser and the browsers. The server sends no further snapshot while the
+process has not reported the last `MAX_UNREPORTED` snapshots: a slow view gets fewer pictures, and the event
+loop does not wait for the view. docs/performance.md has measurements.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from gcs_server.scene.view_request import MAX_VIEWS, ViewRequest
 
 PERIOD_S = 1.0 / 30.0
 IDLE_PERIOD_S = 0.25
-"""Period while no view is open: only checks whether one has opened [s]."""
-MAX_UNREPORTED = 2 * m.ACKNOWLEDGED_EVERY
+"""Period of the check whether a view has opened, while no view is open [s]."""
+MAX_UNREPORTED = 2 * m.MAX_SNAPSHOTS_PER_REPORT
 """Maximum number of sent snapshots that the process has not reported yet."""
-ANSWER_TIMEOUT_S = 5.0
+RESPONSE_TIMEOUT_S = 5.0
 HUNG_AFTER_S = 20.0
 """A process that takes no snapshot for longer than this is ended and started again [s]."""
 NOT_RUNNING = "The 3D view is not running; it is being started."
@@ -45,7 +45,7 @@ class _Run:
         self.address, self.post, self.builder = address, worker.post, builder
         self.sent = 0
         """Number of sent snapshots."""
-        self.newest = m.Drawn(0, 0, frozenset(), ())
+        self.newest = m.DrawingState(0, 0, frozenset(), ())
         self.dry_runs: OrderedDict[str, None] = OrderedDict()
         """Dry runs whose paths the process has; both sides keep the newest `MAX_DRY_RUNS`."""
 
@@ -144,18 +144,18 @@ class SceneProcess:
     async def _feed(self, run: _Run) -> None:
         next_s = progress_s = self._clock.monotonic_s()
         while True:
-            opened, stalled = self._bridges.names(), self._bridges.stalled_names()
+            open_bridges, stalled = self._bridges.names(), self._bridges.stalled_names()
             # When the last view has closed, one more snapshot lets the process remove its scene.
-            wanted = len(stalled) < len(opened) or (run.newest.viewers and not opened)
+            needs_snapshot = len(stalled) < len(open_bridges) or (run.newest.viewers and not open_bridges)
             now_s = self._clock.monotonic_s()
             if run.sent - run.newest.snapshots < MAX_UNREPORTED:
                 progress_s = now_s
-                if wanted:
+                if needs_snapshot:
                     run.sent += 1
                     run.post(m.Snapshot(run.builder.snapshot(run.newest.followed, stalled)))
             elif now_s - progress_s > HUNG_AFTER_S:
                 raise m.SceneError("The 3D view no longer draws; it is ended.", remedy=REMEDY)
-            next_s = max(next_s + (PERIOD_S if opened else IDLE_PERIOD_S), now_s)
+            next_s = max(next_s + (PERIOD_S if open_bridges else IDLE_PERIOD_S), now_s)
             await self._clock.sleep(max(0.002, next_s - self._clock.monotonic_s()))
 
     def _handle(self, message: object) -> None:
@@ -163,34 +163,34 @@ class SceneProcess:
         if run is None:
             return
         match message:
-            case m.Drawn():
+            case m.DrawingState():
                 run.newest = message
-            case m.Answer(number, result, error):
+            case m.Response(number, result, error):
                 future = self._pending.get(number)
                 if future is not None and not future.done():
                     future.set_result(result) if error is None else future.set_exception(error)
             case m.HistoryRequest(number, topics, since_unix_s):
-                run.post(m.HistoryAnswer(number, run.builder.history(number, topics, since_unix_s)))
+                run.post(m.HistoryResponse(number, run.builder.history(number, topics, since_unix_s)))
             case m.GizmoMoved(gizmo):
                 self._on_gizmo_moved(gizmo)
             case _:
                 raise TypeError(f"an unknown message: {message!r}")
 
-    # --- what pages request -----------------------------------------------------------------------
+    # --- requests of pages ------------------------------------------------------------------------
 
-    async def _set_view(self, token: str, wanted: ViewRequest) -> ShownView:
+    async def _set_view(self, token: str, request: ViewRequest) -> ShownView:
         """Raises UnknownVehicle, UnknownDryRun, SceneError."""
-        if wanted.vehicle is not None:
-            self._fleet.get(wanted.vehicle)
-        run = self._running()
-        self._share_dry_run(run, wanted)
-        self._store_view(token, wanted)
-        return await self._request(run, lambda number: m.SetView(number, token, wanted))
+        if request.vehicle is not None:
+            self._fleet.get(request.vehicle)
+        run = self._require_run()
+        self._send_dry_run(run, request)
+        self._store_view(token, request)
+        return await self._request(run, lambda number: m.SetView(number, token, request))
 
     async def _click(self, token: str, request: ClickRequest) -> SceneClick | None:
         """Raises Refused if no vehicle has reported a global position, and SceneError."""
         click: SceneClick | None = await self._request(
-            self._running(), lambda number: m.Click(number, token, request)
+            self._require_run(), lambda number: m.Click(number, token, request)
         )
         if click is not None and self._on_click is not None:
             self._on_click(click)
@@ -198,12 +198,10 @@ class SceneProcess:
 
     def _drag(self, bridge: str, drag: Drag) -> None:
         run = self._run
-        if (
-            run is not None and run.sent - run.newest.snapshots < MAX_UNREPORTED
-        ):  # otherwise the process is not drawing now
+        if run is not None and run.sent - run.newest.snapshots < MAX_UNREPORTED:  # the process is drawing
             run.post(m.HandleDragged(bridge, drag))
 
-    def _running(self) -> _Run:
+    def _require_run(self) -> _Run:
         if self._run is None:
             raise m.SceneError(NOT_RUNNING, remedy=REMEDY)
         return self._run
@@ -214,16 +212,16 @@ class SceneProcess:
         future = self._pending[number] = asyncio.get_running_loop().create_future()
         try:
             run.post(message(number))
-            async with asyncio.timeout(ANSWER_TIMEOUT_S):
+            async with asyncio.timeout(RESPONSE_TIMEOUT_S):
                 return await future
         except TimeoutError:
             raise m.SceneError("The 3D view does not answer.", remedy=REMEDY) from None
         finally:
             self._pending.pop(number, None)
 
-    def _share_dry_run(self, run: _Run, wanted: ViewRequest) -> None:
+    def _send_dry_run(self, run: _Run, request: ViewRequest) -> None:
         """Sends the paths of a dry run that the process does not have."""
-        requested = wanted.dry_run
+        requested = request.dry_run
         if requested is None or self._dry_runs is None or requested.id in run.dry_runs:
             return
         run.post(m.DryRunPaths(requested.id, paths_of(self._dry_runs(requested.id))))
@@ -233,12 +231,12 @@ class SceneProcess:
 
     # --- for the next run -------------------------------------------------------------------------
 
-    def _store_view(self, token: str, wanted: ViewRequest) -> None:
-        old = self._views.get(token, ViewRequest())
-        changes = {field: getattr(wanted, field) for field in wanted.model_fields_set}
-        if wanted.vehicle not in (None, old.vehicle):
+    def _store_view(self, token: str, request: ViewRequest) -> None:
+        earlier = self._views.get(token, ViewRequest())
+        changes = {field: getattr(request, field) for field in request.model_fields_set}
+        if request.vehicle not in (None, earlier.vehicle):
             changes = {"preview": None, **changes}
-        self._views[token] = old.model_copy(update=changes)
+        self._views[token] = earlier.model_copy(update=changes)
         self._views.move_to_end(token)
         while len(self._views) > MAX_VIEWS:
             self._views.popitem(last=False)
@@ -246,8 +244,8 @@ class SceneProcess:
     def _on_gizmo_moved(self, gizmo: SceneGizmo) -> None:
         view = self._views.get(gizmo.view)
         if view is not None and view.preview is not None:
-            moved = {"position_ned_m": gizmo.position_ned_m, "yaw_ned_rad": gizmo.yaw_ned_rad}
-            preview = view.preview.model_copy(update=moved)
+            changes = {"position_ned_m": gizmo.position_ned_m, "yaw_ned_rad": gizmo.yaw_ned_rad}
+            preview = view.preview.model_copy(update=changes)
             self._views[gizmo.view] = view.model_copy(update={"preview": preview})
         if self._on_gizmo is not None:
             self._on_gizmo(gizmo)
@@ -255,7 +253,7 @@ class SceneProcess:
     def _restore_views(self, run: _Run) -> None:
         for token, request in self._views.items():
             try:
-                self._share_dry_run(run, request)
+                self._send_dry_run(run, request)
             except GcsError:  # the dry run was dropped meanwhile
                 request = request.model_copy(update={"dry_run": None})
             run.post(m.SetView(0, token, request))

@@ -28,7 +28,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.origin import is_same_origin
 from gcs_server.scene.clicks import ClickRequest, SceneClick
-from gcs_server.scene.gizmo import Drag, MovedMessage, ReleasedMessage, drag_of
+from gcs_server.scene.gizmo import Drag, MovedMessage, ReleasedMessage, parse_drag
 from gcs_server.scene.messages import SECRET_HEADER, ViserAddress
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.view_request import BRIDGE_KEY, TOKEN, ViewRequest
@@ -36,7 +36,7 @@ from gcs_server.scene.view_request import BRIDGE_KEY, TOKEN, ViewRequest
 log = logging.getLogger(__name__)
 
 MAX_FROM_BROWSER = 4096
-"""Maximum size of a browser's message [bytes]; a camera message has about 300."""
+"""Maximum size of a browser's message [bytes]; a camera message has about 300 bytes."""
 MAX_TO_BROWSER = 64 * 1024 * 1024
 QUERY_KEYS = ("view", "theme", "mode", "vehicle")
 
@@ -64,7 +64,7 @@ TRY_AGAIN = 1013
 """Close code "try again later": the 3D view is not running now."""
 
 ShownView = tuple[str, str | None, str]
-"""Content of a view: mode, vehicle (None: the first), theme."""
+"""Content of a view: mode, vehicle (None: the first vehicle), theme."""
 
 
 class Bridges:
@@ -78,8 +78,8 @@ class Bridges:
         self._sending_since_s: dict[str, float] = {}
 
     @contextmanager
-    def opened(self) -> Generator[str]:
-        """The name of a new bridge, which is open as long as the block."""
+    def open_bridge(self) -> Generator[str]:
+        """The name of a new bridge, which is open during the block."""
         self._count += 1
         name = str(self._count)
         self._names.add(name)
@@ -94,9 +94,9 @@ class Bridges:
 
     def stalled_names(self) -> list[str]:
         """Names of the stalled bridges."""
-        return [name for name in self._sending_since_s if self.stalled(name)]
+        return [name for name in self._sending_since_s if self.is_stalled(name)]
 
-    def stalled(self, bridge: str) -> bool:
+    def is_stalled(self, bridge: str) -> bool:
         """Whether sending one message to the browser has taken longer than `STALLED_AFTER_S`."""
         since_s = self._sending_since_s.get(bridge)
         return since_s is not None and self._clock.monotonic_s() - since_s > STALLED_AFTER_S
@@ -120,7 +120,7 @@ def parse_message(data: bytes) -> bytes | Drag | None:
         message = _decoder.decode(data)
     except (msgspec.MsgspecError, UnicodeDecodeError):
         return None
-    return _encode_camera(message) if isinstance(message, CameraMessage) else drag_of(message)
+    return _encode_camera(message) if isinstance(message, CameraMessage) else parse_drag(message)
 
 
 def _encode_camera(message: CameraMessage) -> bytes | None:
@@ -171,18 +171,18 @@ def scene_router(
             return Response(status_code=304, headers=headers)
         body = document.plain
         if "gzip" in request.headers.get("accept-encoding", ""):
-            body, headers["Content-Encoding"] = document.zipped, "gzip"
+            body, headers["Content-Encoding"] = document.gzipped, "gzip"
         return Response(body, media_type="text/html; charset=utf-8", headers=headers)
 
     @router.post("/view/{token}")
     async def choose_view(token: str, request_body: ViewRequest, request: Request) -> dict[str, Any]:
-        _require_own(token, request)
+        _require_own_page(token, request)
         mode, vehicle, theme = await set_view(token, request_body)
         return {"mode": mode, "vehicle": vehicle, "theme": theme}
 
     @router.post("/view/{token}/click")
     async def clicked(token: str, body: ClickRequest, request: Request) -> dict[str, Any]:
-        _require_own(token, request)
+        _require_own_page(token, request)
         on_ground = await click(token, body)
         return {"ground": on_ground is not None}
 
@@ -196,13 +196,13 @@ def scene_router(
         if viser is None:
             await websocket.close(code=TRY_AGAIN)
             return
-        with bridges.opened() as bridge:
-            await _bridge(websocket, viser, bridge, bridges, drag)
+        with bridges.open_bridge() as bridge:
+            await _run_bridge(websocket, viser, bridge, bridges, drag)
 
     return router
 
 
-def _require_own(token: str, request: Request) -> None:
+def _require_own_page(token: str, request: Request) -> None:
     if not is_same_origin(request.headers):
         raise Refused("A page of another origin may not control the 3D view.")
     if not TOKEN.fullmatch(token):
@@ -212,7 +212,7 @@ def _require_own(token: str, request: Request) -> None:
         )
 
 
-async def _bridge(
+async def _run_bridge(
     websocket: WebSocket,
     viser: ViserAddress,
     bridge: str,
@@ -220,12 +220,14 @@ async def _bridge(
     drag: Callable[[str, Drag], None],
 ) -> None:
     query = {k: v for k in QUERY_KEYS if (v := websocket.query_params.get(k)) and len(v) <= 64}
-    offered = [Subprotocol(p) for p in websocket.scope.get("subprotocols", []) if p.startswith("viser-v")]
+    subprotocols = [
+        Subprotocol(p) for p in websocket.scope.get("subprotocols", []) if p.startswith("viser-v")
+    ]
     try:
         upstream = await websockets.asyncio.client.unix_connect(
             viser.socket_path,
             f"ws://scene/?{urlencode({**query, BRIDGE_KEY: bridge})}",
-            subprotocols=offered or None,
+            subprotocols=subprotocols or None,
             additional_headers={SECRET_HEADER: viser.secret},
             compression=None,
             max_size=MAX_TO_BROWSER,

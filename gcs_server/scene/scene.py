@@ -13,7 +13,7 @@ from gcs_server.clock import Clock
 from gcs_server.scene.browser_scene import BrowserScene
 from gcs_server.scene.clicks import ClickRequest, SceneClick
 from gcs_server.scene.dry_runs import DryRunMoment, DryRunPath
-from gcs_server.scene.gizmo import Drag, SceneGizmo, dragged
+from gcs_server.scene.gizmo import Drag, SceneGizmo, apply_drag
 from gcs_server.scene.host import ViserHost
 from gcs_server.scene.messages import ViserAddress
 from gcs_server.scene.palette import Theme
@@ -46,7 +46,7 @@ class Scene:
         dry_runs: Callable[[str], tuple[DryRunPath, ...]] | None = None,
         stalled: Callable[[str], bool] = lambda _: False,
     ) -> None:
-        self._dry_runs, self._on_gizmo, self._is_stalled = dry_runs, on_gizmo, stalled
+        self._dry_runs, self._on_gizmo, self._is_bridge_stalled = dry_runs, on_gizmo, stalled
         self._clock = clock
         self._host = ViserHost()
         self._tracks = Tracks(fleet, offboard, clock)
@@ -67,8 +67,10 @@ class Scene:
     @property
     def followed(self) -> frozenset[str]:
         """Vehicles that views follow."""
-        shown = (self._tracks.shown(self._views[token].vehicle) for token, _ in self._browser_scenes.values())
-        return frozenset(each[0] for each in shown if each is not None)
+        selected = (
+            self._tracks.selected(self._views[token].vehicle) for token, _ in self._browser_scenes.values()
+        )
+        return frozenset(track[0] for track in selected if track is not None)
 
     async def start(self) -> ViserAddress:
         """Starts viser; returns its address. Raises SceneError."""
@@ -80,88 +82,91 @@ class Scene:
         await self._host.stop()
 
     def draw(self) -> None:
-        """Sends each browser what has changed since the last time."""
+        """Sends each browser the changes since the last call."""
         now_s = self._clock.monotonic_s()
         self._step(now_s, min(MAX_STEP_S, now_s - self._drawn_s))
         self._drawn_s = now_s
 
     def _step(self, now_s: float, dt_s: float) -> None:
         clients = self._host.clients()
-        for closed in [c for c in self._browser_scenes if c not in clients]:
-            del self._browser_scenes[closed]
-        reading_clients = {i: c for i, c in clients.items() if not self._stalled(i)}
+        for closed_client_id in [c for c in self._browser_scenes if c not in clients]:
+            del self._browser_scenes[closed_client_id]
+        reading_clients = {i: c for i, c in clients.items() if not self._is_client_stalled(i)}
         if not reading_clients:
             return
-        drawn = self._tracks.update(now_s, dt_s, self.followed)
+        tracks = self._tracks.update(now_s, dt_s, self.followed)
         for client_id, client in reading_clients.items():
             entry = self._browser_scenes.get(client_id)
             token = entry[0] if entry is not None else self._token(client_id)
             view = self._views[token]
             if entry is None or entry[1].theme != view.theme:
-                before = entry[1] if entry is not None else None
-                if before is not None:
-                    before.close()
-                entry = (token, BrowserScene(client, view, self._tracks.isolation, before))
+                previous = entry[1] if entry is not None else None
+                if previous is not None:
+                    previous.close()
+                entry = (token, BrowserScene(client, view, self._tracks.isolation, previous))
                 self._browser_scenes[client_id] = entry
             start_m = self._tracks.enu(view.dry_run.paths[0].origin_deg_m) if view.dry_run else None
-            entry[1].update(view, drawn, now_s, start_m, self._tracks.origin_deg_m)
+            entry[1].update(view, tracks, now_s, start_m, self._tracks.origin_deg_m)
 
-    def set_view(self, token: str, wanted: ViewRequest) -> View:
+    def set_view(self, token: str, request: ViewRequest) -> View:
         """Sets the content of the view with a token."""
-        old = self._views.get(token, View())
+        earlier = self._views.get(token, View())
         view = View(
-            wanted.mode or old.mode,
-            wanted.vehicle or old.vehicle,
-            wanted.theme or old.theme,
-            self._preview(wanted, old),
-            self._dry_run(wanted, old),
+            request.mode or earlier.mode,
+            request.vehicle or earlier.vehicle,
+            request.theme or earlier.theme,
+            self._preview(request, earlier),
+            self._dry_run(request, earlier),
         )
         return self._store_view(token, view)
 
-    def _preview(self, wanted: ViewRequest, old: View) -> Preview | None:
+    def _preview(self, request: ViewRequest, earlier: View) -> Preview | None:
         """The preview after a request; an omitted preview stays, but not for another vehicle."""
-        if "preview" not in wanted.model_fields_set:
-            return old.preview if wanted.vehicle in (None, old.vehicle) else None
-        requested = wanted.preview
+        if "preview" not in request.model_fields_set:
+            return earlier.preview if request.vehicle in (None, earlier.vehicle) else None
+        requested = request.preview
         if requested is None:
             return None
         self._serial += 1
         return Preview(requested.position_ned_m, requested.yaw_ned_rad, requested.handles, self._serial)
 
-    def _dry_run(self, wanted: ViewRequest, old: View) -> DryRunMoment | None:
-        """The dry run after a request; an omitted one stays."""
-        requested, before = wanted.dry_run, old.dry_run
-        if "dry_run" not in wanted.model_fields_set:
-            return before
+    def _dry_run(self, request: ViewRequest, earlier: View) -> DryRunMoment | None:
+        """The dry run after a request; an omitted dry run stays."""
+        requested, previous = request.dry_run, earlier.dry_run
+        if "dry_run" not in request.model_fields_set:
+            return previous
         if requested is None or self._dry_runs is None:
             return None
-        paths = before.paths if before and before.id == requested.id else self._dry_runs(requested.id)
+        paths = previous.paths if previous and previous.id == requested.id else self._dry_runs(requested.id)
         return DryRunMoment(requested.id, paths, requested.t_s, requested.follow) if paths else None
 
     def drag(self, bridge: str, drag: Drag) -> None:
-        """Handles a drag in the browser of this bridge, which moves only the preview of its own view."""
+        """Handles a drag in the browser of this bridge, which moves only the preview of this browser's
+        view."""
         for client_id, (token, browser_scene) in self._browser_scenes.items():
             if self._host.query_of(client_id).get(BRIDGE_KEY) == bridge:
-                self._drag_in(token, browser_scene, drag)
+                self._apply_drag(token, browser_scene, drag)
                 return
 
-    def _drag_in(self, token: str, browser_scene: BrowserScene, drag: Drag) -> None:
+    def _apply_drag(self, token: str, browser_scene: BrowserScene, drag: Drag) -> None:
         view = self._views[token]
-        shown = self._tracks.shown(view.vehicle)
-        pose = shown[1].smoother.pose if shown is not None else None
-        origin = shown[1].local_origin_enu_m if shown is not None else None
+        selected = self._tracks.selected(view.vehicle)
+        pose = selected[1].smoother.pose if selected is not None else None
+        origin = selected[1].local_origin_enu_m if selected is not None else None
         if view.preview is None or not view.preview.handles or view.mode != "free":
             return
-        if shown is None or pose is None or origin is None:
+        if selected is None or pose is None or origin is None:
             return
-        moved = dragged(view.preview, drag, origin, pose.position_enu_m)
-        if moved is None:
+        preview = apply_drag(view.preview, drag, origin, pose.position_enu_m)
+        if preview is None:
             return
         browser_scene.set_dragged_handle(changes_yaw=drag.changes_yaw)
-        self._views[token] = replace(view, preview=moved)
+        self._views[token] = replace(view, preview=preview)
         if self._on_gizmo is not None:
             released = drag.position_enu_m is None
-            self._on_gizmo(SceneGizmo(token, shown[0], moved.position_ned_m, moved.yaw_ned_rad, released))
+            self._on_gizmo(
+                SceneGizmo(token, selected[0], preview.position_ned_m, preview.yaw_ned_rad, released)
+            )
 
     def click(self, token: str, click: ClickRequest) -> SceneClick | None:
         """The clicked position; None: not on the ground.
@@ -170,11 +175,13 @@ class Scene:
             Refused: no vehicle has reported a global position.
         """
         view = self._views.get(token, View())
-        at = self._tracks.on_ground(view.vehicle, click.eye_enu_m, click.ray_enu)
-        return None if at is None else SceneClick(token, *at, click.view_x, click.view_y)
+        ground_position = self._tracks.on_ground(view.vehicle, click.eye_enu_m, click.ray_enu)
+        if ground_position is None:
+            return None
+        return SceneClick(token, *ground_position, click.view_x, click.view_y)
 
-    def _stalled(self, client_id: int) -> bool:
-        return self._is_stalled(self._host.query_of(client_id).get(BRIDGE_KEY, ""))
+    def _is_client_stalled(self, client_id: int) -> bool:
+        return self._is_bridge_stalled(self._host.query_of(client_id).get(BRIDGE_KEY, ""))
 
     def _token(self, client_id: int) -> str:
         """The token of a browser's view. A view that does not exist yet is created as the browser's address
@@ -191,8 +198,8 @@ class Scene:
         self._views[token] = view
         self._views.move_to_end(token)
         in_use = {t for t, _ in self._browser_scenes.values()} | {token}
-        for old in [t for t in self._views if t not in in_use][: max(0, len(self._views) - MAX_VIEWS)]:
-            del self._views[old]
+        for unused in [t for t in self._views if t not in in_use][: max(0, len(self._views) - MAX_VIEWS)]:
+            del self._views[unused]
         return view
 
 
@@ -201,8 +208,8 @@ def _view_from_query(query: dict[str, str]) -> View:
     a view and not an error.
     """
     mode: Mode = "chase"
-    for known in CAMERAS:
-        if known == query.get("mode"):
-            mode = known
+    for valid_mode in CAMERAS:
+        if valid_mode == query.get("mode"):
+            mode = valid_mode
     theme: Theme = "light" if query.get("theme") == "light" else "dark"
     return View(mode=mode, vehicle=query.get("vehicle") or None, theme=theme)

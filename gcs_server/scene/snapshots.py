@@ -58,7 +58,7 @@ class VehicleData(msgspec.Struct, array_like=True, frozen=True):
     """The changes of one vehicle."""
 
     number: int
-    """Number of the vehicle. A new vehicle with the id of a removed one gets a new number."""
+    """Number of the vehicle. A new vehicle with the id of a removed vehicle gets a new number."""
     id: str
     simulated: bool | None
     replayed: bool
@@ -66,10 +66,10 @@ class VehicleData(msgspec.Struct, array_like=True, frozen=True):
     """Time of the vehicle's clock; for a replayed vehicle, the recording's clock."""
     unix_s: float
     target: TargetData | None
-    """Setpoint that this server streams to it."""
+    """Setpoint that this server streams to the vehicle."""
     samples: list[SampleData]
-    absent: list[str]
-    """Topics that have no usable value any more."""
+    missing_topics: list[str]
+    """Topics that no longer have a usable value."""
 
 
 class SnapshotData(msgspec.Struct, array_like=True, frozen=True):
@@ -119,8 +119,8 @@ class SnapshotBuilder:
         vehicle = next((sent.vehicle() for sent in self._sent.values() if sent.number == number), None)
         samples: list[Sample] | None = None
         if vehicle is not None:
-            what = f"the trail of vehicle {vehicle.id}"
-            samples = self._isolation.run(what, vehicle.history, topics, since_unix_s)
+            work_name = f"the trail of vehicle {vehicle.id}"
+            samples = self._isolation.run(work_name, vehicle.history, topics, since_unix_s)
         return _encode([_data(sample) for sample in samples or ()])
 
     def snapshot(self, followed: Set[str], stalled: Sequence[str]) -> bytes:
@@ -154,7 +154,7 @@ class SnapshotBuilder:
 
     def _changes(self, vehicle: SceneVehicle, sent: _SentSamples) -> VehicleData:
         samples: list[SampleData] = []
-        absent: list[str] = []
+        missing_topics: list[str] = []
         for topic in DRAWN_TOPICS:
             received_s = vehicle.topic_received_s(topic)
             if received_s == sent.received_s.get(topic):
@@ -162,7 +162,7 @@ class SnapshotBuilder:
             sample = vehicle.topic(topic)
             if sample is None or received_s is None:
                 sent.received_s.pop(topic, None)
-                absent.append(topic)
+                missing_topics.append(topic)
             else:
                 sent.received_s[topic] = received_s
                 samples.append(_data(sample))
@@ -176,18 +176,18 @@ class SnapshotBuilder:
             vehicle.clock.unix_s(),
             target,
             samples,
-            absent,
+            missing_topics,
         )
 
     def _forget_removed(self, vehicles: Sequence[SceneVehicle]) -> None:
         current = {vehicle.id: vehicle for vehicle in vehicles}
         for vehicle_id, sent in list(self._sent.items()):
-            known = sent.vehicle()
+            vehicle = sent.vehicle()
             # Another vehicle may have got the same id.
-            if known is None or current.get(vehicle_id) is not known:
+            if vehicle is None or current.get(vehicle_id) is not vehicle:
                 del self._sent[vehicle_id]
 
 
 def _data(sample: Sample) -> SampleData:
-    at = (sample.received_unix_s, sample.received_monotonic_s)
-    return SampleData(sample.topic, *at, msgspec.Raw(_encode(sample.value)))
+    times = (sample.received_unix_s, sample.received_monotonic_s)
+    return SampleData(sample.topic, *times, msgspec.Raw(_encode(sample.value)))

@@ -29,20 +29,20 @@ _GLYPHS: dict[str, str] = {
     "W": "0,1 .15,0 .3,.7 .45,0 .6,1",
     " ": "",
 }
-ADVANCE = 0.85
+GLYPH_ADVANCE = 0.85
 
 
 def text_segments(text: str, *, height_m: float, at_m: Vector3) -> Points:
     """A line of text on the ground, readable from the south, centred at a point; (N, 2, 3)."""
-    width = (len(text) - 1) * ADVANCE + 0.6
+    width = (len(text) - 1) * GLYPH_ADVANCE + 0.6
     segments: list[tuple[tuple[float, float, float], tuple[float, float, float]]] = []
     for i, character in enumerate(text):
         for polyline in filter(None, _GLYPHS[character].split("|")):
             points = [tuple(map(float, pair.split(","))) for pair in polyline.split()]
-            positioned = [(i * ADVANCE + x - width / 2, y - 0.5, 0.0) for x, y in points]
+            positioned = [(i * GLYPH_ADVANCE + x - width / 2, y - 0.5, 0.0) for x, y in points]
             segments += list(itertools.pairwise(positioned))
-    out = np.asarray(segments, np.float32).reshape(-1, 2, 3)
-    return (out * np.float32(height_m) + np.asarray(at_m, np.float32)).astype(np.float32)
+    lines = np.asarray(segments, np.float32).reshape(-1, 2, 3)
+    return (lines * np.float32(height_m) + np.asarray(at_m, np.float32)).astype(np.float32)
 
 
 def scale_marks(step_m: float) -> Points:
@@ -57,8 +57,8 @@ def scale_marks(step_m: float) -> Points:
         label = f"{distance_m:.0f} m" if distance_m < 1000 else f"{distance_m / 1000:.0f} km"
         for x, y in ((0, 1), (1, 0), (0, -1), (-1, 0)):
             # Beside the grid line.
-            at = (x * distance_m + size * 2.2, y * distance_m + size * 0.9, 0.0)
-            parts.append(text_segments(label, height_m=size, at_m=at))
+            position_m = (x * distance_m + size * 2.2, y * distance_m + size * 0.9, 0.0)
+            parts.append(text_segments(label, height_m=size, at_m=position_m))
     return np.concatenate(parts)
 
 

@@ -4,5 +4,5 @@ from __future__ import annotations
 
 
 def height_text(height_m: float) -> str:
-    """Height as text, without "-0.0", which would show estimator noise."""
+    """A height or an altitude as text, without "-0.0", which would show estimator noise."""
     return f"{height_m if abs(height_m) >= 0.05 else 0.0:.1f} m".replace("-", "\N{MINUS SIGN}")

@@ -37,16 +37,16 @@ class Track:
 
     vehicle: weakref.ref[SceneVehicle]
     updated_s: float
-    """Time of the last update, on the clock of its samples."""
+    """Time of the last update, on the clock of the vehicle's samples."""
     incomplete_since_s: float | None
     """Time on the same clock from which the trail must still be built from the history; None: the trail is
     complete."""
     place: VehiclePlace | None = None
-    """Position at the last update; None if it was not known."""
+    """Position at the last update; None: the vehicle could not be placed."""
     since_update_s: float = 0.0
     """Time since the last update [s]."""
     local_origin_enu_m: Vector3 | None = None
-    """Origin of its local frame; None while it has none."""
+    """Origin of the vehicle's local frame; None: not known."""
     smoother: Smoother = field(default_factory=Smoother)
     trail: Trail = field(default_factory=Trail)
 
@@ -70,7 +70,7 @@ class Tracks:
     def update(self, now_s: float, dt_s: float, followed: Set[str] = frozenset()) -> dict[str, Track]:
         """Reads the newest samples. Returns the tracks by vehicle id, in the order of the identity colours.
 
-        Leaves out a vehicle that cannot be placed.
+        A vehicle that cannot be placed is left out.
 
         Args:
             followed: vehicles that views follow; they are always updated, and their trails are built first.
@@ -89,8 +89,10 @@ class Tracks:
                 or index % UPDATE_DIVISOR == self._turn
             )
             if is_due or paused or track.place is None:
-                name = f"vehicle {vehicle.id}"
-                track.place = self.isolation.run(name, self._update_one, vehicle, track, track.since_update_s)
+                work_name = f"vehicle {vehicle.id}"
+                track.place = self.isolation.run(
+                    work_name, self._update_track, vehicle, track, track.since_update_s
+                )
                 track.since_update_s = 0.0
             if track.place is not None:
                 places[vehicle.id] = track.place
@@ -99,21 +101,21 @@ class Tracks:
         ]
         if incomplete:
             vehicle = next((v for v in incomplete if v.id in followed), incomplete[0])
-            what = f"the trail of vehicle {vehicle.id}"
-            self.isolation.run(what, self._build_trail, vehicle, places[vehicle.id])
+            work_name = f"the trail of vehicle {vehicle.id}"
+            self.isolation.run(work_name, self._build_trail, vehicle, places[vehicle.id])
         return {vehicle_id: self._tracks[vehicle_id] for vehicle_id in places}
 
-    def _update_one(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> VehiclePlace:
+    def _update_track(self, vehicle: SceneVehicle, track: Track, dt_s: float) -> VehiclePlace:
         place = self._placement.place(vehicle)
         track.local_origin_enu_m = place.local_origin_enu_m
-        if place.known and track.incomplete_since_s is None:
+        if place.position_known and track.incomplete_since_s is None:
             track.trail.add(place.position_enu_m)
-        streamed = self._offboard(vehicle.id) if self._offboard is not None else None
-        target = OffboardTarget(*streamed) if streamed is not None else None
+        setpoint = self._offboard(vehicle.id) if self._offboard is not None else None
+        target = OffboardTarget(*setpoint) if setpoint is not None else None
         track.smoother.step(pose_of(vehicle, place, target, track.updated_s), dt_s)
         return place
 
-    def shown(self, vehicle_id: str | None) -> tuple[str, Track] | None:
+    def selected(self, vehicle_id: str | None) -> tuple[str, Track] | None:
         """The vehicle that a view shows; for None or a removed vehicle, the first vehicle."""
         vehicle_id = vehicle_id if vehicle_id in self._tracks else next(iter(self._tracks), None)
         return None if vehicle_id is None else (vehicle_id, self._tracks[vehicle_id])
@@ -142,9 +144,9 @@ class Tracks:
         Raises:
             Refused: no vehicle has reported a global position.
         """
-        shown = self.shown(vehicle_id)
-        pose = shown[1].smoother.pose if shown is not None else None
-        if shown is None or pose is None:
+        selected = self.selected(vehicle_id)
+        pose = selected[1].smoother.pose if selected is not None else None
+        if selected is None or pose is None:
             raise Refused("There is no vehicle yet, so the 3D ground has no geographic position.")
         point = ground_point(eye_enu_m, ray_enu, pose.ground_z_m)
         if point is None:
@@ -155,13 +157,13 @@ class Tracks:
                 "No vehicle has reported its position yet, so the 3D ground has no geographic position.",
                 remedy="Wait for a position fix.",
             )
-        return (shown[0], *geodetic)
+        return (selected[0], *geodetic)
 
     def _forget_removed(self, vehicles: Sequence[SceneVehicle]) -> None:
         current = {vehicle.id: vehicle for vehicle in vehicles}
         for vehicle_id, track in list(self._tracks.items()):
             # Another vehicle may have received the same id while no view was open.
-            if (known := track.vehicle()) is None or current.get(vehicle_id) is not known:
+            if (vehicle := track.vehicle()) is None or current.get(vehicle_id) is not vehicle:
                 del self._tracks[vehicle_id]
                 self._placement.forget(vehicle_id)
         if not self._tracks:
@@ -181,7 +183,7 @@ class Tracks:
     def _build_trail(self, vehicle: SceneVehicle, place: VehiclePlace) -> None:
         track = self._tracks[vehicle.id]
         since_s = track.incomplete_since_s
-        if since_s is not None and place.known:
+        if since_s is not None and place.position_known:
             since_unix_s = vehicle.clock.unix_s() - (track.updated_s - since_s)
             points = self._placement.earlier_positions(vehicle, place, since_unix_s)
             if points is None:

@@ -10,7 +10,7 @@ import viser
 
 from gcs_server.scene.labels import Label
 from gcs_server.scene.measured_points import upright_lines
-from gcs_server.scene.model import GIMBAL_AT_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
+from gcs_server.scene.model import GIMBAL_POSITION_M, ROTORS_FLU_M, Points, q_along, rotor_quaternions
 from gcs_server.scene.moving_node import MovingNode
 from gcs_server.scene.palette import Palette, tone_corrected
 from gcs_server.scene.pose import Target, VehiclePose
@@ -21,13 +21,13 @@ from missions.frames import IDENTITY, Quaternion, Vector3, multiply, q_from_yaw
 
 FRUSTUM_MIN_M = 0.9
 FRUSTUM_MAX_M = 2.6
-TRAIL_EVERY_S = 1.0 / 15.0
+TRAIL_PERIOD_S = 1.0 / 15.0
 LABEL_ABOVE_M = 0.36
 LABEL_BELOW_M = 0.12
 GROUND_GAP_M = 0.012
-"""Marks on the ground are drawn this much above it to avoid flicker [m]."""
+"""Marks on the ground are drawn this much above the ground to avoid flicker [m]."""
 MIN_LINE_M = 0.35
-"""Distance to the target below which no line is drawn to it [m]."""
+"""Distance to the target below which no line to the target is drawn [m]."""
 
 
 class VehicleNode:
@@ -46,31 +46,32 @@ class VehicleNode:
         self._palette, self._shapes = palette, shapes
         self._colour = palette.identity(index)
         self._rgb = tone_corrected(self._colour, palette)
-        self._drawn: VehiclePose | None = None
+        self._drawn_pose: VehiclePose | None = None
         self._angles: tuple[float, ...] = ()
         self._trail_version = -1
         self._next_trail_s = 0.0
         self._tail_end: Vector3 | None = None
         self._tail_lines: Points | None = None
-        self._tail_from: Vector3 | None = None
-        """The newest of the trail's points in `_tail_lines`."""
+        self._tail_newest_point: Vector3 | None = None
+        """The newest trail point in `_tail_lines`."""
         self._frustum_m = 0.0
         self._add_airframe()
         self._add_gimbal()
         self._add_ground_marks()
         self._add_target()
         self._measured_points: Any = None
-        """Node of the measured points; created with the first one, because most vehicles have no sensor."""
+        """Node of the measured points; created with the first points, because most vehicles have no
+        sensor."""
         self._sealed: Any = None
         self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
-        self._tail_node = self._moving("/tail")
+        self._tail_node = self._moving_node("/tail")
         self._label = Label(client, f"{self._root}/place/label", self._colour)
         self._label.move((0.0, 0.0, LABEL_ABOVE_M))
         self._hidden: bool | None = None
 
     def remove(self) -> None:
         """Removes all nodes."""
-        self._top.remove()
+        self._root_node.remove()
 
     @property
     def labels(self) -> list[Label]:
@@ -78,21 +79,21 @@ class VehicleNode:
         return [self._label, self._target_label]
 
     def update(self, smoother: Smoother, trail: Trail, now_s: float, *, hidden: bool) -> None:
-        """Sends what has changed since the last time.
+        """Sends the changes since the last call.
 
         Args:
-            hidden: hides airframe, label and frustum, because the view looks through its camera.
+            hidden: hides airframe, label and frustum, because the view looks through the vehicle's camera.
         """
         pose = smoother.pose
         if pose is None:
             return
-        last = self._drawn
+        last = self._drawn_pose
         if pose is last and hidden == self._hidden:  # this vehicle was not updated in this step
             return
         if hidden != self._hidden:
             self._hidden = hidden
             self._body.visible = not hidden
-            self._label.shown = not hidden
+            self._label.visible = not hidden
         if last is None or pose.position_enu_m != last.position_enu_m or pose.q_enu_flu != last.q_enu_flu:
             self._move(pose, last)
         if pose.motors is not None and smoother.rotor_angles_rad != self._angles:
@@ -104,15 +105,15 @@ class VehicleNode:
         if last is None or pose.home_enu_m != last.home_enu_m:
             self._home.visible = pose.home_enu_m is not None
             if pose.home_enu_m is not None:
-                self._home.position = _lifted(pose.home_enu_m)
+                self._home.position = _above_ground(pose.home_enu_m)
         self._show_target(pose, last)
         if last is None or pose.measured_points_enu_m != last.measured_points_enu_m:
             self._show_measured_points(pose)
         self._label.text, self._label.note = pose.label, pose.note
         if now_s >= self._next_trail_s:
-            self._next_trail_s = now_s + TRAIL_EVERY_S
+            self._next_trail_s = now_s + TRAIL_PERIOD_S
             self._draw_trail(trail, pose.position_enu_m)
-        self._drawn = pose
+        self._drawn_pose = pose
 
     def _move(self, pose: VehiclePose, last: VehiclePose | None) -> None:
         x, y, z = pose.position_enu_m
@@ -156,7 +157,7 @@ class VehicleNode:
         target = pose.target
         if last is None or (target is None) != (last.target is None):
             self._target.visible = self._target_dots.visible = target is not None
-            self._target_label.shown = target is not None
+            self._target_label.visible = target is not None
         if target is None:
             return
         if last is None or target != last.target:
@@ -165,7 +166,7 @@ class VehicleNode:
             self._target_node.turn(q_from_yaw(yaw) if yaw is not None else IDENTITY)
             x, y, z = target.position_enu_m
             self._target_label.move((x, y, z - LABEL_BELOW_M))
-        self._stretch(pose, target)
+        self._draw_target_line(pose, target)
         height_m = target.position_enu_m[2] - pose.ground_z_m
         self._target_label.text = "velocity" if target.is_velocity else f"target {height_m:.1f} m"
 
@@ -179,13 +180,13 @@ class VehicleNode:
             if pose.measured_points_enu_m:
                 self._measured_points.points = upright_lines(pose.measured_points_enu_m)
 
-    def _stretch(self, pose: VehiclePose, target: Target) -> None:
+    def _draw_target_line(self, pose: VehiclePose, target: Target) -> None:
         a, b = pose.position_enu_m, target.position_enu_m
         offset = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
         length_m = math.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         has_line = length_m > MIN_LINE_M
         self._target_dots.visible = has_line
-        self._target_label.shown = has_line
+        self._target_label.visible = has_line
         if has_line:
             self._target_line_node.place(a)
             self._target_line_node.turn(q_along(offset))
@@ -198,27 +199,31 @@ class VehicleNode:
                 self._sealed.remove()
                 self._sealed = None
             if len(trail.sealed) > 1:
-                self._sealed = self._lines("/trail", _chain(trail.sealed), self._colour, 2.6)
+                self._sealed = self._lines("/trail", _line_segments(trail.sealed), self._colour, 2.6)
             self._tail_end = None
         if trail.recent and head != self._tail_end:
             self._tail_end = head
-            self._tail_node.change("points", self._tail_to(trail.recent, head))
+            self._tail_node.change("points", self._tail_to_vehicle(trail.recent, head))
 
-    def _tail_to(self, recent: list[Vector3], head: Vector3) -> Points:
+    def _tail_to_vehicle(self, recent: list[Vector3], head: Vector3) -> Points:
         """The lines between the newest points and to the vehicle; most calls change only the last line."""
-        if self._tail_lines is None or len(self._tail_lines) != len(recent) or self._tail_from != recent[-1]:
-            self._tail_lines, self._tail_from = _chain([*recent, head]), recent[-1]
+        if (
+            self._tail_lines is None
+            or len(self._tail_lines) != len(recent)
+            or self._tail_newest_point != recent[-1]
+        ):
+            self._tail_lines, self._tail_newest_point = _line_segments([*recent, head]), recent[-1]
         lines = self._tail_lines.copy()
         lines[-1, 1] = head
         return lines
 
     def _add_airframe(self) -> None:
         s, p = self._shapes, self._palette
-        self._top = self._scene.add_frame(self._root, show_axes=False)
+        self._root_node = self._scene.add_frame(self._root, show_axes=False)
         self._scene.add_frame(f"{self._root}/place", show_axes=False)
-        self._position_node = self._moving("/place")
+        self._position_node = self._moving_node("/place")
         self._body = self._scene.add_frame(f"{self._root}/place/body", show_axes=False)
-        self._body_node = self._moving("/place/body")
+        self._body_node = self._moving_node("/place/body")
         self._shell = self._mesh("/place/body/shell", s.shell, p.body)
         self._dark = self._mesh("/place/body/dark", s.dark_parts, p.dark_part)
         self._mark = self._mesh("/place/body/mark", s.front_mark, self._rgb, side="double")
@@ -238,14 +243,14 @@ class VehicleNode:
             cast_shadow=False,
             receive_shadow=False,
         )
-        self._blades_node = self._moving("/place/body/blades")
+        self._blades_node = self._moving_node("/place/body/blades")
 
     def _add_gimbal(self) -> None:
         s, p = self._shapes, self._palette
         self._gimbal = self._scene.add_frame(
-            f"{self._root}/place/body/gimbal", show_axes=False, position=GIMBAL_AT_M
+            f"{self._root}/place/body/gimbal", show_axes=False, position=GIMBAL_POSITION_M
         )
-        self._gimbal_node = self._moving("/place/body/gimbal")
+        self._gimbal_node = self._moving_node("/place/body/gimbal")
         self._mesh("/place/body/gimbal/camera", s.camera, p.dark_part)
         self._lines("/place/body/gimbal/lens", s.lens, p.text, 2.0)
         self._frustum = self._scene.add_frame(f"{self._root}/place/body/gimbal/sees", show_axes=False)
@@ -257,7 +262,7 @@ class VehicleNode:
         p = self._palette
         self._home = self._lines("/home", self._shapes.home, p.text_2, 1.8)
         self._scene.add_frame(f"{self._root}/below", show_axes=False)
-        self._ground_node = self._moving("/below")
+        self._ground_node = self._moving_node("/below")
         self._scene.add_image(
             f"{self._root}/below/shadow",
             self._shadow_image(),
@@ -270,24 +275,24 @@ class VehicleNode:
         )
         upright = np.asarray([[(0, 0, 0), (0, 0, 1)]], np.float32)
         self._plumb = self._lines("/below/plumb", upright, p.text_3, 1.0)
-        self._plumb_node = self._moving("/below/plumb")
+        self._plumb_node = self._moving_node("/below/plumb")
 
     def _add_target(self) -> None:
         p = self._palette
         self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
-        self._target_node = self._moving("/target")
+        self._target_node = self._moving_node("/target")
         self._target_dots = self._lines("/way", self._shapes.dots, p.target, 2.0)
-        self._target_line_node = self._moving("/way")
+        self._target_line_node = self._moving_node("/way")
         self._target_label = Label(self._client, f"{self._root}/target_label", p.target, side="below")
         self._target.visible = self._target_dots.visible = False
-        self._target_label.shown = False
+        self._target_label.visible = False
 
     def _shadow_image(self) -> Any:
         image = self._shapes.shadow.copy()
         image[..., 3] = (image[..., 3] * self._palette.shadow_opacity).astype(np.uint8)
         return image
 
-    def _moving(self, name: str) -> MovingNode:
+    def _moving_node(self, name: str) -> MovingNode:
         return MovingNode(self._client, self._root + name)
 
     def _mesh(self, name: str, mesh: Any, colour: tuple[int, int, int], **options: Any) -> Any:
@@ -312,7 +317,7 @@ class VehicleNode:
 
 
 def frustum_depth_m(pose: VehiclePose, q_body_camera: Quaternion) -> float:
-    """Depth of the frustum [m]; it ends at the ground if that is near."""
+    """Depth of the frustum [m]; the frustum ends at the ground if the ground is near."""
     w, x, y, z = multiply(pose.q_enu_flu, q_body_camera)
     forward_up = 2.0 * (x * z - w * y)
     height_m = pose.position_enu_m[2] - pose.ground_z_m
@@ -321,10 +326,10 @@ def frustum_depth_m(pose: VehiclePose, q_body_camera: Quaternion) -> float:
     return min(FRUSTUM_MAX_M, max(FRUSTUM_MIN_M, height_m / -forward_up))
 
 
-def _chain(points: list[Vector3]) -> Points:
+def _line_segments(points: list[Vector3]) -> Points:
     line = np.asarray(points, np.float32)
     return np.stack([line[:-1], line[1:]], axis=1)
 
 
-def _lifted(at_m: Vector3) -> Vector3:
-    return (at_m[0], at_m[1], at_m[2] + GROUND_GAP_M)
+def _above_ground(position_m: Vector3) -> Vector3:
+    return (position_m[0], position_m[1], position_m[2] + GROUND_GAP_M)

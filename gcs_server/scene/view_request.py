@@ -14,7 +14,7 @@ TOKEN = re.compile(r"[A-Za-z0-9_-]{1,64}")
 BRIDGE_KEY = "bridge"
 """Query key of the bridge through which viser's client connected."""
 MAX_VIEWS = 64
-"""Number of views whose settings are kept for pages that may reconnect."""
+"""Maximum number of views whose settings are stored for pages that may reconnect."""
 
 
 class ViewRequest(BaseModel):

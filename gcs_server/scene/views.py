@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gcs_server.scene.dry_runs import DryRunMoment
-from gcs_server.scene.model import GIMBAL_AT_M
+from gcs_server.scene.model import GIMBAL_POSITION_M
 from gcs_server.scene.palette import Theme
 from gcs_server.scene.pose import VehiclePose
 from missions.frames import IDENTITY, Quaternion, Vector3, conjugate, multiply, q_from_yaw, rotate
@@ -30,7 +30,7 @@ HANDLES_ELEVATION_RAD = 0.55
 """Elevation to which a camera that is too low is moved. From a low elevation, the horizontal handle looks
 like a line."""
 MIN_ELEVATION_RAD = 0.3
-"""A camera at a lower elevation is moved."""
+"""Minimum elevation; a camera at a lower elevation is moved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class View:
 
     mode: Mode = "chase"
     vehicle: str | None = None
-    """Id of the vehicle; None: the first one."""
+    """Id of the vehicle; None: the first vehicle."""
     theme: Theme = "dark"
     preview: Preview | None = None
     dry_run: DryRunMoment | None = None
@@ -84,7 +84,7 @@ CAMERAS: dict[Mode, Camera] = {
 
 
 def world_pose(mode: Mode, pose: VehiclePose | None, heading_enu_rad: float) -> WorldPose:
-    """Pose of the world for this mode; without a vehicle it is unchanged.
+    """Pose of the world for this mode; the identity in mode `free`, and without a vehicle.
 
     Args:
         heading_enu_rad: viewing direction of `chase`.
@@ -95,13 +95,13 @@ def world_pose(mode: Mode, pose: VehiclePose | None, heading_enu_rad: float) -> 
         return _world_from(pose.position_enu_m, IDENTITY)
     if mode == "chase":
         return _world_from(pose.position_enu_m, q_from_yaw(heading_enu_rad))
-    lens = rotate(pose.q_enu_flu, GIMBAL_AT_M)
-    at = (
+    lens = rotate(pose.q_enu_flu, GIMBAL_POSITION_M)
+    camera_enu_m = (
         pose.position_enu_m[0] + lens[0],
         pose.position_enu_m[1] + lens[1],
         pose.position_enu_m[2] + lens[2],
     )
-    return _world_from(at, multiply(pose.q_enu_flu, pose.q_body_camera or IDENTITY))
+    return _world_from(camera_enu_m, multiply(pose.q_enu_flu, pose.q_body_camera or IDENTITY))
 
 
 def in_world(world: WorldPose, point_m: Vector3) -> Vector3:
@@ -113,8 +113,8 @@ def in_world(world: WorldPose, point_m: Vector3) -> Vector3:
 def camera_for_handles(
     eye_m: Vector3, look_at_m: Vector3, handles_m: Vector3, vehicle_m: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """A camera pose from which handles can be dragged: the current pose if possible, or else one that looks
-    at them.
+    """A camera pose from which handles can be dragged: the current pose if possible, or else a pose that
+    looks at the handles.
 
     Args:
         eye_m, look_at_m, handles_m, vehicle_m: all in the world's ENU.
@@ -122,25 +122,27 @@ def camera_for_handles(
     Returns:
         (eye, look_at).
     """
-    ahead = _difference(look_at_m, eye_m)
-    if _can_be_dragged(ahead, _difference(handles_m, eye_m)):
+    view_direction = _difference(look_at_m, eye_m)
+    if _can_be_dragged(view_direction, _difference(handles_m, eye_m)):
         return eye_m, look_at_m
-    level_m = math.hypot(ahead[0], ahead[1])
-    east, north = (ahead[0] / level_m, ahead[1] / level_m) if level_m > 0.0 else (0.0, 1.0)
+    level_m = math.hypot(view_direction[0], view_direction[1])
+    east, north = (view_direction[0] / level_m, view_direction[1] / level_m) if level_m > 0.0 else (0.0, 1.0)
     distance_m = max(HANDLES_DISTANCE_M, 1.6 * math.dist(handles_m, vehicle_m))
-    elevation_rad = max(HANDLES_ELEVATION_RAD, math.atan2(-ahead[2], level_m))
+    elevation_rad = max(HANDLES_ELEVATION_RAD, math.atan2(-view_direction[2], level_m))
     back_m, up_m = distance_m * math.cos(elevation_rad), distance_m * math.sin(elevation_rad)
     return (handles_m[0] - east * back_m, handles_m[1] - north * back_m, handles_m[2] + up_m), handles_m
 
 
-def _can_be_dragged(ahead: Vector3, to_handles: Vector3) -> bool:
+def _can_be_dragged(view_direction: Vector3, to_handles: Vector3) -> bool:
     """Whether handles can be dragged well: near the middle of the picture, seen from above, and not too
     near."""
-    away_m = math.hypot(*to_handles)
-    if away_m < MIN_HANDLES_DISTANCE_M or -to_handles[2] < math.sin(MIN_ELEVATION_RAD) * away_m:
+    distance_m = math.hypot(*to_handles)
+    if distance_m < MIN_HANDLES_DISTANCE_M or -to_handles[2] < math.sin(MIN_ELEVATION_RAD) * distance_m:
         return False
-    along_m = sum(a * b for a, b in zip(ahead, to_handles, strict=True)) / math.hypot(*ahead)
-    return along_m > math.cos(HANDLES_MAX_OFFSET_RAD) * away_m
+    along_m = sum(a * b for a, b in zip(view_direction, to_handles, strict=True)) / math.hypot(
+        *view_direction
+    )
+    return along_m > math.cos(HANDLES_MAX_OFFSET_RAD) * distance_m
 
 
 def _difference(a: Vector3, b: Vector3) -> Vector3:

@@ -28,8 +28,8 @@ from gcs_server.streamer.process.message_pipe import MessagePipe
 
 NICENESS = 5
 MAX_WAITING_BYTES = 1_000_000
-"""Size of the buffer for a stalled server; only answers wait in it, so it never fills up while the server
-runs."""
+"""Size of the buffer for a stalled server; the buffer contains only responses, so it never fills up while the
+server runs."""
 
 
 class Worker:
@@ -44,7 +44,7 @@ class Worker:
         self._fleet = MirrorFleet(self._request_history)
         self._dry_runs: OrderedDict[str, tuple[DryRunPath, ...]] = OrderedDict()
         self._snapshots = 0
-        self._reported = m.Drawn(0, 0, frozenset(), ())
+        self._reported = m.DrawingState(0, 0, frozenset(), ())
         self.scene = Scene(
             self._fleet,
             SystemClock(),
@@ -62,10 +62,10 @@ class Worker:
             while True:
                 select.select([self._pipe], [self._pipe] if self._pipe.has_unsent_data else [], [])
                 self._pipe.flush()
-                taken = self._snapshots
+                previous_snapshots = self._snapshots
                 for message in self._pipe.receive():
                     self._handle(message)
-                if self._snapshots > taken:
+                if self._snapshots > previous_snapshots:
                     self.scene.draw()
                     self._report()
         except EOFError:
@@ -75,11 +75,11 @@ class Worker:
 
     def _report(self) -> None:
         faults = (*self._fleet.faults, *self.scene.faults())
-        drawn = m.Drawn(self._snapshots, self.scene.viewers, self.scene.followed, faults)
-        before = replace(self._reported, snapshots=self._snapshots)
-        if drawn != before or self._snapshots - self._reported.snapshots >= m.ACKNOWLEDGED_EVERY:
-            self._reported = drawn
-            self._pipe.send(drawn)
+        state = m.DrawingState(self._snapshots, self.scene.viewers, self.scene.followed, faults)
+        reported = replace(self._reported, snapshots=self._snapshots)
+        if state != reported or self._snapshots - self._reported.snapshots >= m.MAX_SNAPSHOTS_PER_REPORT:
+            self._reported = state
+            self._pipe.send(state)
 
     def _request_history(self, vehicle: int, topics: tuple[str, ...], since_unix_s: float) -> None:
         self._pipe.send(m.HistoryRequest(vehicle, topics, since_unix_s))
@@ -87,18 +87,18 @@ class Worker:
     def _handle(self, message: object) -> None:
         match message:
             case m.Snapshot(data):
-                self._fleet.take(data)
+                self._fleet.apply(data)
                 self._snapshots += 1
-            case m.HistoryAnswer(vehicle, samples):
+            case m.HistoryResponse(vehicle, samples):
                 self._fleet.take_history(vehicle, samples)
             case m.SetView(number, token, request):
                 view = self.scene.set_view(token, request)
-                self._pipe.send(m.Answer(number, (view.mode, view.vehicle, view.theme)))
+                self._pipe.send(m.Response(number, (view.mode, view.vehicle, view.theme)))
             case m.Click(number, token, request):
                 try:
-                    self._pipe.send(m.Answer(number, self.scene.click(token, request)))
+                    self._pipe.send(m.Response(number, self.scene.click(token, request)))
                 except GcsError as error:
-                    self._pipe.send(m.Answer(number, None, error))
+                    self._pipe.send(m.Response(number, None, error))
             case m.HandleDragged(bridge, drag):
                 self.scene.drag(bridge, drag)
             case m.DryRunPaths(dry_run, paths):
@@ -111,7 +111,7 @@ class Worker:
 
 def main(arguments: list[str]) -> None:
     """`worker SOCKET_FD`."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # the server handles them, then closes the socket
+    for number in (signal.SIGINT, signal.SIGTERM):  # the server handles these signals, then closes the socket
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     logging.basicConfig(format="%(levelname)s %(name)s: %(message)s")

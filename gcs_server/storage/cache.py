@@ -19,7 +19,7 @@ _name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,120}")
 
 
 class Cache:
-    """Small files by name in one folder; the oldest is removed first.
+    """Small files by name in one folder; the oldest file is removed first.
 
     Args:
         folder: folder of the files; created at the first write.

@@ -44,15 +44,15 @@ class LineLog:
         finally:
             os.close(descriptor)
 
-    def tail(self, most_bytes: int) -> list[bytes]:
+    def tail(self, max_bytes: int) -> list[bytes]:
         """The newest complete lines, oldest first, from at most this many bytes of each file."""
         lines: list[bytes] = []
         for path in (self._previous, self.path):
             with suppress(OSError), path.open("rb") as file:
                 size = file.seek(0, os.SEEK_END)
-                file.seek(max(0, size - most_bytes))
-                found = file.read(most_bytes).split(b"\n")
-                lines += found[1 if size > most_bytes else 0 : -1]  # without incomplete lines
+                file.seek(max(0, size - max_bytes))
+                parts = file.read(max_bytes).split(b"\n")
+                lines += parts[1 if size > max_bytes else 0 : -1]  # without incomplete lines
         return lines
 
 

@@ -55,8 +55,8 @@ class MapInfo:
 
 def is_map_name(name: str) -> bool:
     """Whether a request may use this file name: a PMTiles or MBTiles file directly in the folder."""
-    too_long = len(name.encode(errors="replace")) > MAX_FILE_NAME_BYTES
-    return NAME.fullmatch(name) is not None and not name.startswith(".") and not too_long
+    is_too_long = len(name.encode(errors="replace")) > MAX_FILE_NAME_BYTES
+    return NAME.fullmatch(name) is not None and not name.startswith(".") and not is_too_long
 
 
 def read_map(path: Path) -> MapInfo:
@@ -101,21 +101,21 @@ def _mbtiles(path: Path) -> MapInfo:
         min_zoom, max_zoom = database.execute("SELECT min(zoom_level), max(zoom_level) FROM tiles").fetchone()
     if min_zoom is None:
         raise ValueError("it has no tiles")
-    kind = metadata.get("format", "png").lower()
-    vector = kind == "pbf"
-    if not vector and kind not in IMAGE_TYPES:
-        raise ValueError(f"its tiles are of format {kind!r}; png, jpg, webp and pbf can be shown")
+    tile_format = metadata.get("format", "png").lower()
+    is_vector = tile_format == "pbf"
+    if not is_vector and tile_format not in IMAGE_TYPES:
+        raise ValueError(f"its tiles are of format {tile_format!r}; png, jpg, webp and pbf can be shown")
     corners = [float(part) for part in metadata["bounds"].split(",")] if "bounds" in metadata else []
     return MapInfo(
         name=path.name,
         format="mbtiles",
-        tiles="vector" if vector else "raster",
-        content_type=VECTOR_TYPE if vector else IMAGE_TYPES[kind],
+        tiles="vector" if is_vector else "raster",
+        content_type=VECTOR_TYPE if is_vector else IMAGE_TYPES[tile_format],
         min_zoom=int(min_zoom),
         max_zoom=int(max_zoom),
         bounds_deg=_bounds(corners),
         attribution=metadata.get("attribution"),
-        layers=_layers(json.loads(metadata["json"])) if vector and "json" in metadata else (),
+        layers=_layers(json.loads(metadata["json"])) if is_vector and "json" in metadata else (),
         bytes=path.stat().st_size,
     )
 
@@ -157,7 +157,7 @@ def _pmtiles(path: Path) -> MapInfo:
 
 
 def _bounds(corners: list[float]) -> Bounds | None:
-    """The bounds if they are valid degrees and not empty, else None."""
+    """The bounds; None if they are invalid or empty."""
     if len(corners) != 4:
         return None
     west, south, east, north = corners
@@ -166,10 +166,11 @@ def _bounds(corners: list[float]) -> Bounds | None:
 
 
 def _layers(metadata: dict[str, Any]) -> tuple[str, ...]:
-    listed = metadata.get("vector_layers")
-    if not isinstance(listed, list):
+    vector_layers = metadata.get("vector_layers")
+    if not isinstance(vector_layers, list):
         return ()
     entries = cast(
-        "list[dict[str, Any]]", [one for one in cast("list[Any]", listed) if isinstance(one, dict)]
+        "list[dict[str, Any]]",
+        [layer for layer in cast("list[Any]", vector_layers) if isinstance(layer, dict)],
     )
-    return tuple(str(one["id"]) for one in entries if "id" in one)
+    return tuple(str(layer["id"]) for layer in entries if "id" in layer)

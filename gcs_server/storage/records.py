@@ -23,7 +23,7 @@ class Unreadable(str):
 
 
 class Records:
-    """Records, one file each. A thread writes them one after the other; the caller gets a future and does not
+    """Records, one file each. A thread writes one record after another; the caller gets a future and does not
     wait for the disk.
 
     Args:
@@ -40,30 +40,30 @@ class Records:
         Raises:
             OSError: the folder cannot be read, or contains more than `MAX_RECORDS` files.
         """
-        found: dict[str, dict[str, object] | Unreadable] = {}
+        records: dict[str, dict[str, object] | Unreadable] = {}
         try:
             names = sorted(path.name for path in self.folder.iterdir())
         except FileNotFoundError:
-            return found
+            return records
         for name in names:
             stem = name.removesuffix(_SUFFIX)
             if not name.endswith(_SUFFIX) or not _name.fullmatch(stem):
                 continue
-            if len(found) >= MAX_RECORDS:
+            if len(records) >= MAX_RECORDS:
                 raise OSError(f"it holds more than {MAX_RECORDS} files")
             try:
-                found[stem] = _read(self.folder / name)
+                records[stem] = _read(self.folder / name)
             except OSError as error:
-                found[stem] = Unreadable(error.strerror or str(error))
+                records[stem] = Unreadable(error.strerror or str(error))
             except (ValueError, RecursionError) as error:
-                found[stem] = Unreadable(str(error) or type(error).__name__)
-        return found
+                records[stem] = Unreadable(str(error) or type(error).__name__)
+        return records
 
     def write(self, name: str, record: Mapping[str, object] | None) -> Future[None]:
         """Replaces a record, or removes it (None). The future is done once the record is on disk, or raises
         OSError if writing failed; the record is then unchanged.
         """
-        path = self.folder / f"{_checked(name)}{_SUFFIX}"
+        path = self.folder / f"{_require_valid_name(name)}{_SUFFIX}"
         if record is None:
             return self._writer.submit(self._remove, path)
         content = json.dumps(record, allow_nan=False, indent=1).encode()
@@ -101,7 +101,7 @@ class Records:
 
 
 def _read(path: Path) -> dict[str, object]:
-    # non-blocking, because a named pipe must not block the start of the server
+    # Non-blocking, because a named pipe must not block the start of the server.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
     with os.fdopen(descriptor, "rb") as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
@@ -115,7 +115,7 @@ def _read(path: Path) -> dict[str, object]:
     return record  # pyright: ignore[reportUnknownVariableType] json's keys are text
 
 
-def _checked(name: str) -> str:
+def _require_valid_name(name: str) -> str:
     if not _name.fullmatch(name):
         raise ValueError(f"{name!r} is not a valid name of a record")
     return name

@@ -31,15 +31,15 @@ def load_or_create_token(file: Path) -> str:
         with file.open(encoding="utf-8") as stream:
             token = stream.read(_MAX_FILE_LENGTH).strip()
     except FileNotFoundError:
-        return _make(file)
+        return _create(file)
     except (OSError, UnicodeDecodeError) as error:
-        raise _unusable(file, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise _unusable_file(file, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not is_well_formed(token):
-        raise _unusable(file, f"has no valid token ({FORM_RULE})")
+        raise _unusable_file(file, f"has no valid token ({FORM_RULE})")
     return token
 
 
-def _make(file: Path) -> str:
+def _create(file: Path) -> str:
     token = secrets.token_urlsafe(32)
     try:
         # Written to a temporary file and then moved, so that the file is never incomplete or readable by
@@ -50,12 +50,12 @@ def _make(file: Path) -> str:
             stream.write(token + "\n")
         draft.replace(file)
     except OSError as error:
-        raise _unusable(file, f"cannot be created: {error.strerror or error}") from error
+        raise _unusable_file(file, f"cannot be created: {error.strerror or error}") from error
     return token
 
 
-def _unusable(file: Path, what: str) -> StorageError:
+def _unusable_file(file: Path, problem: str) -> StorageError:
     return StorageError(
-        f"The token's file {file} {what}.",
+        f"The token's file {file} {problem}.",
         remedy="Delete it to get a new one, name another file with --token-file, or set GCS_TOKEN.",
     )

@@ -316,7 +316,7 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
         ({"plan_id": plan}, 422, "plan_id", "POST /plans/convert"),
         ({"plan_id": "none"}, 404, None, "GET /plans"),
         ({"plan_id": None}, 422, "body", "exactly one of plan_id and mission"),
-        ({"version": 3}, 404, None, "Its newest is 1"),
+        ({"version": 3}, 404, None, "Its newest version is 1"),
         ({"at": ["steps", 9]}, 422, "at", "steps"),
         ({"at": ["steps", True]}, 422, "at.1", "whole numbers"),
         ({"at": ["steps"]}, 422, "at", "2 items"),

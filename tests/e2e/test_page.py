@@ -110,7 +110,9 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         point_the_gimbal(page, drone)
 
         page.get_by_role("button", name="Return", exact=True).click()
-        expect(page.get_by_role("alertdialog")).to_contain_text(re.compile(r"m above home \(lower near home\), flies \d"))
+        expect(page.get_by_role("alertdialog")).to_contain_text(
+            re.compile(r"m above home \(lower near home\), flies \d")
+        )
         slide(page)
         expect(pill(page)).to_have_text("Returning")
         assert drone.status()["mode"] == "rtl"

@@ -24,7 +24,7 @@ from gcs_server.streamer.waypoints.flights import WaypointFlights
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
-ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
+ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
 MISSION = 4 << 16 | 4 << 24
 START = StartRequest.model_validate(
     {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
@@ -73,7 +73,7 @@ def station_of(world, progress=None):
         plans=PlanStore(Path("no plans"), world.clock),
         plan_work=PlanWork(Path("no elevation")),
         dry_runs=DryRuns(),
-        own_ids=(255, 190),
+        mavlink_ids=(255, 190),
         topic_inspectors=TopicInspectors(),
         maps=Path("no maps"),
     )

@@ -8,7 +8,7 @@ from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of, view
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
-ANNA, BOB = Principal.of("anna", "anna's tab"), Principal.of("bob", "bob's tab")
+ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
 DEG_M = math.radians(1) * 6_371_000.0
 STREAM_PERIOD_S = 0.02
 

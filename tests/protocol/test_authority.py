@@ -337,7 +337,7 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
 
 
 def test_a_stream_reports_its_clients_key(jump):
-    first, second = Principal.of("anna", "one tab"), Principal.of("anna", "another tab")
+    first, second = Principal.from_identity("anna", "one tab"), Principal.from_identity("anna", "another tab")
 
     async def scenario(at):
         await offboard_routes.start("1", START, at.station, first)

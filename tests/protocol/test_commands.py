@@ -193,7 +193,7 @@ def test_progress_extends_the_deadline(kit, jump):
         received = []
         vehicle.events.subscribe(received.append)
 
-        client = Principal.of("page-1", "a tab")
+        client = Principal.from_identity("page-1", "a tab")
 
         def progress(what, fraction):
             fractions.append(fraction)

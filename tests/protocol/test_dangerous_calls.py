@@ -14,7 +14,7 @@ from tests.protocol.api_calls import lines, station_of
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, seconds, stream_request
 
-ME, ANNA, BERT, CARLA = (Principal.of(name, name) for name in ("me", "anna", "bert", "carla"))
+ME, ANNA, BERT, CARLA = (Principal.from_identity(name, name) for name in ("me", "anna", "bert", "carla"))
 PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from gcs_server.api.responses import answer, history_pieces, history_view, vehicle_view
+from gcs_server.api.responses import history_pieces, history_view, json_response, vehicle_view
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload, full_payload
 from gcs_server.mavlink.tables import LAYOUTS
@@ -117,7 +117,7 @@ class OutputChecker:
         def refused(word: str) -> None:
             raise AssertionError(f"{word} is no JSON")
 
-        body = answer([vehicle_view(vehicle) for vehicle in self.world.fleet.all()]).body
+        body = json_response([vehicle_view(vehicle) for vehicle in self.world.fleet.all()]).body
         json.dumps(views := json.loads(body, parse_constant=refused), allow_nan=False)
         return views
 
@@ -219,7 +219,7 @@ def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
         outputs.world.fleet.tick()
         for vehicle in (outputs.bad, outputs.good):
             pieces = list(history_pieces(vehicle, vehicle.history(tuple(TOPICS), 0.0)))
-            past = answer(history_view(pieces)).body
+            past = json_response(history_view(pieces)).body
             assert len(json.loads(past)["samples"]) > 10
         outputs.world.fleet.warnings()
         outputs.no_fault()

@@ -179,12 +179,12 @@ def test_another_clients_control_of_one_member_refuses_the_group(jump):
         at.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
             await begin(at, ALL_NORTH)
-        assert not at.station.authority.held_by(ANNA)
+        assert not at.station.authority.controlled_by(ANNA)
         assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
         assert lines(at.station)[-3:] == [("anna", "group/start", v, "not_in_control") for v in "123"]
         at.station.authority.control("2").lease.release(BOB)
         await begin(at, ALL_NORTH)
-        assert at.station.authority.held_by(ANNA) == ["1", "2", "3"]
+        assert at.station.authority.controlled_by(ANNA) == ["1", "2", "3"]
         with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
             await group_routes.setpoints("1", changes({"1": position(5)}), at.station, BOB)
         held = view(await group_routes.hold("1", at.station, BOB))

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from gcs_server.api.responses import answer, history_pieces, history_view, vehicle_view
+from gcs_server.api.responses import history_pieces, history_view, json_response, vehicle_view
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.samples import TOPICS
@@ -37,7 +37,7 @@ def vehicle_views(world) -> list[Any]:
     def refused(word):
         raise AssertionError(f"{word} is no JSON")
 
-    body = answer([vehicle_view(vehicle) for vehicle in world.fleet.all()]).body
+    body = json_response([vehicle_view(vehicle) for vehicle in world.fleet.all()]).body
     return json.loads(body, parse_constant=refused)
 
 
@@ -71,7 +71,7 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
             assert first["topics"]["local_position"]["value"]["position_ned_m"] == [0.0, 0.0, -5.0]
             assert second["topics"]["attitude"]["value"]["yaw_ned_rad"] == pytest.approx(0.5)
         samples = world.fleet.get("1").history(tuple(TOPICS), 0.0)
-        past = answer(history_view(list(history_pieces(world.fleet.get("1"), samples))))
+        past = json_response(history_view(list(history_pieces(world.fleet.get("1"), samples))))
         assert len(json.loads(past.body)["samples"]) > 3
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "telemetry"]
         assert (warning.vehicle, "attitude" in warning.text) == ("1", True)

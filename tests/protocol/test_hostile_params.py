@@ -151,7 +151,7 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
             param_routes._view = view
             world.loop._run_once = run_once
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
-        assert max_viewed[0] <= param_routes.VIEWED_AT_ONCE
+        assert max_viewed[0] <= param_routes.MAX_ENCODED_AT_ONCE
 
     flight(kit, jump, scenario)
 

@@ -85,7 +85,7 @@ def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, k
         assert "restored after a restart, set by anna" in origin.text
         assert codes(vehicle) == ["limits_restored"]
         answer = json.loads(
-            (await offboard_routes.start("1", START, station_of(world), Principal.of("bob"))).body
+            (await offboard_routes.start("1", START, station_of(world), Principal.from_identity("bob"))).body
         )
         assert answer["limits"]["operator"]["speed_max_m_s"] == 4.0
         origin_view = answer["limits"]["origin"]

@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from gcs_server.api.offboard_stream import ANSWERS_BYTES, CLOSE_FLOOD, FLOOD_PER_S, SetpointSocket
+from gcs_server.api.offboard_stream import CLOSE_FLOOD, FLOOD_PER_S, MAX_RESPONSES_BYTES, SetpointSocket
 from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of
 from tests.protocol.fake_autopilot import OFFBOARD
@@ -55,7 +55,9 @@ def with_socket(jump, scenario, *, start=True):
         if start:
             await vehicle.offboard.start(stream_request())
         socket = FakeSocket()
-        server = SetpointSocket(world.clock, station, Principal.of("pad", "pad"), vehicle.id, socket)
+        server = SetpointSocket(
+            world.clock, station, Principal.from_identity("pad", "pad"), vehicle.id, socket
+        )
         serving = asyncio.ensure_future(server.serve())
         try:
             await scenario(vehicle, autopilot, socket)
@@ -215,7 +217,7 @@ def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_
         assert autopilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
         socket.reads.set()
         await seconds(0.2)
-        assert sum(len(json.dumps(answer)) for answer in socket.received) < ANSWERS_BYTES + 10_000
+        assert sum(len(json.dumps(answer)) for answer in socket.received) < MAX_RESPONSES_BYTES + 10_000
         assert socket.received[-1]["seq"] == 7
 
     with_socket(jump, scenario)

@@ -19,7 +19,7 @@ from tests.protocol.api_calls import station_of, view
 from tests.protocol.ros2_world import Ros2World
 from tests.protocol.simulated_world import until
 
-ANNA = Principal.of("anna", "anna's tab")
+ANNA = Principal.from_identity("anna", "anna's tab")
 REQUESTS: dict[str, Callable[[Any], Any]] = {
     "parameters": lambda v: v.params.get("MPC_XY_VEL_MAX"),
     "mission_transfer": lambda v: v.mission.clear(),
@@ -68,7 +68,7 @@ def test_routes_refuse_before_they_start_an_operation(jump: Any) -> None:
             with pytest.raises(Refused, match="connected over ROS 2 only"):
                 await call()
         assert station.operations.all() == []
-        assert view(responses.answer(responses.vehicle_view(vehicle)))["reach"] == {
+        assert view(responses.json_response(responses.vehicle_view(vehicle)))["reach"] == {
             "protocols": ["ROS 2"],
             "telemetry": "ROS 2",
             "commands": "ROS 2",

@@ -325,7 +325,7 @@ def kept_dry_run(at, plan=PLAN, north_m=0.0):
     path = {"t_s": [0.0, 4.0, 8.0, 12.0], "position_ned_m": [[0, 0, 0], [0, 0, -6], [35, 0, -6], [35, 0, 0]]}
     nominal = {"origin": origin, "finished": True, "duration_s": 12.0, "path": path, "steps": steps}
     result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "together": None}
-    at.station.dry_runs._kept["1"], at.station.dry_runs._plans["1"] = result, json.dumps(plan)
+    at.station.dry_runs._results["1"], at.station.dry_runs._plans["1"] = result, json.dumps(plan)
     return "1"
 
 

@@ -55,7 +55,7 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         assert os.getsid(first.pid) != os.getsid(0), "signals for the server do not reach it"
         second = simulator(folder, port)
         second.start()
-        assert second.found
+        assert second.uses_running_simulator
         assert second.pid == first.pid
         await second.stop()
         await until(lambda: first._child.poll() is not None)
@@ -122,12 +122,12 @@ def test_without_a_fixed_port_the_simulator_is_found_by_its_pid_file(tmp_path):
         await until(lambda: is_simulator(first.pid))
         second = simulator(folder, 0)
         second.start()
-        assert second.found
+        assert second.uses_running_simulator
         assert second.pid == first.pid
         await second.stop()
         third = simulator(folder, 0)
         third.start()
-        assert not third.found
+        assert not third.uses_running_simulator
         await third.stop()
 
     asyncio.run(scenario())
@@ -159,14 +159,14 @@ def test_the_server_starts_its_own_simulator_when_that_of_another_program_ends(t
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             other.bind(("127.0.0.1", port))
             process.start()
-            assert (process.found, process.pid) == (True, None)
+            assert (process.uses_running_simulator, process.pid) == (True, None)
             async with watched(process) as watch:
                 await asyncio.sleep(0.2)
                 assert process.pid is None
                 assert not watch.done()
                 other.close()
                 await until(lambda: process.pid is not None and in_use(port))
-                assert (process.found, process.warnings()) == (False, [])
+                assert (process.uses_running_simulator, process.warnings()) == (False, [])
         assert not in_use(port)
 
     asyncio.run(scenario())
@@ -205,7 +205,7 @@ def test_missing_file_descriptors_are_not_mistaken_for_the_simulators_end(tmp_pa
         if whose == "found":
             process = simulator(folder, port)
             process.start()
-            assert process.found
+            assert process.uses_running_simulator
         async with watched(process) as watch:
             with monkeypatch.context() as patched:
                 for name in ("read_bytes", "read_text"):

@@ -15,7 +15,7 @@ from gcs_server.api.access import (
     RequestHead,
     SignedIn,
     form_fields,
-    own_path,
+    local_path,
 )
 from gcs_server.api.sign_in_page import FOLDER, sign_in_page
 
@@ -241,7 +241,7 @@ def test_invalid_requests_are_never_allowed_and_never_raise(method, path, query,
 
 @given(garbage)
 def test_sign_in_redirects_only_to_this_server(address):
-    assert re.match(r"/(?![/\\])[\x21-\x7e]*\Z", own_path(address))
+    assert re.match(r"/(?![/\\])[\x21-\x7e]*\Z", local_path(address))
 
 
 def test_the_sign_in_page_uses_the_pages_colours():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from gcs_server.api.responses import LINES_PER_YIELD, answer, history_pieces, history_view
+from gcs_server.api.responses import LINES_PER_YIELD, history_pieces, history_view, json_response
 from gcs_server.clock import SystemClock
 from gcs_server.isolation import Isolation
 from gcs_server.vehicle.samples import Sample
@@ -28,7 +28,7 @@ class Broken:
 
 
 def lines(pieces):
-    return json.loads(answer(history_view(pieces)).body)["samples"]
+    return json.loads(json_response(history_view(pieces)).body)["samples"]
 
 
 @pytest.mark.parametrize("count", [0, 1, LINES_PER_YIELD, 3 * LINES_PER_YIELD + 7])

@@ -347,7 +347,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Mode
-         * @description Changes the flight mode; answers once the vehicle reports it.
+         * @description Changes the flight mode; answers once the vehicle reports the new mode.
          */
         readonly post: operations["mode_api_v1_vehicles__v__mode_post"];
         readonly delete?: never;
@@ -515,8 +515,8 @@ export interface paths {
         /**
          * Take
          * @description Takes control if no client has it, or with `force` from the client that has it. A client that can
-         *     answer requests must be asked first. The first command to a vehicle without a client in control takes
-         *     control, too.
+         *     answer requests must first be sent a request. The first command to a vehicle without a client in control
+         *     takes control, too.
          */
         readonly post: operations["take_api_v1_vehicles__v__control_take_post"];
         readonly delete?: never;
@@ -536,8 +536,8 @@ export interface paths {
         readonly put?: never;
         /**
          * Request
-         * @description Requests control from the client in control, which is shown the requesting client and the reason. If no
-         *     client has control, it is taken immediately.
+         * @description Requests control from the client in control; the server shows that client the caller's name and the
+         *     reason. If no client has control, the caller takes control immediately.
          */
         readonly post: operations["request_api_v1_vehicles__v__control_request_post"];
         readonly delete?: never;
@@ -660,7 +660,7 @@ export interface paths {
          * Start
          * @description Streams the setpoint, requests Offboard, and answers once the vehicle reports it.
          *
-         *     In the answer, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
+         *     In the response, `if_stream_stops` is the vehicle's own action if the stream stops. `limits` contains the
          *     limits, and whether the operator's limits were restored after a restart.
          */
         readonly post: operations["start_api_v1_vehicles__v__offboard_start_post"];
@@ -789,7 +789,7 @@ export interface paths {
         };
         /**
          * Show All
-         * @description All groups, including those that ended recently.
+         * @description All groups, including groups that ended recently.
          */
         readonly get: operations["show_all_api_v1_groups_get"];
         readonly put?: never;
@@ -880,7 +880,7 @@ export interface paths {
         };
         /**
          * Show
-         * @description State and limits of the gimbal, and who controls it.
+         * @description State and limits of the gimbal, and the component that controls it.
          */
         readonly get: operations["show_api_v1_vehicles__v__gimbal_get"];
         readonly put?: never;
@@ -1155,11 +1155,11 @@ export interface paths {
         };
         /**
          * Ros2 Topics
-         * @description The ROS 2 topics of the vehicle, and those of its DDS domain that belong to no vehicle: type,
+         * @description The ROS 2 topics of the vehicle, and the topics of its DDS domain that belong to no vehicle: type,
          *     publishers, rate, age and last message.
          *
-         *     The server reads them only while clients request them, so the first answer takes about 1.5 s. For
-         *     continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no
+         *     The server reads ROS 2 topics only while clients request them, so the first response takes about 1.5 s.
+         *     For continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no
          *     ROS 2 link.
          */
         readonly get: operations["ros2_topics_api_v1_vehicles__v__ros2_topics_get"];
@@ -1261,7 +1261,7 @@ export interface paths {
         };
         /**
          * Download Recording
-         * @description The file; if it is still being written, its current content.
+         * @description The file of a recording; its current content, if the recording is still running.
          */
         readonly get: operations["download_recording_api_v1_recordings__name__get"];
         readonly put?: never;
@@ -1282,8 +1282,8 @@ export interface paths {
         /**
          * Index Recording
          * @description Index of a recording: start, end, and each vehicle's modes, armed periods and messages. The first
-         *     request reads the recording, which takes seconds, as an operation that can be followed and cancelled. If
-         *     it is cancelled, the answer is 409.
+         *     request reads the recording, which takes seconds, as an operation that can be followed and cancelled. A
+         *     cancelled operation gives 409.
          */
         readonly get: operations["index_recording_api_v1_recordings__name__index_get"];
         readonly put?: never;
@@ -1309,7 +1309,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Open Replay
-         * @description Opens a recording for replay; one that is already open is not changed.
+         * @description Opens a recording for replay; a replay that is already open is not changed.
          */
         readonly post: operations["open_replay_api_v1_replays_post"];
         readonly delete?: never;
@@ -1376,7 +1376,7 @@ export interface paths {
         };
         /**
          * List Operations
-         * @description Running operations and those that ended recently. Each change is also sent as an `operation` event on
+         * @description Running operations, and operations that ended recently. Each change is also an `operation` event on
          *     the telemetry socket.
          */
         readonly get: operations["list_operations_api_v1_operations_get"];
@@ -1478,7 +1478,7 @@ export interface paths {
          * Convert Plan
          * @description Converts a waypoint plan to an offboard mission, which flies it by setpoints. Saves nothing.
          *
-         *     With `vehicle`, its parameters are used, and its home if the plan has none.
+         *     With `vehicle`, the vehicle's parameters are used, and its home if the plan has no home.
          */
         readonly post: operations["convert_plan_api_v1_plans_convert_post"];
         readonly delete?: never;
@@ -1660,7 +1660,7 @@ export interface paths {
         /**
          * Save Plan
          * @description Adds a version. Answers 409 `conflict` if `base_version` is not the newest version, with the time and
-         *     the client of the newest one.
+         *     the client of the newest version.
          */
         readonly put: operations["save_plan_api_v1_plans__plan__put"];
         readonly post?: never;
@@ -1885,8 +1885,8 @@ export interface paths {
          * Compare
          * @description Differences between a plan and the items of the last download from the vehicle.
          *
-         *     If a stored plan is equal, and the vehicle still has these items, that plan becomes the vehicle's known
-         *     plan.
+         *     If a stored plan is equal and the vehicle still has these items, the server regards that plan as the plan
+         *     on the vehicle.
          */
         readonly post: operations["compare_api_v1_vehicles__v__mission_compare_post"];
         readonly delete?: never;
@@ -1906,17 +1906,19 @@ export interface paths {
         readonly put?: never;
         /**
          * Start
-         * @description Starts the vehicle's mission at an item, or the current one; arms if needed.
+         * @description Starts the vehicle's mission at the given or the current item; arms the vehicle if needed.
          *
          *     Answers once the vehicle is armed in Mission. Answers 409 `plan_findings` if the plan has error findings
-         *     or is unknown, unless `despite` lists their codes. A start on the ground at a later item also checks the
-         *     flight from here to that item. The predicted flight is compared with what the other vehicles of this
-         *     server fly now: waypoint plans that the server monitors, offboard missions, and vehicles that hover. If
-         *     two may come nearer than 5 m plus a margin of about 2 m, braking included, the code is `separation`, and
-         *     the text names both vehicles, place, time and distance. Not compared: vehicles flown by hand or by other
-         *     commands, and vehicles of other stations. All findings are in one answer.
+         *     or is unknown, unless `despite` lists their codes; the response contains all findings. Before a start on
+         *     the ground at a later item, the server also checks the flight from the vehicle's position to that item.
          *
-         *     An interrupted flight is resumed by a start at the item of `resume` of `GET …/mission`. Hold pauses the
+         *     The server compares the predicted flight with the other vehicles of this server that fly a waypoint plan
+         *     known to the server or an offboard mission, or hover. If two vehicles may come nearer than 5 m plus a
+         *     margin of about 2 m, braking distances included, the code is `separation`, and the text names both
+         *     vehicles, place, time and distance. The server does not compare vehicles flown by hand or by other
+         *     commands, or vehicles of other stations.
+         *
+         *     To resume an interrupted flight, start at the item of `resume` of `GET …/mission`. Hold pauses the
          *     mission. The server monitors the flight of a plan that it knows (topic `waypoint_flight`), and never
          *     intervenes.
          */
@@ -1978,7 +1980,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Register
-         * @description Registers a mission with PX4 as a flight mode; answers when PX4 has accepted it.
+         * @description Registers a mission with PX4 as a flight mode; answers when PX4 has accepted the mode.
          *
          *     A mission whose first step is a take-off begins when the vehicle is armed in the mode, any other mission
          *     when the mode is selected in the air. At registration, the mission is compiled and checked from the
@@ -2133,7 +2135,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Skip
-         * @description Skips the current step; a suspended mission resumes at the next one.
+         * @description Skips the current step; a suspended mission resumes at the next step.
          */
         readonly post: operations["skip_api_v1_vehicles__v__offboard_mission_skip_post"];
         readonly delete?: never;
@@ -2226,8 +2228,8 @@ export interface components {
         };
         /**
          * AccelerationSetpoint
-         * @description An acceleration in the vehicle's local frame, without compensation of drag; zero does not hold the
-         *     position.
+         * @description An acceleration in the vehicle's local frame, without compensation of drag; at zero the vehicle does
+         *     not keep its position.
          * @example {
          *       "acceleration_ned_m_s2": [
          *         0.5,
@@ -2299,7 +2301,7 @@ export interface components {
         };
         /**
          * ActuatorsSetpoint
-         * @description Individual motor and servo values; no MAVLink message carries them.
+         * @description Individual motor and servo values; not possible over MAVLink.
          * @example {
          *       "motors": [
          *         0.5,
@@ -2434,7 +2436,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -2678,7 +2680,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -3208,7 +3210,7 @@ export interface components {
         };
         /**
          * Control
-         * @description State of control: the topic `control`, and the answer of the control routes.
+         * @description State of control: the topic `control`, and the response of the control routes.
          */
         readonly Control: {
             /**
@@ -3218,7 +3220,7 @@ export interface components {
             readonly holder: string | null;
             /**
              * Holder Key
-             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own.
+             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own key.
              */
             readonly holder_key: string | null;
             /**
@@ -3257,7 +3259,7 @@ export interface components {
              * @description Time to answer a request before control may be taken by force [s].
              */
             readonly answer_s: number;
-            /** @description Cause of the vehicle's current mode; null if it has not changed since the vehicle connected. */
+            /** @description Cause of the vehicle's current mode; null: the mode has not changed since the vehicle connected. */
             readonly mode_cause: components["schemas"]["ModeCause"] | null;
         };
         /**
@@ -3272,7 +3274,7 @@ export interface components {
             readonly client: string;
             /**
              * Key
-             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own.
+             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own key.
              */
             readonly key: string;
             /**
@@ -3358,7 +3360,7 @@ export interface components {
             readonly holder: string | null;
             /**
              * Holder Key
-             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own.
+             * @description Distinguishes clients with the same name; `GET /me` returns the caller's own key.
              */
             readonly holder_key: string | null;
             /**
@@ -3397,7 +3399,7 @@ export interface components {
              * @description Time to answer a request before control may be taken by force [s].
              */
             readonly answer_s: number;
-            /** @description Cause of the vehicle's current mode; null if it has not changed since the vehicle connected. */
+            /** @description Cause of the vehicle's current mode; null: the mode has not changed since the vehicle connected. */
             readonly mode_cause: components["schemas"]["ModeCause"] | null;
             /**
              * Yours
@@ -3667,7 +3669,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -3705,7 +3707,7 @@ export interface components {
             readonly read_unix_s: number;
             /**
              * Still Held
-             * @description Whether the vehicle still reports the same ids; null: no ids.
+             * @description Whether the vehicle still reports the same mission ids; null: it reports no ids.
              */
             readonly still_held: boolean | null;
             /**
@@ -3776,7 +3778,7 @@ export interface components {
             ];
             /**
              * Distance M
-             * @description Between their centres [m].
+             * @description Distance between the vehicles' centres [m].
              */
             readonly distance_m: number;
             /**
@@ -3831,7 +3833,7 @@ export interface components {
         };
         /**
          * DryRunCorridor
-         * @description Deviation of the flights from the nominal one, at up to 400 points of its path.
+         * @description Deviation of the flights from the nominal flight, at up to 400 points of the nominal path.
          */
         readonly DryRunCorridor: {
             /**
@@ -3866,7 +3868,7 @@ export interface components {
             readonly code: string;
             /**
              * Severity
-             * @description error: do not fly this plan; warning: check it.
+             * @description error: do not fly this plan; warning: check the plan.
              * @enum {string}
              */
             readonly severity: "error" | "warning";
@@ -3877,7 +3879,7 @@ export interface components {
             readonly text: string;
             /**
              * Step
-             * @description Step where it happened (its `place`).
+             * @description Step in which the problem occurred (its `place`).
              */
             readonly step: string | null;
             /**
@@ -3911,7 +3913,7 @@ export interface components {
             readonly finished: boolean;
             /**
              * Landed
-             * @description Whether it ended on the ground, disarmed.
+             * @description Whether the vehicle was on the ground and disarmed at the end.
              */
             readonly landed: boolean;
             /**
@@ -3931,7 +3933,7 @@ export interface components {
             readonly battery_start_share: number;
             /**
              * Battery End Share
-             * @description Battery charge at the end; null: its drain is not known.
+             * @description Battery charge at the end; null: the battery's drain is not known.
              */
             readonly battery_end_share: number | null;
             /**
@@ -3976,7 +3978,7 @@ export interface components {
             readonly seed: number;
             /**
              * Flights
-             * @description All flights except the nominal one.
+             * @description All flights except the nominal flight.
              */
             readonly flights: readonly components["schemas"]["DryRunSummary"][];
             /** @description Null: the nominal flight did not start. */
@@ -4042,33 +4044,33 @@ export interface components {
             readonly east_m: number;
             /**
              * Length M
-             * @description Length along its own x axis, which points north at yaw 0 [m].
+             * @description Length along the box's x axis, which points north at yaw 0 [m].
              */
             readonly length_m: number;
             /**
              * Width M
-             * @description Length along its own y axis [m].
+             * @description Length along the box's y axis [m].
              */
             readonly width_m: number;
             /**
              * Height M
-             * @description Height from its lower to its upper side [m].
+             * @description Height from the lower to the upper side [m].
              */
             readonly height_m: number;
             /**
              * Base Alt Home M
-             * @description Altitude of its lower side above home [m].
+             * @description Altitude of the lower side above home [m].
              */
             readonly base_alt_home_m?: number;
             /**
              * Yaw Ned Rad
-             * @description Direction of its x axis, clockwise from north [rad].
+             * @description Direction of the box's x axis, clockwise from north [rad].
              */
             readonly yaw_ned_rad?: number;
         };
         /**
          * DryRunPairDistance
-         * @description How near two vehicles come to each other in many flights.
+         * @description Smallest distance between two vehicles in many flights.
          */
         readonly DryRunPairDistance: {
             /**
@@ -4081,7 +4083,7 @@ export interface components {
             ];
             /** @description Smallest distance of each flight, between the centres [m]. */
             readonly distance_m: components["schemas"]["DryRunQuantiles"];
-            /** @description Probability that they come nearer than the minimum separation of the mission. */
+            /** @description Probability that the two vehicles come nearer than the mission's minimum separation. */
             readonly nearer_than_minimum: components["schemas"]["DryRunChance"];
         };
         /**
@@ -4137,12 +4139,12 @@ export interface components {
             readonly battery_share: readonly number[] | null;
             /**
              * Ground M
-             * @description Height of the ground below the vehicle, above `origin` [m]; null: level ground.
+             * @description Altitude of the ground below the vehicle, above `origin` [m]; null: level ground.
              */
             readonly ground_m: readonly number[] | null;
             /**
              * Step
-             * @description Index in `step_places`; -1: none.
+             * @description Index in `step_places`; -1: no step.
              */
             readonly step: readonly number[];
             /**
@@ -4281,7 +4283,7 @@ export interface components {
         };
         /**
          * DryRunStep
-         * @description When a step was flown; a repeated step is listed each time.
+         * @description One execution of a step; a repeated step is listed once for each execution.
          */
         readonly DryRunStep: {
             /**
@@ -4381,7 +4383,7 @@ export interface components {
             readonly obstacle_distance_m: number | null;
             /**
              * Findings
-             * @description Codes of its findings.
+             * @description Codes of the flight's findings.
              */
             readonly findings: readonly string[];
         };
@@ -4443,7 +4445,7 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Vehicles
-             * @description The same for a mission with roles: the vehicle of each role.
+             * @description For a mission with roles: the vehicle whose values were used, for each role.
              */
             readonly vehicles: {
                 readonly [key: string]: string;
@@ -4617,7 +4619,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -4842,12 +4844,12 @@ export interface components {
             readonly place: components["schemas"]["FindingPlace"];
             /**
              * Fix
-             * @description How to correct it.
+             * @description How to correct the problem.
              */
             readonly fix: string | null;
             /**
              * Limit
-             * @description The number that it was checked against: height above home [m], speed [m/s], tilt [rad] or least time [s]; null: it has none. The page's fixes use it.
+             * @description The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt [rad] or minimum time [s]; null: no limit. The page's fixes use it.
              */
             readonly limit: number | null;
         };
@@ -5145,7 +5147,7 @@ export interface components {
         };
         /**
          * FollowSetpoint
-         * @description A position relative to another vehicle, moving with it; exactly one offset, at least 2 m long.
+         * @description A position that moves with another vehicle; exactly one offset, at least 2 m long.
          * @example {
          *       "offset_frd_m": [
          *         -5,
@@ -5188,7 +5190,7 @@ export interface components {
             ] | null;
             /**
              * Yaw
-             * @description Heading: kept, that of the followed vehicle, or towards it.
+             * @description keep: the present heading; same: the heading of the followed vehicle; face: towards the followed vehicle.
              * @enum {string}
              */
             readonly yaw?: "keep" | "same" | "face";
@@ -5260,7 +5262,7 @@ export interface components {
         readonly GimbalAngles: {
             /**
              * Pitch Deg
-             * @description Up is positive [deg].
+             * @description Pitch; up is positive [deg].
              */
             readonly pitch_deg: number;
             /**
@@ -5270,7 +5272,7 @@ export interface components {
             readonly yaw_deg: number;
             /**
              * Roll Deg
-             * @description [deg]
+             * @description Roll; right side down is positive [deg].
              */
             readonly roll_deg?: number | null;
             /**
@@ -5477,12 +5479,12 @@ export interface components {
         readonly GimbalRates: {
             /**
              * Pitch Rate Deg S
-             * @description Upward [deg/s].
+             * @description Pitch rate, upward [deg/s].
              */
             readonly pitch_rate_deg_s: number;
             /**
              * Yaw Rate Deg S
-             * @description Clockwise [deg/s].
+             * @description Yaw rate, clockwise [deg/s].
              */
             readonly yaw_rate_deg_s: number;
             /**
@@ -5626,7 +5628,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -5634,7 +5636,7 @@ export interface components {
         };
         /**
          * GimbalView
-         * @description State of the selected gimbal; default: the first one.
+         * @description State of the selected gimbal; default: the first gimbal.
          */
         readonly GimbalView: {
             /**
@@ -5652,9 +5654,9 @@ export interface components {
              * @description Whether this server is in primary control.
              */
             readonly in_control: boolean;
-            /** @description The ROI that this server has set; null: none, or it has ended. */
+            /** @description The ROI that this server has set; null: no ROI is set, or it was cleared. */
             readonly roi: components["schemas"]["Roi"] | null;
-            /** @description State and limits, and who controls it. */
+            /** @description State, limits, and the component that controls it. */
             readonly gimbal: components["schemas"]["gcs_server__api__reflect__Gimbal"] | null;
         };
         /**
@@ -5709,7 +5711,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -5794,7 +5796,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -5856,7 +5858,7 @@ export interface components {
             readonly resolved: number;
             /**
              * Unknown
-             * @description Number of items and rally points with unresolved altitudes, because no file covers them.
+             * @description Number of items and rally points whose altitudes are unresolved, because no file covers their positions.
              */
             readonly unknown: number;
             /**
@@ -5990,7 +5992,7 @@ export interface components {
         readonly GroupList: {
             /**
              * Groups
-             * @description All groups, including those that ended recently; oldest first.
+             * @description All groups, including groups that ended recently; oldest first.
              */
             readonly groups: readonly components["schemas"]["Group"][];
         };
@@ -6188,7 +6190,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -6222,7 +6224,7 @@ export interface components {
         readonly HeldView: {
             /**
              * State
-             * @description plan: the vehicle has `plan`; another: the vehicle has another plan than the one that was uploaded last; not_known: the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids.
+             * @description plan: the vehicle has `plan`; another: the vehicle has another plan than `plan`; not_known: the server has not uploaded or compared the plan on the vehicle, or the vehicle reports no ids.
              * @enum {string}
              */
             readonly state: "plan" | "another" | "not_known";
@@ -6340,7 +6342,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /**
@@ -6504,7 +6506,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -6548,7 +6550,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -6721,7 +6723,7 @@ export interface components {
         };
         /**
          * JournalEntry
-         * @description One line.
+         * @description One line of the journal.
          */
         readonly JournalEntry: {
             /**
@@ -6768,7 +6770,7 @@ export interface components {
             readonly duration_s: number;
             /**
              * Repeated
-             * @description Number of equal refusals of this client that this line counts.
+             * @description Number of equal refusals for which this line was written.
              */
             readonly repeated: number;
         };
@@ -6837,18 +6839,18 @@ export interface components {
             readonly version: number;
             /**
              * Changed Unix S
-             * @description Time when it was saved [s since 1970 UTC].
+             * @description Time when the version was saved [s since 1970 UTC].
              */
             readonly changed_unix_s: number;
             /**
              * Changed By
-             * @description Client that saved it.
+             * @description Name of the client that saved the version.
              */
             readonly changed_by: string;
             /**
              * Item Count
-             * @description Number of items of a waypoint plan as uploaded, or of steps of an offboard mission, including nested
-             *     ones.
+             * @description Number of items of a waypoint plan as uploaded, or of steps of an offboard mission with nested
+             *     steps.
              */
             readonly item_count: number;
             /**
@@ -7054,37 +7056,37 @@ export interface components {
         readonly LimitsRequest: {
             /**
              * Speed Max M S
-             * @description Horizontal speed [m/s].
+             * @description Maximum horizontal speed [m/s].
              */
             readonly speed_max_m_s?: number | null;
             /**
              * Climb Max M S
-             * @description Climb rate [m/s].
+             * @description Maximum climb rate [m/s].
              */
             readonly climb_max_m_s?: number | null;
             /**
              * Sink Max M S
-             * @description Descent rate [m/s].
+             * @description Maximum descent rate [m/s].
              */
             readonly sink_max_m_s?: number | null;
             /**
              * Tilt Max Rad
-             * @description Tilt [rad].
+             * @description Maximum tilt [rad].
              */
             readonly tilt_max_rad?: number | null;
             /**
              * Height Min M
-             * @description Above home [m].
+             * @description Minimum altitude above home [m].
              */
             readonly height_min_m?: number | null;
             /**
              * Height Max M
-             * @description Above home [m].
+             * @description Maximum altitude above home [m].
              */
             readonly height_max_m?: number | null;
             /**
              * Distance Max M
-             * @description From home, over the ground [m].
+             * @description Maximum horizontal distance from home [m].
              */
             readonly distance_max_m?: number | null;
             /**
@@ -7300,7 +7302,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -7615,7 +7617,7 @@ export interface components {
         };
         /**
          * MemberBody
-         * @description One vehicle of the group and its setpoint, in its own local frame.
+         * @description One vehicle of the group and its setpoint, in the vehicle's local frame.
          */
         readonly MemberBody: {
             /**
@@ -7633,7 +7635,7 @@ export interface components {
         readonly Message: {
             /**
              * Index
-             * @description Number of the event, increasing for each vehicle; use it as `since`.
+             * @description Number of the event, increasing for each vehicle; the value for `since`.
              */
             readonly index: number;
             /**
@@ -7697,7 +7699,7 @@ export interface components {
         readonly Messages: {
             /**
              * Messages
-             * @description At most the last thousand.
+             * @description At most the last thousand messages.
              */
             readonly messages: readonly components["schemas"]["Message"][];
         };
@@ -7764,7 +7766,7 @@ export interface components {
             readonly read_unix_s: number;
             /**
              * Still Held
-             * @description Whether the vehicle still reports the same ids.
+             * @description Whether the vehicle still reports the same mission ids; null: it reports no ids.
              */
             readonly still_held: boolean | null;
         };
@@ -7852,12 +7854,12 @@ export interface components {
             readonly vehicle: string;
             /**
              * Possible
-             * @description Whether the vehicle is reached over ROS 2, which modes need.
+             * @description Whether the server has a ROS 2 connection to the vehicle, which modes need.
              */
             readonly possible: boolean;
             /**
              * Modes
-             * @description The modes.
+             * @description The registered modes.
              */
             readonly modes: readonly components["schemas"]["MissionModeStatus"][];
         };
@@ -7917,7 +7919,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -7944,7 +7946,7 @@ export interface components {
             readonly plan: components["schemas"]["OffboardMission"];
             /**
              * At
-             * @description Place of the new step in `plan`, as keys and indexes; later steps move back by one.
+             * @description Place of the new step in `plan`, as keys and indexes; the index of each later step increases by one.
              * @example [
              *       "steps",
              *       2
@@ -7964,7 +7966,7 @@ export interface components {
             readonly at: readonly (number | string)[];
             /**
              * In Air
-             * @description Leave out the inserted take-off and last landing, because the vehicle is flying there.
+             * @description Leave out the inserted mission's take-off and last landing, because the vehicle is in the air at the new step.
              */
             readonly in_air?: boolean;
             /**
@@ -7991,13 +7993,13 @@ export interface components {
              * @description The running transfer; null: no transfer is running.
              */
             readonly transfer: string | null;
-            /** @description As in the topic `waypoint_flight`; null: none since the server started. */
+            /** @description As in the topic `waypoint_flight`; null: no flight since the server started. */
             readonly flight: components["schemas"]["WaypointFlightStatus"] | null;
             /** @description Where an interrupted flight of the plan on the vehicle can be resumed after a landing, also after a restart of the vehicle or the server; null: see `no_resume`. */
             readonly resume: components["schemas"]["ResumeOffer"] | null;
             /**
              * No Resume
-             * @description Why the interrupted flight cannot be resumed, as a sentence; null: it can, or none was interrupted.
+             * @description Why the interrupted flight cannot be resumed, as a sentence; null: it can be resumed, or no flight was interrupted.
              */
             readonly no_resume: string | null;
             /**
@@ -8008,7 +8010,7 @@ export interface components {
         };
         /**
          * MissionWithInserted
-         * @description A mission with another one inserted; nothing is saved.
+         * @description A mission with another mission inserted; nothing is saved.
          */
         readonly MissionWithInserted: {
             /** @description The mission. */
@@ -8020,7 +8022,7 @@ export interface components {
             readonly called: string;
             /**
              * Notes
-             * @description What differs from the two missions flown alone; sentences.
+             * @description Differences between the result and the two missions flown separately; sentences.
              */
             readonly notes: readonly string[];
         };
@@ -8156,7 +8158,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -8502,7 +8504,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -9175,12 +9177,12 @@ export interface components {
             readonly started_unix_s: number;
             /**
              * Ended Unix S
-             * @description End time [s since 1970 UTC]; null while it runs.
+             * @description End time [s since 1970 UTC]; null while the operation runs.
              */
             readonly ended_unix_s: number | null;
             /**
              * Result
-             * @description The result; null unless it succeeded.
+             * @description The result; null unless the operation succeeded.
              */
             readonly result: {
                 readonly [key: string]: unknown;
@@ -9195,7 +9197,7 @@ export interface components {
         readonly OperationList: {
             /**
              * Operations
-             * @description Running operations and those that ended recently; oldest first.
+             * @description Running operations, and operations that ended recently; oldest first.
              */
             readonly operations: readonly components["schemas"]["Operation"][];
         };
@@ -9588,7 +9590,7 @@ export interface components {
             readonly value: number | null;
             /**
              * Is Integer
-             * @description Whether the type is a 32-bit integer; otherwise it is a 32-bit float.
+             * @description Whether the type is a 32-bit integer; false: a 32-bit float.
              */
             readonly is_integer: boolean;
             /**
@@ -9619,7 +9621,7 @@ export interface components {
         };
         /**
          * PathPointBody
-         * @description A position and its time.
+         * @description A position at a time.
          */
         readonly PathPointBody: {
             /**
@@ -9629,7 +9631,7 @@ export interface components {
             readonly t_s: number;
             /**
              * Position Ned M
-             * @description North, east, down of the vehicle's local origin [m]; down is negative above it.
+             * @description North, east, down of the vehicle's local origin [m]; down is negative above the origin.
              */
             readonly position_ned_m: readonly [
                 number,
@@ -9686,7 +9688,7 @@ export interface components {
             readonly type: "path";
             /**
              * Points
-             * @description Points in the order of their times; the vehicle holds the last point.
+             * @description Points in the order of their times; the vehicle keeps the position of the last point.
              */
             readonly points: readonly components["schemas"]["PathPointBody"][];
         };
@@ -10057,7 +10059,7 @@ export interface components {
             readonly vehicle: string | null;
             /**
              * Ground
-             * @description The ground below the flight: distance along the flight [m], and height of the ground above home, or above the start of an offboard mission [m]; null: unknown. Empty without elevation files.
+             * @description The ground below the flight: distance along the flight [m], and altitude of the ground above home, or above the start of an offboard mission [m]; null: unknown. Empty without elevation files.
              */
             readonly ground: readonly (readonly [
                 number,
@@ -10334,18 +10336,18 @@ export interface components {
             readonly version: number;
             /**
              * Changed Unix S
-             * @description Time when it was saved [s since 1970 UTC].
+             * @description Time when the version was saved [s since 1970 UTC].
              */
             readonly changed_unix_s: number;
             /**
              * Changed By
-             * @description Client that saved it.
+             * @description Name of the client that saved the version.
              */
             readonly changed_by: string;
             /**
              * Item Count
-             * @description Number of items of a waypoint plan as uploaded, or of steps of an offboard mission, including nested
-             *     ones.
+             * @description Number of items of a waypoint plan as uploaded, or of steps of an offboard mission with nested
+             *     steps.
              */
             readonly item_count: number;
             /**
@@ -10512,7 +10514,7 @@ export interface components {
             readonly type: "position";
             /**
              * Position Ned M
-             * @description North, east, down of the vehicle's local origin [m]; down is negative above it.
+             * @description North, east, down of the vehicle's local origin [m]; down is negative above the origin.
              */
             readonly position_ned_m: readonly [
                 number | null,
@@ -10542,7 +10544,7 @@ export interface components {
             readonly mass_kg: number;
             /**
              * Reserve
-             * @description Share of the battery that is kept as reserve.
+             * @description Fraction of the battery that is kept as reserve.
              */
             readonly reserve?: number;
         };
@@ -10845,7 +10847,7 @@ export interface components {
             readonly vehicles: readonly number[];
             /**
              * Link
-             * @description Link from which it was recorded, from the file name; null for other files.
+             * @description Name of the recorded link, from the file name; null for files with other names.
              */
             readonly link: string | null;
             /**
@@ -10855,7 +10857,7 @@ export interface components {
             readonly running: boolean;
             /**
              * Problem
-             * @description Why the recording cannot be played completely; null if it can.
+             * @description Why the recording cannot be played completely; null: it can be played completely.
              */
             readonly problem: string | null;
         };
@@ -10982,7 +10984,7 @@ export interface components {
             readonly name: string;
             /**
              * Defer Failsafes S
-             * @description How long PX4 may defer a failsafe while the vehicle flies in the mode; 0: never. It defers its reaction to a lost ground station connection, lost manual control or a low battery.
+             * @description How long PX4 may defer a failsafe while the vehicle flies in the mode [s]; 0: never. PX4 defers its reaction to a lost ground station connection, lost manual control or a low battery.
              */
             readonly defer_failsafes_s?: number;
         };
@@ -11126,7 +11128,7 @@ export interface components {
         readonly Replays: {
             /**
              * Replays
-             * @description Open replays; empty if none is open.
+             * @description Open replays; may be empty.
              */
             readonly replays: readonly components["schemas"]["Replay"][];
         };
@@ -11523,7 +11525,7 @@ export interface components {
         };
         /**
          * ServerHealth
-         * @description The server is running.
+         * @description Health of the running server.
          */
         readonly ServerHealth: {
             /**
@@ -11683,7 +11685,7 @@ export interface components {
         };
         /**
          * SetpointRequest
-         * @description A setpoint, sent immediately; it replaces the previous one.
+         * @description A setpoint, sent immediately; it replaces the previous setpoint.
          * @example {
          *       "on_expiry": {
          *         "action": "hold",
@@ -11703,7 +11705,7 @@ export interface components {
         readonly SetpointRequest: {
             /**
              * Valid For S
-             * @description Time until the setpoint expires unless renewed [s]; `on_expiry` then applies.
+             * @description Time until the setpoint expires if it is not renewed [s]; then `on_expiry` applies.
              */
             readonly valid_for_s?: number;
             /**
@@ -11905,13 +11907,13 @@ export interface components {
             readonly rate_hz?: number;
             /**
              * Others Go On
-             * @description Whether members without a problem continue if one has a problem; otherwise all hold.
+             * @description Whether the other members continue if a member has a problem; false: all members hold.
              */
             readonly others_go_on?: boolean;
         };
         /**
          * StartJointMission
-         * @description A mission with roles, and the vehicle that flies each.
+         * @description A mission with roles, and the vehicle that flies each role.
          */
         readonly StartJointMission: {
             /**
@@ -12039,7 +12041,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -12478,7 +12480,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -12539,7 +12541,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -12547,7 +12549,7 @@ export interface components {
         };
         /**
          * ThrustTorqueSetpoint
-         * @description Body thrust and torque, which bypass all controllers; no MAVLink message carries them.
+         * @description Body thrust and torque, which bypass all controllers; not possible over MAVLink.
          * @example {
          *       "thrust_frd": [
          *         0,
@@ -12631,8 +12633,8 @@ export interface components {
         };
         /**
          * TrajectorySetpoint
-         * @description Position, velocity and acceleration, in this order of priority; those of lower priority are
-         *     feed-forward. Each axis needs at least one of them. Give north and east together, or neither.
+         * @description Position, velocity and acceleration. On each axis at least one is required: the vehicle controls the
+         *     first of them that is given, and the others are feed-forward. Give north and east together, or neither.
          * @example {
          *       "position_ned_m": [
          *         5,
@@ -12666,7 +12668,7 @@ export interface components {
             readonly type: "trajectory";
             /**
              * Position Ned M
-             * @description North, east, down of the vehicle's local origin [m]; down is negative above it. null: not controlled.
+             * @description North, east, down of the vehicle's local origin [m]; down is negative above the origin. null: not controlled.
              */
             readonly position_ned_m?: readonly [
                 number | null,
@@ -12919,7 +12921,7 @@ export interface components {
             readonly reach: components["schemas"]["Reach"];
             /** @description Newest sample of each topic. */
             readonly topics: components["schemas"]["Topics"];
-            /** @description State of control; null for a recording. */
+            /** @description State of control; null for a replayed vehicle. */
             readonly control: components["schemas"]["Control"] | null;
             /** @description The vehicle's setpoint stream. */
             readonly offboard: components["schemas"]["OffboardStatus"] | null;
@@ -13370,7 +13372,7 @@ export interface components {
         readonly Warnings: {
             /**
              * Warnings
-             * @description Empty if there are none.
+             * @description Current warnings; may be empty.
              */
             readonly warnings: readonly components["schemas"]["Notice"][];
         };
@@ -13651,7 +13653,7 @@ export interface components {
             readonly vehicle_time_boot_s: number | null;
             /**
              * Received Unix S
-             * @description When the server received it [s since 1970 UTC].
+             * @description Time of reception by the server [s since 1970 UTC].
              */
             readonly received_unix_s: number;
             /** @description The sample itself. */
@@ -13669,7 +13671,7 @@ export interface components {
             readonly item?: number | null;
             /**
              * Despite
-             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors of a flight from here to a later `item` and onwards, which the plan itself does not have; `separation` if the flight may come too near to another vehicle.
+             * @description Codes of the plan's error findings that the caller accepts; `plan_not_known` if the server does not know which plan is on the vehicle; `flight_from_here` for errors that only a flight from the vehicle's position to a later `item` and onwards has; `separation` if the vehicle may come too near to another vehicle.
              */
             readonly despite?: readonly string[];
             /**
@@ -13804,7 +13806,7 @@ export interface components {
         readonly gcs_server__api__setpoint_request__StartRequest: {
             /**
              * Valid For S
-             * @description Time until the setpoint expires unless renewed [s]; `on_expiry` then applies.
+             * @description Time until the setpoint expires if it is not renewed [s]; then `on_expiry` applies.
              */
             readonly valid_for_s?: number;
             /**
@@ -18824,7 +18826,7 @@ export interface operations {
             readonly query?: {
                 /** @description Name of the file; a CSV file is recognised by its extension. */
                 readonly filename?: string;
-                /** @description Altitude of points that have none in the file [m]; default: such a file is refused. */
+                /** @description Altitude of points without an altitude in the file [m]; default: a file with such points is refused. */
                 readonly altitude_m?: number | null;
                 /** @description Reference of `altitude_m`. */
                 readonly altitude_reference?: "home" | "amsl" | "terrain";

@@ -8,7 +8,7 @@ import socket
 import pytest
 
 from gcs_server.clock import SystemClock
-from gcs_server.faults import LOG_EVERY_S, TRACEBACKS, FaultLog
+from gcs_server.faults import LOG_PERIOD_S, MAX_TRACEBACKS, FaultLog
 from gcs_server.links.tcp import TcpServerLink
 from gcs_server.links.udp import UdpLink
 from gcs_server.links.url import make_link
@@ -199,12 +199,12 @@ def test_the_log_of_repeated_faults_is_limited(caplog, monkeypatch):
             except ValueError as error:
                 faults.add(error, "handling HEARTBEAT")
         assert len(caplog.records) == 2, "one traceback, one line"
-        now_s[0] += LOG_EVERY_S
+        now_s[0] += LOG_PERIOD_S
         for number in range(100):
             try:
                 raise ValueError(number)
             except ValueError as error:
                 faults.add(error, f"handling message {number}")
-    assert len(caplog.records) <= 2 + TRACEBACKS + 1
+    assert len(caplog.records) <= 2 + MAX_TRACEBACKS + 1
     assert faults.count == 1100
     assert max(len(r.getMessage()) for r in caplog.records) < 400

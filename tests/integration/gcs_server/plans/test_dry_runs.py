@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api.dry_run_models import DryRunView
 from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.plans import dry_runs
-from gcs_server.plans.dry_runs import MAX_KEPT, MAX_RUNNING, DryRuns
+from gcs_server.plans.dry_runs import MAX_RESULTS, MAX_RUNNING, DryRuns
 from missions import plan as plan_document
 from tests.support.dry_runs import HOME, QUICK, hop
 from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
@@ -169,11 +169,11 @@ def test_the_newest_results_are_kept(monkeypatch):
 
     async def scenario():
         runs = DryRuns()
-        for n in range(MAX_KEPT + 1):
+        for n in range(MAX_RESULTS + 1):
             await runs.run(str(n), request(hop()), ABOUT, lambda *_: None)
         return runs
 
     runs = asyncio.run(scenario())
-    assert runs.get(str(MAX_KEPT))["nominal"]["finished"]
+    assert runs.get(str(MAX_RESULTS))["nominal"]["finished"]
     with pytest.raises(UnknownDryRun, match="There is no result of a dry run '0'"):
         runs.get("0")

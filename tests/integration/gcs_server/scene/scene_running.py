@@ -38,7 +38,7 @@ class SceneServer:
             self.fleet,
             SystemClock(),
             on_gizmo=self.gizmos.append,
-            stalled=lambda bridge: self.bridges.stalled(bridge),
+            stalled=lambda bridge: self.bridges.is_stalled(bridge),
         )
         self.address: ViserAddress | None = None
         self.port = 0

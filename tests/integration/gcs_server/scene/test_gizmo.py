@@ -9,7 +9,7 @@ import httpx
 import msgspec
 import pytest
 
-from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, REACH_M, Drag, dragged
+from gcs_server.scene.gizmo import GROUND_HANDLE, HEIGHT_HANDLE, MAX_DRAG_DISTANCE_M, Drag, apply_drag
 from gcs_server.scene.preview_node import drag_label
 from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.views import HANDLES_DISTANCE_M, HANDLES_MAX_OFFSET_RAD, Preview, camera_for_handles
@@ -24,7 +24,7 @@ PREVIEW = Preview((10.0, 0.0, -5.0), 0.0, handles=True, serial=1)
 
 def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
     drag = Drag((3.0, 14.0, 7.0), q_from_yaw(0.0), changes_yaw=True)
-    moved = dragged(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
+    moved = apply_drag(PREVIEW, drag, (1.0, 2.0, 0.0), (0.0, 0.0, 5.0))
     assert moved.position_ned_m == pytest.approx((12.0, 2.0, -7.0))
     assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)  # the x axis is east
     assert moved.serial == PREVIEW.serial
@@ -32,19 +32,19 @@ def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
 
 def test_the_height_handle_changes_no_yaw_and_an_unknown_yaw_stays_unknown():
     up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), changes_yaw=False)
-    assert dragged(PREVIEW, up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
+    assert apply_drag(PREVIEW, up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
     without = Preview((0.0, 0.0, 0.0), None, handles=True, serial=1)
     turn = Drag((0.0, 0.0, 0.0), q_from_yaw(1.0), changes_yaw=True)
-    assert dragged(without, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
+    assert apply_drag(without, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
 
 
 def test_a_drag_beyond_the_limit_is_ignored():
-    drag = Drag((REACH_M + 10, 0.0, 5.0), q_from_yaw(0.0), changes_yaw=True)
-    assert dragged(PREVIEW, drag, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)) is None
+    drag = Drag((MAX_DRAG_DISTANCE_M + 10, 0.0, 5.0), q_from_yaw(0.0), changes_yaw=True)
+    assert apply_drag(PREVIEW, drag, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)) is None
 
 
 def test_a_release_keeps_the_position():
-    assert dragged(PREVIEW, Drag(None, None, changes_yaw=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
+    assert apply_drag(PREVIEW, Drag(None, None, changes_yaw=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
 
 
 def test_the_label_shows_distance_height_and_yaw():

@@ -117,14 +117,14 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
 def test_a_browser_counts_as_stalled_once_a_message_has_waited_for_a_second():
     clock = StillClock()
     bridges = Bridges(clock)
-    with bridges.opened() as bridge, bridges.opened() as other:
+    with bridges.open_bridge() as bridge, bridges.open_bridge() as other:
         assert bridges.names() == {bridge, other}
-        assert not bridges.stalled(bridge)
+        assert not bridges.is_stalled(bridge)
         with bridges.sending(bridge):
             clock.now_s += STALLED_AFTER_S
-            assert not bridges.stalled(bridge)
+            assert not bridges.is_stalled(bridge)
             clock.now_s += 0.1
             assert bridges.stalled_names() == [bridge]
-            assert not bridges.stalled(other)
-        assert not bridges.stalled(bridge)
+            assert not bridges.is_stalled(other)
+        assert not bridges.is_stalled(bridge)
     assert not bridges.names()

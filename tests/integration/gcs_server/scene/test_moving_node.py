@@ -12,7 +12,7 @@ import pytest
 from viser import _messages
 from zstandard import ZstdDecompressor
 
-from gcs_server.scene.moving_node import MOVED_M, MovingNode
+from gcs_server.scene.moving_node import MIN_MOVE_M, MovingNode
 from tests.integration.gcs_server.scene.scene_running import open_stream
 from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import local
@@ -116,7 +116,7 @@ def test_unchanged_values_are_not_sent():
     node.turn((1.0, 0.0, 0.0, 0.0))
     assert queued == []
     for step in range(1, 11):
-        node.place((step * MOVED_M * 0.3, 0.0, 0.0))
+        node.place((step * MIN_MOVE_M * 0.3, 0.0, 0.0))
     assert len(queued) == 2, "a slow drift is sent when it is large enough to be visible"
 
 

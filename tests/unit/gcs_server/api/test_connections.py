@@ -2,7 +2,7 @@
 
 import pytest
 
-from gcs_server.api.connections import WARNED_FOR_S, ConnectionLimits, Connections
+from gcs_server.api.connections import WARNING_DURATION_S, ConnectionLimits, Connections
 
 
 class Clock:
@@ -27,11 +27,11 @@ class Socket:
 
 
 LIMITS = ConnectionLimits(
-    in_all=10,
-    by_address=8,
+    total=10,
+    per_address=8,
     reserve=3,
-    waiting_in_all=6,
-    waiting_by_address=4,
+    waiting_total=6,
+    waiting_per_address=4,
     body_bytes=1000,
     unread_bytes=1000,
 )
@@ -137,12 +137,12 @@ def test_the_warning_lasts_a_minute(limited):
     for _ in range(5):
         limited.connect()
     assert "refuses clients" in limited.connections.warning()
-    limited.clock.now_s += WARNED_FOR_S + 1
+    limited.clock.now_s += WARNING_DURATION_S + 1
     assert limited.connections.warning() is None
 
 
 def test_few_file_descriptors_reduce_all_limits_but_the_reserve():
-    small = ConnectionLimits().within(192)
-    assert small.in_all + small.reserve == 192
-    assert small.waiting_by_address < small.waiting_in_all < small.by_address < small.in_all
-    assert ConnectionLimits().within(100_000) == ConnectionLimits()
+    small = ConnectionLimits().reduced_to(192)
+    assert small.total + small.reserve == 192
+    assert small.waiting_per_address < small.waiting_total < small.per_address < small.total
+    assert ConnectionLimits().reduced_to(100_000) == ConnectionLimits()

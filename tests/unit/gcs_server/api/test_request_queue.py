@@ -9,7 +9,7 @@ from tests.jump_time import in_jumps
 
 
 def client(name, address="1.1.1.1"):
-    return Principal.of(name, name, address)
+    return Principal.from_identity(name, name, address)
 
 
 def served(callers, in_control=()):

@@ -9,8 +9,8 @@ from gcs_server.api.permission import calls_of
 from gcs_server.api.schema import bare_app
 from gcs_server.control.commands import BY_CALL
 
-AUTHORIZING = {"authorized_command", "carry_out", "command_mission", "authorized_commands"}
-"""`carry_out`, `command_mission` and `authorized_commands` pass the name on to `authorized_command`."""
+AUTHORIZING = {"authorized_command", "run_command", "command_mission", "authorized_commands"}
+"""`run_command`, `command_mission` and `authorized_commands` pass the name on to `authorized_command`."""
 
 
 def commands_of(function):

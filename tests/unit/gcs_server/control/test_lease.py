@@ -7,7 +7,7 @@ from gcs_server.control.principal import Principal
 from gcs_server.control.requests import MAX_REQUESTS, MAX_REQUESTS_PER_ADDRESS, REQUEST_LIFETIME_S
 from gcs_server.errors import NotInControl, Refused
 
-ANNA, BOB, CARL = (Principal.of(name, name * 3) for name in ("anna", "bob", "carl"))
+ANNA, BOB, CARL = (Principal.from_identity(name, name * 3) for name in ("anna", "bob", "carl"))
 
 
 class Clock:
@@ -53,21 +53,33 @@ def setup():
 
 
 def test_two_tabs_with_the_same_name_are_two_clients():
-    one, other = Principal.of("page", "a"), Principal.of("page", "b")
+    one, other = Principal.from_identity("page", "a"), Principal.from_identity("page", "b")
     assert str(one) == str(other)
     assert one.key != other.key
-    assert Principal.of("page", "a", "10.0.0.1").key == Principal.of("renamed", "a", "10.0.0.2").key
+    assert (
+        Principal.from_identity("page", "a", "10.0.0.1").key
+        == Principal.from_identity("renamed", "a", "10.0.0.2").key
+    )
 
 
 def test_without_an_id_a_client_is_its_name_at_its_address():
-    assert Principal.of("script", "", "10.0.0.1").key == Principal.of("script", "", "10.0.0.1").key
-    assert Principal.of("script", "", "10.0.0.1").key != Principal.of("script", "", "10.0.0.2").key
-    assert Principal.of("script", "", "10.0.0.1").key != Principal.of("other", "", "10.0.0.1").key
-    assert Principal.of("", "", "10.0.0.1").name == "10.0.0.1"
+    assert (
+        Principal.from_identity("script", "", "10.0.0.1").key
+        == Principal.from_identity("script", "", "10.0.0.1").key
+    )
+    assert (
+        Principal.from_identity("script", "", "10.0.0.1").key
+        != Principal.from_identity("script", "", "10.0.0.2").key
+    )
+    assert (
+        Principal.from_identity("script", "", "10.0.0.1").key
+        != Principal.from_identity("other", "", "10.0.0.1").key
+    )
+    assert Principal.from_identity("", "", "10.0.0.1").name == "10.0.0.1"
 
 
 def test_an_id_is_never_shown():
-    client = Principal.of("anna", "very secret")
+    client = Principal.from_identity("anna", "very secret")
     assert "secret" not in client.key + client.name
 
 
@@ -86,7 +98,10 @@ def test_a_command_takes_free_control_and_others_are_refused_with_a_reason(setup
 
 
 def test_a_client_without_id_blocks_others_only_after_taking_control_explicitly(setup):
-    shell, other = Principal.of("", "", "127.0.0.1"), Principal.of("script", "", "127.0.0.1")
+    shell, other = (
+        Principal.from_identity("", "", "127.0.0.1"),
+        Principal.from_identity("script", "", "127.0.0.1"),
+    )
     setup.lease.command(shell)
     assert setup.lease.holder.name == "127.0.0.1"
     setup.lease.command(other)
@@ -248,7 +263,7 @@ def test_requests_can_be_withdrawn_and_expire(setup):
 
 def test_the_key_distinguishes_clients_of_the_same_name(setup):
     setup.connect(ANNA)
-    first, second = Principal.of("page", "one"), Principal.of("page", "two")
+    first, second = Principal.from_identity("page", "one"), Principal.from_identity("page", "two")
     setup.lease.command(ANNA)
     setup.lease.request(first)
     setup.lease.request(second)
@@ -276,7 +291,9 @@ def test_the_holder_is_informed_when_others_command_hold_or_land_now(setup):
 def test_the_number_of_open_requests_is_limited(setup):
     setup.connect(ANNA)
     setup.lease.take(ANNA)
-    clients = [Principal.of(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MAX_REQUESTS + 1)]
+    clients = [
+        Principal.from_identity(f"c{n}", f"id {n}", f"10.0.0.{n // 10}") for n in range(MAX_REQUESTS + 1)
+    ]
     for client in clients[:MAX_REQUESTS]:
         setup.lease.request(client)
     assert setup.lease.has_max_requests
@@ -294,11 +311,11 @@ def test_one_address_cannot_use_all_requests(setup):
     setup.connect(ANNA)
     setup.lease.take(ANNA)
     for n in range(MAX_REQUESTS_PER_ADDRESS):
-        setup.lease.request(Principal.of("hostile", f"id {n}", "6.6.6.6"))
+        setup.lease.request(Principal.from_identity("hostile", f"id {n}", "6.6.6.6"))
     for n in range(3000):
         with pytest.raises(Refused, match="at your address"):
-            setup.lease.request(Principal.of("hostile", f"other id {n}", "6.6.6.6"))
+            setup.lease.request(Principal.from_identity("hostile", f"other id {n}", "6.6.6.6"))
     assert len(setup.lease.requests()) == MAX_REQUESTS_PER_ADDRESS
-    bob = Principal.of("bob", "bob", "10.0.0.7")
+    bob = Principal.from_identity("bob", "bob", "10.0.0.7")
     setup.lease.request(bob)
     assert [r.key for r in setup.lease.requests()][-1] == bob.key

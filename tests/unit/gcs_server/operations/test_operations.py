@@ -10,7 +10,7 @@ from gcs_server.errors import Disconnected, NoReply, Refused, UnknownOperation
 from gcs_server.operations.operations import (
     LINK_GRACE_S,
     MAX_ENDED,
-    MAX_RESULT,
+    MAX_RESULT_LENGTH,
     MAX_RUNNING,
     MAX_TEXT_LENGTH,
     PROGRESS_PERIOD_S,
@@ -153,7 +153,7 @@ def test_a_raised_exception_becomes_the_operations_error(error, code):
 def test_a_too_large_result_fails_the_operation():
     async def test(at):
         async def work(report):
-            return {"all": "x" * MAX_RESULT}
+            return {"all": "x" * MAX_RESULT_LENGTH}
 
         started = start(at, work)
         await asyncio.sleep(0.1)

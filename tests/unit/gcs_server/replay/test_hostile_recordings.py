@@ -108,7 +108,7 @@ def test_too_much_memory_is_reported_as_text(log, monkeypatch):
 
     monkeypatch.setattr(index_process, "make_index", greedy)
     with pytest.raises(index_module.UnreadableRecording, match="more memory or time"):
-        from_bytes(index_process._answer(log(b"any")))
+        from_bytes(index_process._output(log(b"any")))
 
 
 def test_a_gzip_bomb_is_refused_in_the_list_and_when_opened(log, monkeypatch):

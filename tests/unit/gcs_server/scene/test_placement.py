@@ -44,20 +44,20 @@ def test_a_global_position_alone_places_a_vehicle():
     placement.place(flying("1"))
     place = placement.place(FakeVehicle("2", values={"global_position": glob(NORTH_100_M, LON, 490.0)}))
     assert place.position_enu_m == pytest.approx((0.0, 100.0, 2.0), abs=0.1)
-    assert place.known
+    assert place.position_known
     assert place.local_origin_enu_m is None
 
 
 def test_a_local_position_alone_places_a_vehicle():
     place = Placement().place(FakeVehicle(values={"local_position": local(3.0, 4.0, -5.0)}))
     assert place.position_enu_m == (4.0, 3.0, 5.0)
-    assert place.known
+    assert place.position_known
 
 
 def test_without_a_position_the_vehicle_is_drawn_with_a_note():
     place = Placement().place(FakeVehicle())
     assert place.position_enu_m == (0.0, 0.0, 0.0)
-    assert not place.known
+    assert not place.position_known
 
 
 def test_a_difference_between_local_and_global_position_does_not_move_the_frame():
@@ -78,7 +78,7 @@ def test_a_reset_of_the_estimator_moves_the_frame_and_not_the_vehicle():
 @pytest.mark.parametrize("bad", [glob(math.nan, LON, 0.0), glob(0.0, 0.0, 0.0)])
 def test_an_invalid_position_is_not_used(bad):
     vehicle = FakeVehicle(values={"global_position": bad})
-    assert not Placement().place(vehicle).known
+    assert not Placement().place(vehicle).position_known
 
 
 def test_after_the_last_vehicle_the_next_one_sets_the_origin():

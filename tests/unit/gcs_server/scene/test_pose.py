@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from gcs_server.scene.measured_points import HALF_HEIGHT_M, SHOWN_S, upright_lines
+from gcs_server.scene.measured_points import DRAWN_FOR_S, HALF_HEIGHT_M, upright_lines
 from gcs_server.scene.placement import Placement
 from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.pose import gimbal_in_body, motor_efforts, pose_of
@@ -144,4 +144,4 @@ def test_measured_points_are_drawn_for_a_limited_time():
     assert seen.measured_points_enu_m == (pytest.approx((x + 4.0, y, z)), pytest.approx((x, y + 3.0, z)))
     assert upright_lines(seen.measured_points_enu_m).shape == (2, 2, 3)
     assert upright_lines(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
-    assert drawn_pose(vehicle, now_s=SHOWN_S + 0.1).measured_points_enu_m == ()
+    assert drawn_pose(vehicle, now_s=DRAWN_FOR_S + 0.1).measured_points_enu_m == ()

@@ -26,7 +26,7 @@ class BuilderAndMirror:
 
     def step(self, *followed: str, stalled=()) -> SnapshotData:
         data = self.builder.snapshot(set(followed), stalled)
-        self.mirror.take(data)
+        self.mirror.apply(data)
         return msgspec.msgpack.decode(data, type=SnapshotData)
 
 
@@ -57,9 +57,9 @@ def test_a_topic_that_becomes_unusable_is_removed():
     both = BuilderAndMirror(vehicle)
     both.step()
     vehicle.values.pop("gimbal")
-    assert both.step().changed[0].absent == ["gimbal"]
+    assert both.step().changed[0].missing_topics == ["gimbal"]
     assert both.mirror.get("1").topic("gimbal") is None
-    assert both.step().changed[0].absent == []
+    assert both.step().changed[0].missing_topics == []
 
 
 def test_vehicles_that_no_view_follows_are_in_every_third_snapshot():
