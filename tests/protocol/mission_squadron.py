@@ -17,7 +17,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions.offboard.document import OffboardMission
 from tests.protocol.mission_flights import Missions
 from tests.protocol.simulated_world import SimulatedWorld, until
-from tests.support.mission_steps import for_two, slope, with_lists
+from tests.support.mission_steps import mission_for_two, mission_with_lists, slope
 from tests.support.snapshot import snapshot
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.fleet import VehicleSim
@@ -85,8 +85,10 @@ def _step_until(sim: VehicleSim, within_s: float, condition: Callable[[], bool])
 def document_of(kind: str) -> OffboardMission:
     """The mission of a vehicle that flies this kind of step."""
     if kind == "meet":
-        return for_two(*STEPS["meet"])
-    return with_lists("".join(f"- {{{step}}}\n" for step in STEPS[kind]), stay=CALLED, table=slope(0.0))
+        return mission_for_two(*STEPS["meet"])
+    return mission_with_lists(
+        "".join(f"- {{{step}}}\n" for step in STEPS[kind]), stay=CALLED, table=slope(0.0)
+    )
 
 
 def kinds_flown() -> set[str]:

@@ -19,7 +19,7 @@ TRANSIENT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal,
 
 
 def status(**changes: object) -> bytes:
-    """A recorded vehicle status with these fields changed."""
+    """Bytes of a recorded VehicleStatus with these fields changed."""
     message = SHOWN["VehicleStatus"]
     return message.encode(message.decode(recorded()[STATUS]) | changes)
 
@@ -33,7 +33,7 @@ class Publisher:
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
 
     def prepare(self, topic: str, message: str = "VehicleStatus") -> tuple[type[Sample], Any]:
-        """The type and the writer of a topic; made when it is first used."""
+        """The type and the writer of a topic; the first call creates them."""
         if topic not in self._writers:
             kind = idl_type(SHOWN[message])
             dds_topic = Topic(self.participant, wire_name(topic, self._namespace), kind)

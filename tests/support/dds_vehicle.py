@@ -58,7 +58,7 @@ class Background:
 
     def __init__(self) -> None:
         self.steps: list[Callable[[], None]] = []
-        self.failed: list[Exception] = []
+        self.errors: list[Exception] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._main)
         self._thread.start()
@@ -69,10 +69,10 @@ class Background:
                 for step in list(self.steps):
                     step()
             except Exception as error:
-                self.failed.append(error)
+                self.errors.append(error)
                 return
 
     def close(self) -> None:
         self._stop.set()
         self._thread.join(10.0)
-        assert not self.failed
+        assert not self.errors

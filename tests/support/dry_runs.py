@@ -1,4 +1,4 @@
-"""Short plans for tests that fly them, and the aircraft."""
+"""Short plans that tests fly in dry runs, and the aircraft that flies them."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ QUICK = {"MPC_TKO_SPEED": 3.0, "MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.5, "MPC
 AIRCRAFT = Aircraft(HOME, parameters=QUICK, endurance_s=300.0)
 
 
-def at(kind, north_m: float, east_m: float, height_m: float, **fields):
-    """An item at this position relative to home."""
+def item_at(kind, north_m: float, east_m: float, alt_home_m: float, **fields):
+    """An item of this class at this position relative to home."""
     lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
-    altitude = Altitude(value_m=height_m, reference="home")
+    altitude = Altitude(value_m=alt_home_m, reference="home")
     return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=altitude, **fields)
 
 
 def hop(north_m: float = 15.0, *, fence_m: float | None = None, land: bool = True) -> Plan:
     """Takes off to 4 m, flies north, and lands."""
-    items = [at(Takeoff, 0.0, 0.0, 4.0), at(Waypoint, north_m, 0.0, 4.0)]
+    items = [item_at(Takeoff, 0.0, 0.0, 4.0), item_at(Waypoint, north_m, 0.0, 4.0)]
     if land:
-        items.append(at(Land, north_m, 0.0, 0.0))
+        items.append(item_at(Land, north_m, 0.0, 0.0))
     centre = Point(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg)
     fence = () if fence_m is None else (FenceCircle(inclusion=True, center=centre, radius_m=fence_m),)
     return Plan(planned_home=HOME, items=tuple(items), fence=fence)

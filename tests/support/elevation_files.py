@@ -11,14 +11,14 @@ from rasterio.transform import Affine
 
 LAT_DEG, LON_DEG = 47.4, 8.5
 STEP_DEG = 0.0003
-"""About 33 m to the north."""
+"""Size of a cell; about 33 m from north to south."""
 
-Height = Callable[[np.ndarray, np.ndarray], np.ndarray]
+Elevation = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def write(
     path: Path,
-    height: Height,
+    elevation: Elevation,
     *,
     west_deg: float = LON_DEG - 0.03,
     north_deg: float = LAT_DEG + 0.03,
@@ -27,25 +27,30 @@ def write(
     driver: str = "GTiff",
     **options: object,
 ) -> Path:
-    """Writes a file; `height` is the altitude as a function of the latitudes and longitudes of the cells'
-    centres."""
+    """Writes a file of ground altitudes.
+
+    Args:
+        elevation: altitude AMSL [m] of the cells' centres; gets their latitudes and longitudes.
+    """
     lat = north_deg - (np.arange(cells) + 0.5) * step_deg
     lon = west_deg + (np.arange(cells) + 0.5) * step_deg
     lons, lats = np.meshgrid(lon, lat)
-    values = height(lats, lons).astype("float32")
-    given = {
+    values = elevation(lats, lons).astype("float32")
+    profile = {
         "count": 1,
         "crs": "EPSG:4326",
         "transform": Affine(step_deg, 0.0, west_deg, 0.0, -step_deg, north_deg),
         "nodata": -9999.0,
         **options,
     }
-    with rasterio.open(path, "w", driver=driver, width=cells, height=cells, dtype="float32", **given) as data:
+    with rasterio.open(
+        path, "w", driver=driver, width=cells, height=cells, dtype="float32", **profile
+    ) as data:
         data.write(values, 1)
     return path
 
 
-def flat(amsl_m: float) -> Height:
+def flat(amsl_m: float) -> Elevation:
     """The same altitude everywhere."""
     return lambda lat, lon: np.full_like(lat, amsl_m)
 
@@ -57,7 +62,7 @@ def hill(
     lat_deg: float = LAT_DEG,
     lon_deg: float = LON_DEG,
     width_deg: float = 0.002,
-) -> Height:
+) -> Elevation:
     """A round hill on flat ground; `width_deg` is its standard deviation."""
     return lambda lat, lon: (
         amsl_m + top_m * np.exp(-(((lat - lat_deg) ** 2 + (lon - lon_deg) ** 2) / (2 * width_deg**2)))

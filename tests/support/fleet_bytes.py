@@ -1,4 +1,5 @@
-"""Digests of all bytes that vehicles of a fleet send while they arm, take off and lose their GPS."""
+"""Digests of all bytes that vehicles of a fleet send while they arm and take off, and half of them lose
+GPS."""
 
 from __future__ import annotations
 
@@ -9,31 +10,34 @@ from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.simulation import row_east
 
-ARMED_AT = 0.6
-"""As a fraction of the time: EKF2 needs six seconds after boot."""
-BROKEN_AT = 0.8
+ARM_AT = 0.6
+"""Fraction of the time after which the vehicles are armed: EKF2 needs six seconds after boot."""
+GPS_LOST_AT = 0.8
+"""Fraction of the time after which the even instances lose GPS."""
 TICK_S = 0.02
+ARM, TAKEOFF = 400, 22
+"""MAV_CMD_COMPONENT_ARM_DISARM and MAV_CMD_NAV_TAKEOFF."""
 
 
 def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int, str]:
     """Flies instances `first` to `first + count - 1`; returns for each instance a digest of all bytes on both
     links."""
     sim = VehicleSim(count, first_instance=first, seed=seed, start_ned_m=row_east(count, first))
-    found = {first + row: hashlib.sha256() for row in range(count)}
+    hashes = {first + row: hashlib.sha256() for row in range(count)}
     target_amsl_m = sim.simulation.home.alt_amsl_m + 10.0
     steps = round(seconds / TICK_S)
     for step in range(steps):
         for row in range(count):
-            if step == round(ARMED_AT * steps):
-                _command(sim, row, 400, 1.0)
-                _command(sim, row, 22, *[float("nan")] * 6, target_amsl_m)
-            if step == round(BROKEN_AT * steps) and (first + row) % 2 == 0:
+            if step == round(ARM_AT * steps):
+                _command(sim, row, ARM, 1.0)
+                _command(sim, row, TAKEOFF, *[float("nan")] * 6, target_amsl_m)
+            if step == round(GPS_LOST_AT * steps) and (first + row) % 2 == 0:
                 sim.set_parameter(row, "SIM_GPS_USED", 3)
         sim.step(TICK_S)
         for row in range(count):
             for link in ("gcs", "api"):
-                found[first + row].update(sim.drain(row, link))
-    return {instance: digest.hexdigest() for instance, digest in found.items()}
+                hashes[first + row].update(sim.drain(row, link))
+    return {instance: digest.hexdigest() for instance, digest in hashes.items()}
 
 
 def _command(sim: VehicleSim, row: int, number: int, *parameters: float) -> None:

@@ -20,14 +20,14 @@ class LinkRecorder:
     def _state(self):
         self.states.append(self.link.info().state)
 
-    async def until(self, good, timeout_s=20.0):
+    async def until(self, condition, timeout_s=20.0):
         """Polls until the condition is true.
 
         Raises:
             TimeoutError: the condition was not true in time.
         """
         async with asyncio.timeout(timeout_s):
-            while not good():  # noqa: ASYNC110 polls real sockets
+            while not condition():  # noqa: ASYNC110 polls real sockets
                 await asyncio.sleep(0.005)
 
 

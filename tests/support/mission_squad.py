@@ -25,10 +25,12 @@ class Squad:
         mission = read(text)
         starts = {role: Start(in_air=role in in_air) for role in mission.roles}
         compiled = compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts)
-        self.flights = {role: FakeFlight(mission, timeline=way) for role, way in compiled.timelines.items()}
+        self.flights = {
+            role: FakeFlight(mission, timeline=timeline) for role, timeline in compiled.timelines.items()
+        }
         for role in in_air:
             self.flights[role].set_reading(armed=True, landed="in_air")
-        self.together = JointRunner({role: one.runner for role, one in self.flights.items()})
+        self.together = JointRunner({role: flight.runner for role, flight in self.flights.items()})
         self.now_s = 100.0
 
     def start(self) -> Squad:
@@ -36,16 +38,16 @@ class Squad:
         return self
 
     def readings(self):
-        return {role: one.reading for role, one in self.flights.items()}
+        return {role: flight.reading for role, flight in self.flights.items()}
 
     def do(self, requests: dict[str, list[Request]]) -> None:
-        for role, mine in requests.items():
-            self.flights[role].do(mine)
+        for role, role_requests in requests.items():
+            self.flights[role].do(role_requests)
 
     def step(self) -> None:
         """Updates each vehicle, then the runner."""
-        for one in self.flights.values():
-            one.step()
+        for flight in self.flights.values():
+            flight.step()
         self.now_s = next(iter(self.flights.values())).now_s
         self.do(self.together.update(self.now_s, self.readings()))
 
@@ -67,10 +69,10 @@ class Squad:
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
     def states(self) -> dict[str, str]:
-        return {role: one.status.state for role, one in self.flights.items()}
+        return {role: flight.status.state for role, flight in self.flights.items()}
 
     def places(self) -> dict[str, str | None]:
-        return {role: one.status.place for role, one in self.flights.items()}
+        return {role: flight.status.place for role, flight in self.flights.items()}
 
     def reach(self, **states: str) -> Squad:
         """Flies until each given role is in this state."""

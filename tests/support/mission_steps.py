@@ -1,7 +1,7 @@
-"""A mission in the middle of each kind of step, for tests of events during that step.
+"""Running missions in the middle of each kind of step, for tests of events during that step.
 
-A step without a duration is combined with one that has a duration: a gimbal track with a hold, a branch or a
-call with a hold in its list. Pictures are one second apart. The event occurs in this time.
+A step without a duration is combined with a step that has a duration: a gimbal track with a hold, a branch
+or a call with a hold in its list. Photos are one second apart; the event occurs between two photos.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.reader import read
 from missions.offboard.steps import MissionStep
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flight_of
+from tests.support.offboard_missions import flight_steps
 
 CENTER = "center: {offset_ned_m: [20, 0, -10]}, radius_m: 8"
 FLY = "step: fly, points: [{offset_ned_m: [30, 0, -10]}]"
@@ -41,7 +41,7 @@ STEPS: dict[str, tuple[str, ...]] = {
     "meet": ("step: meet, meeting: here",),
     "land": ("step: land",),
 }
-"""The steps of each flight. The event occurs during the last one."""
+"""The steps of each flight. The event occurs during the last step."""
 BY_PX4 = ("take_off", "land")
 IN_OFFBOARD = [kind for kind in STEPS if kind not in BY_PX4]
 
@@ -52,23 +52,23 @@ def kinds_of_document() -> set[str]:
 
 
 def kinds_of(steps: tuple[str, ...]) -> set[str]:
-    """The kinds of these steps, without those inside them."""
+    """The kinds of these steps, without the steps inside them."""
     return {step.removeprefix("step: ").partition(",")[0] for step in steps}
 
 
-def with_lists(steps: str, stay: str = HOLD, table: str | None = None) -> OffboardMission:
-    """A mission with these steps, the list of the call and the file of the table.
+def mission_with_lists(steps: str, stay: str = HOLD, table: str | None = None) -> OffboardMission:
+    """A mission with these steps; a `call` step finds the list "stay", a `table` step the file "slope".
 
     Args:
         steps: YAML of the steps.
-        stay: the step of the called list.
-        table: CSV of the table; None: `slope()`.
+        stay: YAML of the only step of the list "stay".
+        table: CSV of the file "slope"; None: `slope()`.
     """
     document = read(f"name: Test\nmissions: {{stay: [{{{stay}}}]}}\nsteps:\n{steps}")
     return document.model_copy(update={"tables": {"slope": table or slope()}})
 
 
-def for_two(*steps: str) -> OffboardMission:
+def mission_for_two(*steps: str) -> OffboardMission:
     """A mission of the roles "lead" and "left", both with these steps."""
     listed = ", ".join(f"{{{step}}}" for step in steps)
     roles = ", ".join(f"{role}: {{steps: [{listed}]}}" for role in ("lead", "left"))
@@ -79,15 +79,15 @@ def slope(first_down_m: float = -10.0, duration_s: float = 12.0) -> str:
     """A table of a straight line 12 m north, 6 m east and 4 m up, at rest at both ends."""
     rows = ["t_s,north_m,east_m,down_m"]
     for step in range(101):
-        part = step / 100
-        way = part**3 * (10 - 15 * part + 6 * part * part)
-        rows.append(f"{part * duration_s:.3f},{12 * way:.5f},{6 * way:.5f},{first_down_m - 4 * way:.5f}")
+        time = step / 100
+        path = time**3 * (10 - 15 * time + 6 * time * time)
+        rows.append(f"{time * duration_s:.3f},{12 * path:.5f},{6 * path:.5f},{first_down_m - 4 * path:.5f}")
     return "\n".join(rows)
 
 
 def flight(kind: str, **actions: str) -> FakeFlight:
-    """A mission in the middle of a step of this kind."""
-    fake = _at_meeting(actions) if kind == "meet" else _alone(kind, actions)
+    """A running mission in the middle of a step of this kind."""
+    fake = _at_meeting(actions) if kind == "meet" else _single_vehicle(kind, actions)
     if kind in BY_PX4:
         state = "taking_off" if kind == "take_off" else "landing"
         return fake.until(lambda: fake.status.state == state and fake.reading.landed == "in_air").fly(1.0)
@@ -96,23 +96,25 @@ def flight(kind: str, **actions: str) -> FakeFlight:
     return fake.fly(2.5)
 
 
-def _alone(kind: str, actions: dict[str, str]) -> FakeFlight:
-    wanted = ("step: hold, duration_s: 4",) if kind in BY_PX4 else STEPS[kind]
-    return FakeFlight(_acting(with_lists(flight_of(*wanted, FLY)), actions)).start()
+def _single_vehicle(kind: str, actions: dict[str, str]) -> FakeFlight:
+    steps = ("step: hold, duration_s: 4",) if kind in BY_PX4 else STEPS[kind]
+    return FakeFlight(_with_actions(mission_with_lists(flight_steps(*steps, FLY)), actions)).start()
 
 
 def _at_meeting(actions: dict[str, str]) -> FakeFlight:
-    """One role of two; the test is the other one, see `answer_wait`."""
-    document = _acting(for_two(*STEPS["take_off"], *STEPS["meet"], FLY, *STEPS["land"]), actions)
+    """The role "lead" of two; the test acts for the role "left", see `end_wait`."""
+    document = _with_actions(
+        mission_for_two(*STEPS["take_off"], *STEPS["meet"], FLY, *STEPS["land"]), actions
+    )
     fake = FakeFlight(document, timeline=compile_mission(document, role="lead")).start()
-    return answer_wait(fake, "meet")
+    return end_wait(fake, "meet")
 
 
-def _acting(document: OffboardMission, actions: dict[str, str]) -> OffboardMission:
+def _with_actions(document: OffboardMission, actions: dict[str, str]) -> OffboardMission:
     return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
 
 
-def answer_wait(fake: FakeFlight, kind: str) -> FakeFlight:
+def end_wait(fake: FakeFlight, kind: str) -> FakeFlight:
     """Ends a wait for a person or for the other role; other kinds of steps end by themselves."""
     if kind == "person":
         fake.in_state("waiting").go_on()
@@ -124,9 +126,9 @@ def answer_wait(fake: FakeFlight, kind: str) -> FakeFlight:
     return fake
 
 
-def sends_no_request(fake: FakeFlight, for_s: float = 5.0) -> None:
-    """Flies for this time and checks that nothing is requested or sent."""
-    asked, sent = len(fake.requests), len(fake.sent)
+def assert_nothing_is_requested(fake: FakeFlight, for_s: float = 5.0) -> None:
+    """Flies for this time and checks that the mission requests nothing and sends no setpoint."""
+    request_count, sent_count = len(fake.requests), len(fake.sent)
     fake.fly(for_s)
-    assert fake.requests[asked:] == []
-    assert len(fake.sent) == sent
+    assert fake.requests[request_count:] == []
+    assert len(fake.sent) == sent_count

@@ -42,14 +42,14 @@ class FakeFlight:
         self.sent: list[tuple[float, Any]] = []
         self.path: list[tuple[float, float, float]] = []
         self.refused: dict[type, str] = {}
-        """Requests that fail, with the reason, by class."""
+        """Reasons of the requests that fail, by class of the request."""
         self._goal_down_m = 0.0
-        self._held_at: tuple[float, float, float] | None = None
+        self._blocked_at: tuple[float, float, float] | None = None
 
     # --- disturbances -----------------------------------------------------------------------------
 
     def set_reading(self, **changes: Any) -> None:
-        """Sets fields of the runner's knowledge of the vehicle."""
+        """Sets fields of the reading: the state of the vehicle as the runner knows it."""
         self.reading = self.reading._replace(**changes)
 
     def mode(self, mode: str, source: str, text: str | None = None) -> None:
@@ -58,16 +58,16 @@ class FakeFlight:
         self.set_reading(mode=mode, mode_source=source, mode_text=text, stream="idle", progress=None)
 
     def block(self) -> Any:
-        """Blocks the vehicle at its position whatever is sent; returns that position."""
-        self._held_at = self.reading.position_ned_m
-        return self._held_at
+        """Keeps the vehicle at its position, whatever setpoints it gets; returns the position."""
+        self._blocked_at = self.reading.position_ned_m
+        return self._blocked_at
 
     def unblock(self) -> None:
         """Lets the vehicle follow its setpoints again."""
-        self._held_at = None
+        self._blocked_at = None
 
     def lose_link(self) -> None:
-        """Stops all messages of the vehicle; the stream has ended with a command to hold."""
+        """Stops all messages of the vehicle; the server has already ended the stream and commanded Hold."""
         self.mode("hold", "command", "The server commanded Hold")
         self.set_reading(link_active=False)
 
@@ -117,7 +117,7 @@ class FakeFlight:
         return self.until(lambda: self.status.state in states)
 
     def step(self) -> None:
-        """One setpoint and one update of the runner."""
+        """Moves the vehicle by one setpoint and updates the runner once."""
         self.now_s += STEP_S
         self._move()
         self.do(self.runner.tick(self.now_s, self.reading))
@@ -151,11 +151,11 @@ class FakeFlight:
                 self.do(self.runner.request_failed(request, self.reading, text))
             elif isinstance(request, TakeOff):
                 self._goal_down_m = self._down_m - request.height_m
-                self._own_mode("takeoff")
+                self._set_mode("takeoff")
                 self.set_reading(armed=True)
             elif isinstance(request, StreamScript):
                 self.sampler = ScriptSampler(request.script, self.now_s)
-                self._own_mode(self.runner.flight.mode)
+                self._set_mode(self.runner.flight.mode)
                 self.set_reading(stream="flying", progress=self.sampler.progress)
             elif isinstance(request, ChangeScript) and self.sampler is not None:
                 self.sampler.change_script(request.change)
@@ -165,7 +165,7 @@ class FakeFlight:
                 self.sampler = None
                 self.set_reading(stream="idle", progress=None)
 
-    def _own_mode(self, mode: str) -> None:
+    def _set_mode(self, mode: str) -> None:
         self.set_reading(mode=mode, mode_source="command", mode_text="The mission")
 
     @property
@@ -197,8 +197,8 @@ class FakeFlight:
             d = min(0.0, d + CLIMB_M_S * STEP_S)
             if d == 0.0:
                 self.set_reading(landed="on_ground", armed=False)
-        if self._held_at is not None:
-            (n, e, d), velocity = self._held_at, (0.0, 0.0, 0.0)
+        if self._blocked_at is not None:
+            (n, e, d), velocity = self._blocked_at, (0.0, 0.0, 0.0)
         self.path.append((n, e, d))
         if self.reading.position_ned_m is not None:
             self.set_reading(position_ned_m=(n, e, d), velocity_ned_m_s=velocity)

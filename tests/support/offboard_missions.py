@@ -18,26 +18,26 @@ UP = "- {step: take_off, height_m: 10}\n"
 DOWN = "- {step: land}\n"
 
 
-def flight_of(*steps: str) -> str:
-    """A mission with these steps between take-off and landing."""
+def flight_steps(*steps: str) -> str:
+    """YAML of a take-off, these steps, and a landing."""
     return UP + "".join(f"- {{{step}}}\n" for step in steps) + DOWN
 
 
 def mission(steps: str, **rest: Any) -> OffboardMission:
-    found = read(f"name: Test\nsteps:\n{steps}")
-    return found.model_copy(update=rest)
+    document = read(f"name: Test\nsteps:\n{steps}")
+    return document.model_copy(update=rest)
 
 
 def timeline(steps: str, start: Start | None = None, files: dict[str, bytes] | None = None) -> Timeline:
     return compile_mission(mission(steps), start=start, files=files)
 
 
-def codes(found: Timeline) -> set[str]:
-    return {finding.code for finding in found.findings}
+def codes(compiled: Timeline) -> set[str]:
+    return {finding.code for finding in compiled.findings}
 
 
-def titles(found: Timeline) -> list[str]:
-    return [segment.title for segment in found.segments]
+def titles(compiled: Timeline) -> list[str]:
+    return [segment.title for segment in compiled.segments]
 
 
 def position_at(segment: Segment, t_s: float) -> tuple[float, ...]:

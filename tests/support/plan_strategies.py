@@ -1,5 +1,5 @@
-"""Hypothesis strategies for whole plans: every kind of item and fence, with values as MAVLink carries
-them."""
+"""Hypothesis strategies for whole plans: every kind of item and fence, with values that MAVLink's 32-bit
+floats and integers represent exactly."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ def typed_items(draw: st.DrawFn, altitudes: st.SearchStrategy[Altitude] = ALTITU
     """An item of any type that PX4 executes, with each optional field set or unset."""
     cls = draw(st.sampled_from(TYPED_ITEMS))
     fields: dict[str, Any] = {"autocontinue": draw(st.booleans())}
-    whole = st.integers(-(10**6), 10**6).map(float)
+    whole_numbers = st.integers(-(10**6), 10**6).map(float)
     for number, slot in enumerate(cls.SLOTS, start=1):
         if not isinstance(slot, str):
             continue
         if cls.model_fields[slot].annotation is int:
             fields[slot] = draw(st.integers(0, 50))
         else:
-            fields[slot] = draw(whole if number in (5, 6) else st.none() | PARAMS)
+            fields[slot] = draw(whole_numbers if number in (5, 6) else st.none() | PARAMS)
     if issubclass(cls, PlacedItem):
         fields |= {"lat_deg": draw(LAT_DEG), "lon_deg": draw(LON_DEG), "altitude": draw(altitudes)}
     return cls(**fields)
@@ -88,7 +88,7 @@ def plans(
     altitudes: st.SearchStrategy[Altitude] = ALTITUDES,
     homes: st.SearchStrategy[HomePosition | None] = ANY_HOME,
 ) -> st.SearchStrategy[Plan]:
-    """Any plans; fences in the order of files: polygons, then circles."""
+    """Any plans; the fence lists polygons before circles, as plan files do."""
     return st.builds(
         lambda items, polygons, circles, **rest: Plan(
             items=tuple(items), fence=(*polygons, *circles), **rest

@@ -18,7 +18,7 @@ from vehicle_sim.simulation import Simulation
 
 SETTLED_S = 8.0
 LIFT_S = 1.0
-"""After this time the land detector would report them as airborne."""
+"""After this time the land detector would report the vehicles as airborne."""
 CHECK_EVERY_STEPS = 10
 """The interval at which the estimator publishes."""
 DISPLACED_M = 30.0
@@ -39,8 +39,8 @@ class FaultKind:
     """Smallest and largest value of the recorded flights."""
     vertical: tuple[float, float]
     tolerance: float = 1.1
-    """Factor by which nine of ten flights may be outside those values; greater where the flights here differ
-    from the recorded ones."""
+    """Factor by which nine of ten flights may be outside `horizontal` and `vertical`; greater where these
+    flights differ from the recorded ones."""
 
 
 def _parameter(sim: Simulation, row: int, name: str, value: float) -> None:
@@ -88,21 +88,21 @@ def _lifted_accelerometer(sim: Simulation, row: int, random: np.random.Generator
 
 TEMPORARY_GPS_LOSS = "temporary GPS loss"
 UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL = (0.4, 2.1), (0.4, 3.4)
-"""Range of the recorded flights whose fault affects neither position nor height."""
+"""Range of the recorded flights whose fault affects neither position nor altitude."""
 DIVERGING = (103.0, 413.0), (19.6, 46.7)
-"""With a frozen fix the position control has no feedback, and the speed of the divergence is random: the four
-recorded flights had 103 to 289 horizontally in 20 s, and 413 and more at their end."""
+"""With a frozen fix the position control has no feedback, and the speed of the divergence is random: the
+horizontal ratio of the four recorded flights was 103 to 289 after 20 s, and 413 and more at their end."""
 RECORDED_HEIGHT_M = 10.0
-"""Height of those flights, which kept one setpoint. It limits the height error before the ground; a vehicle
-whose setpoint changes after the freeze diverges faster."""
+"""Height of the recorded flights with a frozen fix, which kept one setpoint. The height limits the vertical
+error that is possible before the vehicle hits the ground."""
 STUCK_GPS = "stuck GPS"
 DIVERGES = 1.5
-"""A vehicle whose setpoint changes after the freeze diverges faster than the recorded ones."""
+"""A vehicle whose setpoint changes after the freeze diverges faster than the recorded vehicles."""
 TILTED, SIDEWAYS = (0.4, 2.7), 1.3
 """The recorded flights hovered; these vehicles tilt, and a tilted faulty accelerometer also pushes
 sideways."""
 SHORTER = 1.3
-"""Some of the losses are shorter than the recorded ones, with smaller errors."""
+"""Some of the random GPS losses are shorter than the recorded losses and cause smaller errors."""
 KINDS = {
     TEMPORARY_GPS_LOSS: FaultKind(_no_fix, None, (1.0, 3.6), (0.4, 4.6), SHORTER),
     "few satellites": FaultKind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
@@ -125,18 +125,18 @@ class Course:
 
     kind: str
     fixes_s: list[float]
-    """Times of the receivers' reports [s] after the fault; the same for all."""
-    back_s: float
-    """Time when a lost GPS returns."""
+    """Times of the GPS reports [s] after the fault; the same for all vehicles."""
+    gps_returns_s: float
+    """Time after the fault at which a lost GPS returns."""
     origin_ned_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,) origin of its local frame."""
+    """(3,) origin of the estimate's local frame, relative to the world's origin."""
     invalid_at_s: list[float] = field(default_factory=list)
     valid_at_s: list[float] = field(default_factory=list)
     dead_reckoning_at_s: list[float] = field(default_factory=list)
     aided_again_at_s: list[float] = field(default_factory=list)
     """Ends of the periods of dead reckoning; the last period may have none."""
     horizontal_ratio: float = 0.0
-    """Largest ratio of error to stated accuracy while it flew."""
+    """Largest ratio of error to stated accuracy while the vehicle flew."""
     vertical_ratio: float = 0.0
 
 
@@ -171,7 +171,9 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
                 course.origin_ned_m = _origin(sim, row)
                 KINDS[course.kind].inject(sim, row, random)
         for row, course in enumerate(courses):
-            if course.kind == TEMPORARY_GPS_LOSS and step == fault_step + round(course.back_s / sim.dt_s):
+            if course.kind == TEMPORARY_GPS_LOSS and step == fault_step + round(
+                course.gps_returns_s / sim.dt_s
+            ):
                 _parameter(sim, row, "SIM_GPS_USED", 10)
         fixes = sim.sensors.gps_count
         sim.step()
@@ -212,16 +214,16 @@ def _evaluate(sim: Simulation, courses: list[Course], flying: np.ndarray) -> Non
     )  # fmt: skip
     assert all(np.isfinite(each).all() for each in numbers)
     error = estimate.position_ned_m - truth.position_ned_m + [course.origin_ned_m for course in courses]
-    level = np.hypot(error[:, 0], error[:, 1]) / estimate.horizontal_accuracy_m
-    upright = np.abs(error[:, 2]) / estimate.vertical_accuracy_m
+    horizontal = np.hypot(error[:, 0], error[:, 1]) / estimate.horizontal_accuracy_m
+    vertical = np.abs(error[:, 2]) / estimate.vertical_accuracy_m
     for row in np.flatnonzero(flying):
         course = courses[row]
-        course.horizontal_ratio = max(course.horizontal_ratio, float(level[row]))
-        course.vertical_ratio = max(course.vertical_ratio, float(upright[row]))
+        course.horizontal_ratio = max(course.horizontal_ratio, float(horizontal[row]))
+        course.vertical_ratio = max(course.vertical_ratio, float(vertical[row]))
 
 
 def _new_courses(sim: Simulation, random: np.random.Generator, low: np.ndarray, keep: np.ndarray) -> None:
-    """Sets new setpoints, 15 to 25 m high: half of the vehicles hold a nearby position, half fly a velocity.
+    """Sets new setpoints, 15 to 25 m high: half of the vehicles keep a nearby position, half fly a velocity.
 
     Args:
         sim: the fleet.
@@ -231,20 +233,21 @@ def _new_courses(sim: Simulation, random: np.random.Generator, low: np.ndarray, 
     """
     count, setpoints = sim.count, sim.setpoints
     old_position, old_velocity = setpoints.position_ned_m[keep], setpoints.velocity_ned_m_s[keep]
-    holds = random.random(count) < 0.5
+    keeps_position = random.random(count) < 0.5
     near = sim.estimate.position_ned_m[:, :2] + random.uniform(-8.0, 8.0, (count, 2))
-    setpoints.position_ned_m[:, :2] = np.where(holds[:, None], near, np.nan)
+    setpoints.position_ned_m[:, :2] = np.where(keeps_position[:, None], near, np.nan)
     setpoints.position_ned_m[:, 2] = np.where(low, -RECORDED_HEIGHT_M, random.uniform(-25.0, -15.0, count))
     velocity = random.uniform(-3.0, 3.0, (count, 2))
-    setpoints.velocity_ned_m_s[:, :2] = np.where(holds[:, None], np.nan, velocity)
+    setpoints.velocity_ned_m_s[:, :2] = np.where(keeps_position[:, None], np.nan, velocity)
     setpoints.position_ned_m[keep], setpoints.velocity_ned_m_s[keep] = old_position, old_velocity
     yaw = random.uniform(-np.pi, np.pi, count)
     np.copyto(setpoints.yaw_ned_rad, yaw, where=sim.estimate.valid_position & ~keep)
 
 
-def _descend(sim: Simulation, who: np.ndarray) -> None:
-    """Lets the vehicles (N,) without a position descend with a level attitude, as the failsafe does."""
+def _descend(sim: Simulation, vehicles: np.ndarray) -> None:
+    """Lets these vehicles (N,), which have no valid position, descend with a level attitude, as the failsafe
+    does."""
     setpoints = sim.setpoints
-    setpoints.position_ned_m[who] = setpoints.velocity_ned_m_s[who] = np.nan
-    setpoints.acceleration_ned_m_s2[:, :2] = np.where(who[:, None], 0.0, np.nan)
-    setpoints.velocity_ned_m_s[who, 2] = DESCENT_M_S
+    setpoints.position_ned_m[vehicles] = setpoints.velocity_ned_m_s[vehicles] = np.nan
+    setpoints.acceleration_ned_m_s2[:, :2] = np.where(vehicles[:, None], 0.0, np.nan)
+    setpoints.velocity_ned_m_s[vehicles, 2] = DESCENT_M_S

@@ -27,12 +27,12 @@ def random_limits(rng: np.random.Generator) -> MotionLimits:
 def random_points(rng: np.random.Generator, count: int, yaws: bool) -> list[PassPoint]:
     """A random walk with steps from centimetres to hundreds of metres, stops, reversals and repeated
     points."""
-    here = rng.uniform(-50.0, 50.0, 3)
+    position = rng.uniform(-50.0, 50.0, 3)
     points: list[PassPoint] = []
     for _ in range(count):
         points.append(
             PassPoint(
-                (float(here[0]), float(here[1]), float(here[2])),
+                (float(position[0]), float(position[1]), float(position[2])),
                 float(rng.uniform(-4.0, 4.0)) if yaws and rng.random() < 0.7 else None,
                 stop=bool(rng.random() < 0.15),
                 corner_m=float(rng.choice([0.0, 0.05, 0.5, 2.0, 20.0])),
@@ -41,12 +41,12 @@ def random_points(rng: np.random.Generator, count: int, yaws: bool) -> list[Pass
         step = rng.normal(0.0, 1.0, 3) * 10.0 ** rng.uniform(-2.0, 2.3)
         kind = rng.random()
         if kind < 0.08 and len(points) > 1:
-            step = np.array(points[-2].position_ned_m) - here
+            step = np.array(points[-2].position_ned_m) - position
         elif kind < 0.16:
             step = np.zeros(3)
         elif kind < 0.24:
             step[:2] = 0.0
         elif kind < 0.4:
             step[2] = 0.0
-        here = here + step
+        position = position + step
     return points

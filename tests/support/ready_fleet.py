@@ -11,14 +11,14 @@ READY_WITHIN_S = 40.0
 
 
 def ready_in_a_row(count: int, apart_m: float) -> VehicleSim:
-    """Vehicles 1, 2, … to the east of each other; what they sent while they started is dropped.
+    """Vehicles 1, 2, …, each east of the one before; bytes sent during their start are dropped.
 
     Raises:
         AssertionError: one of them cannot be armed in time.
     """
-    places = np.zeros((count, 3))
-    places[:, 1] = apart_m * np.arange(count)
-    sim = VehicleSim(count, links=(("gcs", "gcs"),), seed=3, start_ned_m=places)
+    positions_ned_m = np.zeros((count, 3))
+    positions_ned_m[:, 1] = apart_m * np.arange(count)
+    sim = VehicleSim(count, links=(("gcs", "gcs"),), seed=3, start_ned_m=positions_ned_m)
     while not all(autopilot.commander.report.armable(NavState.TAKEOFF) for autopilot in sim.autopilots):
         assert sim.time_s < READY_WITHIN_S
         sim.step(0.5)

@@ -36,7 +36,7 @@ class Ros2Vehicle:
     # --- transport -------------------------------------------------------------------------------------
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Receives from the vehicle."""
+        """Receives a message from the vehicle."""
         self.received.append((self.sim.time_s, topic, TYPES[topic].decode(data)))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
@@ -79,7 +79,7 @@ class Ros2Vehicle:
         return [fields for at_s, name, fields in self.received if name == topic and at_s >= since_s]
 
     def acks(self, since_s: float = 0.0) -> list[tuple[int, int]]:
-        """(command, result) of each answer."""
+        """(command, result) of each VehicleCommandAck."""
         return [(ack["command"], ack["result"]) for ack in self.all(COMMAND_ACK, since_s)]
 
     @property

@@ -22,7 +22,7 @@ T = TypeVar("T")
 Memo = dict[int, Any]
 
 
-def snapshot(flown: T) -> T:
+def snapshot(original: T) -> T:
     """An independent copy: neither the copy nor the original affects the other."""
     memo: Memo = {}
     for name, module in list(sys.modules.items()):
@@ -33,7 +33,7 @@ def snapshot(flown: T) -> T:
                 )
                 memo |= {id(each): each for each in (value, *parts)}
     with patch.dict(copy._deepcopy_dispatch, COPIERS):
-        return copy.deepcopy(flown, memo)
+        return copy.deepcopy(original, memo)
 
 
 def _function(function: types.FunctionType, memo: Memo) -> types.FunctionType:
@@ -41,16 +41,16 @@ def _function(function: types.FunctionType, memo: Memo) -> types.FunctionType:
         return function
     cells = [memo.setdefault(id(cell), types.CellType()) for cell in function.__closure__ or ()]
     code, names = function.__code__, function.__globals__
-    made = types.FunctionType(code, names, function.__name__, None, tuple(cells) or None)
-    memo[id(function)] = made  # before its cells: one of them may contain the function itself
+    copied = types.FunctionType(code, names, function.__name__, None, tuple(cells) or None)
+    memo[id(function)] = copied  # before its cells: one of them may contain the function itself
     for old, new in zip(function.__closure__ or (), cells, strict=True):
         if id(new) not in memo:  # two functions may share a cell
             memo[id(new)] = new
             new.cell_contents = copy.deepcopy(old.cell_contents, memo)
-    made.__defaults__ = copy.deepcopy(function.__defaults__, memo)
-    made.__kwdefaults__ = copy.deepcopy(function.__kwdefaults__, memo)
-    made.__dict__.update(function.__dict__)
-    return made
+    copied.__defaults__ = copy.deepcopy(function.__defaults__, memo)
+    copied.__kwdefaults__ = copy.deepcopy(function.__kwdefaults__, memo)
+    copied.__dict__.update(function.__dict__)
+    return copied
 
 
 def _builtin(function: types.BuiltinMethodType, memo: Memo) -> Any:
@@ -63,24 +63,24 @@ def _builtin(function: types.BuiltinMethodType, memo: Memo) -> Any:
 def _array(array: np.ndarray, memo: Memo) -> np.ndarray:
     base = array.base
     if not isinstance(base, np.ndarray):
-        made = array.copy(order="K")
+        copied = array.copy(order="K")
     else:
-        whole = copy.deepcopy(base, memo)
+        memory = copy.deepcopy(base, memo)
         offset = array.__array_interface__["data"][0] - base.__array_interface__["data"][0]
-        made = np.ndarray(array.shape, array.dtype, _bytes_of(whole), offset, array.strides)
-    made.flags.writeable = array.flags.writeable
-    memo[id(array)] = made
-    return made
+        copied = np.ndarray(array.shape, array.dtype, _bytes_of(memory), offset, array.strides)
+    copied.flags.writeable = array.flags.writeable
+    memo[id(array)] = copied
+    return copied
 
 
-def _bytes_of(whole: np.ndarray) -> np.ndarray:
-    assert whole.flags.c_contiguous, "a view of an array that is not laid out row by row"
-    return whole.reshape(-1).view(np.uint8)
+def _bytes_of(memory: np.ndarray) -> np.ndarray:
+    assert memory.flags.c_contiguous, "a view of an array that is not laid out row by row"
+    return memory.reshape(-1).view(np.uint8)
 
 
 def _memory(view: memoryview, memo: Memo) -> memoryview:
-    made = memo[id(view)] = memoryview(copy.deepcopy(view.obj, memo)).cast("B").cast(view.format)
-    return made
+    copied = memo[id(view)] = memoryview(copy.deepcopy(view.obj, memo)).cast("B").cast(view.format)
+    return copied
 
 
 def _unchanged(value: T, _memo: Memo) -> T:

@@ -8,23 +8,23 @@ from typing import Any
 
 import pytest
 
-OUTSIDE = frozenset(
+FORBIDDEN_EVENTS = frozenset(
     {"socket.bind", "socket.connect", "socket.sendto", "socket.sendmsg"}
     | {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"}
 )
-"""Audit events of Python; the socket pair of an event loop raises none of them."""
+"""Audit events of Python that fail a unit test; the socket pair of an event loop raises none of them."""
 
-HERE = Path(__file__).resolve().parent
+UNIT_TESTS = Path(__file__).resolve().parent
 
 
-class UnitTestRunning:
-    """Whether a unit test is running; an audit hook cannot be removed."""
+class AuditState:
+    """Whether a unit test is running; Python cannot remove an audit hook."""
 
-    on = False
+    unit_test_running = False
 
 
 def _refuse(event: str, _arguments: tuple[Any, ...]) -> None:
-    if UnitTestRunning.on and event in OUTSIDE:
+    if AuditState.unit_test_running and event in FORBIDDEN_EVENTS:
         raise AssertionError(f"a unit test may not do this ({event}): move it to tests/integration")
 
 
@@ -34,15 +34,15 @@ sys.addaudithook(_refuse)
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Refuses sockets and processes during a unit test and its fixtures; also called for other tests."""
-    if not item.path.is_relative_to(HERE):
+    if not item.path.is_relative_to(UNIT_TESTS):
         return (yield)
     start = BaseProcess.start
 
     def no_process(_process: BaseProcess) -> None:
         raise AssertionError("a unit test may not start a process: move it to tests/integration")
 
-    BaseProcess.start, UnitTestRunning.on = no_process, True  # type: ignore[method-assign]
+    BaseProcess.start, AuditState.unit_test_running = no_process, True  # type: ignore[method-assign]
     try:
         return (yield)
     finally:
-        BaseProcess.start, UnitTestRunning.on = start, False  # type: ignore[method-assign]
+        BaseProcess.start, AuditState.unit_test_running = start, False  # type: ignore[method-assign]

@@ -9,7 +9,7 @@ from gcs_server.api.schema import description
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "api.md"
 EXAMPLES = re.compile(r"/(vehicles|links)/\w+|/(params)/(?!refresh)\w+")
-"""Parts of an address that are a number or name of an example."""
+"""Parts of an address with an example's vehicle, link or parameter."""
 
 
 def unnamed(path: str) -> str:
@@ -18,13 +18,13 @@ def unnamed(path: str) -> str:
 
 
 def calls_of(text: str) -> set[tuple[str, str]]:
-    """Calls by curl, and those named as `GET /path`."""
+    """(method, path) of calls by curl, and of calls named as `GET /path`."""
     fenced = "".join(re.findall(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL))
     found: set[tuple[str, str]] = set()
     for line in re.sub(r"\\\n\s*", "", fenced).splitlines():
         if not line.startswith("curl"):
             continue
-        method = said.group(1) if (said := re.search(r"-X (\w+)", line)) else "GET"
+        method = stated.group(1) if (stated := re.search(r"-X (\w+)", line)) else "GET"
         address = re.search(r"localhost:8080(/api/v1[^\s'?]*)", line)
         assert address, line
         found.add((method, EXAMPLES.sub(lambda m: f"/{m[1] or m[2]}/{{}}", address.group(1))))
@@ -34,5 +34,5 @@ def calls_of(text: str) -> set[tuple[str, str]]:
 
 def test_the_document_has_exactly_the_calls_of_the_api() -> None:
     paths = description()["paths"]
-    there = {(method.upper(), unnamed(path)) for path, methods in paths.items() for method in methods}
-    assert there == calls_of(DOCUMENT.read_text(encoding="utf-8"))
+    api_calls = {(method.upper(), unnamed(path)) for path, methods in paths.items() for method in methods}
+    assert api_calls == calls_of(DOCUMENT.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Layout of the tests: no test module imports another one; shared helpers are in other modules."""
+"""Layout of the tests: no module imports a test module; shared helpers are in other modules."""
 
 import ast
 import multiprocessing
@@ -13,7 +13,7 @@ import pytest
 TESTS = Path(__file__).resolve().parent.parent
 
 
-def imported(path: Path) -> Iterator[str]:
+def imported_modules(path: Path) -> Iterator[str]:
     """The modules that a file imports, also inside functions."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -33,7 +33,7 @@ def test_no_module_imports_a_test_module_or_a_conftest() -> None:
     found = {
         f"{path.relative_to(TESTS)} imports {name}: move what both use to a plain module beside it"
         for path in TESTS.rglob("*.py")
-        for name in imported(path)
+        for name in imported_modules(path)
         if is_run_by_pytest(name)
     }
     assert not found, "\n".join(sorted(found))
@@ -49,14 +49,14 @@ def test_an_import_of_a_test_module_is_found(tmp_path: Path) -> None:
         "def later():\n    from tests.e2e.test_page import story",
     ):
         (tmp_path / "module.py").write_text(line, encoding="utf-8")
-        assert any(is_run_by_pytest(name) for name in imported(tmp_path / "module.py")), line
+        assert any(is_run_by_pytest(name) for name in imported_modules(tmp_path / "module.py")), line
 
 
 def test_a_unit_test_gets_no_socket_and_no_process() -> None:
-    with socket.socket() as probe, pytest.raises(AssertionError, match="move it to tests/integration"):
-        probe.bind(("127.0.0.1", 0))
-    with socket.socket() as probe, pytest.raises(AssertionError, match="move it to tests/integration"):
-        probe.connect(("127.0.0.1", 9))
+    with socket.socket() as test_socket, pytest.raises(AssertionError, match="move it to tests/integration"):
+        test_socket.bind(("127.0.0.1", 0))
+    with socket.socket() as test_socket, pytest.raises(AssertionError, match="move it to tests/integration"):
+        test_socket.connect(("127.0.0.1", 9))
     with pytest.raises(AssertionError, match="move it to tests/integration"):
         subprocess.Popen([sys.executable, "-V"])
     with pytest.raises(AssertionError, match="move it to tests/integration"):

@@ -12,7 +12,7 @@ TEXT = (REPOSITORY / "docs" / "safety.md").read_text()
 ROWS = [line for line in TEXT.splitlines() if line.startswith("|") and not line.startswith("|---")]
 NAMED = sorted(set(re.findall(r"`(test_\w+)`", TEXT)))
 CHECKS = {"raises", "wait_until", "until", "until_disarmed", "expect", "fail", "to_be_visible"}
-"""Calls that can fail a test: those of pytest and Playwright, and those that wait for a state."""
+"""Calls that can fail a test: functions of pytest and Playwright, and functions that wait for a state."""
 NEVER_RUN = {"skip", "xfail"}
 DEEPEST_HELPER = 4
 
@@ -49,9 +49,9 @@ def asserts(function: Function, depth: int = 0) -> bool:
     return depth < DEEPEST_HELPER and any(asserts(helper, depth + 1) for helper in helpers)
 
 
-def test_every_row_names_its_test():
-    without = [row for row in ROWS if "`test_" not in row and not row.endswith("| test |")]
-    assert not without
+def test_every_row_of_the_document_names_its_test():
+    rows_without_test = [row for row in ROWS if "`test_" not in row and not row.endswith("| test |")]
+    assert not rows_without_test
 
 
 @pytest.mark.parametrize("name", NAMED)
@@ -64,6 +64,6 @@ def test_each_named_test_exists_runs_and_asserts(name):
 
 
 def test_a_test_without_an_assertion_is_found():
-    idle = ast.parse("def test_idle():\n    sum([1])\n").body[0]
-    assert isinstance(idle, ast.FunctionDef)
-    assert not asserts(idle)
+    without_assertion = ast.parse("def test_idle():\n    sum([1])\n").body[0]
+    assert isinstance(without_assertion, ast.FunctionDef)
+    assert not asserts(without_assertion)

@@ -1,4 +1,4 @@
-"""A recorded fault that the simulator does not repeat within its limits has a documented reason."""
+"""Each recorded fault that the simulator reproduces only outside its limits has a documented reason."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def test_a_row_without_a_reason_or_a_second_row_is_an_error(lines):
         reasons(document(*lines))
 
 
-def test_the_table_says_which_fault_has_no_reason_and_which_reason_is_stale():
-    why = reasons(document(ROW))
+def test_the_table_marks_faults_without_a_reason_and_reasons_without_a_fault():
+    documented_reasons = reasons(document(ROW))
     outside = Comparison("baro_stuck_hold", 3, 9, (LATE,), ())
     within = Comparison("gps_lost_hold", 24, 72, (), ())
-    text = "\n".join(rows([outside, within], why))
+    text = "\n".join(rows([outside, within], documented_reasons))
     assert "| baro_stuck_hold | 3 | 1 | 9 | 0 | xy_valid=0: 7.00, PX4 5.00 and 5.10 | NO REASON" in text
     assert "STALE: gps_lost_hold" in text
     late = Comparison("gps_lost_hold", 24, 72, (LATE,), ())
-    text = "\n".join(rows([late], why))
+    text = "\n".join(rows([late], documented_reasons))
     assert "chance |" in text
     assert "STALE" not in text

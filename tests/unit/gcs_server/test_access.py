@@ -81,7 +81,7 @@ ALL = ("GET", "HEAD", "OPTIONS", "POST", "PUT", "DELETE", "WEBSOCKET")
         ({"host": "[::1"}, "bad_host"),
     ],
 )
-def test_on_loopback_no_token_is_needed_and_only_own_pages_are_allowed(method, headers, expected):
+def test_on_loopback_no_token_is_needed_and_only_pages_of_the_server_are_allowed(method, headers, expected):
     assert code(LOOPBACK_ONLY, request_head(method, **headers)) == expected
 
 
@@ -97,12 +97,12 @@ def test_from_another_site_only_a_link_to_the_page_is_allowed(method, dest, expe
 @pytest.mark.parametrize("access", [ALL_INTERFACES, LOOPBACK_WITH_TOKEN], ids=["bound to all", "on loopback"])
 @pytest.mark.parametrize("method", ["GET", "POST", "WEBSOCKET"])
 @pytest.mark.parametrize("path", ["/", "/docs", "/api/v1/health", "/scene/", "/assets/a.js", "/nothing"])
-def test_with_a_token_every_request_needs_it(access, method, path):
-    own = {"origin": "http://localhost:8080"}
+def test_with_a_token_every_request_must_send_the_token(access, method, path):
+    same_origin = {"origin": "http://localhost:8080"}
     assert code(access, request_head(method, path)) == "token_missing"
     assert code(access, request_head(method, path, authorization="Bearer wrong")) == "token_wrong"
     assert code(access, request_head(method, path, authorization=BEARER)) is None
-    assert code(access, request_head(method, path, cookie=COOKIE, **own)) is None
+    assert code(access, request_head(method, path, cookie=COOKIE, **same_origin)) is None
     assert (
         code(access, request_head(method, path, cookie=f"{ALL_INTERFACES.cookie_name}={TOKEN}"))
         == "token_missing"
@@ -122,7 +122,11 @@ def test_with_a_token_every_request_needs_it(access, method, path):
         ("POST", {"cookie": COOKIE}, "origin_missing"),
         ("WEBSOCKET", {"cookie": COOKIE}, "origin_missing"),
         ("POST", {"cookie": COOKIE, "authorization": "Basic eDp5"}, "origin_missing"),
-        ("GET", {"cookie": COOKIE, "authorization": "Basic eDp5"}, None),  # a proxy's own password
+        (
+            "GET",
+            {"cookie": COOKIE, "authorization": "Basic eDp5"},
+            None,
+        ),  # a password for the proxy, not for this server
         ("GET", {"cookie": COOKIE, "authorization": "Bearer wrong"}, "token_wrong"),
         ("GET", {"authorization": f"bearer  {TOKEN} "}, None),
         ("GET", {"authorization": "Bearer"}, "token_wrong"),
@@ -134,7 +138,7 @@ def test_with_a_token_every_request_needs_it(access, method, path):
             "POST",
             {"cookie": COOKIE, "origin": f"https://{REMOTE_HOST}"},
             None,
-        ),  # a proxy in front of the server uses https
+        ),  # a proxy in front of the server that uses https
         ("POST", {"cookie": COOKIE, "origin": f"http://{REMOTE_HOST}", "secure": True}, "foreign_origin"),
         ("POST", {"host": "rebound.example", "origin": "http://rebound.example"}, "token_missing"),
         ("GET", {"host": "whatever.name", "authorization": BEARER}, None),
@@ -205,7 +209,7 @@ def test_the_cookie_is_valid_for_this_site_only_and_does_not_contain_the_token()
     assert ALL_INTERFACES.cookie(secure=True).endswith("; Secure")
     other = Access(loopback_only=False, token=TOKEN + "x")
     assert other.cookie_name != ALL_INTERFACES.cookie_name, (
-        "two servers on one machine share a browser's cookies"
+        "two servers on one machine would use the same cookie"
     )
     assert other.cookie_value != ALL_INTERFACES.cookie_value
 

@@ -38,6 +38,6 @@ def test_a_long_history_is_encoded_in_pieces(count):
     assert [line["value"]["n"] for line in lines(pieces)] == list(range(count))
 
 
-def test_a_line_that_cannot_be_encoded_is_left_out():
+def test_a_line_that_cannot_be_encoded_is_omitted():
     samples = [sample(0), sample(1, value=Broken()), sample(2)]
     assert [line["value"]["n"] for line in lines(list(history_pieces(vehicle(), samples)))] == [0, 2]

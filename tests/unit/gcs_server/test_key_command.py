@@ -29,18 +29,18 @@ def test_keys_are_added_created_listed_and_removed(key):
     assert key("list") == (0, "no signing keys\n", "")
     assert key("add", "field", typed=KEY.hex() + "\n")[0] == 0
     assert key("new", "random")[0] == 0
-    assert key("add", "words", "--passphrase", typed="correct horse battery staple\n")[0] == 0
-    assert key("list")[1].split() == ["field", "random", "words"]
+    assert key("add", "sentence", "--passphrase", typed="correct horse battery staple\n")[0] == 0
+    assert key("list")[1].split() == ["field", "random", "sentence"]
     assert key.store.read("field").reveal() == KEY
-    assert len({key.store.read(name).reveal() for name in ("field", "random", "words")}) == 3
+    assert len({key.store.read(name).reveal() for name in ("field", "random", "sentence")}) == 3
     for path in key.store._folder.iterdir():
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert key("remove", "words")[0] == 0
+    assert key("remove", "sentence")[0] == 0
     assert key("list")[1].split() == ["field", "random"]
 
 
 @pytest.mark.parametrize(
-    ("arguments", "typed", "words"),
+    ("arguments", "typed", "expected"),
     [
         (("add", "field"), "", "32 bytes"),
         (("add", "field"), KEY.hex() + "00\n", "32 bytes"),
@@ -51,10 +51,10 @@ def test_keys_are_added_created_listed_and_removed(key):
         (("remove", "none"), "", "cannot be removed"),
     ],
 )
-def test_errors_never_show_the_key(key, arguments, typed, words):
+def test_errors_never_show_the_key(key, arguments, typed, expected):
     code, out, err = key(*arguments, typed=typed)
     assert (code, out) == (cli.EXIT_CANNOT_START, "")
-    assert words in err
+    assert expected in err
     assert key.store.names() == []
 
 

@@ -29,13 +29,13 @@ def test_links_from_the_environment():
         ("schema_version = \n", "config", "TOML"),
     ],
 )
-def test_the_error_about_an_invalid_settings_file_names_it(tmp_path, text, field, expected):
+def test_the_error_about_an_invalid_settings_file_names_the_file(tmp_path, text, field, expected):
     file = tmp_path / "gcs.toml"
     file.write_text(text)
-    with pytest.raises(InvalidRequest) as caught:
+    with pytest.raises(InvalidRequest) as error:
         load({}, {}, file)
-    assert caught.value.field == field
-    assert expected in f"{caught.value.message} {caught.value.remedy}"
+    assert error.value.field == field
+    assert expected in f"{error.value.message} {error.value.remedy}"
 
 
 @pytest.mark.parametrize(
@@ -48,11 +48,11 @@ def test_the_error_about_an_invalid_setting_names_its_source(flags, env, expecte
 
 
 @pytest.mark.parametrize(
-    ("host", "alone"),
+    ("host", "loopback_only"),
     [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False), ("example.org", False)],
 )
-def test_only_a_loopback_host_limits_the_server_to_this_machine(host, alone):
-    assert Settings(host=host).loopback_only is alone
+def test_only_a_loopback_host_limits_the_server_to_this_machine(host, loopback_only):
+    assert Settings(host=host).loopback_only is loopback_only
 
 
 def test_the_simulators_arguments_are_split_as_in_a_shell(tmp_path):
@@ -61,6 +61,6 @@ def test_the_simulators_arguments_are_split_as_in_a_shell(tmp_path):
     file = tmp_path / "gcs.toml"
     file.write_text('schema_version = 1\nsim_args = ["--speed", "2"]\n')
     assert load({}, {}, file).sim_args == ("--speed", "2")
-    with pytest.raises(InvalidRequest) as caught:
+    with pytest.raises(InvalidRequest) as error:
         load({}, {"GCS_SIM_ARGS": "--data-dir 'a"})
-    assert caught.value.field == "sim_args"
+    assert error.value.field == "sim_args"

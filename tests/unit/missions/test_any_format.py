@@ -33,9 +33,9 @@ def test_each_format_is_detected_by_its_content_and_returns_the_items(name):
     data = any_format.write(name, PLAN).data
     filename = "plan.csv" if name == "csv" else "renamed.bin"
     assert any_format.recognise(data, filename) == name
-    read = any_format.read(name, data, ImportOptions()).plan
-    assert [item.kind for item in read.items] == ["takeoff", "waypoint", "return_home"]
-    assert read.items[1].lat_deg == pytest.approx(47.401, abs=1e-7)
+    plan = any_format.read(name, data, ImportOptions()).plan
+    assert [item.kind for item in plan.items] == ["takeoff", "waypoint", "return_home"]
+    assert plan.items[1].lat_deg == pytest.approx(47.401, abs=1e-7)
 
 
 @pytest.mark.parametrize("name", any_format.MISSION_FORMATS)
@@ -76,7 +76,7 @@ def test_a_file_of_an_unknown_format_is_refused_with_a_reason(data, reason):
         any_format.recognise(data, "flight.bin")
 
 
-def test_points_without_altitude_are_refused_unless_the_import_gives_one():
+def test_points_without_altitude_are_refused_unless_the_import_gives_an_altitude():
     line = b'{"type": "LineString", "coordinates": [[8.5, 47.4], [8.5, 47.401]]}'
     with pytest.raises(PlanError):
         any_format.read("geojson", line)

@@ -21,7 +21,7 @@ from missions.errors import PlanError
 from missions.items import Takeoff
 from missions.plan import Plan
 from missions.values import Altitude
-from tests.support.dry_runs import AIRCRAFT, HOME, at, flyable, hop
+from tests.support.dry_runs import AIRCRAFT, HOME, flyable, hop, item_at
 
 pytestmark = pytest.mark.flight
 
@@ -30,36 +30,36 @@ POST = Obstacle("post", 8.0, 6.0, 1.0, 1.0, 10.0)
 
 
 @pytest.fixture(scope="module")
-def flown() -> DryRun:
+def single_run() -> DryRun:
     return dry_run(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, seed=4, site=Site([POST]))
 
 
 @pytest.fixture(scope="module")
-def many() -> MonteCarlo:
+def batch() -> MonteCarlo:
     return monte_carlo(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, flights=3, seed=4, site=Site([POST]))
 
 
-def test_a_plan_is_flown_to_its_end_and_each_step_has_its_time(flown):
-    assert (flown.finished, flown.landed, flown.findings) == (True, True, ())
-    assert [step.place for step in flown.steps] == ["item 1", "item 2", "item 3"]
-    assert [step.row for step in flown.steps] == [0, 1, 2]
-    assert all(a.end_s == b.start_s for a, b in zip(flown.steps, flown.steps[1:], strict=False))
-    assert 12.0 < flown.duration_s < 30.0
-    assert flown.track is not None
-    assert np.diff(flown.track.t_s) == pytest.approx(0.1, abs=0.021)
-    assert flown.track.position_ned_m[-1] == pytest.approx((15.0, 0.0, 0.0), abs=1.5)
-    assert -5.0 < flown.track.position_ned_m[:, 2].min() < -3.5
-    assert flown.length_m == pytest.approx(23.0, abs=3.0)
+def test_a_plan_is_flown_to_its_end_and_each_step_has_its_time(single_run):
+    assert (single_run.finished, single_run.landed, single_run.findings) == (True, True, ())
+    assert [step.place for step in single_run.steps] == ["item 1", "item 2", "item 3"]
+    assert [step.row for step in single_run.steps] == [0, 1, 2]
+    assert all(a.end_s == b.start_s for a, b in zip(single_run.steps, single_run.steps[1:], strict=False))
+    assert 12.0 < single_run.duration_s < 30.0
+    assert single_run.track is not None
+    assert np.diff(single_run.track.t_s) == pytest.approx(0.1, abs=0.021)
+    assert single_run.track.position_ned_m[-1] == pytest.approx((15.0, 0.0, 0.0), abs=1.5)
+    assert -5.0 < single_run.track.position_ned_m[:, 2].min() < -3.5
+    assert single_run.length_m == pytest.approx(23.0, abs=3.0)
 
 
-def test_battery_and_distances_match_the_flight(flown):
-    assert flown.battery_end_share == pytest.approx(1.0 - flown.duration_s / 300.0, abs=0.015)
-    assert flown.fence_distance_m == pytest.approx(15.0, abs=1.5)
-    assert flown.obstacle_distance_m == pytest.approx(5.5, abs=1.0)
+def test_battery_and_distances_match_the_flight(single_run):
+    assert single_run.battery_end_share == pytest.approx(1.0 - single_run.duration_s / 300.0, abs=0.015)
+    assert single_run.fence_distance_m == pytest.approx(15.0, abs=1.5)
+    assert single_run.obstacle_distance_m == pytest.approx(5.5, abs=1.0)
 
 
-def test_the_result_can_be_written_as_json(flown):
-    document = json.loads(json.dumps(flown.document()))
+def test_the_result_can_be_written_as_json(single_run):
+    document = json.loads(json.dumps(single_run.document()))
     assert document["origin"] == HOME.model_dump()
     path = document["path"]
     assert (
@@ -68,23 +68,23 @@ def test_the_result_can_be_written_as_json(flown):
     assert path["step_places"] == ["item 1", "item 2", "item 3"]
 
 
-def test_the_nominal_flight_of_a_batch_equals_the_single_flight_bit_for_bit(flown, many):
-    assert flown.track is not None
-    assert many.nominal.track is not None
-    assert np.array_equal(flown.track.position_ned_m, many.nominal.track.position_ned_m)
+def test_the_nominal_flight_of_a_batch_equals_the_single_flight_bit_for_bit(single_run, batch):
+    assert single_run.track is not None
+    assert batch.nominal.track is not None
+    assert np.array_equal(single_run.track.position_ned_m, batch.nominal.track.position_ned_m)
 
 
-def test_each_flight_of_a_batch_has_its_own_conditions(many):
-    assert len(many.flights) == 3
-    assert len({each.conditions for each in many.flights}) == 3
-    assert len({each.duration_s for each in many.flights} | {many.nominal.duration_s}) > 1
-    assert many.duration_s is not None
-    assert many.duration_s.least <= many.duration_s.p50 <= many.duration_s.greatest
-    assert many.chances["fence_touched"].count == 0
-    assert many.chances["fence_touched"].upper > 0.3, "three flights are a small sample"
-    assert many.corridor is not None
-    assert 0.05 < many.corridor.width_m < 5.0, "the vehicle drifts with the wind during the take-off"
-    json.dumps(many.document(), allow_nan=False)
+def test_each_flight_of_a_batch_has_its_own_conditions(batch):
+    assert len(batch.flights) == 3
+    assert len({each.conditions for each in batch.flights}) == 3
+    assert len({each.duration_s for each in batch.flights} | {batch.nominal.duration_s}) > 1
+    assert batch.duration_s is not None
+    assert batch.duration_s.least <= batch.duration_s.p50 <= batch.duration_s.greatest
+    assert batch.chances["fence_touched"].count == 0
+    assert batch.chances["fence_touched"].upper > 0.3, "the upper limit is too low for three flights"
+    assert batch.corridor is not None
+    assert 0.05 < batch.corridor.width_m < 5.0  # the vehicle drifts with the wind
+    json.dumps(batch.document(), allow_nan=False)
 
 
 def test_the_progress_callback_can_end_a_dry_run():
@@ -106,8 +106,8 @@ def test_a_mission_that_px4_refuses_is_refused_with_its_reason():
     assert run.document()["path"] is None
 
 
-def test_an_item_that_px4_does_not_store_is_named():
-    terrain = at(Takeoff, 0.0, 0.0, 5.0).model_copy(
+def test_the_error_names_an_item_that_px4_does_not_store():
+    terrain = item_at(Takeoff, 0.0, 0.0, 5.0).model_copy(
         update={"altitude": Altitude(value_m=5.0, reference="terrain")}
     )
     with pytest.raises(PlanError, match="item 1: PX4 does not accept command 22 in frame 11"):
@@ -124,7 +124,7 @@ def test_too_many_flights_are_refused():
 # --- findings about a flight ------------------------------------------------------------------------
 
 
-def evaluated(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
+def evaluate_flight(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
     """The evaluated dry run of a flight 40 m to the north in 10 s."""
     t_s = np.arange(0.0, 10.05, 0.1)
     positions = np.stack([4.0 * t_s, 0.0 * t_s, np.full_like(t_s, -5.0)], axis=1)
@@ -137,7 +137,7 @@ def evaluated(*, fence_m: float | None = None, battery_end: float = 0.9, obstacl
 
 
 def test_a_flight_outside_the_fence_causes_a_finding_with_step_position_and_distance():
-    (finding,) = evaluated(fence_m=30.0).findings
+    (finding,) = evaluate_flight(fence_m=30.0).findings
     assert (finding.code, finding.severity, finding.step) == ("fence_touched", "error", "item 2")
     assert "by up to 10.0 m" in finding.message
     assert finding.position_ned_m == pytest.approx((40.0, 0.0, -5.0))
@@ -147,7 +147,7 @@ def test_a_flight_outside_the_fence_causes_a_finding_with_step_position_and_dist
     ("battery_end", "code"), [(0.15, "battery_reserve"), (0.0, "battery_empty"), (0.25, None)]
 )
 def test_a_battery_below_its_reserve_causes_a_finding(battery_end, code):
-    assert [finding.code for finding in evaluated(battery_end=battery_end).findings] == (
+    assert [finding.code for finding in evaluate_flight(battery_end=battery_end).findings] == (
         [code] if code else []
     )
 
@@ -159,7 +159,7 @@ def test_the_battery_is_known_with_an_endurance_or_with_sim_bat_drain():
 
 
 def test_a_flight_near_an_obstacle_causes_a_finding_with_its_name():
-    (finding,) = evaluated(obstacles=[replace(POST, east_m=2.0)]).findings
+    (finding,) = evaluate_flight(obstacles=[replace(POST, east_m=2.0)]).findings
     assert finding.code == "obstacle_near"
     assert "within 1.5 m of post" in finding.message
     assert finding.t_s == pytest.approx(2.0, abs=0.2)

@@ -58,16 +58,16 @@ def test_with_avoidance_the_vehicle_climbs_over_the_box_and_descends_behind_it()
     assert found.track is not None
     north, _, down = found.track.position_ned_m.T
     above = (north > 11.0) & (north < 15.0)
-    assert (-down[above]).min() > 6.4, "the vehicle flies over the box"
+    assert (-down[above]).min() > 6.4, "the vehicle flew too low over the box"
     behind = north > 27.0
     assert np.flatnonzero(behind)[0] > np.flatnonzero(above)[-1]
-    assert -down[behind][0] < 5.5, "the vehicle is back on its path before the end of the step"
+    assert -down[behind][0] < 5.5, "the vehicle did not return to its path"
     assert found.obstacle_distance_m is not None
     assert 0.4 < found.obstacle_distance_m < 2.0
 
 
 @pytest.mark.story
-def test_if_avoidance_finds_no_path_the_vehicle_waits_before_the_obstacle() -> None:
+def test_if_avoidance_finds_no_path_the_vehicle_stops_in_front_of_the_obstacle() -> None:
     corridor = block(ORIGIN, (-10.0, 40.0), (-1.5, 1.5), 0.0).polygon
     wall = block(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
     fence = (FencePolygon(inclusion=True, polygon=corridor),)
@@ -78,7 +78,7 @@ def test_if_avoidance_finds_no_path_the_vehicle_waits_before_the_obstacle() -> N
     assert "obstacle_hit" not in codes
 
 
-def requested(document: OffboardMission) -> dict:
+def run_task(document: OffboardMission) -> dict:
     request = {
         "kind": "offboard_mission", "plan": document.model_dump_json(), "origin": None,
         "aircraft": {"home": HOME.model_dump(), "parameters": QUICK},
@@ -89,13 +89,13 @@ def requested(document: OffboardMission) -> dict:
 
 
 def test_a_dry_run_task_flies_with_the_obstacles_of_the_document() -> None:
-    result = json.loads(json.dumps(requested(through_the_box("false"))))
+    result = json.loads(json.dumps(run_task(through_the_box("false"))))
     assert result["assumed"] == []
     assert "obstacle_hit" in {each["code"] for each in result["nominal"]["findings"]}
 
 
 @pytest.mark.parametrize(("obstacles", "sentence"), [((BOX,), SIMULATED_SENSORS), ((), NOTHING_TO_AVOID)])
 def test_a_dry_run_states_which_sensors_its_avoidance_has(obstacles, sentence) -> None:
-    hop = "- {step: take_off, height_m: 2.5}\n- {step: hold, duration_s: 1}\n- {step: land}\n"
-    document = mission(hop, home=HOME, obstacles=obstacles, avoidance="over")
-    assert requested(document)["assumed"] == [sentence]
+    steps = "- {step: take_off, height_m: 2.5}\n- {step: hold, duration_s: 1}\n- {step: land}\n"
+    document = mission(steps, home=HOME, obstacles=obstacles, avoidance="over")
+    assert run_task(document)["assumed"] == [sentence]

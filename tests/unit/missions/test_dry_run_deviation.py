@@ -14,7 +14,7 @@ from missions.dry_run.pilot import Step
 from missions.dry_run.track import Track
 
 TICK_S = 0.1
-HIGH_M = 10.0
+HEIGHT_M = 10.0
 TURN = np.linspace(0.0, 2 * math.pi, 400)
 PATHS = {
     "straight": np.array([[0.0, 0.0], [120.0, 0.0]]),
@@ -33,31 +33,31 @@ def fly(
     steps: Sequence[tuple[str, float]] = (("step 1", 0.0),),
     finished: bool = True,
 ) -> Track:
-    """A flight along a path (N, 2) at HIGH_M or (N, 3).
+    """A flight along a path (N, 2) at HEIGHT_M or (N, 3).
 
     Args:
         path: its corners.
-        speed_m_s: the same everywhere.
-        waits_s: how long it waits, by the distance along the path.
+        speed_m_s: constant speed along the path.
+        waits_s: waiting times, by the distance along the path.
         steps: names of the steps, and the distances along the path where they begin.
-        finished: whether it has flown the whole plan.
+        finished: whether the flight has completed the plan.
     """
     if path.shape[1] == 2:
-        path = np.column_stack([path, np.full(len(path), -HIGH_M)])
+        path = np.column_stack([path, np.full(len(path), -HEIGHT_M)])
     corners_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))))
     along_m = np.append(np.arange(0.0, corners_m[-1], speed_m_s * TICK_S), corners_m[-1])
     for wait_at_m, wait_s in (waits_s or {}).items():
-        at = int(np.searchsorted(along_m, wait_at_m))
-        along_m = np.insert(along_m, at, np.full(round(wait_s / TICK_S), min(wait_at_m, corners_m[-1])))
+        index = int(np.searchsorted(along_m, wait_at_m))
+        along_m = np.insert(along_m, index, np.full(round(wait_s / TICK_S), min(wait_at_m, corners_m[-1])))
     position = np.stack([np.interp(along_m, corners_m, axis) for axis in path.T], axis=1)
     begins_m = [begin_m for _, begin_m in steps]
     step = np.searchsorted(begins_m, along_m, side="right") - 1
-    named = tuple(Step(place, "", None) for place, _ in steps)
+    track_steps = tuple(Step(name, "", None) for name, _ in steps)
     t_s = TICK_S * np.arange(len(along_m))
-    return Track(t_s, position, np.ones(len(t_s)), step, named, finished=finished)
+    return Track(t_s, position, np.ones(len(t_s)), step, track_steps, finished=finished)
 
 
-def compared(nominal: Track, flight: Track) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def compare(nominal: Track, flight: Track) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions of the stations, horizontal and vertical deviation."""
     path = Stations.from_track(nominal, SPACING_M, MAX_STATIONS)
     return path.position_ned_m, *deviation(path, flight)
@@ -68,7 +68,7 @@ def compared(nominal: Track, flight: Track) -> tuple[np.ndarray, np.ndarray, np.
 def test_a_flight_that_waits_anywhere_or_flies_slower_does_not_deviate(path, seed):
     random = np.random.default_rng(seed)
     waits = dict(zip(random.uniform(0.0, 120.0, 5), random.uniform(1.0, 60.0, 5), strict=True))
-    _, across, above = compared(fly(path), fly(path, speed_m_s=random.uniform(1.0, 9.0), waits_s=waits))
+    _, across, above = compare(fly(path), fly(path, speed_m_s=random.uniform(1.0, 9.0), waits_s=waits))
     assert across == pytest.approx(0.0, abs=0.05)
     assert above == pytest.approx(0.0, abs=0.01)
 
@@ -78,8 +78,8 @@ def test_a_flight_beside_the_path_deviates_by_this_distance_whatever_its_delays(
     path = PATHS[name]
     ahead = np.gradient(path, axis=0)
     right = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1)[:, None]
-    beside = np.column_stack([path + 4.0 * right, np.full(len(path), -HIGH_M - 1.5)])
-    _, across, above = compared(fly(path), fly(beside, speed_m_s=3.0, waits_s={20.0: 30.0, 61.0: 8.0}))
+    beside = np.column_stack([path + 4.0 * right, np.full(len(path), -HEIGHT_M - 1.5)])
+    _, across, above = compare(fly(path), fly(beside, speed_m_s=3.0, waits_s={20.0: 30.0, 61.0: 8.0}))
     assert across == pytest.approx(4.0, abs=0.05)
     assert above == pytest.approx(1.5, abs=0.01)
 
@@ -87,17 +87,17 @@ def test_a_flight_beside_the_path_deviates_by_this_distance_whatever_its_delays(
 def test_each_pass_of_a_path_that_retraces_itself_has_its_own_deviation():
     path = np.array([[0.0, 0.0], [60.0, 0.0], [0.0, 0.0]])
     second = np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 5.0], [0.0, 5.0]])
-    place, across, _ = compared(fly(path), fly(second, waits_s={20.0: 40.0}))
-    turn = int(place[:, 0].argmax())
+    stations_ned_m, across, _ = compare(fly(path), fly(second, waits_s={20.0: 40.0}))
+    turn = int(stations_ned_m[:, 0].argmax())
     assert across[: turn - 12] == pytest.approx(0.0, abs=0.05)
     assert across[turn + 12 :] == pytest.approx(5.0, abs=0.05)
 
 
 def test_each_pass_of_a_path_that_crosses_itself_has_its_own_deviation():
     path = np.array([[-40.0, 0.0], [40.0, 0.0], [40.0, 40.0], [0.0, 40.0], [0.0, -40.0]])
-    flown = path + np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [6.0, 0.0], [6.0, 0.0]])
-    place, across, _ = compared(fly(path), fly(flown, speed_m_s=2.0, waits_s={40.0: 60.0}))
-    crossing = np.flatnonzero(np.hypot(place[:, 0], place[:, 1]) < 3.0)
+    flown_path = path + np.array([[0.0, 0.0], [0.0, 0.0], [0.0, 0.0], [6.0, 0.0], [6.0, 0.0]])
+    stations_ned_m, across, _ = compare(fly(path), fly(flown_path, speed_m_s=2.0, waits_s={40.0: 60.0}))
+    crossing = np.flatnonzero(np.hypot(stations_ned_m[:, 0], stations_ned_m[:, 1]) < 3.0)
     first, second = crossing[crossing < 120], crossing[crossing >= 120]
     assert min(len(first), len(second)) > 5
     assert across[first] == pytest.approx(0.0, abs=0.05)
@@ -107,8 +107,8 @@ def test_each_pass_of_a_path_that_crosses_itself_has_its_own_deviation():
 def test_the_climb_and_the_descent_at_one_position_are_compared_separately():
     column = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [0.0, 0.0, 0.0]])
     blown = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [3.0, 0.0, -30.0], [3.0, 0.0, 0.0]])
-    place, across, above = compared(fly(column), fly(blown, waits_s={15.0: 20.0, 33.0: 9.0}))
-    top = int(place[:, 2].argmin())
+    stations_ned_m, across, above = compare(fly(column), fly(blown, waits_s={15.0: 20.0, 33.0: 9.0}))
+    top = int(stations_ned_m[:, 2].argmin())
     assert across[: top - 8] == pytest.approx(0.0, abs=0.05)
     assert across[top + 8 :] == pytest.approx(3.0, abs=0.05)
     assert above == pytest.approx(0.0, abs=0.05)
@@ -118,21 +118,21 @@ def test_a_detour_and_a_drift_while_hovering_are_deviations_only_where_they_happ
     path = np.array([[0.0, 0.0], [100.0, 0.0]])
     detour = np.array([[0.0, 0.0], [40.0, 0.0], [45.0, 7.0], [55.0, 7.0], [60.0, 0.0], [100.0, 0.0]])
     drift = np.array([[0.0, 0.0], [70.0, 0.0], [70.0, -9.0], [70.0, 0.0], [100.0, 0.0]])
-    for flown, begin_m, end_m, greatest_m in ((detour, 40.0, 60.0, 7.0), (drift, 70.0, 70.0, 9.0)):
-        place, across, _ = compared(fly(path), fly(flown, waits_s={52.0: 12.0}))
+    for flown_path, begin_m, end_m, greatest_m in ((detour, 40.0, 60.0, 7.0), (drift, 70.0, 70.0, 9.0)):
+        stations_ned_m, across, _ = compare(fly(path), fly(flown_path, waits_s={52.0: 12.0}))
         assert across.max() == pytest.approx(greatest_m, abs=0.05)
-        outside = (place[:, 0] < begin_m - 5.0) | (place[:, 0] > end_m + 5.0)
+        outside = (stations_ned_m[:, 0] < begin_m - 5.0) | (stations_ned_m[:, 0] > end_m + 5.0)
         assert across[outside] == pytest.approx(0.0, abs=0.05)
 
 
-def test_a_short_deviation_between_two_stations_of_a_long_path_is_seen():
+def test_a_short_deviation_between_two_stations_of_a_long_path_is_detected():
     rows = np.array([[0.0, 0.0], [1500.0, 0.0], [1500.0, 30.0], [0.0, 30.0]])
     bump = np.array([[0.0, 0.0], [707.0, 0.0], [709.0, 3.0], [711.0, 0.0], [1500.0, 0.0], *rows[2:].tolist()])
-    place, across, _ = compared(fly(rows, speed_m_s=10.0), fly(bump, speed_m_s=10.0))
-    assert len(place) == MAX_STATIONS
+    stations_ned_m, across, _ = compare(fly(rows, speed_m_s=10.0), fly(bump, speed_m_s=10.0))
+    assert len(stations_ned_m) == MAX_STATIONS
     assert 2.0 < across.max() <= 3.01
-    elsewhere = (abs(place[:, 0] - 709.0) > 30.0) & (place[:, 0] < 1490.0)
-    assert across[elsewhere] == pytest.approx(0.0, abs=0.05)
+    away_from_bump = (abs(stations_ned_m[:, 0] - 709.0) > 30.0) & (stations_ned_m[:, 0] < 1490.0)
+    assert across[away_from_bump] == pytest.approx(0.0, abs=0.05)
 
 
 # --- flights that are not complete, and other ways through the mission ------------------------------
@@ -143,38 +143,40 @@ LEGS = (("step 1", 0.0), ("step 2", 40.0), ("step 3", 80.0))
 @pytest.mark.parametrize("end_m", [25.0, 60.0, 110.0])
 def test_a_flight_that_ends_early_is_compared_up_to_its_end(end_m):
     path = np.array([[0.0, 0.0], [120.0, 0.0]])
-    until = np.array([[0.0, 2.0], [end_m, 2.0]])
+    beginning = np.array([[0.0, 2.0], [end_m, 2.0]])
     steps = tuple(each for each in LEGS if each[1] < end_m)
-    place, across, _ = compared(fly(path, steps=LEGS), fly(until, speed_m_s=3.0, steps=steps, finished=False))
-    before = place[:, 0] <= end_m - SPACING_M
+    stations_ned_m, across, _ = compare(
+        fly(path, steps=LEGS), fly(beginning, speed_m_s=3.0, steps=steps, finished=False)
+    )
+    before = stations_ned_m[:, 0] <= end_m - SPACING_M
     assert across[before] == pytest.approx(2.0, abs=0.01)
-    assert np.isnan(across[place[:, 0] > end_m + 2 * SPACING_M]).all()
+    assert np.isnan(across[stations_ned_m[:, 0] > end_m + 2 * SPACING_M]).all()
 
 
-def test_what_follows_the_end_of_an_incomplete_nominal_flight_is_not_compared():
+def test_steps_after_the_end_of_an_incomplete_nominal_flight_are_not_compared():
     path, further = np.array([[0.0, 0.0], [60.0, 0.0]]), np.array([[0.0, 1.0], [90.0, 1.0], [90.0, 90.0]])
-    _, across, _ = compared(fly(path, steps=LEGS[:2], finished=False), fly(further, steps=LEGS))
+    _, across, _ = compare(fly(path, steps=LEGS[:2], finished=False), fly(further, steps=LEGS))
     assert across == pytest.approx(1.0, abs=0.05)
 
 
 def test_the_steps_of_another_branch_are_not_compared():
     rounds = np.stack([40.0 + 15.0 * np.sin(TURN), 15.0 - 15.0 * np.cos(TURN)], axis=1)
     with_round = np.vstack([[[0.0, 0.0]], rounds, [[120.0, 0.0]]])
-    around_m = 2 * math.pi * 15.0
-    branch = (("step 1", 0.0), ("step 2.1", 40.0), ("step 3", 40.0 + around_m))
+    circumference_m = 2 * math.pi * 15.0
+    branch = (("step 1", 0.0), ("step 2.1", 40.0), ("step 3", 40.0 + circumference_m))
     nominal = fly(with_round, steps=branch)
     other = fly(np.array([[0.0, 0.0], [120.0, 0.0]]), steps=(("step 1", 0.0), ("step 3", 40.0)))
-    place, across, _ = compared(nominal, other)
-    on_round = place[:, 1] > 1.0
+    stations_ned_m, across, _ = compare(nominal, other)
+    on_round = stations_ned_m[:, 1] > 1.0
     assert np.isnan(across[on_round]).all()
     assert across[~np.isnan(across)] == pytest.approx(0.0, abs=0.1)
-    assert np.isfinite(across).sum() > 0.8 * 120.0 / SPACING_M * len(place) / (1 + 217.0 / SPACING_M)
+    assert np.isfinite(across).sum() > 0.8 * 120.0 / SPACING_M * len(stations_ned_m) / (1 + 217.0 / SPACING_M)
     assert corridor(nominal, [other, nominal]).width_m < 0.1
 
 
 def test_a_flight_without_any_common_step_is_not_compared():
     path = np.array([[0.0, 0.0], [60.0, 0.0]])
-    _, across, above = compared(fly(path), fly(path, steps=(("step 9", 0.0),)))
+    _, across, above = compare(fly(path), fly(path, steps=(("step 9", 0.0),)))
     assert np.isnan(across).all()
     assert np.isnan(above).all()
 
@@ -203,8 +205,8 @@ def test_an_incomplete_flight_widens_the_corridor_only_where_it_flew():
 
 
 def test_the_stations_begin_and_end_with_the_flight_also_without_any_motion():
-    still = fly(np.array([[0.0, 0.0], [0.0, 0.0]]), waits_s={0.0: 20.0})
-    found = corridor(still, [replace(still, position_ned_m=still.position_ned_m + 2.0)])
+    hovering = fly(np.array([[0.0, 0.0], [0.0, 0.0]]), waits_s={0.0: 20.0})
+    found = corridor(hovering, [replace(hovering, position_ned_m=hovering.position_ned_m + 2.0)])
     assert (found.t_s[0], found.t_s[-1]) == pytest.approx((0.0, 20.0))
     assert found.width_m == pytest.approx(2.0 * math.sqrt(2.0))
     assert found.vertical.greatest == pytest.approx(-2.0)

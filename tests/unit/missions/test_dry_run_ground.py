@@ -19,14 +19,14 @@ from missions.values import HomePosition
 from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN, flyable, hop
 
 STEP_DEG = 1e-4
-"""11 m to the north."""
+"""Size of a cell; about 11 m from north to south."""
 SIZE = 41
 
 
-def ground(height_m) -> Ground:
-    """A grid around home whose altitude depends on the distance to the north [m]."""
+def ground(amsl_m_at) -> Ground:
+    """Elevation data around home; `amsl_m_at` gives the altitude from the distance to the north [m]."""
     north_deg = HOME.lat_deg + STEP_DEG * (SIZE // 2)
-    rows = [float(height_m(111_195.0 * STEP_DEG * (SIZE // 2 - row))) for row in range(SIZE)]
+    rows = [float(amsl_m_at(111_195.0 * STEP_DEG * (SIZE // 2 - row))) for row in range(SIZE)]
     amsl_m = np.repeat(np.array(rows, dtype=np.float32)[:, None], SIZE, axis=1)
     return Ground(north_deg, HOME.lon_deg - STEP_DEG * (SIZE // 2), STEP_DEG, STEP_DEG, amsl_m)
 
@@ -70,13 +70,13 @@ def test_unknown_ground_is_level_and_reported():
     assert known is not None
     assert np.isfinite(known.altitudes_home_m).all()
     assert "Where the elevation files have no data" in assumed[1]
-    none, assumed = ground_grid(ground(lambda _: math.nan), ORIGIN, [position_deg(80.0)])
-    assert none is None
+    level, assumed = ground_grid(ground(lambda _: math.nan), ORIGIN, [position_deg(80.0)])
+    assert level is None
     assert assumed == ["The elevation files do not cover the start: the dry run flies over level ground."]
 
 
 @pytest.mark.flight
-def test_a_vehicle_lands_on_higher_ground_at_its_height():
+def test_a_vehicle_lands_on_higher_ground():
     run = dry_run(flyable(hop(45.0)), AIRCRAFT, site=Site(ground=step_up(2.0)))
     assert (run.finished, run.landed) == (True, True)
     assert run.track is not None
@@ -88,17 +88,17 @@ def test_a_vehicle_lands_on_higher_ground_at_its_height():
 
 @pytest.mark.flight
 def test_a_path_into_rising_ground_ends_with_a_collision_in_every_flight():
-    many = monte_carlo(flyable(hop(45.0)), AIRCRAFT, flights=1, site=Site(ground=step_up(20.0)))
-    (finding,) = [each for each in many.nominal.findings if each.code == "obstacle_hit"]
+    batch = monte_carlo(flyable(hop(45.0)), AIRCRAFT, flights=1, site=Site(ground=step_up(20.0)))
+    (finding,) = [each for each in batch.nominal.findings if each.code == "obstacle_hit"]
     assert "the ground" in finding.message
     assert finding.position_ned_m is not None
     assert 20.0 < finding.position_ned_m[0] < 35.0
-    assert many.chances["obstacle_hit"].count == 1
+    assert batch.chances["obstacle_hit"].count == 1
 
 
 @pytest.mark.story
 @pytest.mark.flight
-def test_a_flight_that_grazes_a_gentle_slope_has_a_finding_with_its_position():
+def test_a_flight_that_touches_a_gentle_slope_has_a_finding_with_its_position():
     gentle = GroundGrid(-60.0, -60.0, 10.0, np.repeat(np.arange(25.0)[:, None] * 0.8, 13, axis=1))
     site = Site(ground=replace(gentle, altitudes_home_m=gentle.altitudes_home_m - 4.8))
     run = dry_run(flyable(hop(100.0)), AIRCRAFT, site=site)
@@ -116,9 +116,9 @@ def test_each_vehicle_of_a_mission_starts_on_its_own_ground():
     lat_deg, lon_deg = position_deg(45.0)
     upper = replace(AIRCRAFT, home=HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m))
     site = Site(ground=step_up(8.0))
-    flown = dry_run_together(mission, {"lead": AIRCRAFT, "left": upper}, Conditions(), site=site)
+    result = dry_run_together(mission, {"lead": AIRCRAFT, "left": upper}, Conditions(), site=site)
     for role, height_m in (("lead", 0.0), ("left", 8.0)):
-        run = flown.roles[role]
+        run = result.roles[role]
         assert (run.finished, run.landed) == (True, True)
         assert run.track is not None
         heights_m = -run.track.position_ned_m[:, 2]

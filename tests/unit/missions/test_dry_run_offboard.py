@@ -34,42 +34,42 @@ DISTANT_ORIGIN = LocalOrigin(*LocalOrigin(HOME.lat_deg, HOME.lon_deg, 470.0).to_
 
 
 @pytest.fixture(scope="module")
-def flown() -> DryRun:
+def flight() -> DryRun:
     """A mission flown with the vehicle 30 m south and 20 m east of its local origin, and 10 m above it."""
     return dry_run(FlyableMission.from_mission(mission(STEPS), AIRCRAFT, origin=DISTANT_ORIGIN), AIRCRAFT)
 
 
-def test_a_mission_is_flown_to_its_end_step_by_step(flown):
-    assert (flown.finished, flown.landed) == (True, True)
-    assert flown.findings == ()
-    places = [step.place for step in flown.steps]
+def test_a_mission_is_flown_to_its_end_step_by_step(flight):
+    assert (flight.finished, flight.landed) == (True, True)
+    assert flight.findings == ()
+    places = [step.place for step in flight.steps]
     assert places[0] == "step 1"
     assert places[-1] == "step 6"
     assert {"step 3", "step 5 then 1"} <= set(places)
-    assert flown.duration_s < 40.0, "questions are answered at once, and the battery decides the branch"
+    assert flight.duration_s < 40.0, "a question delayed the flight, or the wrong branch was flown"
 
 
-def test_the_path_of_a_dry_run_is_relative_to_the_start_for_any_local_origin(flown):
-    assert flown.track is not None
-    assert flown.track.position_ned_m[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
-    assert flown.track.position_ned_m[-1] == pytest.approx((10.0, 0.0, 0.0), abs=2.0)
-    assert np.abs(flown.track.position_ned_m[:, 1]).max() < 2.0
+def test_the_path_of_a_dry_run_is_relative_to_the_start_for_any_local_origin(flight):
+    assert flight.track is not None
+    assert flight.track.position_ned_m[0] == pytest.approx((0.0, 0.0, 0.0), abs=0.1)
+    assert flight.track.position_ned_m[-1] == pytest.approx((10.0, 0.0, 0.0), abs=2.0)
+    assert np.abs(flight.track.position_ned_m[:, 1]).max() < 2.0
 
 
-def test_a_gimbal_step_sets_the_pitch_of_the_gimbal(flown):
-    assert flown.track is not None
-    assert flown.track.gimbal_rad is not None
-    fly = next(step for step in flown.steps if step.title == "North")
-    then = int(np.searchsorted(flown.track.t_s, fly.end_s))
-    assert flown.track.gimbal_rad[then, 0] == pytest.approx(-0.5, abs=0.05)
+def test_a_gimbal_step_sets_the_pitch_of_the_gimbal(flight):
+    assert flight.track is not None
+    assert flight.track.gimbal_rad is not None
+    fly_step = next(step for step in flight.steps if step.title == "North")
+    index = int(np.searchsorted(flight.track.t_s, fly_step.end_s))
+    assert flight.track.gimbal_rad[index, 0] == pytest.approx(-0.5, abs=0.05)
 
 
-def test_the_flown_path_matches_the_planned_one(flown):
-    assert flown.track is not None
+def test_a_step_takes_its_planned_time(flight):
+    assert flight.track is not None
     timeline = FlyableMission.from_mission(mission(STEPS), AIRCRAFT).timeline
-    fly = next(step for step in flown.steps if step.title == "North")
+    fly_step = next(step for step in flight.steps if step.title == "North")
     planned = next(segment for segment in timeline.segments if segment.title == "North")
-    assert fly.end_s - fly.start_s == pytest.approx(planned.duration_s, abs=0.5)
+    assert fly_step.end_s - fly_step.start_s == pytest.approx(planned.duration_s, abs=0.5)
 
 
 class SetpointRecorder:
@@ -82,8 +82,8 @@ class SetpointRecorder:
     def trajectory(self, setpoint: Setpoint) -> None:
         self.trajectories.append(setpoint)
 
-    def attitude(self, *given) -> None:
-        self.attitudes.append(given)
+    def attitude(self, *arguments) -> None:
+        self.attitudes.append(arguments)
 
 
 def test_fields_that_a_setpoint_does_not_control_are_nan():

@@ -46,15 +46,15 @@ def test_impossible_conditions_are_refused_with_the_field(fields, expected):
 
 
 def test_random_conditions_depend_on_seed_and_number_and_have_the_given_spread():
-    stated, spread = Conditions(wind_ned_m_s=(3.0, 0.0, 0.0), gusts_m_s=1.0), Spread(wind_m_s=2.0)
-    drawn = [spread.draw(stated, 5, number) for number in range(400)]
-    assert drawn[17] == spread.draw(stated, 5, 17)
-    assert drawn[17] != spread.draw(stated, 6, 17)
+    nominal, spread = Conditions(wind_ned_m_s=(3.0, 0.0, 0.0), gusts_m_s=1.0), Spread(wind_m_s=2.0)
+    drawn = [spread.draw(nominal, 5, number) for number in range(400)]
+    assert drawn[17] == spread.draw(nominal, 5, 17)
+    assert drawn[17] != spread.draw(nominal, 6, 17)
     north = np.array([each.wind_ned_m_s[0] for each in drawn])
     assert north.mean() == pytest.approx(3.0, abs=0.4)
     assert north.std() == pytest.approx(2.0, abs=0.3)
     assert abs(north - 3.0).max() <= 6.0
-    assert Spread(0.0, 0.0, 0.0, 0.0, 0.0).draw(stated, 5, 1) == stated
+    assert Spread(0.0, 0.0, 0.0, 0.0, 0.0).draw(nominal, 5, 1) == nominal
 
 
 def test_a_probability_has_an_interval_that_depends_on_the_number_of_flights():
@@ -79,24 +79,24 @@ def test_the_distance_to_the_fence_is_negative_outside_and_includes_the_vehicles
     assert FenceDistance((), ORIGIN, 0.0, 0.0).distance_m(positions).tolist() == [math.inf] * 3
 
 
-def test_the_distance_to_an_obstacle_is_that_to_its_nearest_side_edge_or_roof():
+def test_the_distance_to_an_obstacle_is_measured_to_its_nearest_side_edge_or_roof():
     positions = np.array([[0.0, 0.0, -2.0], [10.0, 0.0, -8.0], [10.0, 0.0, -2.0], [14.0, 7.0, -5.0]])
-    distances, which = obstacle_distance_m([Obstacle("far", 500.0, 0.0, 1.0, 1.0, 1.0), WALL], positions)
+    distances, nearest = obstacle_distance_m([Obstacle("far", 500.0, 0.0, 1.0, 1.0, 1.0), WALL], positions)
     assert distances == pytest.approx([9.0, 3.0, 0.0, 5.0])
-    assert which.tolist() == [1, 1, 1, 1]
+    assert nearest.tolist() == [1, 1, 1, 1]
     turned = Obstacle("wall", 10.0, 0.0, 2.0, 6.0, 5.0, yaw_ned_rad=math.pi / 2)
     assert obstacle_distance_m([turned], positions)[0][0] == pytest.approx(7.0)
 
 
 def test_a_vehicle_whose_flight_has_ended_uses_no_more_computing_time():
     def decide() -> None:
-        raise AssertionError("its autopilot is still running")
+        raise AssertionError("the autopilot of vehicle 1 was updated")
 
     fleet = Fleet([AIRCRAFT, AIRCRAFT], [Conditions(), Conditions()])
     fleet.vehicles[1].autopilot.update = decide
     with pytest.raises(AssertionError):
         fleet.tick()
     fleet.retire(1)
-    before = fleet.vehicles[0].autopilot.view.time_s
+    before_s = fleet.vehicles[0].autopilot.view.time_s
     fleet.tick()
-    assert fleet.vehicles[0].autopilot.view.time_s > before
+    assert fleet.vehicles[0].autopilot.view.time_s > before_s

@@ -1,4 +1,4 @@
-"""Each spread of a Monte Carlo run changes the flights, and nothing else does."""
+"""Each spread of a Monte Carlo run changes the flights; without a spread they do not differ."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ pytestmark = pytest.mark.flight
 STEADY = Conditions(wind_ned_m_s=(0.0, 2.0, 0.0), gusts_m_s=0.0, sensor_noise=0.0)
 NOISY = replace(STEADY, sensor_noise=1.0)
 NO_SPREAD = Spread(wind_m_s=0.0, gusts=0.0, mass=0.0, battery=0.0, sensor_noise=0.0)
-VARIED = {"mass_scale": "mass", "battery_scale": "battery", "sensor_noise": "sensor_noise"}
-"""The condition and its spread."""
+SPREAD_OF = {"mass_scale": "mass", "battery_scale": "battery", "sensor_noise": "sensor_noise"}
+"""The name of the spread, by the name of its condition."""
 
 
 @functools.cache
@@ -34,32 +34,34 @@ def test_without_spread_noise_and_gusts_all_flights_are_equal():
     assert first.conditions == STEADY
 
 
-@pytest.mark.parametrize("condition", VARIED)
+@pytest.mark.parametrize("condition", SPREAD_OF)
 def test_a_spread_varies_its_condition_alone_and_changes_each_flight(condition):
-    stated = NOISY if condition == "sensor_noise" else STEADY
+    nominal = NOISY if condition == "sensor_noise" else STEADY
     varied, unvaried = (
-        flights(replace(NO_SPREAD, **{VARIED[condition]: 0.3}), stated),
-        flights(NO_SPREAD, stated),
+        flights(replace(NO_SPREAD, **{SPREAD_OF[condition]: 0.3}), nominal),
+        flights(NO_SPREAD, nominal),
     )
-    given = [getattr(each.conditions, condition) for each in varied]
-    assert given[0] != given[1]
-    assert getattr(stated, condition) not in given
-    others = {each.name for each in fields(Conditions)} - {condition}
+    values = [getattr(each.conditions, condition) for each in varied]
+    assert values[0] != values[1]
+    assert getattr(nominal, condition) not in values
+    other_conditions = {each.name for each in fields(Conditions)} - {condition}
     for with_spread, without in zip(varied, unvaried, strict=True):
         assert with_spread.finished
-        assert all(getattr(with_spread.conditions, name) == getattr(stated, name) for name in others)
+        assert all(
+            getattr(with_spread.conditions, name) == getattr(nominal, name) for name in other_conditions
+        )
         if condition != "sensor_noise":
             assert with_spread.battery_end_share != without.battery_end_share
         moved = with_spread.fence_distance_m != without.fence_distance_m
-        assert moved == (condition != "battery_scale"), "the path changes, but not with the battery"
+        assert moved == (condition != "battery_scale"), "only the battery leaves the path unchanged"
 
 
 @pytest.mark.parametrize("condition", ["mass_scale", "battery_scale"])
 def test_a_heavier_vehicle_and_a_smaller_battery_leave_less_charge(condition):
-    spread = replace(NO_SPREAD, **{VARIED[condition]: 0.3})
-    one, other = sorted(flights(spread, STEADY), key=lambda each: getattr(each.conditions, condition))
-    assert one.battery_end_share is not None
-    assert other.battery_end_share is not None
-    more_left = one.battery_end_share - other.battery_end_share
-    assert (more_left > 0.0) == (condition == "mass_scale")
-    assert abs(more_left) > 1e-3
+    spread = replace(NO_SPREAD, **{SPREAD_OF[condition]: 0.3})
+    lower, higher = sorted(flights(spread, STEADY), key=lambda each: getattr(each.conditions, condition))
+    assert lower.battery_end_share is not None
+    assert higher.battery_end_share is not None
+    difference = lower.battery_end_share - higher.battery_end_share
+    assert (difference > 0.0) == (condition == "mass_scale")
+    assert abs(difference) > 1e-3

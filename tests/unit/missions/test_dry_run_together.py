@@ -45,57 +45,59 @@ def aircraft() -> dict[str, Aircraft]:
     return {"lead": AIRCRAFT, "left": replace(AIRCRAFT, home=left_home)}
 
 
-def crossed(height_m: float, minimum_m: float) -> DryRunTogether:
+def fly_crossing(height_m: float, minimum_m: float) -> DryRunTogether:
     return dry_run_together(read(CROSSING.format(height_m=height_m, minimum_m=minimum_m)), aircraft())
 
 
 @pytest.fixture(scope="module")
-def one_above_the_other() -> DryRunTogether:
-    return crossed(9, 3)
+def crossing_above() -> DryRunTogether:
+    return fly_crossing(9, 3)
 
 
-def test_all_fly_from_their_positions_and_wait_for_each_other(one_above_the_other):
-    lead, left = (one_above_the_other.roles[role] for role in ("lead", "left"))
+def test_all_vehicles_fly_from_their_positions_and_wait_for_each_other(crossing_above):
+    lead, left = (crossing_above.roles[role] for role in ("lead", "left"))
     assert (lead.finished, left.finished, lead.landed, left.landed) == (True,) * 4
     assert lead.track is not None
     assert left.track is not None
     assert left.track.position_ned_m[0] == pytest.approx((0.0, APART_M, 0.0), abs=0.1)
     assert left.track.position_ned_m[-1] == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
-    flies = [next(step for step in run.steps if step.place.endswith("step 3")) for run in (lead, left)]
-    assert flies[0].start_s == pytest.approx(flies[1].start_s, abs=1.0), "the lower vehicle waited in the air"
-    assert left.track.q_ned_frd is not None, "each has its own track"
+    fly_steps = [next(step for step in run.steps if step.place.endswith("step 3")) for run in (lead, left)]
+    assert fly_steps[0].start_s == pytest.approx(fly_steps[1].start_s, abs=1.0), (
+        "the lower vehicle did not wait in the air"
+    )
+    assert left.track.q_ned_frd is not None, "the second vehicle has no track of its own"
 
 
-def test_the_smallest_distance_is_reported_and_above_the_minimum(one_above_the_other):
-    (closest,) = one_above_the_other.closest
+def test_the_smallest_distance_is_reported_and_above_the_minimum(crossing_above):
+    (closest,) = crossing_above.closest
     assert closest.roles == ("lead", "left")
     assert 3.0 < closest.distance_m < 8.0
-    assert one_above_the_other.findings == ()
+    assert crossing_above.findings == ()
 
 
-def test_two_vehicles_that_cross_at_one_height_cause_a_finding_with_position_and_time():
-    given = {role: {"aircraft": asdict(each), "origin": None} for role, each in aircraft().items()}
-    for each in given.values():
+def test_two_vehicles_that_cross_at_the_same_altitude_cause_a_finding_with_position_and_time():
+    role_requests = {role: {"aircraft": asdict(each), "origin": None} for role, each in aircraft().items()}
+    for each in role_requests.values():
         each["aircraft"]["home"] = each["aircraft"]["home"].model_dump()
     text = CROSSING.format(height_m=4, minimum_m=3)
     request = {
-        "kind": "offboard_mission", "plan": text, "roles": given, "conditions": asdict(Conditions()),
+        "kind": "offboard_mission", "plan": text, "roles": role_requests, "conditions": asdict(Conditions()),
         "obstacles": [], "seed": 0, "flights": None,
     }  # fmt: skip
     reports: list[str] = []
-    answer = json.loads(json.dumps(run(request, lambda text, share: reports.append(text))))
-    found = answer["nominal"]["findings"][0]
+    result = json.loads(json.dumps(run(request, lambda text, share: reports.append(text))))
+    found = result["nominal"]["findings"][0]
     assert (found["code"], found["severity"], found["step"]) == ("separation", "error", "lead, step 3")
     assert "lead (lead, step 3) and left (left, step 3)" in found["text"]
     assert 0.0 < found["position_ned_m"][1] < APART_M
-    assert answer["nominal"]["finished"] is True
-    assert answer["monte_carlo"] is None
-    assert list(answer["together"]["roles"]) == ["lead", "left"]
-    assert answer["together"]["closest"][0]["distance_m"] < 3.0
+    assert result["nominal"]["finished"] is True
+    assert result["monte_carlo"] is None
+    assert list(result["together"]["roles"]) == ["lead", "left"]
+    assert result["together"]["closest"][0]["distance_m"] < 3.0
     assert reports[0] == "1 s are simulated; 0 of 2 vehicles have ended."
 
 
-def test_a_finding_of_several_roles_is_reported_once_with_their_names():
+def test_a_finding_of_several_roles_is_reported_once_with_the_names_of_the_roles():
     drain = {"code": "battery_unknown", "step": None, "text": "The drain is not known."}
     step = {"code": "fence_touched", "step": "left, step 2", "text": "It leaves the fence."}
     roles = {"lead": {"findings": [drain]}, "left": {"findings": [step, drain]}}
@@ -107,50 +109,50 @@ def test_a_finding_of_several_roles_is_reported_once_with_their_names():
 
 
 @pytest.fixture(scope="module")
-def varied() -> MonteCarloTogether:
+def batch() -> MonteCarloTogether:
     """Four flights in which the vehicles cross 4 m above each other; the minimum separation is 3 m."""
     mission = read(CROSSING.format(height_m=7, minimum_m=3))
     return monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=4, seed=5)
 
 
 @pytest.mark.story
-def test_each_role_of_many_flights_has_its_own_corridor(varied):
+def test_each_role_of_many_flights_has_its_own_corridor(batch):
     for role, east_m in (("lead", 0.0), ("left", APART_M)):
-        many = varied.roles[role]
-        assert len(many.flights) == 4
-        assert all(each.finished for each in many.flights)
-        assert many.corridor is not None
-        assert many.corridor.position_ned_m[0] == pytest.approx((0.0, east_m, 0.0), abs=0.1)
-        assert 0.1 < many.corridor.width_m < 5.0
+        role_flights = batch.roles[role]
+        assert len(role_flights.flights) == 4
+        assert all(each.finished for each in role_flights.flights)
+        assert role_flights.corridor is not None
+        assert role_flights.corridor.position_ned_m[0] == pytest.approx((0.0, east_m, 0.0), abs=0.1)
+        assert 0.1 < role_flights.corridor.width_m < 5.0
 
 
-def test_the_vehicles_of_a_flight_have_the_same_wind_and_different_masses(varied):
-    lead, left = (varied.roles[role].flights for role in ("lead", "left"))
+def test_the_vehicles_of_a_flight_have_the_same_wind_and_different_masses(batch):
+    lead, left = (batch.roles[role].flights for role in ("lead", "left"))
     assert [each.conditions.wind_ned_m_s for each in lead] == [each.conditions.wind_ned_m_s for each in left]
     assert all(a.conditions.mass_scale != b.conditions.mass_scale for a, b in zip(lead, left, strict=True))
     assert lead[0].conditions == Spread().draw(Conditions((0.0, 2.0, 0.0)), 5, 1)
 
 
-def test_distances_and_chances_are_those_of_all_flights(varied):
-    (pair,) = varied.closest
+def test_distances_and_chances_cover_all_flights(batch):
+    (pair,) = batch.closest
     assert pair.roles == ("lead", "left")
     assert pair.distance_m.least <= pair.distance_m.p50 <= pair.distance_m.greatest
     near = pair.distance_m.least < 3.0
     assert (pair.nearer_than_minimum.count > 0) == near
-    assert varied.chances["nearer_than_minimum"].count == pair.nearer_than_minimum.count
-    assert varied.chances["not_finished"].count == 0
-    assert varied.chances["separation"].count >= varied.chances["nearer_than_minimum"].count
+    assert batch.chances["nearer_than_minimum"].count == pair.nearer_than_minimum.count
+    assert batch.chances["not_finished"].count == 0
+    assert batch.chances["separation"].count >= batch.chances["nearer_than_minimum"].count
 
 
 @pytest.mark.story
-def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(varied):
+def test_a_flight_with_the_same_number_is_the_same_in_a_batch_of_any_size(batch):
     mission = read(CROSSING.format(height_m=7, minimum_m=3))
-    one = monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5)
-    assert one.roles["left"].flights[0] == varied.roles["left"].flights[0]
+    single_flight = monte_carlo_together(mission, aircraft(), Conditions((0.0, 2.0, 0.0)), flights=1, seed=5)
+    assert single_flight.roles["left"].flights[0] == batch.roles["left"].flights[0]
 
 
 @pytest.mark.story
-def test_vehicles_that_cross_at_one_height_come_too_near_in_every_flight():
+def test_vehicles_that_cross_at_the_same_altitude_come_too_near_in_every_flight():
     mission = read(CROSSING.format(height_m=3, minimum_m=3))
     found = monte_carlo_together(mission, aircraft(), flights=2)
     assert (found.chances["separation"].count, found.chances["nearer_than_minimum"].count) == (2, 2)

@@ -14,19 +14,19 @@ from missions.values import Altitude, HomePosition
 from missions.vehicle import PARAMETERS, PowerModel, VehicleModel, hover_power_w
 
 HOME = HomePosition(lat_deg=0.0, lon_deg=8.0, alt_amsl_m=100.0)
-M = 1.0 / (math.radians(1.0) * 6_371_000.0)
+DEG_PER_M = 1.0 / (math.radians(1.0) * 6_371_000.0)
 VEHICLE = VehicleModel()
 
 
-def up(value_m: float) -> Altitude:
+def alt(value_m: float) -> Altitude:
     return Altitude(value_m=value_m, reference="home")
 
 
 def waypoint_at(north_m: float, alt_m: float = 20.0, hold_s: float = 0.0) -> Waypoint:
-    return Waypoint(lat_deg=north_m * M, lon_deg=8.0, altitude=up(alt_m), hold_s=hold_s)
+    return Waypoint(lat_deg=north_m * DEG_PER_M, lon_deg=8.0, altitude=alt(alt_m), hold_s=hold_s)
 
 
-TAKEOFF = Takeoff(lat_deg=0.0, lon_deg=8.0, altitude=up(20.0))
+TAKEOFF = Takeoff(lat_deg=0.0, lon_deg=8.0, altitude=alt(20.0))
 CLIMB_S = 20.0 / 1.5
 
 
@@ -65,7 +65,7 @@ def test_waits_speed_changes_and_jumps_are_included() -> None:
 
 
 def test_the_descents_of_a_landing_and_a_return_are_included() -> None:
-    landed = estimate(a_plan(TAKEOFF, Land(lat_deg=0.0, lon_deg=8.0, altitude=up(0.0))), VEHICLE)
+    landed = estimate(a_plan(TAKEOFF, Land(lat_deg=0.0, lon_deg=8.0, altitude=alt(0.0))), VEHICLE)
     assert landed.time_s == pytest.approx(CLIMB_S + land_time_s(20.0, VEHICLE))
     assert land_time_s(20.0, VEHICLE) == pytest.approx(15.0 / 1.5 + 5.0 / 0.7)
     returned = estimate(a_plan(TAKEOFF, waypoint_at(100), ReturnHome()), VEHICLE)
@@ -99,7 +99,7 @@ def test_hover_power_follows_momentum_theory() -> None:
     assert hover_power_w(3.0, 0.2) == pytest.approx(hover_power_w(1.5, 0.2) * 2.0**1.5)
 
 
-def test_valid_parameters_of_the_vehicle_are_used_and_invalid_ones_ignored() -> None:
+def test_valid_parameters_of_the_vehicle_are_used_and_invalid_parameters_are_ignored() -> None:
     found = VehicleModel.from_parameters(
         {
             "MPC_XY_CRUISE": 7.0,

@@ -25,19 +25,21 @@ def is_inside(p, region=FENCED):
 
 
 @given(st.lists(positions, min_size=1, max_size=20), corners, st.floats(1, 100))
-def test_checking_many_positions_equals_checking_each(many, corners, radius_m):
+def test_checking_many_positions_at_once_equals_checking_each_position(many, corners, radius_m):
     region = Region(
         circles=(Circle((3.0, -2.0), radius_m, "a circle"),), polygons=(Polygon(tuple(corners), "a fence"),)
     )
-    alone = [region.breach(position) is not None for position in many]
-    assert region.are_outside(np.array(many)).tolist() == alone
+    one_by_one = [region.breach(position) is not None for position in many]
+    assert region.are_outside(np.array(many)).tolist() == one_by_one
 
 
 @given(inside, positions)
-def test_no_position_before_the_last_inside_position_is_outside(here, target):
-    end = FENCED.last_position_inside(here, target)
-    for part in (step / 20 for step in range(21)):
-        assert is_inside((here[0] + (end[0] - here[0]) * part, here[1] + (end[1] - here[1]) * part))
+def test_no_position_before_the_last_inside_position_is_outside(start, target):
+    end = FENCED.last_position_inside(start, target)
+    for fraction in (step / 20 for step in range(21)):
+        assert is_inside(
+            (start[0] + (end[0] - start[0]) * fraction, start[1] + (end[1] - start[1]) * fraction)
+        )
 
 
 @given(st.tuples(st.floats(-34, 34), st.floats(-34, 34)))
@@ -54,8 +56,8 @@ def test_the_nearest_position_inside_is_inside(p):
 
 
 def test_a_region_of_disjoint_fences_has_no_position_inside():
-    apart = Region(circles=(Circle((0.0, 0.0), 5.0, "one"), Circle((50.0, 0.0), 5.0, "other")))
-    assert apart.position_inside((0.0, 0.0)) is None
+    region = Region(circles=(Circle((0.0, 0.0), 5.0, "one"), Circle((50.0, 0.0), 5.0, "other")))
+    assert region.position_inside((0.0, 0.0)) is None
 
 
 @given(inside, st.floats(-math.pi, math.pi))
@@ -64,11 +66,13 @@ def test_a_position_at_the_reported_distance_is_on_the_edge(p, course):
     edge_m = FENCED.distance_to_edge_m(p, direction)
     for distance_m, expected in ((edge_m - 0.01, True), (edge_m + 0.01, False)):
         if distance_m > 0.0:
-            at = (p[0] + direction[0] * distance_m, p[1] + direction[1] * distance_m)
-            assert is_inside(at) == expected or min(abs(far) for far, _ in FENCED.edges(at)) < 0.02
+            position = (p[0] + direction[0] * distance_m, p[1] + direction[1] * distance_m)
+            assert (
+                is_inside(position) == expected or min(abs(edge) for edge, _ in FENCED.edges(position)) < 0.02
+            )
 
 
-def test_the_limit_that_excludes_a_position_is_named():
+def test_a_breach_is_the_name_of_the_limit_that_excludes_the_position():
     assert FENCED.breach((30.0, 30.0)) == "the fence"
     assert FENCED.breach((-60.0, 60.0)) == "70 m"
     assert FENCED.breach((-10.0, -10.0)) is None
@@ -95,7 +99,7 @@ def test_a_fence_in_geodetic_coordinates_is_the_same_in_a_local_frame():
     assert (circle.radius_m, circle.name) == (30.0, "a circle")
 
 
-def test_a_region_lists_its_limits():
+def test_a_region_states_whether_it_has_horizontal_and_vertical_limits():
     assert not Region().is_limited_horizontally
     assert not Region().is_limited_vertically
     assert FENCED.is_limited_horizontally

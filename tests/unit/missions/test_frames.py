@@ -21,15 +21,15 @@ def angle_between(a, b):
 
 @given(angles, pitches, angles)
 def test_euler_angles_are_unchanged_after_conversion_to_a_quaternion_and_back(roll, pitch, yaw):
-    back = frames.euler_from_q(frames.q_from_euler(roll, pitch, yaw))
-    for was, now in zip((roll, pitch, yaw), back, strict=True):
-        assert math.cos(was - now) == pytest.approx(1.0, abs=1e-9)
+    converted_back = frames.euler_from_q(frames.q_from_euler(roll, pitch, yaw))
+    for before, after in zip((roll, pitch, yaw), converted_back, strict=True):
+        assert math.cos(before - after) == pytest.approx(1.0, abs=1e-9)
 
 
 @given(attitudes, attitudes, vectors)
 def test_a_product_rotates_by_its_second_factor_first(a, b, v):
-    together = frames.rotate(frames.multiply(a, b), v)
-    assert together == pytest.approx(frames.rotate(a, frames.rotate(b, v)), abs=1e-6)
+    by_product = frames.rotate(frames.multiply(a, b), v)
+    assert by_product == pytest.approx(frames.rotate(a, frames.rotate(b, v)), abs=1e-6)
 
 
 @given(attitudes, vectors)
@@ -67,18 +67,18 @@ def test_limit_tilt_keeps_the_direction_of_the_tilt(q, max_rad):
     assert changed == (frames.tilt_from_q(q) > max_rad)
     assert frames.tilt_from_q(limited) == pytest.approx(min(max_rad, frames.tilt_from_q(q)), abs=1e-6)
     if 0.01 < frames.tilt_from_q(q) < math.pi - 0.01:
-        was, now = (frames.rotate(each, (0.0, 0.0, 1.0)) for each in (q, limited))
-        assert math.atan2(now[1], now[0]) - math.atan2(was[1], was[0]) == pytest.approx(0.0, abs=1e-5) or (
-            abs(abs(math.atan2(now[1], now[0]) - math.atan2(was[1], was[0])) - math.tau) < 1e-5
-        )
+        before, after = (frames.rotate(each, (0.0, 0.0, 1.0)) for each in (q, limited))
+        assert math.atan2(after[1], after[0]) - math.atan2(before[1], before[0]) == pytest.approx(
+            0.0, abs=1e-5
+        ) or (abs(abs(math.atan2(after[1], after[0]) - math.atan2(before[1], before[0])) - math.tau) < 1e-5)
 
 
 @given(attitudes, attitudes, st.floats(0.01, 1.0))
-def test_limit_rotation_turns_the_shorter_way_by_the_limit_at_most(before, wanted, max_rad):
-    limited, short = frames.limit_rotation(before, wanted, max_rad)
-    apart = angle_between(before, wanted)
-    assert angle_between(before, limited) <= min(apart, max_rad) + 1e-5
+def test_limit_rotation_turns_the_shorter_way_by_the_limit_at_most(start, target, max_rad):
+    limited, short = frames.limit_rotation(start, target, max_rad)
+    angle = angle_between(start, target)
+    assert angle_between(start, limited) <= min(angle, max_rad) + 1e-5
     if short:
-        assert angle_between(limited, wanted) == pytest.approx(apart - max_rad, abs=1e-4)
+        assert angle_between(limited, target) == pytest.approx(angle - max_rad, abs=1e-4)
     else:
-        assert limited == wanted
+        assert limited == target

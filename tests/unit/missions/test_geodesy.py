@@ -32,7 +32,7 @@ def test_the_origin_is_found_from_one_position_known_in_both_frames(lat, lon, po
 
 
 @given(positions)
-def test_near_the_origin_the_flat_distance_equals_that_on_the_sphere(position):
+def test_near_the_origin_the_flat_distance_equals_the_distance_on_the_sphere(position):
     lat, lon, _ = ORIGIN.to_geodetic(position)
     flat_m = math.hypot(position[0], position[1])
     assert distance_m(47.4, 8.5, lat, lon) == pytest.approx(flat_m, abs=0.001 * flat_m + 1e-3)

@@ -1,4 +1,4 @@
-"""Reading any file ends soon, with a plan or with a PlanError."""
+"""Reading any file ends within limited time and memory, with a plan or with a PlanError."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ MAX_TIME_S, MAX_BYTES = 10.0, 300_000_000
 
 
 def a_plan_file(**mission: Any) -> bytes:
-    whole = {"items": [], "version": 2, **mission}
-    return json.dumps({"fileType": "Plan", "mission": whole, "version": 1}).encode()
+    fields = {"items": [], "version": 2, **mission}
+    return json.dumps({"fileType": "Plan", "mission": fields, "version": 1}).encode()
 
 
 FULL = MAX_FILE_BYTES - 200
@@ -127,7 +127,7 @@ def test_a_plan_file_with_any_value_in_any_field_gives_a_plan_or_a_plan_error(da
         "AltitudeMode": 3,
     }
     mission: dict[str, Any] = {"version": 2, "items": [item]}
-    holder, keys = data.draw(st.sampled_from([(item, ITEM_KEYS), (mission, KEYS)]))
-    holder[data.draw(st.sampled_from(keys))] = data.draw(JSON)
+    parent, keys = data.draw(st.sampled_from([(item, ITEM_KEYS), (mission, KEYS)]))
+    parent[data.draw(st.sampled_from(keys))] = data.draw(JSON)
     document = json.dumps({"fileType": "Plan", "mission": mission})
     refusal(lambda text: qgc_plan.write(qgc_plan.read(text).plan), document.encode())

@@ -30,11 +30,11 @@ def test_constants_match_the_dialect() -> None:
 def test_each_item_is_a_command_of_the_dialect_and_uses_each_parameter_once(cls: type) -> None:
     command = dialect.enums["MAV_CMD"][cls.COMMAND]
     assert command.name.startswith("MAV_CMD_")
-    placed = "lat_deg" in cls.model_fields
-    assert len(cls.SLOTS) == (4 if placed else 7)
+    has_position = "lat_deg" in cls.model_fields
+    assert len(cls.SLOTS) == (4 if has_position else 7)
     named = [slot for slot in cls.SLOTS if isinstance(slot, str)]
     assert len(set(named)) == len(named)
-    own = set(cls.model_fields) - {
+    parameter_fields = set(cls.model_fields) - {
         "kind",
         "autocontinue",
         "spare_params",
@@ -43,7 +43,7 @@ def test_each_item_is_a_command_of_the_dialect_and_uses_each_parameter_once(cls:
         "lon_deg",
         "altitude",
     }
-    assert own == set(named)
+    assert parameter_fields == set(named)
     for number, slot in enumerate(cls.SLOTS, start=1):
         if isinstance(slot, str):
             assert not command.param[number].lower().startswith(("empty", "reserved")), (number, slot)
@@ -83,16 +83,16 @@ def test_the_frame_of_an_item_is_the_reference_of_its_altitude() -> None:
 
 
 def test_unusual_values_of_unused_parameters_are_kept() -> None:
-    sent = WireItem(0, 6, 22, 15.0, 1.0, math.nan, math.nan, 470_000_000, 80_000_000, 20.0, current=True)
-    (item,) = wire.items_from_wire([sent])
+    received = WireItem(0, 6, 22, 15.0, 1.0, math.nan, math.nan, 470_000_000, 80_000_000, 20.0, current=True)
+    (item,) = wire.items_from_wire([received])
     assert item.spare_params == ((2, 1.0), (3, None))
-    (again,) = wire.mission_items(Plan(items=(item,)))
-    assert repr(again) == repr(sent)
+    (encoded,) = wire.mission_items(Plan(items=(item,)))
+    assert repr(encoded) == repr(received)
 
 
-def test_invalid_items_from_a_vehicle_are_shown() -> None:
-    sent = WireItem(0, 6, 16, math.inf, 0, 0, 0, 950_000_000, 0, math.nan)
-    (item,) = wire.items_from_wire([sent])
+def test_invalid_items_from_a_vehicle_are_kept_as_command_items() -> None:
+    received = WireItem(0, 6, 16, math.inf, 0, 0, 0, 950_000_000, 0, math.nan)
+    (item,) = wire.items_from_wire([received])
     assert isinstance(item, CommandItem)
     assert item.params == (None, 0, 0, 0, 95.0, 0.0, None)
 
@@ -104,9 +104,9 @@ def test_a_fraction_in_an_integer_field_is_refused_with_its_parameter() -> None:
 
 
 def test_an_item_without_a_position_is_never_sent_with_zero_degrees() -> None:
-    nowhere = CommandItem(command=22, frame=3, params=(0.0, 0.0, 0.0, None, None, None, 20.0))
+    without_position = CommandItem(command=22, frame=3, params=(0.0, 0.0, 0.0, None, None, None, 20.0))
     with pytest.raises(PlanError, match="item 1, parameter 5: the position is missing"):
-        wire.mission_items(Plan(items=(nowhere,)))
+        wire.mission_items(Plan(items=(without_position,)))
 
 
 @pytest.mark.parametrize("count", [2.0, 5.0, math.nan, 1e30])

@@ -1,4 +1,5 @@
-"""A stored mission inserted into another one: a list of steps and a call, with the same meaning."""
+"""A stored mission inserted into another mission becomes a list of steps and a call, with the same
+meaning."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ UP, DOWN = {"step": "take_off", "height_m": 10}, {"step": "land"}
 CSV = "t_s,north_m,east_m,down_m\n0,0,0,-10\n20,20,0,-10\n"
 
 
-def fly(*place: float, **rest: Any) -> dict[str, Any]:
-    return {"step": "fly", "points": [{"offset_ned_m": place}], **rest}
+def fly(*offset_ned_m: float, **rest: Any) -> dict[str, Any]:
+    return {"step": "fly", "points": [{"offset_ned_m": offset_ned_m}], **rest}
 
 
 def call(name: str) -> dict[str, Any]:
@@ -71,7 +72,7 @@ def test_the_steps_become_a_list_that_a_new_step_calls() -> None:
     assert FIELD.missions == {}
 
 
-def test_take_off_and_landing_are_left_out_of_a_mission_that_is_flown_in_the_air() -> None:
+def test_take_off_and_landing_are_omitted_from_a_mission_that_is_flown_in_the_air() -> None:
     gimbal = {"step": "gimbal", "track": "fixed"}
     added = tower(gimbal, UP, fly(30, 0, -12), DOWN)
     found = insert(FIELD, added, ("steps", 2), in_air=True)
@@ -81,8 +82,8 @@ def test_take_off_and_landing_are_left_out_of_a_mission_that_is_flown_in_the_air
     )
     assert "takeoff_in_air" in codes(compile_mission(insert(FIELD, added, ("steps", 2)).mission))
     assert not codes(compile_mission(found.mission))
-    again = tower(UP, DOWN, UP, fly(30, 0, -12))
-    shorter = insert(FIELD, again, ("steps", 2), in_air=True).mission.missions["Tower"]
+    two_takeoffs = tower(UP, DOWN, UP, fly(30, 0, -12))
+    shorter = insert(FIELD, two_takeoffs, ("steps", 2), in_air=True).mission.missions["Tower"]
     assert [step.step for step in shorter] == ["land", "take_off", "fly"]
     error = refused(FIELD, tower(UP, DOWN), in_air=True)
     assert (error.field, error.reason) == ("in_air", "without its take-off and landing it has no steps")
@@ -115,7 +116,7 @@ def test_the_call_is_inserted_at_any_place(at: tuple[str | int, ...], place: str
         ("missions", "none", 0), ("steps", 1, "steps", 0), ("roles", "lead", "steps", 0), ("steps", 1, 0),
     ],
 )  # fmt: skip
-def test_an_invalid_place_for_a_step_is_refused(at: tuple[str | int, ...]) -> None:
+def test_an_invalid_path_to_a_step_is_refused(at: tuple[str | int, ...]) -> None:
     with pytest.raises(PlanError, match=r"not a valid position for a step.*\[\"steps\", 2\]") as raised:
         insert(FIELD, tower(), at)
     assert raised.value.field == "at"
@@ -137,11 +138,11 @@ def test_the_lists_that_the_inserted_mission_calls_are_copied_under_free_names()
 
 def test_a_mission_that_was_inserted_before_is_called_again() -> None:
     added = tower(fly(30, 0, -12), call("round"), missions={"round": [fly(1, 0, -9)]})
-    once = insert(FIELD, added, ("steps", 1)).mission
-    twice = insert(once, added, ("steps", 3))
-    assert (twice.called, list(twice.mission.missions)) == ("Tower", ["Tower", "round"])
+    with_tower = insert(FIELD, added, ("steps", 1)).mission
+    with_two_calls = insert(with_tower, added, ("steps", 3))
+    assert (with_two_calls.called, list(with_two_calls.mission.missions)) == ("Tower", ["Tower", "round"])
     changed = tower(fly(30, 0, -12), call("round"), missions={"round": [fly(2, 0, -9)]})
-    other = insert(once, changed, ("steps", 3))
+    other = insert(with_tower, changed, ("steps", 3))
     assert (other.called, list(other.mission.missions)) == (
         "Tower 2",
         ["Tower", "round", "Tower 2", "round 2"],
@@ -154,8 +155,8 @@ def test_a_mission_inserted_into_a_list_of_its_own_makes_no_loop() -> None:
     found = insert(host, added, ("missions", "round", 0)).mission
     assert found.missions["round"][0] == Call(mission="Tower")
     assert found.missions["Tower"] == (Call(mission="round 2"),)
-    itself = insert(FIELD, FIELD, ("steps", 1), in_air=True).mission
-    assert itself.missions == {"Field": (FIELD.steps[1],)}
+    field_in_itself = insert(FIELD, FIELD, ("steps", 1), in_air=True).mission
+    assert field_in_itself.missions == {"Field": (FIELD.steps[1],)}
 
 
 @pytest.mark.parametrize(
@@ -188,8 +189,8 @@ def test_many_lists_that_call_each_other_take_little_time() -> None:
     added = tower(
         call("0 0"), missions={name: lists[name] for name in lists if name == "0 0" or name[0] != "0"}
     )
-    once = insert(FIELD, added, ("steps", 1)).mission
-    assert insert(once, added, ("steps", 1)).called == "Tower"
+    with_tower = insert(FIELD, added, ("steps", 1)).mission
+    assert insert(with_tower, added, ("steps", 1)).called == "Tower"
 
 
 def test_too_many_lists_or_tables_are_refused() -> None:
@@ -249,12 +250,12 @@ def test_different_starts_need_a_decision_if_positions_are_relative() -> None:
     assert insert(host, absolute, ("steps", 1)).mission.missions["Tower"] == absolute.steps
 
 
-def test_positions_can_stay_at_the_same_places() -> None:
+def test_positions_can_stay_the_same_on_the_earth() -> None:
     host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
     found = insert(host, added, ("steps", 1), in_air=True, positions="same_places")
-    there = path_of(added)
-    assert len(there) > 6
-    for end, planned in zip(path_of(found.mission), there, strict=True):
+    planned_ends = path_of(added)
+    assert len(planned_ends) > 6
+    for end, planned in zip(path_of(found.mission), planned_ends, strict=True):
         assert end == pytest.approx(planned, abs=0.02)
     assert "188 m apart" in found.notes[1]
     assert set(found.mission.tables) == {"a.csv"}  # both frames have the same origin here
@@ -328,12 +329,12 @@ def test_for_other_limits_the_lower_value_applies() -> None:
 def test_avoidance_becomes_a_field_of_each_step() -> None:
     added = tower(fly(1, 0, -9), fly(2, 0, -9, avoidance=False), avoidance="around")
 
-    def ways(host: OffboardMission) -> list[Any]:
+    def avoidance_of_steps(host: OffboardMission) -> list[Any]:
         steps = insert(host, added, ("steps", 1)).mission.missions["Tower"]
         return [step.avoidance for step in steps if isinstance(step, Fly)]
 
-    assert ways(FIELD) == ["around", False]
-    assert ways(mission(UP, avoidance="around")) == [None, False]
+    assert avoidance_of_steps(FIELD) == ["around", False]
+    assert avoidance_of_steps(mission(UP, avoidance="around")) == [None, False]
     table = {"step": "table", "file": "a.csv", "name": "Line"}
     error = refused(FIELD, tower(table, avoidance=True, tables={"a.csv": CSV}))
     assert error.place == "mission 'Tower', step 'Line'"
@@ -366,15 +367,15 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
     )
 
 
-def test_tables_are_inserted_with_the_mission_and_a_missing_one_is_refused() -> None:
+def test_tables_are_inserted_with_the_mission_and_a_missing_table_is_refused() -> None:
     table = {"step": "table", "file": "a.csv"}
     added = tower(UP, table, DOWN, tables={"a.csv": CSV, "unused.csv": CSV})
     host = mission(UP, table, DOWN, tables={"a.csv": CSV.replace("20,20", "20,30")})
     found = insert(host, added, ("steps", 2)).mission
     assert found.tables == {**host.tables, "a 2.csv": CSV}
-    flown = found.missions["Tower"][1]
-    assert isinstance(flown, Table)
-    assert flown.file == "a 2.csv"
+    table_step = found.missions["Tower"][1]
+    assert isinstance(table_step, Table)
+    assert table_step.file == "a 2.csv"
     error = refused(host, tower(UP, table))
     assert (error.place, error.reason) == (
         "mission 'Tower', step 'table'",

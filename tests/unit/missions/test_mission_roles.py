@@ -22,7 +22,7 @@ UP, DOWN = "{step: take_off, height_m: 10}", "{step: land}"
 
 
 def crossing(wait: str = "") -> OffboardMission:
-    """Two vehicles 40 m apart fly through the same point, the second one on the other diagonal."""
+    """A mission of two vehicles 40 m apart that fly through the same point, on crossing diagonals."""
     return read(
         "name: Crossing\nroles:\n"
         f"  lead:\n    steps:\n    - {UP}\n    - {fly(40, 40)}\n{wait}    - {DOWN}\n"
@@ -35,7 +35,7 @@ def fly(north: float, east: float) -> str:
 
 
 def compile_apart(mission: OffboardMission, east_m: float = 40.0) -> CompiledRoles:
-    """Compiled for vehicles at this distance, each with its local origin at its position."""
+    """Compiles the roles for vehicles at this distance; the local origin of each is its own position."""
     origin = LocalOrigin(47.0, 8.0, 480.0)
     lat, lon, alt = origin.to_geodetic((0.0, east_m, 0.0))
     starts = {"lead": Start(origin=origin), "left": Start(origin=LocalOrigin(lat, lon, alt))}
@@ -63,7 +63,7 @@ def test_a_mission_without_roles_is_written_without_roles() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "words"),
+    ("text", "place", "reason"),
     [
         (f"steps: [{DOWN}]\nroles:\n  a: {{steps: [{DOWN}]}}\n  b: {{steps: [{DOWN}]}}", "line 1", "roles"),
         (f"roles:\n  a: {{steps: [{DOWN}]}}", "line 1", "single role"),
@@ -105,14 +105,14 @@ def test_a_mission_without_roles_is_written_without_roles() -> None:
         ),
     ],
 )  # fmt: skip
-def test_an_error_names_role_and_step(text: str, place: str, words: str) -> None:
+def test_an_error_names_role_and_step(text: str, place: str, reason: str) -> None:
     with pytest.raises(PlanError) as caught:
         read(f"name: Test\n{text}\n")
     assert caught.value.place == place
-    assert words in caught.value.reason
+    assert reason in caught.value.reason
 
 
-def test_a_mission_for_several_vehicles_is_never_compiled_for_one() -> None:
+def test_a_mission_for_several_vehicles_is_never_compiled_for_one_vehicle() -> None:
     with pytest.raises(PlanError, match="it is for 2 vehicles"):
         compile_mission(crossing())
     with pytest.raises(PlanError, match="there is no role 'right'"):
@@ -127,7 +127,7 @@ def test_each_role_begins_with_a_common_start_and_its_steps_are_named() -> None:
     assert found.segments[1].place == "left, step 1"
 
 
-def test_two_vehicles_that_cross_at_one_time_cause_a_finding_with_position_and_time() -> None:
+def test_vehicles_that_cross_at_the_same_time_cause_a_finding_with_position_and_time() -> None:
     found = compile_apart(crossing())
     assert codes(found) == ["separation"]
     text = found.findings[0].message
@@ -160,8 +160,8 @@ def test_the_documents_minimum_separation_is_used() -> None:
         f"  left: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
     )
     assert codes(compile_apart(side_by_side, east_m=5.0)) == []
-    usual = side_by_side.model_copy(update={"minimum_separation_m": None})
-    assert codes(compile_apart(usual, east_m=5.0)) == ["separation"]
+    default = side_by_side.model_copy(update={"minimum_separation_m": None})
+    assert codes(compile_apart(default, east_m=5.0)) == ["separation"]
 
 
 def test_without_the_vehicles_positions_there_is_no_finding_about_separation() -> None:

@@ -25,7 +25,7 @@ from missions.offboard.writer import write_yaml
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition, Obstacle
 from tests.support.obstacles import block
-from tests.support.offboard_missions import codes, flight_of, mission
+from tests.support.offboard_missions import codes, flight_steps, mission
 
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
 ORIGIN = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
@@ -49,7 +49,7 @@ def shapes(*obstacles: Obstacle) -> ObstacleShapes:
         ([(19, 0, -9)], math.sqrt(2)),
     ],
 )
-def test_the_distance_of_a_path_is_that_to_the_nearest_side_or_the_top(path, distance_m) -> None:
+def test_the_distance_of_a_path_is_measured_to_the_nearest_side_or_the_top(path, distance_m) -> None:
     found = list(shapes(BARN).clearances(np.array(path, dtype=float)))
     assert [each.name for each in found] == ([] if distance_m is None else ["Barn"])
     if distance_m is not None:
@@ -61,7 +61,7 @@ def test_the_distance_of_a_path_is_that_to_the_nearest_side_or_the_top(path, dis
     start=st.tuples(st.floats(0, 60), st.floats(-40, 40), st.floats(-20, -1)),
     end=st.tuples(st.floats(0, 60), st.floats(-40, 40), st.floats(-20, -1)),
 )
-def test_the_distance_agrees_with_that_of_many_positions_of_the_path(start, end) -> None:
+def test_the_distance_equals_the_minimum_over_many_positions_of_the_path(start, end) -> None:
     line = np.linspace(start, end, 4001)
     beside = np.hypot(
         np.maximum(np.abs(line[:, 0] - 25.0) - 5.0, 0.0), np.maximum(np.abs(line[:, 1]) - 5.0, 0.0)
@@ -73,23 +73,23 @@ def test_the_distance_agrees_with_that_of_many_positions_of_the_path(start, end)
         assert each.distance_m == pytest.approx(least_m, abs=0.1)
 
 
-def test_tops_above_sea_level_and_home_are_the_same_height() -> None:
+def test_a_top_above_sea_level_is_converted_with_the_altitude_of_home() -> None:
     above_sea = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 488.0, reference="amsl")
     path = np.array([(0.0, 0.0, -9.0), (40.0, 0.0, -9.0)])
-    (one,), (other,) = (list(shapes(each).clearances(path)) for each in (BARN, above_sea))
-    assert one.distance_m == pytest.approx(other.distance_m, abs=1e-6)
-    assert other.name == "obstacle 1", "an obstacle without a name has its number"
+    (from_home,), (from_sea,) = (list(shapes(each).clearances(path)) for each in (BARN, above_sea))
+    assert from_home.distance_m == pytest.approx(from_sea.distance_m, abs=1e-6)
+    assert from_sea.name == "obstacle 1"  # an obstacle without a name gets its number
 
 
 # --- waypoint plans -----------------------------------------------------------------------------------
 
 
-def to(kind, north_m: float, height_m: float):
+def item_at(kind, north_m: float, alt_home_m: float):
     lat_deg, lon_deg, _ = ORIGIN.to_geodetic((north_m, 0.0, 0.0))
-    return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=Altitude(value_m=height_m, reference="home"))
+    return kind(lat_deg=lat_deg, lon_deg=lon_deg, altitude=Altitude(value_m=alt_home_m, reference="home"))
 
 
-def found_in(*items, obstacle: Obstacle = BARN) -> list[tuple[str, int | None]]:
+def findings_of(*items, obstacle: Obstacle = BARN) -> list[tuple[str, int | None]]:
     plan = Plan(planned_home=HOME, items=items, obstacles=(obstacle,))
     return [(each.code, each.row) for each in check(plan) if each.obstacle == 0]
 
@@ -97,24 +97,24 @@ def found_in(*items, obstacle: Obstacle = BARN) -> list[tuple[str, int | None]]:
 @pytest.mark.parametrize(
     ("items", "findings"),
     [
-        ((to(Takeoff, 0, 5), to(Waypoint, 50, 5)), [("obstacle_hit", 1)]),
-        ((to(Takeoff, 0, 9.5), to(Waypoint, 50, 9.5)), [("obstacle_near", 1)]),
-        ((to(Takeoff, 0, 20), to(Waypoint, 50, 20)), []),
-        ((to(Takeoff, 0, 20), to(Waypoint, 50, 20), to(Land, 25, 0)), [("obstacle_hit", 2)]),
-        ((to(Takeoff, 25, 20), to(Waypoint, 50, 20)), []),
-        ((to(Takeoff, 0, 20), to(Waypoint, 50, 20), ReturnHome()), []),
+        ((item_at(Takeoff, 0, 5), item_at(Waypoint, 50, 5)), [("obstacle_hit", 1)]),
+        ((item_at(Takeoff, 0, 9.5), item_at(Waypoint, 50, 9.5)), [("obstacle_near", 1)]),
+        ((item_at(Takeoff, 0, 20), item_at(Waypoint, 50, 20)), []),
+        ((item_at(Takeoff, 0, 20), item_at(Waypoint, 50, 20), item_at(Land, 25, 0)), [("obstacle_hit", 2)]),
+        ((item_at(Takeoff, 25, 20), item_at(Waypoint, 50, 20)), []),
+        ((item_at(Takeoff, 0, 20), item_at(Waypoint, 50, 20), ReturnHome()), []),
     ],
 )
 def test_the_straight_paths_of_a_plan_are_checked_with_climb_and_landing(items, findings) -> None:
-    assert found_in(*items) == findings
+    assert findings_of(*items) == findings
 
 
 def test_a_return_and_the_take_off_at_home_are_checked() -> None:
     tower = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 60.0)
-    outward = (to(Takeoff, 0, 70), to(Waypoint, 50, 70), to(Waypoint, 60, 10))
-    assert found_in(*outward, ReturnHome(), obstacle=tower) == [("obstacle_hit", 3)]
+    outward = (item_at(Takeoff, 0, 70), item_at(Waypoint, 50, 70), item_at(Waypoint, 60, 10))
+    assert findings_of(*outward, ReturnHome(), obstacle=tower) == [("obstacle_hit", 3)]
     roof = block(ORIGIN, (1.0, 5.0), (-5.0, 5.0), 10.0)
-    assert found_in(to(Takeoff, 0, 30), obstacle=roof) == [("obstacle_near", 0)]
+    assert findings_of(item_at(Takeoff, 0, 30), obstacle=roof) == [("obstacle_near", 0)]
 
 
 # --- offboard missions --------------------------------------------------------------------------------
@@ -123,7 +123,7 @@ NORTH = "step: fly, points: [{offset_ned_m: [50, 0, %s]}]"
 
 
 def compiled(step: str, **rest) -> Timeline:
-    return compile_mission(mission(flight_of(step), **{"home": HOME, "obstacles": (BARN,), **rest}))
+    return compile_mission(mission(flight_steps(step), **{"home": HOME, "obstacles": (BARN,), **rest}))
 
 
 def test_the_compiled_path_of_a_mission_is_checked_with_step_and_position() -> None:
@@ -161,18 +161,18 @@ def test_an_obstacle_whose_sides_cross_is_an_error_in_plans_and_missions() -> No
     a, b, c, d = BARN.polygon
     crossed = BARN.model_copy(update={"polygon": (a, c, b, d)})
     assert "obstacle_invalid" in codes(compiled(NORTH % -30, obstacles=(crossed,)))
-    assert ("obstacle_invalid", None) in found_in(to(Takeoff, 0, 30), obstacle=crossed)
+    assert ("obstacle_invalid", None) in findings_of(item_at(Takeoff, 0, 30), obstacle=crossed)
 
 
 # --- files --------------------------------------------------------------------------------------------
 
-PLAN = Plan(planned_home=HOME, items=(to(Takeoff, 0, 30),), obstacles=(BARN,))
+PLAN = Plan(planned_home=HOME, items=(item_at(Takeoff, 0, 30),), obstacles=(BARN,))
 
 
-def test_documents_keep_their_obstacles() -> None:
+def test_obstacles_are_unchanged_after_writing_reading_and_conversion() -> None:
     assert plan_document.read(plan_document.write(PLAN)) == PLAN
-    flown_to = PLAN.model_copy(update={"items": (*PLAN.items, to(Waypoint, 9, 30))})
-    converted = from_plan(flown_to, "North").mission
+    with_waypoint = PLAN.model_copy(update={"items": (*PLAN.items, item_at(Waypoint, 9, 30))})
+    converted = from_plan(with_waypoint, "North").mission
     assert converted.obstacles == (BARN,)
     assert read(write_yaml(converted)) == converted
 

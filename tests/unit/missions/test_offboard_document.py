@@ -1,4 +1,4 @@
-"""The document of an offboard mission: its fields, and the errors for invalid ones."""
+"""The document of an offboard mission: its fields, and the errors for invalid fields."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def test_yaml_numbers_and_plain_words_have_their_usual_meaning() -> None:
     assert orbit.clockwise is False
 
 
-def test_the_schema_names_every_step() -> None:
+def test_the_schema_contains_every_kind_of_step() -> None:
     found = json.dumps(document.schema())
     for kind in MissionStep.__origin__.__args__:  # type: ignore[attr-defined]
         assert f'"{kind.model_fields["step"].default}"' in found
 
 
 @pytest.mark.parametrize(
-    ("text", "place", "words"),
+    ("text", "place", "reason"),
     [
         ("", "the file", "empty"),
         ("steps: [", "line 1", "not valid YAML"),
@@ -97,11 +97,11 @@ def test_the_schema_names_every_step() -> None:
         ),
     ],
 )  # fmt: skip
-def test_an_error_names_line_and_step_and_its_reason(text: str, place: str, words: str) -> None:
+def test_an_error_names_line_and_step_and_its_reason(text: str, place: str, reason: str) -> None:
     with pytest.raises(PlanError) as caught:
         read(text)
     assert caught.value.place == place
-    assert words in caught.value.reason
+    assert reason in caught.value.reason
     assert caught.value.fix.endswith(".")
 
 
@@ -119,20 +119,20 @@ def test_an_error_names_line_and_step_and_its_reason(text: str, place: str, word
     ],
 )
 def test_hostile_text_is_refused_quickly(text: str) -> None:
-    before = time.process_time()
+    began_s = time.process_time()
     with pytest.raises(PlanError):
         read(text)
-    assert time.process_time() - before < 5.0
+    assert time.process_time() - began_s < 5.0
 
 
 def test_deeply_nested_calls_are_refused_and_many_calls_take_little_time() -> None:
     deep = "".join(f"  m{k}: [{{step: call, mission: m{k + 1}}}]\n" for k in range(9))
     with pytest.raises(PlanError, match="nested deeper than 8"):
         read(HEAD + "  - {step: call, mission: m0}\nmissions:\n" + deep + "  m9: [{step: land}]\n")
-    both = "".join(
+    doubled = "".join(
         f"  m{k}: [{{step: call, mission: m{k + 1}}}, {{step: call, mission: m{k + 1}}}]\n" for k in range(7)
     )
-    assert read(HEAD + "  - {step: call, mission: m0}\nmissions:\n" + both + "  m7: [{step: land}]\n")
+    assert read(HEAD + "  - {step: call, mission: m0}\nmissions:\n" + doubled + "  m7: [{step: land}]\n")
 
 
 @settings(deadline=None, max_examples=200)
@@ -151,9 +151,9 @@ def test_a_position_has_exactly_one_specification() -> None:
         FlyPoint(lat_deg=1.0, alt_home_m=2.0)
 
 
-def test_a_mission_built_in_python_equals_that_of_the_file() -> None:
-    made = OffboardMission(name="Test", steps=(Hold(duration_s=2.0),), missions={})
-    assert read(HEAD + "  - {step: hold, duration_s: 2}") == made
+def test_a_mission_built_in_python_equals_the_mission_of_the_file() -> None:
+    mission = OffboardMission(name="Test", steps=(Hold(duration_s=2.0),), missions={})
+    assert read(HEAD + "  - {step: hold, duration_s: 2}") == mission
 
 
 @settings(deadline=None, max_examples=200)
@@ -163,7 +163,7 @@ def test_a_mission_built_in_python_equals_that_of_the_file() -> None:
 @example("a: b\n # c \n", 1e-7, 2.0)
 def test_written_yaml_is_read_as_the_same_mission(text: str, metres: float, seconds: float) -> None:
     try:
-        made = read_json(
+        mission = read_json(
             json.dumps(
                 {
                     "name": text,
@@ -179,7 +179,7 @@ def test_written_yaml_is_read_as_the_same_mission(text: str, metres: float, seco
         )
     except PlanError:
         return  # text that a document cannot contain
-    assert read(write_yaml(made)) == made
+    assert read(write_yaml(mission)) == mission
 
 
 def test_written_yaml_has_the_actions_on_failures_and_omits_other_defaults() -> None:

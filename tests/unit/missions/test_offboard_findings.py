@@ -19,8 +19,8 @@ from missions.offboard.roles import compile_roles, planned_starts
 from missions.offboard.state import MissionVehicle, OperatorArea
 from missions.trajectory.limits import MotionLimits
 from missions.vehicle import PowerModel, VehicleModel
-from tests.support.mission_steps import STEPS, for_two
-from tests.support.offboard_missions import DOWN, HOME, UP, codes, flight_of, mission
+from tests.support.mission_steps import STEPS, mission_for_two
+from tests.support.offboard_missions import DOWN, HOME, UP, codes, flight_steps, mission
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -31,21 +31,22 @@ ROOT = Path(__file__).resolve().parents[3]
         ("- {step: hold, duration_s: 1}\n" + DOWN, "takeoff_missing"),
         (UP + UP + DOWN, "takeoff_in_air"),
         (UP, "landing_missing"),
-        (flight_of("step: table, file: x"), "step_invalid"),
-        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
-        (flight_of("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
-        (flight_of("step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1"), "duration_too_short"),
-        (flight_of("step: attitude, roll_rad: 1.2, thrust: 0.5, duration_s: 1"), "tilt_exceeded"),
-        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
-        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
-        (flight_of("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
-        (flight_of("step: hold, duration_s: 86400"), "endurance_exceeded"),
-        (flight_of("step: wait, until: {value: battery_share, above: 1}, timeout_s: 9"), "condition_never"),
-        (flight_of("step: branch, condition: {value: satellites, below: 0}, then: []"), "condition_never"),
-        (flight_of("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9"),
+        (flight_steps("step: table, file: x"), "step_invalid"),
+        (flight_steps("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
+        (flight_steps("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
+        (flight_steps("step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1"), "duration_too_short"),
+        (flight_steps("step: attitude, roll_rad: 1.2, thrust: 0.5, duration_s: 1"), "tilt_exceeded"),
+        (flight_steps("step: fly, points: [{offset_ned_m: [9, 0, -200]}]"), "altitude_too_high"),
+        (flight_steps("step: fly, points: [{offset_ned_m: [9, 0, 5]}]"), "altitude_below_home"),
+        (flight_steps("step: gimbal, track: fixed, pitch_rad: 2"), "gimbal_steep"),
+        (flight_steps("step: hold, duration_s: 86400"), "endurance_exceeded"),
+        (flight_steps("step: wait, until: {value: battery_share, above: 1}, timeout_s: 9"),
+         "condition_never"),
+        (flight_steps("step: branch, condition: {value: satellites, below: 0}, then: []"), "condition_never"),
+        (flight_steps("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9"),
          "condition_unreported"),
-        (flight_of("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
-        (flight_of("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
+        (flight_steps("step: fly, points: [{offset_ned_m: [90, 0, -9]}]"), "radius_exceeded"),
+        (flight_steps("step: fly, points: [{offset_ned_m: [9, 0, -90]}]"), "altitude_fence"),
     ],
 )  # fmt: skip
 def test_each_fault_causes_its_finding(steps: str, code: str) -> None:
@@ -74,47 +75,49 @@ def test_a_path_outside_the_geofence_causes_a_finding_with_its_position() -> Non
 
 
 CORNERS = ((-4e-4, -4e-4), (4e-4, -4e-4), (4e-4, 4e-4), (-4e-4, 4e-4))
-"""North, east [deg]: a square of 44 m north and 30 m east to each side."""
-HERE = (HOME.lat_deg, HOME.lon_deg)
-SQUARE = PolygonFence(tuple((HERE[0] + north, HERE[1] + east) for north, east in CORNERS))
+"""North, east [deg] of home: a rectangle that extends 44 m to north and south, and 30 m to east and west."""
+HOME_DEG = (HOME.lat_deg, HOME.lon_deg)
+RECTANGLE = PolygonFence(tuple((HOME_DEG[0] + north, HOME_DEG[1] + east) for north, east in CORNERS))
 
 
 @pytest.mark.parametrize(
-    ("area", "words"),
+    ("area", "text"),
     [
         (OperatorArea(height_max_m=9.0), "climbs to 10 m above home, your limit is 9 m"),
         (OperatorArea(distance_max_m=59.0), "up to 60 m from the start, your limit is 59 m from home"),
-        (OperatorArea(fence=CircleFence(*HERE, 50.0)), "leaves your fence near north 5"),
-        (OperatorArea(fence=SQUARE), "leaves your fence near north 4"),
+        (OperatorArea(fence=CircleFence(*HOME_DEG, 50.0)), "leaves your fence near north 5"),
+        (OperatorArea(fence=RECTANGLE), "leaves your fence near north 4"),
     ],
 )
-def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, words: str) -> None:
-    plan = mission(flight_of("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))
-    start = Start(origin=LocalOrigin(*HERE, HOME.alt_amsl_m), home_alt_amsl_m=HOME.alt_amsl_m)
+def test_a_step_beyond_the_operators_limits_is_an_error(area: OperatorArea, text: str) -> None:
+    plan = mission(flight_steps("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))
+    start = Start(origin=LocalOrigin(*HOME_DEG, HOME.alt_amsl_m), home_alt_amsl_m=HOME.alt_amsl_m)
     assert OperatorArea.from_json(json.loads(json.dumps(area.to_json()))) == area
     found = compile_mission(plan, MissionVehicle(operator=area), start)
     (finding, *_) = [each for each in found.findings if each.code == "limit_exceeded"]
     assert finding.severity == "error"
-    assert words in finding.message
-    wide = OperatorArea(11.0, 61.0, CircleFence(*HERE, 70.0))
+    assert text in finding.message
+    wide = OperatorArea(11.0, 61.0, CircleFence(*HOME_DEG, 70.0))
     assert "limit_exceeded" not in codes(compile_mission(plan, MissionVehicle(operator=wide), start))
 
 
 def test_unknown_parameters_cause_one_finding_with_their_names_also_for_several_vehicles() -> None:
     vehicle = MissionVehicle(limits=CheckLimits(unknown_parameters=("MPC_XY_VEL_MAX", "MPC_ACC_HOR")))
-    (finding,) = compile_mission(mission(flight_of("step: hold, duration_s: 1")), vehicle).findings
+    (finding,) = compile_mission(mission(flight_steps("step: hold, duration_s: 1")), vehicle).findings
     assert (finding.code, finding.severity, finding.step) == ("parameters_unknown", "warning", None)
     assert finding.message.endswith("PX4's defaults are used: MPC_ACC_HOR, MPC_XY_VEL_MAX.")
-    many = MissionVehicle(limits=CheckLimits(unknown_parameters=("D", "C", "B", "A", "E")))
-    (finding,) = compile_mission(mission(flight_of("step: hold, duration_s: 1")), many).findings
+    many_unknown = MissionVehicle(limits=CheckLimits(unknown_parameters=("D", "C", "B", "A", "E")))
+    (finding,) = compile_mission(mission(flight_steps("step: hold, duration_s: 1")), many_unknown).findings
     assert finding.message.endswith("PX4's defaults are used: A, B, C and 2 more.")
-    both = for_two(*STEPS["take_off"], *STEPS["meet"], *STEPS["land"])
-    found = compile_roles(both, dict.fromkeys(both.roles, vehicle), planned_starts(both)).findings
+    two_roles = mission_for_two(*STEPS["take_off"], *STEPS["meet"], *STEPS["land"])
+    found = compile_roles(
+        two_roles, dict.fromkeys(two_roles.roles, vehicle), planned_starts(two_roles)
+    ).findings
     assert [each.code for each in found].count("parameters_unknown") == 1
 
 
 def test_a_reported_and_satisfiable_condition_gives_no_finding() -> None:
-    wait = flight_of("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
+    wait = flight_steps("step: wait, until: {value: wind_speed_m_s, below: 5}, timeout_s: 9")
     assert codes(compile_mission(mission(wait))) == set()
     vehicle = MissionVehicle(reported=frozenset({"wind_speed_m_s"}))
     assert codes(compile_mission(mission(wait), vehicle)) == set()

@@ -23,29 +23,41 @@ from missions.vehicle import VehicleModel
 from tests.support.offboard_missions import HOME, codes
 from tests.support.survey_camera import CAMERA
 
-M = 1.0 / 111_194.9
-EAST = M / math.cos(math.radians(47.0))
+NORTH_DEG_PER_M = 1.0 / 111_194.9
+EAST_DEG_PER_M = NORTH_DEG_PER_M / math.cos(math.radians(47.0))
 CORNERS = [
-    {"lat_deg": 47.0 + n * M, "lon_deg": 8.0 + e * EAST} for n, e in ((20, 0), (20, 80), (70, 80), (70, 0))
+    {"lat_deg": 47.0 + n * NORTH_DEG_PER_M, "lon_deg": 8.0 + e * EAST_DEG_PER_M}
+    for n, e in ((20, 0), (20, 80), (70, 80), (70, 0))
 ]
 COVERAGE = {"camera": CAMERA, "distance_m": 30}
-UP = {"value_m": 30, "reference": "home"}
+ALTITUDE = {"value_m": 30, "reference": "home"}
 PATTERNS: dict[str, dict[str, Any]] = {
-    "survey": {"outer": CORNERS, "coverage": COVERAGE, "altitude": UP, "speed_m_s": 4, "turnaround_m": 5},
-    "corridor": {"points": CORNERS[:3], "width_m": 40, "coverage": COVERAGE, "altitude": UP},
-    "perimeter": {"outer": CORNERS, "offset_m": 5, "altitude": UP, "rounds": 2},
+    "survey": {
+        "outer": CORNERS,
+        "coverage": COVERAGE,
+        "altitude": ALTITUDE,
+        "speed_m_s": 4,
+        "turnaround_m": 5,
+    },
+    "corridor": {"points": CORNERS[:3], "width_m": 40, "coverage": COVERAGE, "altitude": ALTITUDE},
+    "perimeter": {"outer": CORNERS, "offset_m": 5, "altitude": ALTITUDE, "rounds": 2},
     "orbit": {
         "center": CORNERS[0],
         "radius_m": 25,
-        "altitude": UP,
-        "look_at": {**UP, "value_m": 5},
+        "altitude": ALTITUDE,
+        "look_at": {**ALTITUDE, "value_m": 5},
         "rounds": 2,
     },
-    "structure": {"outline": CORNERS, "coverage": COVERAGE, "base": {**UP, "value_m": 10}, "height_m": 30},
+    "structure": {
+        "outline": CORNERS,
+        "coverage": COVERAGE,
+        "base": {**ALTITUDE, "value_m": 10},
+        "height_m": 30,
+    },
 }
 
 
-def made(kind: str, **changes: Any) -> tuple[document.PatternDocument, Plan, tuple[MissionStep, ...]]:
+def make_pattern(kind: str, **changes: Any) -> tuple[document.PatternDocument, Plan, tuple[MissionStep, ...]]:
     pattern = document.read(json.dumps({"kind": kind, **PATTERNS[kind], **changes}))
     plan = Plan(items=document.make(pattern).items)
     items = [item for _, item in plan.simple_items()]
@@ -58,17 +70,17 @@ def compiled(steps: tuple[MissionStep, ...]) -> Timeline:
 
 @pytest.mark.parametrize("kind", PATTERNS)
 def test_a_pattern_is_flown_without_errors_along_the_length_of_its_items(kind: str) -> None:
-    _, plan, steps = made(kind)
+    _, plan, steps = make_pattern(kind)
     found = compiled(steps)
     assert codes(found) == {"landing_missing"}
     approach_m = next(each for each in found.segments if isinstance(each, CurveSegment)).length_m
-    flown_m = sum(each.length_m for each in found.segments if isinstance(each, CurveSegment)) - approach_m
-    assert flown_m == pytest.approx(estimate(plan, VehicleModel()).length_m, rel=0.05)
+    path_m = sum(each.length_m for each in found.segments if isinstance(each, CurveSegment)) - approach_m
+    assert path_m == pytest.approx(estimate(plan, VehicleModel()).length_m, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", ["survey", "corridor", "structure"])
 def test_the_mission_takes_the_pictures_of_the_pattern(kind: str) -> None:
-    pattern, _, steps = made(kind)
+    pattern, _, steps = make_pattern(kind)
     lines = [step for step in steps if isinstance(step, Fly) and step.photo_every_m is not None]
     assert compiled(steps).photos == pytest.approx(document.make(pattern).photos, abs=len(lines))
     title = {"survey": "Survey line", "corridor": "Corridor line", "structure": "Structure scan, round"}[kind]
@@ -76,13 +88,13 @@ def test_the_mission_takes_the_pictures_of_the_pattern(kind: str) -> None:
 
 
 def test_the_nose_points_along_the_lines_of_a_survey() -> None:
-    """The pattern assumes that the picture's width is across the line."""
-    pattern, _, steps = made("survey")
+    """The pattern assumes that the longer side of each picture is across the line."""
+    pattern, _, steps = make_pattern("survey")
     heading_deg = document.make(pattern).heading_deg
     assert heading_deg is not None
-    pictured = [each for each in compiled(steps).segments if any(e.kind == "photo" for e in each.events)]
-    assert len(pictured) > 2
-    for segment in pictured:
+    with_photos = [each for each in compiled(steps).segments if any(e.kind == "photo" for e in each.events)]
+    assert len(with_photos) > 2
+    for segment in with_photos:
         setpoint = segment.at(segment.events[0].t_s)
         assert isinstance(setpoint, Trajectory)
         turned_deg = math.degrees(setpoint.yaw_ned_rad or 0.0) - heading_deg
@@ -90,7 +102,7 @@ def test_the_nose_points_along_the_lines_of_a_survey() -> None:
 
 
 def test_an_orbit_becomes_one_step_that_can_be_edited() -> None:
-    _, _, steps = made("orbit", clockwise=False, start_deg=90)
+    _, _, steps = make_pattern("orbit", clockwise=False, start_deg=90)
     pointed, circles, released = steps
     assert isinstance(circles, Orbit)
     assert isinstance(pointed, Gimbal)
@@ -99,7 +111,7 @@ def test_an_orbit_becomes_one_step_that_can_be_edited() -> None:
     assert circles.start_angle_ned_rad == pytest.approx(math.pi / 2)
     assert circles.look_at == pointed.place
     assert (pointed.track, released.track) == ("look_at", "release")
-    _, _, plain = made("orbit", look_at=None)
+    _, _, plain = make_pattern("orbit", look_at=None)
     assert [step.step for step in plain] == ["orbit"]
 
 
@@ -108,10 +120,12 @@ def test_an_orbit_becomes_one_step_that_can_be_edited() -> None:
 )
 def test_an_altitude_above_unknown_ground_is_refused(kind: str, field: str) -> None:
     with pytest.raises(PlanError, match="elevation files") as raised:
-        made(kind, **{field: {"value_m": 30, "reference": "terrain"}})
+        make_pattern(kind, **{field: {"value_m": 30, "reference": "terrain"}})
     assert raised.value.field == field
 
 
 def test_a_pattern_with_too_many_steps_is_refused() -> None:
     with pytest.raises(PlanError, match="the maximum is 1000"):
-        made("survey", coverage={**COVERAGE, "distance_m": 0.2, "front_overlap": 0.1}, crosshatch=True)
+        make_pattern(
+            "survey", coverage={**COVERAGE, "distance_m": 0.2, "front_overlap": 0.1}, crosshatch=True
+        )

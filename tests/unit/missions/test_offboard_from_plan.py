@@ -18,10 +18,10 @@ from missions.values import Altitude
 from tests.support.offboard_missions import HOME, codes, titles
 from tests.support.plan_strategies import RESOLVED, plans
 
-M = 1.0 / 111_194.9
+DEG_PER_M = 1.0 / 111_194.9
 
 
-def up(value_m: float) -> Altitude:
+def alt(value_m: float) -> Altitude:
     return Altitude(value_m=value_m, reference="home")
 
 
@@ -29,12 +29,12 @@ def test_a_waypoint_plan_becomes_a_mission() -> None:
     plan = Plan(
         planned_home=HOME,
         items=(
-            Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
-            Waypoint(lat_deg=47.0 + 50 * M, lon_deg=8.0, altitude=up(20.0)),
-            Waypoint(lat_deg=47.0 + 100 * M, lon_deg=8.0, altitude=up(30.0), hold_s=5.0),
+            Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=alt(20.0)),
+            Waypoint(lat_deg=47.0 + 50 * DEG_PER_M, lon_deg=8.0, altitude=alt(20.0)),
+            Waypoint(lat_deg=47.0 + 100 * DEG_PER_M, lon_deg=8.0, altitude=alt(30.0), hold_s=5.0),
             Jump(target_index=1, repeat=1),
             Delay(delay_s=3.0),
-            LoiterUnlimited(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
+            LoiterUnlimited(lat_deg=47.0, lon_deg=8.0, altitude=alt(20.0)),
         ),
     )
     converted = from_plan(plan, "From a plan")
@@ -49,12 +49,12 @@ def test_a_waypoint_plan_becomes_a_mission() -> None:
 
 
 def test_a_return_and_a_landing_end_at_home() -> None:
-    places = (
-        Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=up(20.0)),
-        Waypoint(lat_deg=47.0005, lon_deg=8.0, altitude=up(20.0)),
+    items = (
+        Takeoff(lat_deg=47.0, lon_deg=8.0, altitude=alt(20.0)),
+        Waypoint(lat_deg=47.0005, lon_deg=8.0, altitude=alt(20.0)),
     )
-    for end in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=up(0.0))):
-        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*places, end)), "x").mission)
+    for end in (ReturnHome(), Land(lat_deg=47.0, lon_deg=8.0, altitude=alt(0.0))):
+        found = compile_mission(from_plan(Plan(planned_home=HOME, items=(*items, end)), "x").mission)
         assert found.findings == ()
         assert found.segments[-1].end_ned_m == pytest.approx((0, 0, 0), abs=1e-3)
 
@@ -63,5 +63,5 @@ def test_a_return_and_a_landing_end_at_home() -> None:
 @given(plan=plans(altitudes=RESOLVED))
 def test_any_plan_gives_a_mission_or_a_plan_error(plan: Plan) -> None:
     with contextlib.suppress(PlanError):
-        made = from_plan(plan, "Any plan").mission
-        assert read(made.model_dump_json(exclude_none=True)) == made
+        mission = from_plan(plan, "Any plan").mission
+        assert read(mission.model_dump_json(exclude_none=True)) == mission

@@ -25,7 +25,7 @@ from tests.support.offboard_missions import (
     HOME,
     UP,
     codes,
-    flight_of,
+    flight_steps,
     mission,
     position_at,
     timeline,
@@ -34,8 +34,8 @@ from tests.support.offboard_missions import (
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = sorted((ROOT / "missions/examples").glob("*.yaml"))
-TOGETHER = ROOT / "missions/examples/two_vehicle_show.yaml"
-EXAMPLES.remove(TOGETHER)
+TWO_VEHICLES = ROOT / "missions/examples/two_vehicle_show.yaml"
+EXAMPLES.remove(TWO_VEHICLES)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
@@ -50,7 +50,7 @@ def test_there_is_an_example_for_each_kind_of_flight() -> None:
     assert [path.stem for path in EXAMPLES] == ["figure_eight", "tower_inspection", "waypoints"]
 
 
-def test_the_figure_eight_that_is_built_in_python_is_the_one_of_the_file() -> None:
+def test_the_figure_eight_built_in_python_equals_the_figure_eight_in_the_file() -> None:
     assert read((ROOT / "missions/examples/figure_eight.yaml").read_bytes()) == figure_eight.MISSION
 
 
@@ -68,15 +68,15 @@ def test_the_figure_eight_is_flown_at_five_metres_per_second() -> None:
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_a_timeline_is_continuous(path: Path) -> None:
     found = compile_mission(read(path.read_bytes()))
-    here, yaw_rad = (0.0, 0.0, 0.0), 0.0
+    position, yaw_rad = (0.0, 0.0, 0.0), 0.0
     for segment in found.segments:
         if not isinstance(segment, WaitSegment):
             setpoint = segment.at(0.0)
-            assert position_at(segment, 0.0) == pytest.approx(here, abs=1e-6), segment.place
-            off = math.remainder((getattr(setpoint, "yaw_ned_rad", None) or 0.0) - yaw_rad, math.tau)
-            assert abs(off) <= math.radians(1.0) + 1e-9, segment.place
+            assert position_at(segment, 0.0) == pytest.approx(position, abs=1e-6), segment.place
+            yaw_step_rad = math.remainder((getattr(setpoint, "yaw_ned_rad", None) or 0.0) - yaw_rad, math.tau)
+            assert abs(yaw_step_rad) <= math.radians(1.0) + 1e-9, segment.place
             assert position_at(segment, segment.duration_s) == pytest.approx(segment.end_ned_m, abs=1e-6)
-        here, yaw_rad = segment.end_ned_m, segment.end_yaw_ned_rad
+        position, yaw_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
 
 def test_a_timeline_can_be_pickled() -> None:
@@ -135,9 +135,11 @@ def test_a_global_position_needs_an_origin_or_a_planned_home() -> None:
     assert compile_mission(mission(steps, home=HOME)).findings == ()
 
 
-def test_a_point_with_a_wait_ends_the_path_and_is_held() -> None:
+def test_a_point_with_a_wait_ends_the_path_and_adds_a_hold() -> None:
     found = timeline(
-        flight_of("step: fly, points: [{offset_ned_m: [9, 0, -10], hold_s: 4}, {offset_ned_m: [9, 9, -10]}]")
+        flight_steps(
+            "step: fly, points: [{offset_ned_m: [9, 0, -10], hold_s: 4}, {offset_ned_m: [9, 9, -10]}]"
+        )
     )
     assert titles(found) == ["Take off", "Fly", "Hold", "Fly", "Land"]
     assert found.segments[2].duration_s == 4.0
@@ -146,7 +148,7 @@ def test_a_point_with_a_wait_ends_the_path_and_is_held() -> None:
 
 def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> None:
     found = timeline(
-        flight_of(
+        flight_steps(
             "step: orbit, radius_m: 5, center: {offset_ned_m: [20, 0, -10]},"
             " look_at: {offset_ned_m: [20, 0, 0]}"
         )
@@ -156,7 +158,7 @@ def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> 
     assert found.segments[2].length_m == pytest.approx(math.tau * 5.0, rel=1e-4)
 
 
-def test_a_velocity_is_reached_held_and_ended_in_its_time() -> None:
+def test_a_velocity_step_accelerates_and_brakes_within_its_duration() -> None:
     found = timeline(UP + "- {step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10}\n" + DOWN)
     segment = found.segments[1]
     assert segment.at(5.0) == Velocity((pytest.approx(3.0), 0.0, 0.0), 0.0)  # type: ignore[arg-type]
@@ -192,11 +194,11 @@ OVERSIZED_ARRAY = (
     b"\x93NUMPY\x01\x00\x60\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"
     + b" " * 40
 )
-"""Its header claims four terabytes."""
+"""An array whose header claims four terabytes."""
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    ("data", "text"),
     [
         (b"", "columns are missing"),
         (b"t_s,north_m,east_m,down_m\n0,0,0,0\n", "1 rows"),
@@ -209,10 +211,10 @@ OVERSIZED_ARRAY = (
         (b"\xff\xfe", "UTF-8"),
     ],
 )  # fmt: skip
-def test_an_invalid_table_causes_a_finding_that_names_the_row(data: bytes, words: str) -> None:
+def test_an_invalid_table_causes_a_finding_that_names_the_row(data: bytes, text: str) -> None:
     found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": data})
     assert [finding.code for finding in found.findings] == ["step_invalid"]
-    assert words in found.findings[0].message
+    assert text in found.findings[0].message
 
 
 def test_a_table_faster_than_the_vehicles_limits_causes_a_finding() -> None:
@@ -262,25 +264,25 @@ def test_pictures_are_events_at_their_times() -> None:
 
 
 def test_avoidance_of_mission_or_step_is_in_each_segment() -> None:
-    steps = flight_of(
+    steps = flight_steps(
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: false",
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
     )
-    everywhere = compile_mission(mission(steps, avoidance=True)).segments
-    assert [segment.avoidance for segment in everywhere] == ["over", None, "over", "over"]
+    with_avoidance = compile_mission(mission(steps, avoidance=True)).segments
+    assert [segment.avoidance for segment in with_avoidance] == ["over", None, "over", "over"]
     assert not any(segment.avoidance for segment in compile_mission(mission(steps)).segments)
     assert mission(steps).steps[1].avoidance is False
 
 
-def test_a_mission_and_each_step_name_what_avoidance_tries_first() -> None:
-    steps = flight_of(
+def test_a_step_can_choose_another_avoidance_than_its_mission() -> None:
+    steps = flight_steps(
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}], avoidance: over",
         "step: fly, points: [{offset_ned_m: [40, 0, -10]}]",
         "step: hold, duration_s: 1",
     )
     around = compile_mission(mission(steps, avoidance="around"))
-    ways = [segment.avoidance for segment in around.segments]
-    assert ways == ["around", "over", "around", "around", "around"]
+    avoidance = [segment.avoidance for segment in around.segments]
+    assert avoidance == ["around", "over", "around", "around", "around"]
     assert around.avoidance == "around"
     assert compile_mission(mission(steps)).avoidance == "over"
     with pytest.raises(PlanError, match="give over, around, true or false"):
@@ -302,7 +304,7 @@ def test_repeats_and_calls_are_expanded() -> None:
 
 def test_a_branch_gives_two_timelines_that_each_contain_the_following_steps() -> None:
     found = timeline(
-        flight_of(
+        flight_steps(
             "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: hold, duration_s: 9}]"
         )
     )
@@ -316,7 +318,7 @@ def test_a_branch_gives_two_timelines_that_each_contain_the_following_steps() ->
 
 
 def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
-    steps = flight_of(
+    steps = flight_steps(
         "step: gimbal, track: look_at, place: {offset_ned_m: [0, 0, 0]}",
         "step: fly, points: [{offset_ned_m: [20, 0, -10]}]",
         "step: fly, points: [{offset_ned_m: [20, 20, -10]}]",
@@ -352,7 +354,7 @@ def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, t
         p, q = (f"{{offset_ned_m: [{x}, {y}, {z}]}}" for x, y, z in ((a, b, c), (c, d, a)))
         size, capped = abs(n) + 0.2, max(-900.0, min(900.0, n))
         steps.append(template.format(p=p, q=q, size=size, n=capped, m=m))
-    found = timeline(flight_of(*steps))
+    found = timeline(flight_steps(*steps))
     for t in np.linspace(0.0, found.duration_s, 50).tolist():
         setpoint = found.at(t)
         assert isinstance(setpoint, Trajectory | Position | Velocity)
@@ -361,9 +363,9 @@ def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, t
 
 
 def test_missions_with_too_many_steps_are_refused() -> None:
-    many = "step: repeat, times: 1000, steps: [{step: hold, duration_s: 1}]"
+    inner = "step: repeat, times: 1000, steps: [{step: hold, duration_s: 1}]"
     with pytest.raises(PlanError, match="Split the mission"):
-        timeline(flight_of(f"step: repeat, times: 1000, steps: [{{{many}}}]"))
+        timeline(flight_steps(f"step: repeat, times: 1000, steps: [{{{inner}}}]"))
     branches = "- {step: branch, condition: {value: satellites, above: 5}, then: [{step: photo}]}\n" * 20
     with pytest.raises(PlanError, match="branches"):
         timeline(UP + branches)

@@ -11,7 +11,7 @@ from missions.offboard import samples
 from missions.offboard.compiler import compile_mission
 from missions.offboard.positions import Start
 from missions.offboard.reader import read
-from tests.support.offboard_missions import DOWN, UP, flight_of, mission, timeline
+from tests.support.offboard_missions import DOWN, UP, flight_steps, mission, timeline
 
 START = (0.0, 0.0, 0.0)
 ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns: 3"
@@ -19,7 +19,7 @@ ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns:
 
 def test_legs_are_connected_and_the_times_of_steps_sum_to_the_flight() -> None:
     found = timeline(
-        flight_of("step: fly, points: [{offset_ned_m: [30, 0, -10]}]", ORBIT, "step: photo, count: 3")
+        flight_steps("step: fly, points: [{offset_ned_m: [30, 0, -10]}]", ORBIT, "step: photo, count: 3")
     )
     legs = samples.legs(found, START)
     assert (legs[0].points[0], legs[0].title) == ((0.0, 0.0, 0.0, 0.0), "Take off")
@@ -39,7 +39,7 @@ def test_a_repeated_step_is_one_entry_with_the_time_of_all_rounds() -> None:
     assert (step.place, step.duration_s) == ("step 2.1", 15.0)
 
 
-def test_after_a_branch_both_paths_are_drawn_and_the_longer_one_is_timed() -> None:
+def test_after_a_branch_both_paths_are_drawn_and_the_longer_path_is_timed() -> None:
     branch = (
         "- {step: branch, condition: {value: battery_share, above: 0.5}, then: [], "
         "otherwise: [{step: fly, points: [{offset_ned_m: [0, 50, -10]}]}]}\n"
@@ -52,12 +52,12 @@ def test_after_a_branch_both_paths_are_drawn_and_the_longer_one_is_timed() -> No
         ("step 2 otherwise 1", True),
         ("step 3", True),
     ]
-    assert legs[1].points[0][1:] == legs[2].points[0][1:] == (0.0, 0.0, -10.0), "both begin at the branch"
+    assert legs[1].points[0][1:] == legs[2].points[0][1:] == (0.0, 0.0, -10.0)  # both begin at the branch
     assert [step.place for step in samples.step_times(found)] == ["step 1", "step 2 otherwise 1", "step 3"]
 
 
 def test_a_long_mission_has_a_larger_sampling_interval() -> None:
-    found = compile_mission(mission(flight_of(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
+    found = compile_mission(mission(flight_steps(*([ORBIT.replace("turns: 3", "turns: 100")] * 3))))
     points = sum(len(leg.points) for leg in samples.legs(found, START))
     assert points <= samples.MAX_POINTS
     assert found.duration_s / samples.SPACING_S > samples.MAX_POINTS
@@ -69,18 +69,20 @@ def test_a_long_mission_has_a_larger_sampling_interval() -> None:
 def test_a_landing_after_a_branch_is_checked_at_its_position() -> None:
     """The straight line from start to landing passes an exclusion fence; the path does not."""
     point = "{{offset_ned_m: [{}, {}, -10]}}"
-    places = ", ".join(point.format(*at) for at in ((30, 0), (30, 45), (0, 45)))
-    way = f"[{{step: fly, points: [{places}]}}]"
+    places = ", ".join(point.format(*offset) for offset in ((30, 0), (30, 45), (0, 45)))
+    branch_steps = f"[{{step: fly, points: [{places}]}}]"
     condition = "{value: wind_speed_m_s, below: 9}"
     text = (
         "name: a\nhome: {lat_deg: 47.0, lon_deg: 8.0, alt_amsl_m: 480}\n"
         "fence: [{shape: circle, inclusion: false, center: {lat_deg: 47.0, lon_deg: 8.0003}, radius_m: 3}]\n"
-        f"steps:\n{UP}- {{step: branch, condition: {condition}, then: {way}, otherwise: {way}}}\n{DOWN}"
+        f"steps:\n{UP}"
+        f"- {{step: branch, condition: {condition}, then: {branch_steps}, otherwise: {branch_steps}}}\n"
+        f"{DOWN}"
     )
     assert compile_mission(read(text)).findings == ()
 
 
-def test_the_time_by_setpoints_leaves_out_px4s_take_off_and_landing_and_the_ground() -> None:
+def test_the_setpoint_time_excludes_take_off_landing_and_time_on_the_ground() -> None:
     wait, hold = "- {step: photo, count: 3, interval_s: 5}\n", "- {step: hold, duration_s: 30}\n"
     assert samples.setpoint_time_s(timeline(wait + UP + hold + DOWN + wait)) == 30.0
     assert samples.setpoint_time_s(timeline(hold, Start((0.0, 0.0, -10.0), in_air=True))) == 30.0

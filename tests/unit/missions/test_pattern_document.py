@@ -1,4 +1,4 @@
-"""Patterns as JSON: each kind gives its items; the error for an invalid value names its field."""
+"""Patterns as JSON: each kind of pattern becomes items; the error for an invalid value names its field."""
 
 import json
 
@@ -29,9 +29,9 @@ def text(kind, **changes):
 
 @pytest.mark.parametrize("kind", PATTERNS)
 def test_each_kind_gives_items_with_positions(kind):
-    made = document.make(document.read(text(kind)))
-    assert sum(item.kind == "waypoint" for item in made.items) >= 4
-    assert made.lines_length_m > 50
+    pattern = document.make(document.read(text(kind)))
+    assert sum(item.kind == "waypoint" for item in pattern.items) >= 4
+    assert pattern.lines_length_m > 50
 
 
 @pytest.mark.parametrize(

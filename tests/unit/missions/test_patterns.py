@@ -27,7 +27,7 @@ from missions.plan import Plan
 from missions.values import Altitude, HomePosition, Point
 
 CAMERA = Camera(13.2, 8.8, 8.8, 5472, 3648)
-HIGH = Altitude(value_m=60.0, reference="home")
+ALTITUDE = Altitude(value_m=60.0, reference="home")
 COVERAGE = Coverage(CAMERA, distance_m=60.0)
 CHART = Map.centred_on([Point(lat_deg=47.4, lon_deg=8.5)], "the test", "outer")
 
@@ -84,12 +84,12 @@ def test_a_survey_covers_any_area_with_the_requested_overlap(
 ) -> None:
     outer, holes = area
     coverage = Coverage(CAMERA, distance, front, side)
-    found = make(Survey(points(outer), coverage, HIGH, [points(hole) for hole in holes], heading))
+    found = make(Survey(points(outer), coverage, ALTITUDE, [points(hole) for hole in holes], heading))
     shape = Polygon(outer, holes)
     lines = local_lines(found)
 
-    shown = [picture for line in lines for picture in pictures(line, coverage)]
-    ground = shapely.union_all(shown, grid_size=1e-3)
+    photo_areas = [picture for line in lines for picture in pictures(line, coverage)]
+    ground = shapely.union_all(photo_areas, grid_size=1e-3)
     assert shape.intersection(ground).area / shape.area >= 0.995
 
     across_m, along_m = CAMERA.footprint_m(distance)
@@ -110,13 +110,15 @@ def test_a_survey_covers_any_area_with_the_requested_overlap(
 
 def test_the_best_heading_is_along_the_long_side() -> None:
     rectangle = [(0.0, 0.0), (400.0, 300.0), (340.0, 380.0), (-60.0, 80.0)]
-    found = make(Survey(points(rectangle), COVERAGE, HIGH))
+    found = make(Survey(points(rectangle), COVERAGE, ALTITUDE))
     assert found.heading_deg == pytest.approx(heading_deg((0.0, 0.0), (400.0, 300.0)), abs=0.1)
     assert found.lines_length_m == pytest.approx(500.0 * math.ceil(100.0 / found.spacing_m), rel=0.01)
 
 
 def test_a_simple_field_is_flown_in_parallel_lines() -> None:
-    found = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, HIGH, heading_deg=90.0))
+    found = make(
+        Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, ALTITUDE, heading_deg=90.0)
+    )
     lines = local_lines(found)
     for before, after in pairwise(lines):
         assert math.dist(before.coords[1], after.coords[0]) == pytest.approx(found.spacing_m, rel=0.01)
@@ -124,7 +126,7 @@ def test_a_simple_field_is_flown_in_parallel_lines() -> None:
 
 def test_pictures_are_taken_on_the_lines_and_not_in_the_turns() -> None:
     square = points([(0, 0), (200, 0), (200, 20), (0, 20)])
-    found = make(Survey(square, COVERAGE, HIGH, heading_deg=90.0, turnaround_m=15.0, speed_m_s=6.0))
+    found = make(Survey(square, COVERAGE, ALTITUDE, heading_deg=90.0, turnaround_m=15.0, speed_m_s=6.0))
     speed, *items = found.items
     assert speed == ChangeSpeed(speed_m_s=6.0)
     on, off = TriggerDistance(distance_m=found.trigger_m, at_once=1.0), TriggerDistance(distance_m=0.0)
@@ -147,19 +149,21 @@ def test_pictures_are_taken_on_the_lines_and_not_in_the_turns() -> None:
 
 def test_a_crosshatch_adds_the_same_lines_at_right_angles() -> None:
     field = points([(0, 0), (300, 0), (300, 200), (0, 200)])
-    once, twice = (
-        make(Survey(field, COVERAGE, HIGH, heading_deg=90.0, crosshatch=each)) for each in (False, True)
+    simple, crosshatch = (
+        make(Survey(field, COVERAGE, ALTITUDE, heading_deg=90.0, crosshatch=each)) for each in (False, True)
     )
-    more = [heading_deg(*line.coords) % 180.0 for line in local_lines(twice)[len(once.lines) :]]
-    assert more
-    assert all(min(heading, 180.0 - heading) < 0.1 for heading in more)
-    assert twice.lower_bound_m == pytest.approx(2.0 * once.lower_bound_m)
+    added_headings_deg = [
+        heading_deg(*line.coords) % 180.0 for line in local_lines(crosshatch)[len(simple.lines) :]
+    ]
+    assert added_headings_deg
+    assert all(min(heading, 180.0 - heading) < 0.1 for heading in added_headings_deg)
+    assert crosshatch.lower_bound_m == pytest.approx(2.0 * simple.lower_bound_m)
 
 
 def test_a_survey_is_a_plan_without_findings() -> None:
     home = CHART.point((0.0, 0.0))
-    takeoff = Takeoff(lat_deg=home.lat_deg, lon_deg=home.lon_deg, altitude=HIGH)
-    items = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, HIGH)).items
+    takeoff = Takeoff(lat_deg=home.lat_deg, lon_deg=home.lon_deg, altitude=ALTITUDE)
+    items = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, ALTITUDE)).items
     planned = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=400.0)
     assert check(Plan(items=(takeoff, *items), planned_home=planned), CheckLimits()) == ()
 
@@ -183,14 +187,14 @@ def test_the_whole_width_of_a_corridor_is_covered(bends: list[float], width: flo
         heading += math.radians(bend)
         path.append((path[-1][0] + 300.0 * math.sin(heading), path[-1][1] + 300.0 * math.cos(heading)))
     coverage = Coverage(CAMERA, 60.0, 0.7, side)
-    found = corridor(points(path), width, coverage, HIGH)
+    found = corridor(points(path), width, coverage, ALTITUDE)
     across_m, along_m = CAMERA.footprint_m(60.0)
     beyond_m = along_m / 2.0 - found.trigger_m
     strips = shapely.union_all(
         [strip_covered(line, across_m, beyond_m) for line in local_lines(found)], grid_size=1e-3
     )
-    wanted = LineString(path).buffer(width / 2.0, cap_style="flat", join_style="mitre")
-    assert wanted.intersection(strips).area / wanted.area >= 0.995
+    corridor_area = LineString(path).buffer(width / 2.0, cap_style="flat", join_style="mitre")
+    assert corridor_area.intersection(strips).area / corridor_area.area >= 0.995
     assert found.spacing_m <= coverage.spacing_m * 1.001
     assert found.lines_length_m >= 0.99 * LineString(path).length * width / across_m
 
@@ -208,7 +212,7 @@ def positions(found: Pattern) -> list[tuple[float, float]]:
 def test_a_perimeter_keeps_its_distance_and_is_flown_clockwise(
     area: tuple[list[tuple[float, float]], list[list[tuple[float, float]]]], offset: float
 ) -> None:
-    ring = positions(perimeter(points(area[0]), offset, HIGH))
+    ring = positions(perimeter(points(area[0]), offset, ALTITUDE))
     assert ring[0] == pytest.approx(ring[-1])
     assert Polygon(area[0]).distance(LineString(ring)) == pytest.approx(offset, rel=0.02)
     assert not Polygon(ring).exterior.is_ccw
@@ -217,16 +221,25 @@ def test_a_perimeter_keeps_its_distance_and_is_flown_clockwise(
 @pytest.mark.parametrize("clockwise", [True, False])
 def test_an_orbit_stays_near_its_circle_and_points_at_the_centre(clockwise: bool) -> None:
     center = CHART.point((0.0, 0.0))
-    foot = Altitude(value_m=5.0, reference="home")
+    target_altitude = Altitude(value_m=5.0, reference="home")
     found = orbit(
-        center, 50.0, HIGH, look_at=foot, rounds=2, clockwise=clockwise, start_deg=90.0, deviation_m=0.5
+        center,
+        50.0,
+        ALTITUDE,
+        look_at=target_altitude,
+        rounds=2,
+        clockwise=clockwise,
+        start_deg=90.0,
+        deviation_m=0.5,
     )
     ring = positions(found)
     assert ring[0] == pytest.approx((50.0, 0.0), abs=0.01)
     assert {round(math.hypot(*position), 2) for position in ring} == {50.0}
     assert LineString(ring).distance(shapely.Point(0, 0)) >= 49.49
     assert Polygon(ring[: len(ring) // 2]).exterior.is_ccw is not clockwise
-    assert found.items[0] == RoiLocation(lat_deg=center.lat_deg, lon_deg=center.lon_deg, altitude=foot)
+    assert found.items[0] == RoiLocation(
+        lat_deg=center.lat_deg, lon_deg=center.lon_deg, altitude=target_altitude
+    )
     assert found.items[-1] == RoiNone()
     assert found.lines_length_m == pytest.approx(2 * math.tau * 50.0, rel=0.01)
 
@@ -251,8 +264,8 @@ def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
     for (start, end), waypoint in zip(pairwise(ring), waypoints[1:], strict=True):
         middle = ((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0)
         assert waypoint.yaw_ned_deg is not None
-        looking = math.radians(waypoint.yaw_ned_deg - heading_deg(middle, (0.0, 0.0)))
-        assert abs(math.remainder(looking, math.tau)) < 0.01
+        error_rad = math.radians(waypoint.yaw_ned_deg - heading_deg(middle, (0.0, 0.0)))
+        assert abs(math.remainder(error_rad, math.tau)) < 0.01
     down = structure(replace(scan, from_top=True))
     first = next(item for item in down.items if isinstance(item, Waypoint))
     assert first.altitude.value_m == heights[-1]
@@ -263,24 +276,24 @@ FIELD = points([(0, 0), (300, 0), (300, 200), (0, 200)])
 
 
 @pytest.mark.parametrize(
-    ("make_it", "message"),
+    ("make_pattern", "message"),
     [
-        (lambda: make(Survey(BOW, COVERAGE, HIGH)), "the area: its sides cross or touch"),
-        (lambda: make(Survey(FIELD[:2], COVERAGE, HIGH)), "fewer than 3 corners"),
-        (lambda: make(Survey(FIELD, Coverage(CAMERA, 0.1), HIGH)), "lines are needed"),
+        (lambda: make(Survey(BOW, COVERAGE, ALTITUDE)), "the area: its sides cross or touch"),
+        (lambda: make(Survey(FIELD[:2], COVERAGE, ALTITUDE)), "fewer than 3 corners"),
+        (lambda: make(Survey(FIELD, Coverage(CAMERA, 0.1), ALTITUDE)), "lines are needed"),
         (
-            lambda: make(Survey([*FIELD[:3], Point(lat_deg=0, lon_deg=0)], COVERAGE, HIGH)),
+            lambda: make(Survey([*FIELD[:3], Point(lat_deg=0, lon_deg=0)], COVERAGE, ALTITUDE)),
             "the area: it extends",
         ),
         (lambda: Coverage(CAMERA, 60.0, side_overlap=1.0), "field side_overlap: 1 is not between"),
         (lambda: Coverage(CAMERA, math.nan), "a size or the distance is not above 0"),
-        (lambda: perimeter(FIELD, -120.0, HIGH), "field offset_m: at this distance the area is"),
-        (lambda: perimeter(FIELD, 5.0, HIGH, rounds=0), "field rounds: 0 is not between"),
-        (lambda: orbit(FIELD[0], math.nan, HIGH), "field radius_m"),
-        (lambda: corridor(FIELD[:1], 50.0, COVERAGE, HIGH), "the line: it has fewer than 2 points"),
-        (lambda: corridor(FIELD, 0.0, COVERAGE, HIGH), "field width_m: 0 m is not above 0"),
+        (lambda: perimeter(FIELD, -120.0, ALTITUDE), "field offset_m: at this distance the area is"),
+        (lambda: perimeter(FIELD, 5.0, ALTITUDE, rounds=0), "field rounds: 0 is not between"),
+        (lambda: orbit(FIELD[0], math.nan, ALTITUDE), "field radius_m"),
+        (lambda: corridor(FIELD[:1], 50.0, COVERAGE, ALTITUDE), "the line: it has fewer than 2 points"),
+        (lambda: corridor(FIELD, 0.0, COVERAGE, ALTITUDE), "field width_m: 0 m is not above 0"),
     ],
 )
-def test_impossible_patterns_are_refused_with_a_reason(make_it: object, message: str) -> None:
+def test_impossible_patterns_are_refused_with_a_reason(make_pattern: object, message: str) -> None:
     with pytest.raises(PlanError, match=message):
-        make_it()  # type: ignore[operator]
+        make_pattern()  # type: ignore[operator]

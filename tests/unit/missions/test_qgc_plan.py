@@ -25,18 +25,18 @@ def a_file(name: str) -> bytes:
     return next(path for path in FILES if path.stem == name).read_bytes()
 
 
-def same_json(one: bytes, other: bytes) -> bool:
+def same_json(first: bytes, second: bytes) -> bool:
     """Equal values in equal order of keys; 1 and 1.0 are different."""
-    return json.dumps(json.loads(one)) == json.dumps(json.loads(other))
+    return json.dumps(json.loads(first)) == json.dumps(json.loads(second))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_a_qgroundcontrol_file_is_written_unchanged(path: Path) -> None:
     found = qgc_plan.read(path.read_bytes())
     assert same_json(qgc_plan.write(found.plan).data, path.read_bytes())
-    through_ours = documents.read(documents.write(found.plan))
-    assert through_ours == found.plan
-    assert same_json(qgc_plan.write(through_ours).data, path.read_bytes())
+    from_own_format = documents.read(documents.write(found.plan))
+    assert from_own_format == found.plan
+    assert same_json(qgc_plan.write(from_own_format).data, path.read_bytes())
 
 
 def test_altitudes_are_read_with_their_references() -> None:
@@ -62,9 +62,9 @@ def test_a_jump_targets_its_item_by_the_number_in_the_file() -> None:
     shifted = shifted.model_copy(
         update={"items": (*shifted.items[:3], jump.model_copy(update={"target_index": 2}))}
     )
-    again = qgc_plan.read(qgc_plan.write(shifted).data).plan.items[3]
-    assert isinstance(again, Jump)
-    assert again.target_index == 2
+    read_back = qgc_plan.read(qgc_plan.write(shifted).data).plan.items[3]
+    assert isinstance(read_back, Jump)
+    assert read_back.target_index == 2
 
 
 def test_a_survey_consists_of_the_items_inside_it() -> None:
@@ -91,7 +91,7 @@ def test_a_changed_item_keeps_unknown_fields() -> None:
     assert json.dumps(after) == json.dumps(before)
 
 
-def test_changing_a_fence_zone_or_rally_point_leaves_the_others_and_unknown_keys_unchanged() -> None:
+def test_changing_a_fence_zone_or_rally_point_leaves_other_zones_points_and_unknown_keys_unchanged() -> None:
     plan = qgc_plan.read(a_file("fence_rally_unknown")).plan
     circle = next(zone for zone in plan.fence if zone.shape == "circle")
     zones = tuple(
@@ -147,8 +147,8 @@ def with_unknown_keys(value: Any, draw: Any) -> Any:
 def test_unknown_keys_are_written_back_in_their_order(plan: Plan, data: st.DataObject) -> None:
     plan = plan.model_copy(update={"rally_points": (), "obstacles": ()})
     document = with_unknown_keys(json.loads(qgc_plan.write(plan).data), data.draw)
-    sent = json.dumps(document).encode()
-    assert same_json(qgc_plan.write(qgc_plan.read(sent).plan).data, sent)
+    content = json.dumps(document).encode()
+    assert same_json(qgc_plan.write(qgc_plan.read(content).plan).data, content)
 
 
 def changed(name: str, path: list[str | int], value: Any) -> bytes:
@@ -202,18 +202,18 @@ def test_the_error_for_an_invalid_value_names_item_field_and_fix(
 
 
 def test_a_jump_to_a_missing_item_is_kept_unchanged() -> None:
-    sent = changed("simple", ["mission", "items", 9, "params", 0], 77)
-    plan = qgc_plan.read(sent).plan
+    content = changed("simple", ["mission", "items", 9, "params", 0], 77)
+    plan = qgc_plan.read(content).plan
     assert isinstance(plan.items[9], CommandItem)
-    assert same_json(qgc_plan.write(plan).data, sent)
+    assert same_json(qgc_plan.write(plan).data, content)
 
 
 def test_a_home_without_altitude_is_none_and_kept_in_the_file() -> None:
-    sent = changed("simple", ["mission", "plannedHomePosition"], [47.4, 8.5, None])
-    found = qgc_plan.read(sent)
+    content = changed("simple", ["mission", "plannedHomePosition"], [47.4, 8.5, None])
+    found = qgc_plan.read(content)
     assert found.plan.planned_home is None
     assert found.notes == ("The planned home has no altitude, so it counts as not set.",)
-    assert same_json(qgc_plan.write(found.plan).data, sent)
+    assert same_json(qgc_plan.write(found.plan).data, content)
 
 
 def test_a_rally_altitude_that_the_file_cannot_store_is_refused() -> None:

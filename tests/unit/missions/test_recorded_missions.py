@@ -22,16 +22,16 @@ FILE = Path(__file__).parents[2] / "data" / "plans" / "recorded_missions.jsonl"
 UPLOADS = [json.loads(line) for line in FILE.read_text(encoding="utf-8").splitlines()]
 HOME = HomePosition(lat_deg=47.397742, lon_deg=8.545594, alt_amsl_m=489.0)
 INT_FRAME = {0: 5, 3: 6}
-"""The same frames for items with integers."""
+"""The frame of MISSION_ITEM_INT, by the same frame of MISSION_ITEM."""
 
 
 def wire_items(upload: dict[str, Any], frames: dict[int, int]) -> list[WireItem]:
-    found: list[WireItem] = []
+    items: list[WireItem] = []
     for seq, (frame, command, *params, x, y, z, autocontinue) in enumerate(upload["items"]):
         p1, p2, p3, p4, z = (math.nan if value is None else float(value) for value in (*params, z))
         frame = frames.get(frame, frame)
-        found.append(WireItem(seq, frame, command, p1, p2, p3, p4, x, y, z, bool(autocontinue), seq == 0))
-    return found
+        items.append(WireItem(seq, frame, command, p1, p2, p3, p4, x, y, z, bool(autocontinue), seq == 0))
+    return items
 
 
 @pytest.mark.parametrize("upload", UPLOADS, ids=lambda upload: upload["name"])

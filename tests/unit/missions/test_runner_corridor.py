@@ -1,4 +1,4 @@
-"""A mission compared with its dry run: deviation from the corridor, and the comparison of flown and sent
+"""The runner compares the flight with the corridor of its dry run, and flown positions with sent
 positions."""
 
 import math
@@ -10,7 +10,7 @@ from missions.runner.flown import MAX_SAMPLES, FlownTrack, Stopwatch, state_in_m
 from missions.runner.reading import Reading
 from missions.runner.script import ScriptProgress
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flight_of, mission
+from tests.support.offboard_missions import flight_steps, mission
 
 NORTH = Corridor(
     ((0.0, 0.0, -10.0), (30.0, 0.0, -10.0), (30.0, 40.0, -10.0)), (1.0, 2.0, 2.0), (1.0,) * 3, (0.5,) * 3
@@ -18,7 +18,7 @@ NORTH = Corridor(
 
 
 @pytest.mark.parametrize(
-    ("here", "outside_m"),
+    ("position", "outside_m"),
     [
         ((10.0, 0.0, -10.0), 0.0),
         ((10.0, 2.0 + TOLERANCE_M, -10.0), 0.0),
@@ -31,13 +31,13 @@ NORTH = Corridor(
         ((-6.0 - TOLERANCE_M, 0.0, -10.0), 4.0),
     ],
 )
-def test_the_distance_outside_is_measured_from_the_nearest_part_of_the_corridor(here, outside_m):
+def test_the_distance_outside_is_measured_from_the_nearest_part_of_the_corridor(position, outside_m):
     watch = CorridorWatch(NORTH)
-    watch.update(0.0, here)
+    watch.update(0.0, position)
     assert watch.outside_m == pytest.approx(outside_m, abs=1e-6)
 
 
-def test_only_a_long_deviation_is_reported_and_only_once():
+def test_only_a_long_deviation_is_reported_and_it_is_reported_once():
     watch = CorridorWatch(NORTH)
     outside, inside = (10.0, 20.0, -10.0), (10.0, 0.0, -10.0)
     assert not watch.update(0.0, outside)
@@ -51,8 +51,8 @@ def test_only_a_long_deviation_is_reported_and_only_once():
     assert not watch.has_left
 
 
-@pytest.mark.parametrize("wrong", [{"beside_m": (1.0,)}, {"position_ned_m": ((0.0, 0.0, 0.0),)}])
-def test_bounds_that_do_not_match_the_path_are_refused(wrong):
+@pytest.mark.parametrize("changes", [{"beside_m": (1.0,)}, {"position_ned_m": ((0.0, 0.0, 0.0),)}])
+def test_bounds_that_do_not_match_the_path_are_refused(changes):
     fields = {
         "position_ned_m": NORTH.position_ned_m,
         "beside_m": (1.0,) * 3,
@@ -60,12 +60,12 @@ def test_bounds_that_do_not_match_the_path_are_refused(wrong):
         "below_m": (1.0,) * 3,
     }
     with pytest.raises(ValueError, match="each with its bounds"):
-        Corridor(**{**fields, **wrong})
+        Corridor(**{**fields, **changes})
 
 
 def test_leaving_and_reentering_the_corridor_are_reported():
     fake = FakeFlight(
-        mission(flight_of("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
+        mission(flight_steps("step: fly, points: [{offset_ned_m: [30, 0, -10]}]")), corridor=NORTH
     ).start()
     fake.until(lambda: fake.path[-1:] != [] and fake.path[-1][0] > 10.0)
     assert fake.status.outside_corridor_m == 0.0
@@ -83,7 +83,7 @@ def test_leaving_and_reentering_the_corridor_are_reported():
 
 
 def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
-    fake = FakeFlight(mission(flight_of("step: hold, duration_s: 5"))).start().in_state("flying")
+    fake = FakeFlight(mission(flight_steps("step: hold, duration_s: 5"))).start().in_state("flying")
     track, status = FlownTrack(), fake.status
     sent = Reading(
         position_ned_m=(3.0, 4.0, -10.0),
@@ -95,17 +95,20 @@ def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
     assert MAX_SAMPLES / 2 <= len(track.samples) <= MAX_SAMPLES
     assert track.samples[-1].t_s > 3.9 * MAX_SAMPLES
     assert (track.samples[0].deviation_m, track.samples[0].place) == (5.0, "step 2")
-    by_px4 = FlownTrack()
+    without_setpoints = FlownTrack()
     on_ground = Reading(position_ned_m=(0.0, 0.0, 0.0))
-    by_px4.record(0.0, on_ground.position_ned_m, state_in_mission(on_ground, status))
-    assert (by_px4.samples[0].planned_ned_m, by_px4.samples[0].deviation_m) == (None, None)
-    assert math.isfinite(by_px4.samples[0].t_s)
+    without_setpoints.record(0.0, on_ground.position_ned_m, state_in_mission(on_ground, status))
+    assert (without_setpoints.samples[0].planned_ned_m, without_setpoints.samples[0].deviation_m) == (
+        None,
+        None,
+    )
+    assert math.isfinite(without_setpoints.samples[0].t_s)
 
 
-def test_a_stopwatch_adds_only_the_times_that_count():
+def test_a_stopwatch_measures_only_while_it_is_running():
     watch = Stopwatch()
-    for now_s, counts in enumerate([False, True, None, True, False, None, False, True]):
-        watch.update(float(now_s), counts)
+    for now_s, running in enumerate([False, True, None, True, False, None, False, True]):
+        watch.update(float(now_s), running)
     assert watch.read(9.0) == (4.0 - 1.0) + (9.0 - 7.0)
     watch.update(10.0, is_counted=False)
     assert watch.read(99.0) == 6.0

@@ -4,21 +4,21 @@ import pytest
 
 from missions.runner.requests import ChangeScript, Photo, SetMode, TakeOff
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, answer_wait, flight, sends_no_request
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, assert_nothing_is_requested, end_wait, flight
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flight_of, mission
+from tests.support.offboard_missions import flight_steps, mission
 
 
 @pytest.mark.parametrize("kind", STEPS)
 @pytest.mark.parametrize("action", ["hold", "return", "land", "continue"])
 def test_a_low_battery_triggers_its_action_once(kind, action):
     fake = flight(kind, low_battery=action)
-    before = fake.modes()
+    modes_before = fake.modes()
     fake.set_reading(battery_share=0.1, satellites=14)
     fake.fly(0.2)
     if action == "continue" or kind == "land":
-        assert fake.modes() == before
-        answer_wait(fake, kind).in_state("done")
+        assert fake.modes() == modes_before
+        end_wait(fake, kind).in_state("done")
     else:
         assert fake.modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
         assert fake.status.state == "suspended"
@@ -49,13 +49,13 @@ def test_px4_handles_a_position_lost_during_take_off_and_the_mission_lands_after
 
 def test_a_landing_continues_after_a_lost_position():
     fake = flight("land", failure="hold")
-    before = fake.modes()
+    modes_before = fake.modes()
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.in_state("done")
-    assert (fake.modes(), fake.reading.armed) == (before, False)
+    assert (fake.modes(), fake.reading.armed) == (modes_before, False)
 
 
-def test_an_estimate_missing_for_a_moment_changes_nothing():
+def test_an_estimate_that_is_missing_for_a_moment_does_not_stop_the_mission():
     fake = flight("orbit")
     fake.set_reading(estimates=frozenset({"heading"}))
     fake.fly(0.5)
@@ -68,7 +68,7 @@ def test_an_estimate_missing_for_a_moment_changes_nothing():
 def test_when_the_link_is_restored_the_missions_action_is_executed(kind, action, modes):
     fake = flight(kind, link_loss=action)
     fake.lose_link()
-    sends_no_request(fake, 10.0)
+    assert_nothing_is_requested(fake, 10.0)
     fake.set_reading(link_active=True)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
@@ -81,7 +81,7 @@ def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
     fake.fly(10.0)
     fake.set_reading(link_active=True, satellites=14)
     fake.until(lambda: "The link was lost and is back: continuing." in fake.event_texts)
-    answer_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).in_state("done")
 
 
 @pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])
@@ -98,12 +98,12 @@ def test_after_a_lost_link_a_vehicle_in_failsafe_is_not_commanded(action):
 @pytest.mark.parametrize("kind", ["take_off", "land"])
 def test_px4_continues_take_off_and_landing_during_a_lost_link(kind):
     fake = flight(kind, link_loss="return")
-    before = fake.modes()
+    modes_before = fake.modes()
     fake.set_reading(link_active=False)
     fake.fly(1.0)
     fake.set_reading(link_active=True)
     fake.in_state("done")
-    assert fake.modes() == [*before, "land"][-1:]
+    assert fake.modes() == [*modes_before, "land"][-1:]
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
@@ -116,7 +116,7 @@ def test_a_stream_that_ends_by_itself_triggers_the_failure_action(action, modes)
 
 
 def test_a_refused_take_off_suspends_the_mission_on_the_ground():
-    fake = FakeFlight(mission(flight_of(FLY)))
+    fake = FakeFlight(mission(flight_steps(FLY)))
     fake.refused[TakeOff] = "Arming denied: no GPS."
     fake.start().fly(1.0)
     assert fake.status.state == "suspended"
@@ -144,14 +144,14 @@ def test_a_refused_mode_is_reported_and_the_stream_expires():
 
 
 def test_failed_pictures_are_reported_once_and_the_mission_continues():
-    fake = FakeFlight(mission(flight_of("step: photo, count: 5, interval_s: 1", FLY)))
+    fake = FakeFlight(mission(flight_steps("step: photo, count: 5, interval_s: 1", FLY)))
     fake.refused[Photo] = "no camera"
     fake.start().in_state("done")
     assert sum("picture" in text for text in fake.event_texts) == 1
 
 
 def test_a_mission_does_not_start_without_the_estimates_it_needs():
-    fake = FakeFlight(mission(flight_of(FLY)))
+    fake = FakeFlight(mission(flight_steps(FLY)))
     fake.set_reading(estimates=frozenset({"heading"}))
     with pytest.raises(CannotDo, match="position"):
         fake.start()

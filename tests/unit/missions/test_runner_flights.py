@@ -16,10 +16,10 @@ from tests.support.mission_steps import (
     flight,
     kinds_of,
     kinds_of_document,
-    with_lists,
+    mission_with_lists,
 )
 from tests.support.mission_vehicle import STEP_S, FakeFlight
-from tests.support.offboard_missions import flight_of, mission, timeline
+from tests.support.offboard_missions import flight_steps, mission, timeline
 
 
 def test_each_kind_of_step_of_the_document_has_a_test_flight():
@@ -32,7 +32,7 @@ def test_each_kind_of_step_of_the_document_has_a_test_flight():
 
 def test_a_whole_flight_takes_off_flies_its_path_and_lands():
     steps = [step for kind in IN_OFFBOARD if kind != "meet" for step in STEPS[kind]]
-    fake = FakeFlight(with_lists(flight_of(*steps, FLY))).start()
+    fake = FakeFlight(mission_with_lists(flight_steps(*steps, FLY))).start()
     fake.set_reading(satellites=14)
     fake.in_state("waiting")
     assert fake.status.question == "Sharp?"
@@ -47,10 +47,12 @@ def test_a_whole_flight_takes_off_flies_its_path_and_lands():
 
 
 def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
-    look = "step: gimbal, track: look_at, place: {offset_ned_m: [20, 0, 0]}"
+    look_at = "step: gimbal, track: look_at, place: {offset_ned_m: [20, 0, 0]}"
     fake = FakeFlight(
         mission(
-            flight_of(look, f"step: orbit, {CENTER}, photo_every_m: 5", "step: gimbal, track: release", FLY)
+            flight_steps(
+                look_at, f"step: orbit, {CENTER}, photo_every_m: 5", "step: gimbal, track: release", FLY
+            )
         )
     )
     fake.start().in_state("done")
@@ -64,14 +66,14 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
 
 def test_each_photo_step_takes_its_pictures_with_its_camera():
     photos = "step: photo, count: 2, component: 101", "step: photo, count: 1"
-    fake = FakeFlight(mission(flight_of(*photos))).start().in_state("done")
+    fake = FakeFlight(mission(flight_steps(*photos))).start().in_state("done")
     taken = [request.component for request in fake.requests if isinstance(request, Photo)]
     assert taken == [101, 101, None]
 
 
 def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     steps = "- {step: wait, until: {value: satellites, above: 10, for_s: 2}, timeout_s: 60}\n"
-    fake = FakeFlight(mission(steps + flight_of(FLY))).start()
+    fake = FakeFlight(mission(steps + flight_steps(FLY))).start()
     fake.set_reading(satellites=6)
     fake.fly(5)
     assert (fake.status.state, fake.sent, fake.count(TakeOff)) == ("waiting", [], 0)
@@ -82,8 +84,10 @@ def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
 
 
 def test_after_a_landing_the_mission_takes_off_again():
-    again = "- {step: wait, until: person, timeout_s: 600}\n"
-    fake = FakeFlight(mission(flight_of(FLY) + again + flight_of("step: hold, duration_s: 1"))).start()
+    wait_on_ground = "- {step: wait, until: person, timeout_s: 600}\n"
+    fake = FakeFlight(
+        mission(flight_steps(FLY) + wait_on_ground + flight_steps("step: hold, duration_s: 1"))
+    ).start()
     fake.in_state("waiting")
     assert fake.reading.armed is False
     sent = len(fake.sent)
@@ -94,21 +98,17 @@ def test_after_a_landing_the_mission_takes_off_again():
     assert (fake.count(TakeOff), fake.modes()) == (2, ["land", "land"])
 
 
-def test_a_mission_that_ends_in_flight_holds_there():
+def test_a_mission_that_ends_in_flight_switches_to_hold():
     fake = FakeFlight(mission("- {step: take_off, height_m: 10}\n- {" + FLY + "}\n")).start()
     fake.in_state("done")
     assert fake.modes() == ["hold"]
 
 
-@pytest.mark.parametrize(("share", "east"), [(0.8, 20.0), (0.3, -20.0), (None, -20.0)])
-def test_a_branch_is_decided_when_it_is_reached(share, east):
-    branch = (
-        "step: branch, condition: {value: battery_share, above: 0.5}, "
-        "then: [{step: fly, points: [{offset_ned_m: [0, 20, -10]}]}], "
-        "otherwise: [{step: fly, points: [{offset_ned_m: [0, -20, -10]}]}]"
-    )
-    fake = FakeFlight(mission(flight_of(FLY, branch, "step: hold, duration_s: 1"))).start()
-    fake.set_reading(battery_share=share)
+@pytest.mark.parametrize(("battery_share", "east"), [(0.8, 20.0), (0.3, -20.0), (None, -20.0)])
+def test_a_branch_is_decided_when_it_is_reached(battery_share, east):
+    branch = "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: fly, points: [{offset_ned_m: [0, 20, -10]}]}], otherwise: [{step: fly, points: [{offset_ned_m: [0, -20, -10]}]}]"
+    fake = FakeFlight(mission(flight_steps(FLY, branch, "step: hold, duration_s: 1"))).start()
+    fake.set_reading(battery_share=battery_share)
     fake.in_state("done")
     assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
     assert fake.count(StreamScript) == 1
@@ -116,32 +116,32 @@ def test_a_branch_is_decided_when_it_is_reached(share, east):
 
 def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_a_branch():
     branch = "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: land}]"
-    course = Course(timeline(flight_of(FLY, branch)))
+    course = Course(timeline(flight_steps(FLY, branch)))
     count = len(course.segments)
     assert [course.next_px4_segment(index) for index in (1, count, 1, 0)] == [count, count, count, 0]
     course.choose(fulfilled=True)
     assert [course.next_px4_segment(index) for index in (count, 1, 0)] == [count, count, 0]
     assert course.flown_by_px4(count)
-    held = Course(timeline(flight_of(FLY, branch.replace("land", "hold, duration_s: 1"))))
-    held.next_px4_segment(1)
-    held.choose(fulfilled=True)
-    assert held.next_px4_segment(1) == len(held.segments) - 1 > count
+    with_hold = Course(timeline(flight_steps(FLY, branch.replace("land", "hold, duration_s: 1"))))
+    with_hold.next_px4_segment(1)
+    with_hold.choose(fulfilled=True)
+    assert with_hold.next_px4_segment(1) == len(with_hold.segments) - 1 > count
 
 
 def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
     laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
-    fake = FakeFlight(mission(flight_of(laps))).start()
+    fake = FakeFlight(mission(flight_steps(laps))).start()
     fake.in_state("flying")
     play = next(r for r in fake.requests if isinstance(r, StreamScript))
     assert sum(s.duration_s for s in play.script.segments) < 200.0
-    longest_still_s = still_s = 0.0
+    longest_standing_s = standing_s = 0.0
     fake.fly(2.0)
     while fake.status.state == "flying" and fake.runner.flight.segment is not None:
         before = fake.path[-1]
         fake.step()
-        still_s = still_s + STEP_S if math.dist(before, fake.path[-1]) < 1e-5 else 0.0
-        longest_still_s = max(longest_still_s, still_s)
-    assert longest_still_s < 1.0
+        standing_s = standing_s + STEP_S if math.dist(before, fake.path[-1]) < 1e-5 else 0.0
+        longest_standing_s = max(longest_standing_s, standing_s)
+    assert longest_standing_s < 1.0
     assert fake.count(StreamScript) == 1
     assert sum(bool(r.change.appended) for r in fake.requests if isinstance(r, ChangeScript)) > 3
 
@@ -156,7 +156,7 @@ def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
 @pytest.mark.parametrize("until", ["person", "{value: satellites, above: 10}"])
 def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes):
     wait = f"step: wait, until: {until}, timeout_s: 5, on_timeout: {on_timeout}"
-    fake = FakeFlight(mission(flight_of(wait, FLY))).start()
+    fake = FakeFlight(mission(flight_steps(wait, FLY))).start()
     fake.set_reading(satellites=6)
     fake.in_state("done" if on_timeout == "continue" else "suspended")
     assert fake.modes() == modes
@@ -164,7 +164,7 @@ def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes
 
 def test_a_condition_must_be_true_without_interruption():
     wait = "step: wait, until: {value: wind_speed_m_s, below: 5, for_s: 3}, timeout_s: 60"
-    fake = FakeFlight(mission(flight_of(wait, FLY))).start().in_state("waiting")
+    fake = FakeFlight(mission(flight_steps(wait, FLY))).start().in_state("waiting")
     for wind in (4.0, 7.0, 4.0, None):
         fake.set_reading(wind_speed_m_s=wind)
         fake.fly(2.0)

@@ -1,4 +1,4 @@
-"""The mission runner: operator's commands in each kind of step, and changes of control."""
+"""The mission runner: commands of operators and of others in each kind of step, and changes of control."""
 
 import math
 
@@ -6,9 +6,9 @@ import pytest
 
 from missions.runner.requests import SetMode, StopStream, StreamScript
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, answer_wait, flight, sends_no_request
+from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, assert_nothing_is_requested, end_wait, flight
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import flight_of, mission
+from tests.support.offboard_missions import flight_steps, mission
 
 # --- operator -------------------------------------------------------------------------------------
 
@@ -20,35 +20,35 @@ def test_a_paused_mission_stops_the_vehicle_and_after_resume_ends_as_planned(kin
     fake.pause()
     state = "suspended" if kind in ("take_off", "land") else "paused"
     fake.in_state(state)
-    there = fake.path[-1]
+    stop_ned_m = fake.path[-1]
     fake.fly(20.0)
-    assert math.dist(fake.path[-1], there) < 1e-6
+    assert math.dist(fake.path[-1], stop_ned_m) < 1e-6
     fake.resume()
-    answer_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).in_state("done")
     assert fake.reading.armed is False
     assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
 
 
 @pytest.mark.parametrize("kind", STEPS)
-def test_an_aborted_mission_holds_and_requests_nothing_more(kind):
+def test_an_aborted_mission_switches_to_hold_and_requests_nothing_more(kind):
     fake = flight(kind)
     fake.abort()
     assert fake.status.state == "aborted"
     assert fake.modes()[-1] == "hold"
-    sends_no_request(fake)
+    assert_nothing_is_requested(fake)
     with pytest.raises(CannotDo, match="has ended"):
         fake.resume()
 
 
-@pytest.mark.parametrize(("then", "mode"), [("return", "rtl"), ("land", "land")])
-def test_an_abort_can_return_or_land(then, mode):
+@pytest.mark.parametrize(("action", "mode"), [("return", "rtl"), ("land", "land")])
+def test_an_abort_can_return_or_land(action, mode):
     fake = flight("orbit")
-    fake.abort(then)
+    fake.abort(action)
     assert fake.modes() == [mode]
 
 
 @pytest.mark.parametrize("kind", STEPS)
-def test_a_step_that_is_skipped_is_followed_by_the_next_one(kind):
+def test_a_step_that_is_skipped_is_followed_by_the_next_step(kind):
     fake = flight(kind)
     place = fake.status.place
     fake.skip()
@@ -64,20 +64,20 @@ def test_a_step_of_a_suspended_mission_is_skipped_without_a_command():
     fake = flight("orbit")
     fake.mode("hold", "command", "Bob commanded 'hold'")
     fake.in_state("suspended")
-    asked = fake.count(SetMode)
+    request_count = fake.count(SetMode)
     fake.skip()
-    assert (fake.status.place, fake.count(SetMode)) == ("step 3", asked)
+    assert (fake.status.place, fake.count(SetMode)) == ("step 3", request_count)
 
 
-def test_a_pause_before_the_stream_begins_holds_at_its_start():
-    fake = FakeFlight(mission(flight_of(FLY))).start().in_state("taking_off")
+def test_a_pause_before_the_stream_begins_keeps_the_vehicle_at_the_start_of_the_path():
+    fake = FakeFlight(mission(flight_steps(FLY))).start().in_state("taking_off")
     fake.runner.flight.paused = True
     fake.in_state("paused")
     assert fake.path[-1] == pytest.approx((0.0, 0.0, -10.0), abs=0.5)
 
 
 def test_on_the_ground_a_take_off_cannot_be_skipped():
-    fake = FakeFlight(mission(flight_of(FLY))).start()
+    fake = FakeFlight(mission(flight_steps(FLY))).start()
     with pytest.raises(CannotDo, match="on the ground"):
         fake.skip()
 
@@ -98,20 +98,20 @@ def test_on_the_ground_a_take_off_cannot_be_skipped():
 def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(kind, mode, source, text):
     fake = flight(kind, link_loss="continue", failure="return", low_battery="return")
     fake.mode(mode, source, "Bob commanded 'hold'")
-    asked = len(fake.requests)
+    request_count = len(fake.requests)
     fake.fly(0.2)
-    assert [type(request).__name__ for request in fake.requests[asked:]] == ["StopStream", "Notify"]
+    assert [type(request).__name__ for request in fake.requests[request_count:]] == ["StopStream", "Notify"]
     assert (fake.status.state, fake.event_texts[-1]) == ("suspended", text)
     fake.set_reading(battery_share=0.05, control_holder=None, estimates=frozenset())
-    sends_no_request(fake, 30.0)
+    assert_nothing_is_requested(fake, 30.0)
     fake.set_reading(battery_share=0.9, control_holder="bob", estimates=None, satellites=14)
     fake.resume()
     fake.until(lambda: fake.status.state != "suspended")
-    answer_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).in_state("done")
 
 
 def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
-    fake = FakeFlight(mission(flight_of(FLY))).start()
+    fake = FakeFlight(mission(flight_steps(FLY))).start()
     fake.until(lambda: fake.count(StreamScript) == 1)
     fake.sampler = None
     fake.set_reading(mode="position", mode_source="pilot", stream="starting", progress=None)
@@ -125,7 +125,7 @@ def test_motors_that_stop_in_flight_end_the_mission():
     fake.set_reading(armed=False)
     fake.fly(0.2)
     assert (fake.status.state, fake.status.reason) == ("stopped", "The vehicle disarmed")
-    sends_no_request(fake)
+    assert_nothing_is_requested(fake)
 
 
 def test_a_suspended_mission_ends_once_the_vehicle_has_landed():
@@ -145,12 +145,12 @@ def test_a_change_of_control_pauses_the_mission(kind):
     assert "Bob has control now: paused." in fake.event_texts
     assert fake.reading.mode == "offboard"
     fake.resume()
-    answer_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).in_state("done")
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
 @pytest.mark.parametrize("kind", ["take_off", *IN_OFFBOARD])
-def test_expired_control_triggers_the_documents_action(kind, action, modes):
+def test_in_each_kind_of_step_expired_control_triggers_the_missions_action(kind, action, modes):
     fake = flight(kind, control_lost=action)
     fake.set_reading(control_holder=None)
     fake.fly(0.2)
@@ -169,9 +169,11 @@ def test_expired_control_triggers_the_documents_action(kind, action, modes):
         (("offboard", "unknown"), None, ["hold"]),
     ],
 )
-def test_expired_control_interrupts_only_what_an_operator_of_this_server_started(started, resumed, action):
+def test_expired_control_interrupts_only_flights_that_a_client_of_this_server_started(
+    started, resumed, action
+):
     mode, source = started
-    fake = FakeFlight(mission(flight_of(FLY, "step: hold, duration_s: 60")), mode=mode)
+    fake = FakeFlight(mission(flight_steps(FLY, "step: hold, duration_s: 60")), mode=mode)
     fake.set_reading(mode=mode, mode_source=source, armed=True, landed="in_air", position_ned_m=(0, 0, -10))
     fake.start().in_state("flying")
     if resumed is not None:

@@ -13,7 +13,7 @@ from missions.runner.sampler import ScriptSampler
 from missions.runner.script import Pace, Script, ScriptChange
 from missions.runner.time_scale import BRAKING_FACTOR
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
-from tests.support.offboard_missions import flight_of, timeline
+from tests.support.offboard_missions import flight_steps, timeline
 
 STEP_S = 0.02
 LEGS = "step: fly, points: [{offset_ned_m: [40, 0, -10]}, {offset_ned_m: [40, 30, -14]}]"
@@ -28,20 +28,20 @@ SHAPES = {
 }
 
 
-def script_from_fields(*steps: str) -> Script:
-    segments = timeline(flight_of(*steps)).segments
+def script_of_steps(*steps: str) -> Script:
+    segments = timeline(flight_steps(*steps)).segments
     return Script("Test", segments[1:-1])
 
 
 @functools.cache
 def shape(name: str) -> tuple[Script, np.ndarray]:
     """A script, and positions of its flight without a pause, (N, 3)."""
-    script = script_from_fields(SHAPES[name])
+    script = script_of_steps(SHAPES[name])
     times = [np.arange(0.0, segment.duration_s, 0.01) for segment in script.segments]
-    places = [
+    positions = [
         segment.curve.sample(t).position_ned_m for segment, t in zip(script.segments, times, strict=True)
     ]
-    return script, np.concatenate(places)
+    return script, np.concatenate(positions)
 
 
 def run(sampler: ScriptSampler, start_s: float, for_s: float, **motion):
@@ -51,7 +51,7 @@ def run(sampler: ScriptSampler, start_s: float, for_s: float, **motion):
 
 
 def test_a_script_without_a_pause_equals_the_timeline():
-    script = script_from_fields(LEGS, "step: hold, duration_s: 3", ORBIT)
+    script = script_of_steps(LEGS, "step: hold, duration_s: 3", ORBIT)
     sampler, begin_s = ScriptSampler(script, 0.0), 0.0
     for index, segment in enumerate(script.segments):
         for k in range(1, int(segment.duration_s / 0.1)):
@@ -65,18 +65,24 @@ def test_a_script_without_a_pause_equals_the_timeline():
 @pytest.mark.parametrize("name", sorted(SHAPES))
 @pytest.mark.parametrize("seed", range(5))
 def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name, seed):
-    chance = random.Random(seed)
-    pause_s, paused_for_s, again_s = chance.uniform(0.2, 20), chance.uniform(0.1, 6), chance.uniform(0.2, 4)
+    rng = random.Random(seed)
+    pause_s, stopped_for_s, resumed_for_s = (
+        rng.uniform(0.2, 20),
+        rng.uniform(0.1, 6),
+        rng.uniform(0.2, 4),
+    )
     script, path = shape(name)
     sampler = ScriptSampler(script, 0.0)
     sent = run(sampler, 0.0, pause_s)
-    for paused, for_s in ((True, paused_for_s), (False, again_s), (True, 8.0)):
+    for paused, for_s in ((True, stopped_for_s), (False, resumed_for_s), (True, 8.0)):
         sampler.change_script(ScriptChange(paused=paused))
         sent += run(sampler, sent[-1][0], for_s)
     assert sampler.progress.rate == 0.0
     last = sent[-1][1]
     assert math.hypot(*(last.velocity_ned_m_s if isinstance(last, Trajectory) else (0.0,))) == 0.0
-    limit = BRAKING_FACTOR * Pace().acceleration_m_s2 + 0.1  # the tolerance for steps of finite length
+    limit = (
+        BRAKING_FACTOR * Pace().acceleration_m_s2 + 0.1
+    )  # tolerance, because the steps are not infinitely short
     for (_, a), (_, b) in itertools.pairwise(sent):
         if not (isinstance(a, Trajectory) and isinstance(b, Trajectory)):
             continue
@@ -88,9 +94,9 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
         assert math.dist(moved, middle) < 0.25
         change = math.dist(a.velocity_ned_m_s, b.velocity_ned_m_s) / STEP_S
         assert change <= math.hypot(limit, limit)
-    flown_ned_m = np.array([s.position_ned_m for _, s in sent[::5]])
-    apart_m = np.linalg.norm(flown_ned_m[:, None] - path[None], axis=2).min(axis=1)
-    assert apart_m.max() < 0.1
+    sent_ned_m = np.array([s.position_ned_m for _, s in sent[::5]])
+    distance_m = np.linalg.norm(sent_ned_m[:, None] - path[None], axis=2).min(axis=1)
+    assert distance_m.max() < 0.1
     sampler.change_script(ScriptChange())
     run(sampler, sent[-1][0], 120.0)
     assert sampler.progress.index == len(script.segments)
@@ -98,7 +104,7 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
 
 
 def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
-    script = script_from_fields(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
+    script = script_of_steps(LEGS, "step: wait, until: person, timeout_s: 60", "step: hold, duration_s: 1")
     sampler = ScriptSampler(script, 0.0)
     run(sampler, 0.0, 60.0)
     assert (sampler.progress.waiting, sampler.progress.index) == (True, 1)
@@ -109,8 +115,8 @@ def test_a_wait_holds_until_it_ends_and_a_pause_stops_only_the_motion():
     assert sampler.progress.index == 3
 
 
-def test_segments_are_appended_while_the_end_is_held():
-    segments = script_from_fields(LEGS, ORBIT).segments
+def test_segments_can_be_appended_while_the_vehicle_waits_at_the_end():
+    segments = script_of_steps(LEGS, ORBIT).segments
     sampler = ScriptSampler(Script("Test", segments[:1]), 0.0)
     sent = run(sampler, 0.0, 60.0)
     assert sampler.progress.index == 1
@@ -121,8 +127,8 @@ def test_segments_are_appended_while_the_end_is_held():
     assert sampler.progress.t_s > 0.5
 
 
-def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
-    sampler = ScriptSampler(script_from_fields(VELOCITY), 0.0)
+def test_an_interrupted_velocity_brakes_and_keeps_the_position_where_the_vehicle_stops():
+    sampler = ScriptSampler(script_of_steps(VELOCITY), 0.0)
     run(sampler, 0.0, 4.0, position_ned_m=(9.0, 0.0, -10.0))
     assert sampler.progress.position_ned_m is None
     sampler.change_script(ScriptChange(paused=True))
@@ -135,7 +141,7 @@ def test_an_interrupted_velocity_brakes_and_holds_where_it_stops():
 
 
 def test_an_interrupted_attitude_brakes_the_vehicle():
-    sampler = ScriptSampler(script_from_fields(ATTITUDE), 0.0)
+    sampler = ScriptSampler(script_of_steps(ATTITUDE), 0.0)
     assert isinstance(run(sampler, 0.0, 2.0)[-1][1], Attitude)
     sampler.change_script(ScriptChange(paused=True))
     moving = {"position_ned_m": (3.0, 0.0, -9.0), "velocity_ned_m_s": (2.0, 0.0, 1.0)}
@@ -147,7 +153,7 @@ def test_an_interrupted_attitude_brakes_the_vehicle():
 
 
 def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
-    script = script_from_fields(VELOCITY, LEGS)
+    script = script_of_steps(VELOCITY, LEGS)
     end = script.segments[0].end_ned_m
     sampler = ScriptSampler(script, 0.0)
     drifted = (end[0] - 4.0, end[1], end[2])
@@ -159,14 +165,14 @@ def test_after_a_velocity_the_vehicle_returns_before_the_next_segment_begins():
 
 
 def test_after_a_stall_of_the_process_the_setpoints_do_not_jump_ahead():
-    sampler = ScriptSampler(script_from_fields(LEGS), 0.0)
+    sampler = ScriptSampler(script_of_steps(LEGS), 0.0)
     before = run(sampler, 0.0, 3.0)[-1][1]
     after = sampler.at(8.0)
     assert math.dist(before.position_ned_m, after.position_ned_m) < 2.0
 
 
-def test_previewing_setpoints_changes_nothing():
-    script = script_from_fields(LEGS)
+def test_previewing_setpoints_does_not_change_the_flight():
+    script = script_of_steps(LEGS)
     a, b = ScriptSampler(script, 0.0), ScriptSampler(script, 0.0)
     for k in range(1, 100):
         assert a.at(k * STEP_S) == b.at(k * STEP_S)
@@ -174,34 +180,34 @@ def test_previewing_setpoints_changes_nothing():
     assert math.dist(later.position_ned_m, a.at(100 * STEP_S).position_ned_m) > 1.0
 
 
-def test_the_first_setpoint_is_held_until_the_flight_begins():
-    sampler = ScriptSampler(script_from_fields(LEGS), 0.0)
-    waited = [sampler.at(t / 10, waiting=True) for t in range(20)]
-    assert len(set(map(str, waited))) == 1
+def test_the_first_setpoint_is_repeated_until_the_flight_begins():
+    sampler = ScriptSampler(script_of_steps(LEGS), 0.0)
+    first_setpoints = [sampler.at(t / 10, waiting=True) for t in range(20)]
+    assert len(set(map(str, first_setpoints))) == 1
     sampler.restart_time(2.0)
-    assert sampler.at(2.02).position_ned_m == pytest.approx(waited[0].position_ned_m, abs=0.01)
+    assert sampler.at(2.02).position_ned_m == pytest.approx(first_setpoints[0].position_ned_m, abs=0.01)
 
 
 def test_a_script_can_be_sent_to_another_process():
-    script = script_from_fields(LEGS, ORBIT)
+    script = script_of_steps(LEGS, ORBIT)
     copy = pickle.loads(pickle.dumps(script))
     a, b = ScriptSampler(script, 0.0), ScriptSampler(copy, 0.0)
     assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
 
 
 def test_the_player_reports_the_avoidance_of_the_current_segment():
-    script = script_from_fields(LEGS + ", avoidance: around", "step: hold, duration_s: 3")
-    sampler, seen = ScriptSampler(script, 0.0), []
+    script = script_of_steps(LEGS + ", avoidance: around", "step: hold, duration_s: 3")
+    sampler, avoidance = ScriptSampler(script, 0.0), []
     for second in range(1, round(script.segments[0].duration_s) + 3):
-        for part in range(5):
-            sampler.at(second + 0.2 * part)
+        for fifth in range(5):
+            sampler.at(second + 0.2 * fifth)
         assert sampler.avoidance == ("around" if sampler.progress.index == 0 else None)
-        seen.append(sampler.avoidance)
-    assert (seen[0], seen[-1]) == ("around", None)
+        avoidance.append(sampler.avoidance)
+    assert (avoidance[0], avoidance[-1]) == ("around", None)
 
 
-def test_the_path_ahead_is_reported_without_advancing():
-    script = script_from_fields(LEGS, "step: wait, until: person, timeout_s: 60")
+def test_the_path_ahead_is_reported_without_advancing_the_flight():
+    script = script_of_steps(LEGS, "step: wait, until: person, timeout_s: 60")
     sampler = ScriptSampler(script, 0.0)
     for k in range(1, 26):
         sampler.at(0.2 * k)

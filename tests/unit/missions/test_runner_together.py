@@ -28,9 +28,9 @@ def meet(name: str, timeout_s: float = 120) -> str:
 
 
 def show(lead: str, left: str, **actions: str) -> str:
-    listed = ", ".join(f"{name}: {action}" for name, action in actions.items())
+    action_fields = ", ".join(f"{name}: {action}" for name, action in actions.items())
     return (
-        f"name: Show\nactions: {{{listed}}}\nroles:\n"
+        f"name: Show\nactions: {{{action_fields}}}\nroles:\n"
         f"  lead:\n    steps: [{lead}]\n  left:\n    steps: [{left}]\n"
     )
 
@@ -40,7 +40,7 @@ FLYING = show(fly(200), fly(200))
 
 
 def in_flight(**actions: str) -> Squad:
-    """Both vehicles are in flight, far from the end."""
+    """Two vehicles in the middle of a flight."""
     return (
         Squad(show(fly(200), fly(200), **actions), in_air=("lead", "left"))
         .start()
@@ -57,28 +57,28 @@ def test_both_take_off_at_the_same_time_and_each_flies_its_path():
     assert squad.together.over
 
 
-def test_no_vehicle_starts_if_one_cannot():
+def test_no_vehicle_starts_if_one_vehicle_cannot_start():
     squad = Squad(LONG)
     squad.flights["left"].set_reading(estimates=frozenset({"velocity"}))
     with pytest.raises(CannotDo, match="role left: there is no valid estimate of position"):
         squad.start()
     squad.fly(2)
-    assert all(one.requests == [] for one in squad.flights.values())
+    assert all(flight.requests == [] for flight in squad.flights.values())
 
 
 def test_in_flight_no_vehicle_moves_until_all_are_in_offboard():
     squad = Squad(FLYING, in_air=("lead", "left"))
     delayed = squad.flights["left"]
-    play, delayed_do = [], delayed.do
-    delayed.do = lambda requests: play.extend(requests)  # its switch to Offboard is still pending
+    play, real_do = [], delayed.do
+    delayed.do = lambda requests: play.extend(requests)  # the switch of "left" to Offboard is still pending
     squad.start().fly(5)
     assert squad.places() == {"lead": "lead, start", "left": "left, start"}
     assert squad.flights["lead"].path[-1][0] == 0.0
-    delayed.do = delayed_do
+    delayed.do = real_do
     delayed.do(play)
     squad.until(lambda: set(squad.places().values()) == {"lead, step 1", "left, step 1"}, 2)
     squad.fly(5)
-    lead, left = (one.path[-1][0] for one in squad.flights.values())
+    lead, left = (flight.path[-1][0] for flight in squad.flights.values())
     assert lead == left > 5.0
 
 
@@ -94,17 +94,17 @@ def test_at_a_meeting_the_first_waits_for_the_last_and_both_leave_at_the_same_ti
     squad.reach(lead="done", left="done")
 
 
-def test_a_meeting_that_one_does_not_reach_ends_the_mission_and_all_hold():
+def test_a_meeting_that_one_vehicle_does_not_reach_ends_the_mission_and_all_hold():
     squad = Squad(show(f"{meet('x', 5)}, {fly(20)}", f"{fly(500)}, {meet('x')}"), ("lead", "left")).start()
     squad.reach(lead="stopped", left="stopped")
     assert "Not all vehicles arrived at the meeting 'x' within 5 s" in str(
         squad.flights["left"].status.reason
     )
-    assert [one.modes() for one in squad.flights.values()] == [["hold"], ["hold"]]
+    assert [flight.modes() for flight in squad.flights.values()] == [["hold"], ["hold"]]
 
 
 def at_meeting() -> Squad:
-    """The lead waits at a meeting, and the left one is on its way to it."""
+    """The vehicle "lead" waits at a meeting, and the vehicle "left" is flying to the meeting."""
     squad = Squad(show(f"{fly(5)}, {meet('x')}", f"{fly(200)}, {meet('x')}"), in_air=("lead", "left"))
     return (
         squad.start()
@@ -113,33 +113,33 @@ def at_meeting() -> Squad:
     )
 
 
-def lose_position(one) -> None:
-    one.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
+def lose_position(flight) -> None:
+    flight.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
 
 
-def lose_link_for_a_moment(one) -> None:
-    one.lose_link()
-    one.fly(1.0)
-    one.set_reading(link_active=True)
+def lose_link_for_a_moment(flight) -> None:
+    flight.lose_link()
+    flight.fly(1.0)
+    flight.set_reading(link_active=True)
 
 
 EVENTS = {
-    "pilot": lambda one: one.mode("position", "pilot"),
-    "failsafe": lambda one: one.mode("rtl", "failsafe"),
-    "operator's Hold": lambda one: one.mode("hold", "command", "Bob commanded Hold"),
-    "stream ended": lambda one: one.set_reading(stream="ending", stream_text="The stream failed"),
-    "low battery": lambda one: one.set_reading(battery_share=0.1),
-    "abort of its runner": lambda one: one.abort("land"),
+    "pilot": lambda flight: flight.mode("position", "pilot"),
+    "failsafe": lambda flight: flight.mode("rtl", "failsafe"),
+    "operator's Hold": lambda flight: flight.mode("hold", "command", "Bob commanded Hold"),
+    "stream ended": lambda flight: flight.set_reading(stream="ending", stream_text="The stream failed"),
+    "low battery": lambda flight: flight.set_reading(battery_share=0.1),
+    "abort of its runner": lambda flight: flight.abort("land"),
     "link loss": lose_link_for_a_moment,
     "lost position": lose_position,
 }
 
 
-@pytest.mark.parametrize("place", [in_flight, at_meeting])
-@pytest.mark.parametrize("what", EVENTS)
-def test_when_one_leaves_the_mission_the_other_holds_and_the_mission_ends(what, place):
-    squad = place()
-    EVENTS[what](squad.flights["lead"])
+@pytest.mark.parametrize("squad_in", [in_flight, at_meeting])
+@pytest.mark.parametrize("event", EVENTS)
+def test_when_one_vehicle_leaves_the_mission_the_other_holds_and_the_mission_ends(event, squad_in):
+    squad = squad_in()
+    EVENTS[event](squad.flights["lead"])
     squad.until(lambda: squad.together.over, 2)
     assert squad.flights["left"].modes() == ["hold"]
     assert squad.flights["left"].status.state == "stopped"
@@ -148,7 +148,7 @@ def test_when_one_leaves_the_mission_the_other_holds_and_the_mission_ends(what, 
         squad.together.resume(squad.now_s, squad.readings(), "Alice")
 
 
-def test_a_vehicle_in_its_take_off_also_holds_and_one_in_its_landing_continues():
+def test_a_vehicle_that_takes_off_also_holds_and_a_vehicle_that_lands_continues():
     squad = Squad(show(f"{HIGH}, {fly(20)}", f"{UP}, {DOWN}")).start()
     squad.reach(lead="taking_off", left="landing")
     squad.flights["lead"].mode("position", "pilot")
@@ -162,17 +162,20 @@ def test_a_vehicle_in_its_take_off_also_holds_and_one_in_its_landing_continues()
     assert other.flights["lead"].modes() == ["hold"]
 
 
-def test_a_pause_holds_all_and_resume_continues_all():
+def test_a_pause_holds_all_vehicles_and_resume_continues_all():
     squad = in_flight()
     squad.do(squad.together.pause(squad.now_s, squad.readings(), "Alice"))
     squad.reach(lead="paused", left="paused").fly(3)
-    before = [one.path[-1] for one in squad.flights.values()]
+    before = [flight.path[-1] for flight in squad.flights.values()]
     squad.do(squad.together.resume(squad.now_s, squad.readings(), "Alice"))
     squad.fly(5)
-    assert all(one.path[-1][0] > place[0] for one, place in zip(squad.flights.values(), before, strict=True))
+    assert all(
+        flight.path[-1][0] > position[0]
+        for flight, position in zip(squad.flights.values(), before, strict=True)
+    )
 
 
-def test_a_change_of_control_of_one_vehicle_pauses_all():
+def test_a_change_of_control_of_one_vehicle_pauses_all_vehicles():
     squad = in_flight()
     squad.flights["left"].set_reading(control_holder="bob", control_holder_name="Bob")
     squad.reach(lead="paused", left="paused")
@@ -191,19 +194,19 @@ def test_vehicles_paused_at_a_meeting_leave_it_only_after_resume():
     squad.until(lambda: squad.places() == {"lead": "lead, step 3", "left": "left, step 3"})
 
 
-def test_no_vehicle_is_resumed_if_one_cannot():
+def test_no_vehicle_is_resumed_if_one_vehicle_cannot_be_resumed():
     squad = in_flight()
     with pytest.raises(CannotDo, match="role lead: the mission is not paused"):
         squad.together.resume(squad.now_s, squad.readings(), "Alice")
     assert squad.states() == {"lead": "flying", "left": "flying"}
 
 
-def test_an_abort_ends_the_mission_of_all():
+def test_an_abort_ends_the_mission_of_all_vehicles():
     squad = in_flight()
     squad.do(squad.together.abort(squad.readings(), "Alice", "land"))
     squad.fly(1)
     assert squad.states() == {"lead": "aborted", "left": "aborted"}
-    assert [one.modes() for one in squad.flights.values()] == [["land"], ["land"]]
+    assert [flight.modes() for flight in squad.flights.values()] == [["land"], ["land"]]
 
 
 def test_the_example_is_safe_for_vehicles_7_m_apart_and_flown_to_its_end():
@@ -216,4 +219,4 @@ def test_the_example_is_safe_for_vehicles_7_m_apart_and_flown_to_its_end():
     }
     assert compile_roles(mission, dict.fromkeys(starts, MissionVehicle()), starts).findings == ()
     squad = Squad(text).start().reach(lead="done", left="done")
-    assert [one.modes() for one in squad.flights.values()] == [["land"], ["land"]]
+    assert [flight.modes() for flight in squad.flights.values()] == [["land"], ["land"]]

@@ -7,40 +7,40 @@ import pytest
 from missions.runner.requests import SetMode, StreamScript
 from missions.values import FenceCircle, FencePolygon, Point
 from tests.support.mission_vehicle import FakeFlight
-from tests.support.offboard_missions import HOME, flight_of, mission
+from tests.support.offboard_missions import HOME, flight_steps, mission
 
 CORNER = mission(
-    flight_of("step: fly, points: [{offset_ned_m: [60, 0, -10]}, {offset_ned_m: [60, 60, -10]}]")
+    flight_steps("step: fly, points: [{offset_ned_m: [60, 0, -10]}, {offset_ned_m: [60, 60, -10]}]")
 )
-DEG = 1.0 / 111_195.0
-"""One metre to the north [degrees]."""
+DEG_PER_M = 1.0 / 111_195.0
+"""Degrees of latitude per metre."""
 
 
 def circle(radius_m, *, inclusion, north_m=0.0):
-    center = Point(lat_deg=HOME.lat_deg + north_m * DEG, lon_deg=HOME.lon_deg)
+    center = Point(lat_deg=HOME.lat_deg + north_m * DEG_PER_M, lon_deg=HOME.lon_deg)
     return FenceCircle(inclusion=inclusion, center=center, radius_m=radius_m)
 
 
 def square(north_m, half_m):
-    south, north = (HOME.lat_deg + (north_m + side) * DEG for side in (-half_m, half_m))
-    east = half_m * DEG / math.cos(math.radians(HOME.lat_deg))
+    south, north = (HOME.lat_deg + (north_m + side) * DEG_PER_M for side in (-half_m, half_m))
+    east = half_m * DEG_PER_M / math.cos(math.radians(HOME.lat_deg))
     corners = ((south, -east), (south, east), (north, east), (north, -east))
     points = tuple(Point(lat_deg=lat, lon_deg=HOME.lon_deg + lon) for lat, lon in corners)
     return FencePolygon(inclusion=False, polygon=points)
 
 
 @pytest.mark.parametrize(
-    ("zones", "north_m", "flown_back"),
+    ("zones", "north_m", "returns"),
     [
         ((), -40.0, True),
         ((circle(100, inclusion=True),), -40.0, True),
-        ((circle(100, inclusion=True),), -140.0, True),  # from outside, the way into the fence is flown
+        ((circle(100, inclusion=True),), -140.0, True),  # from outside, the path back into the fence is flown
         ((circle(100, inclusion=True), circle(8, inclusion=False, north_m=-20)), -40.0, False),
         ((square(-20, 8),), -40.0, False),
         ((square(-20, 8),), 30.0, True),
     ],
 )
-def test_a_way_back_outside_the_missions_geofence_is_not_flown(zones, north_m, flown_back):
+def test_a_return_path_outside_the_missions_geofence_is_not_flown(zones, north_m, returns):
     fake = FakeFlight(CORNER.model_copy(update={"home": HOME, "fence": zones})).start()
     fake.in_state("flying").fly(5.0)
     fake.mode("hold", "command", "Bob commanded 'hold'")
@@ -48,15 +48,15 @@ def test_a_way_back_outside_the_missions_geofence_is_not_flown(zones, north_m, f
     fake.set_reading(position_ned_m=(north_m, 0.0, -10.0))
     streamed_scripts, modes = fake.count(StreamScript), fake.count(SetMode)
     fake.resume()
-    assert fake.count(StreamScript) == streamed_scripts + flown_back
-    assert (fake.status.state == "suspended") != flown_back
-    if not flown_back:
+    assert fake.count(StreamScript) == streamed_scripts + returns
+    assert (fake.status.state == "suspended") != returns
+    if not returns:
         assert "leaves the mission's geofence" in str(fake.status.reason)
         assert fake.modes()[modes:] == ["hold"]
 
 
-def test_one_round_of_a_repeat_is_skipped_and_the_next_one_is_flown():
-    fake = FakeFlight(mission(flight_of("step: repeat, times: 3, steps: [{step: hold, duration_s: 30}]")))
+def test_skipping_in_a_repeat_skips_one_round_and_continues_with_the_next_round():
+    fake = FakeFlight(mission(flight_steps("step: repeat, times: 3, steps: [{step: hold, duration_s: 30}]")))
     fake.start().in_state("flying").fly(1.0)
     begun_s = fake.now_s
     fake.skip()
@@ -64,22 +64,22 @@ def test_one_round_of_a_repeat_is_skipped_and_the_next_one_is_flown():
     assert fake.now_s - begun_s == pytest.approx(60.0, abs=3.0)
 
 
-def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_it_once():
-    fake = FakeFlight(mission(flight_of("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
+def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_the_delay_once():
+    fake = FakeFlight(mission(flight_steps("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
     fake.in_state("flying").fly(3.0)
-    there = fake.block()
+    blocked_at = fake.block()
     fake.fly(30.0)
     assert fake.status.state == "flying"
     assert 8.0 < fake.status.deviation_m < 16.0
     assert sum("the mission waits" in text for text in fake.event_texts) == 1
-    assert fake.reading.position_ned_m == there
+    assert fake.reading.position_ned_m == blocked_at
     fake.unblock()
     fake.in_state("done")
     assert math.dist(fake.path[-1][:2], (60.0, 0.0)) < 1.0
 
 
 def test_a_path_ends_only_after_the_vehicle_has_arrived():
-    fake = FakeFlight(mission(flight_of("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
+    fake = FakeFlight(mission(flight_steps("step: fly, points: [{offset_ned_m: [20, 0, -10]}]"))).start()
     fake.until(lambda: fake.status.state == "flying" and fake.path[-1][0] > 14.0)
     fake.block()
     fake.fly(20.0)

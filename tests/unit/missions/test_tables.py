@@ -87,7 +87,7 @@ def test_a_simple_table_of_points_is_a_plan() -> None:
     assert (second.hold_s, second.altitude.reference) == (3.0, "amsl")
 
 
-def test_points_without_altitude_need_one_from_the_user() -> None:
+def test_points_without_altitude_need_an_altitude_from_the_user() -> None:
     table = "lat_deg,lon_deg\n47,8\n"
     with pytest.raises(PlanError, match="line 2, column altitude_m: the point has no altitude"):
         csv_table.read(table)

@@ -89,11 +89,11 @@ def test_the_position_of_an_hgt_file_comes_from_its_name(tmp_path: Path) -> None
     assert 85.0 < ground.spacing_m < 100.0
 
 
-def test_the_finest_file_is_used_and_a_coarser_one_fills_its_gaps(tmp_path: Path) -> None:
-    def holed(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
+def test_the_finest_file_is_used_and_a_coarser_file_fills_its_gaps(tmp_path: Path) -> None:
+    def with_hole(lat: np.ndarray, lon: np.ndarray) -> np.ndarray:
         return np.where(lon > LON_DEG, -9999.0, 100.0)
 
-    fine = write(tmp_path / "fine.tif", holed)
+    fine = write(tmp_path / "fine.tif", with_hole)
     coarse = write(tmp_path / "coarse.tif", flat(200.0), step_deg=0.001)
     for files in ((fine, coarse), (coarse, fine)):
         ground = ground_of(*files, margin_m=1000.0)
@@ -130,13 +130,13 @@ def test_files_that_are_not_elevation_files_are_reported_by_name_and_ignored(
     tmp_path: Path, name: str
 ) -> None:
     (tmp_path / name).write_bytes(b"no picture at all")
-    (tmp_path / "notes.txt").write_text("left alone")
-    good = write(tmp_path / "good.tif", flat(10.0))
+    (tmp_path / "notes.txt").write_text("not an elevation file")
+    valid = write(tmp_path / "valid.tif", flat(10.0))
     found = [Path(each) for each in elevation_files(tmp_path)]
-    assert {each.name for each in found} == {name, "good.tif"}
+    assert {each.name for each in found} == {name, "valid.tif"}
     assert tuple(DRIVERS) == ELEVATION_SUFFIXES
     elevation = Elevation.from_files(found)
-    assert [path for path, _ in elevation.files] == [good]
+    assert [path for path, _ in elevation.files] == [valid]
     (problem,) = elevation.problems
     assert name in problem
     assert "Use a GeoTIFF or HGT file" in problem
@@ -144,7 +144,7 @@ def test_files_that_are_not_elevation_files_are_reported_by_name_and_ignored(
 
 def test_files_with_two_bands_or_without_a_coordinate_system_are_refused(tmp_path: Path) -> None:
     for options, reason in (({"crs": None}, "no coordinate system"), ({"count": 2}, "2 bands")):
-        path = write(tmp_path / "odd.tif", flat(1.0), **options)
+        path = write(tmp_path / "refused.tif", flat(1.0), **options)
         with pytest.raises(PlanError, match=reason):
             inspect(path)
 
@@ -203,7 +203,7 @@ def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
         assert low is not None
         assert high is not None
         above_m = low + (high - low) * line[:, 2] - hilly.altitudes_amsl_m(line[:, 0], line[:, 1])
-        # These samples are at other points: between two samples the ground differs by one or two metres.
+        # These are not the points of `follow_ground`: between two samples the ground differs by 1 or 2 m.
         assert np.abs(above_m - height_m).max() < tolerance_m + 2.0
     assert not list(plan_findings(found.plan, hilly, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
 
@@ -236,20 +236,20 @@ def codes(plan: Plan, ground: Ground, return_alt_m: float = 30.0) -> list[tuple[
 def test_a_line_through_or_near_the_hill_causes_a_finding_and_a_line_well_above_it_none(
     hilly: Ground,
 ) -> None:
-    for height_m, wanted in ((40.0, [("terrain_hit", 1)]), (86.0, [("terrain_near", 1)]), (120.0, [])):
+    for height_m, expected in ((40.0, [("terrain_hit", 1)]), (86.0, [("terrain_near", 1)]), (120.0, [])):
         altitude = Altitude(value_m=height_m, reference="home")
         plan = Plan(planned_home=HOME, items=(waypoint_at(-0.01, altitude), waypoint_at(0.01, altitude)))
-        assert codes(plan, hilly) == wanted
+        assert codes(plan, hilly) == expected
 
 
 def test_the_return_path_is_checked_at_the_return_altitude(hilly: Ground) -> None:
-    around = [
+    beside_hill = [
         waypoint_at(-0.01, Altitude(value_m=20.0, reference="home"), 0.01),
         waypoint_at(0.01, Altitude(value_m=20.0, reference="home"), 0.01),
     ]
     plan = Plan(
         planned_home=HOME,
-        items=(*around, waypoint_at(0.01, Altitude(value_m=20.0, reference="home")), ReturnHome()),
+        items=(*beside_hill, waypoint_at(0.01, Altitude(value_m=20.0, reference="home")), ReturnHome()),
     )
     assert codes(plan, hilly, return_alt_m=30.0) == [("terrain_hit", 3)]
     assert codes(plan, hilly, return_alt_m=100.0) == []
@@ -283,11 +283,11 @@ def test_a_finding_about_a_mission_into_the_hill_names_the_step(hilly: Ground) -
     origin = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
     north_m = distance_m(HOME.lat_deg, HOME.lon_deg, LAT_DEG, LON_DEG)
     climb = leg("step 1", (0.0, 0.0, 0.0), (0.0, 0.0, -30.0))
-    out = leg("step 2", (0.0, 0.0, -30.0), (north_m / 2, 0.0, -30.0))
-    into = leg("step 3", (north_m / 2, 0.0, -30.0), (north_m, 0.0, -30.0))
-    found = list(mission_findings([climb, out, into], origin, hilly))
+    outward = leg("step 2", (0.0, 0.0, -30.0), (north_m / 2, 0.0, -30.0))
+    into_hill = leg("step 3", (north_m / 2, 0.0, -30.0), (north_m, 0.0, -30.0))
+    found = list(mission_findings([climb, outward, into_hill], origin, hilly))
     assert [(each.code, each.step) for each in found] == [("terrain_hit", "step 3")]
-    profile = mission_profile([climb, out, into], origin, 0.0, hilly)
+    profile = mission_profile([climb, outward, into_hill], origin, 0.0, hilly)
     assert profile[0][1] == pytest.approx(0.0, abs=1.0)
     assert profile[-1] == (pytest.approx(north_m, abs=1.0), pytest.approx(80.0, abs=2.0))
 

@@ -26,7 +26,7 @@ ORIGIN = LocalOrigin(47.0, 8.0, 500.0)
 REQUIRED_M = 5.0 + planned_margin_m()
 
 
-def at(kind, north_m, east_m, alt_m, **more):
+def item_at(kind, north_m, east_m, alt_m, **more):
     lat, lon, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
     return {
         "kind": kind,
@@ -40,12 +40,12 @@ def at(kind, north_m, east_m, alt_m, **more):
 def line(*, east_m=0.0, alt_m=20.0, hold_s=0.0, north=False, land=True):
     """A straight path of 200 m: east from home or, with `north`, north at `east_m`.
 
-    hold_s: hold above the take-off, which delays the flight.
+    The vehicle holds for `hold_s` above its take-off, which delays the flight.
     """
     begin, end = ((-100.0, east_m), (100.0, east_m)) if north else ((0.0, 0.0), (0.0, 200.0))
-    items = [at("takeoff", *begin, alt_m), at("waypoint", *begin, alt_m, hold_s=hold_s)]
-    items.append(at("waypoint", *end, alt_m))
-    return [*items, at("land", *end, 0)] if land else items
+    items = [item_at("takeoff", *begin, alt_m), item_at("waypoint", *begin, alt_m, hold_s=hold_s)]
+    items.append(item_at("waypoint", *end, alt_m))
+    return [*items, item_at("land", *end, 0)] if land else items
 
 
 def predicted_path(items, vehicle="1", *, frame=ORIGIN, **more):
@@ -56,7 +56,7 @@ def predicted_path(items, vehicle="1", *, frame=ORIGIN, **more):
     return predict_plan(vehicle, frame, planned, ends_in_air=not ends_with_landing(plan), **more)
 
 
-def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_place_time_and_distance():
+def test_two_paths_that_cross_at_the_same_time_are_a_conflict_with_item_time_and_distance():
     found = first_conflict(predicted_path(line(), "2"), predicted_path(line(east_m=100.0, north=True)))
     assert (found.vehicle, found.other, found.place, found.other_place) == ("2", "1", "item 3", "item 3")
     assert found.along_m == pytest.approx(20 + 100, abs=25)
@@ -96,7 +96,7 @@ def test_two_crossing_paths_may_be_separated_by_altitude():
 
 
 def test_a_vehicle_that_has_already_landed_causes_no_conflict():
-    short = [at("takeoff", 0, 100, 20), at("land", 0, 100, 0)]
+    short = [item_at("takeoff", 0, 100, 20), item_at("land", 0, 100, 0)]
     assert first_conflict(predicted_path(line(hold_s=90), "2"), predicted_path(short)) is None
     assert first_conflict(predicted_path(line(hold_s=90), "2"), predicted_path(short[:1])) is not None, (
         "the other vehicle stays in the air"
@@ -116,27 +116,27 @@ def test_a_vehicle_that_hovers_on_the_path_is_a_conflict_at_any_time():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_conflict_is_found_exactly_if_a_comparison_of_all_pairs_finds_one(seed):
+def test_a_conflict_is_found_exactly_if_a_comparison_of_all_pairs_finds_a_conflict(seed):
     random = np.random.default_rng(seed)
 
     def random_items():
         points = [(*random.uniform(-60, 60, 2).tolist(), float(random.uniform(10, 50))) for _ in range(4)]
-        return [at("takeoff", *points[0]), *(at("waypoint", *each) for each in points[1:])]
+        return [item_at("takeoff", *points[0]), *(item_at("waypoint", *each) for each in points[1:])]
 
-    own, other = predicted_path(random_items(), "2"), predicted_path(random_items())
+    path, other = predicted_path(random_items(), "2"), predicted_path(random_items())
     first, second = np.nonzero(
-        (own.earliest_s[:, None] <= other.latest_s) & (other.earliest_s <= own.latest_s[:, None])
+        (path.earliest_s[:, None] <= other.latest_s) & (other.earliest_s <= path.latest_s[:, None])
     )
-    apart_m = closest_m(
-        own.position_ned_m[first], own.velocity_ned_m_s[first],
+    distance_m = closest_m(
+        path.position_ned_m[first], path.velocity_ned_m_s[first],
         other.position_ned_m[second], other.velocity_ned_m_s[second],
     )  # fmt: skip
-    found = first_conflict(own, other)
-    assert (found is not None) == bool(apart_m.min() < REQUIRED_M)
+    found = first_conflict(path, other)
+    assert (found is not None) == bool(distance_m.min() < REQUIRED_M)
     if found is not None:
-        near = first[apart_m < REQUIRED_M]
-        assert own.t_s[near.min()] <= found.after_s
-        assert found.distance_m >= apart_m.min() - 1e-6
+        near = first[distance_m < REQUIRED_M]
+        assert path.t_s[near.min()] <= found.after_s
+        assert found.distance_m >= distance_m.min() - 1e-6
 
 
 def test_paths_in_different_local_frames_are_compared():
@@ -155,11 +155,11 @@ def test_the_flown_part_of_a_path_is_not_compared():
 
 
 def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_item():
-    way = {"index": 2, "t_s": 0.0, "off_path_ned_m": (0.0, 180.0, -20.0)}
-    own = predicted_path(
-        line(east_m=190.0, north=True), "2", **{**way, "off_path_ned_m": (-60.0, 190.0, -20.0)}
+    approach = {"index": 2, "t_s": 0.0, "off_path_ned_m": (0.0, 180.0, -20.0)}
+    path = predicted_path(
+        line(east_m=190.0, north=True), "2", **{**approach, "off_path_ned_m": (-60.0, 190.0, -20.0)}
     )
-    found = first_conflict(own, predicted_path(line(), **way))
+    found = first_conflict(path, predicted_path(line(), **approach))
     assert found.place == "item 3"
     assert 30 < found.along_m < 75
 
@@ -170,11 +170,11 @@ def test_the_items_of_a_plan_that_repeats_without_end_may_be_flown_at_any_time()
 
 
 def test_conflicts_with_several_vehicles_are_sorted_by_time():
-    late, soon = (
+    late, early = (
         stationary_path("3", ORIGIN, (0, 150, -20), "Hold"),
         stationary_path("1", ORIGIN, (0, 50, -20), "Hold"),
     )
-    found = conflicts(predicted_path(line(), "2"), [late, soon])
+    found = conflicts(predicted_path(line(), "2"), [late, early])
     assert [each.other for each in found] == ["1", "3"]
 
 
@@ -191,25 +191,25 @@ CROSSING = line(east_m=100.0, north=True, hold_s=10)
 
 def test_an_offboard_mission_is_compared_along_its_timeline():
     flight = mission(UP, ACROSS, DOWN)
-    own = predicted_path(CROSSING, "2")
-    found = first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
+    path = predicted_path(CROSSING, "2")
+    found = first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
     assert (found.place, found.other_place) == ("item 3", "step 2")
-    last = next(at for at, each in enumerate(flight.course.segments) if each.place == "step 3")
+    last = next(index for index, each in enumerate(flight.course.segments) if each.place == "step 3")
     flight.move_to(last)
-    assert first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 200.0, -20.0))) is None
+    assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 200.0, -20.0))) is None
 
 
 def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
-    own = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
-    waits = (UP, "{step: wait, until: person, timeout_s: 900}", ACROSS)
-    for steps, expected in (((UP, ACROSS, DOWN), False), (waits, True)):
-        path = predict_mission("1", ORIGIN, mission(*steps), (0.0, 0.0, 0.0))
-        assert (first_conflict(own, path) is not None) == expected
-        assert math.isinf(path.latest_s[-1]) == expected
+    path = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
+    waiting_steps = (UP, "{step: wait, until: person, timeout_s: 900}", ACROSS)
+    for steps, expected in (((UP, ACROSS, DOWN), False), (waiting_steps, True)):
+        mission_path = predict_mission("1", ORIGIN, mission(*steps), (0.0, 0.0, 0.0))
+        assert (first_conflict(path, mission_path) is not None) == expected
+        assert math.isinf(mission_path.latest_s[-1]) == expected
 
 
 def test_a_paused_mission_is_expected_at_any_later_time():
     flight = mission(UP, ACROSS, DOWN)
     flight.paused = True
-    own = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
-    assert first_conflict(own, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None
+    path = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
+    assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None

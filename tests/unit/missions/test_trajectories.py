@@ -24,8 +24,8 @@ def points(*positions: tuple[float, float, float], **rest: object) -> list[PassP
 
 
 def shortest_s(length_m: float, speed: float, acceleration: float, jerk: float) -> float:
-    """From rest to rest on a line: maximum jerk in either direction until acceleration or speed reaches its
-    limit."""
+    """Shortest time from rest to rest on a straight line: maximum jerk in either direction until acceleration
+    or speed reaches its limit."""
     jerk_s = (length_m / (2.0 * jerk)) ** (1.0 / 3.0)
     if jerk * jerk_s <= acceleration and jerk * jerk_s**2 <= speed:
         return 4.0 * jerk_s
@@ -100,13 +100,13 @@ def test_a_trajectory_stops_only_at_requested_stops() -> None:
 
 
 def test_a_dense_smooth_path_is_not_slower_because_of_its_points() -> None:
-    few, many = (
+    few_points_s, many_points_s = (
         curve_through_points(
             points(*[(x, 0.0, -5.0) for x in np.linspace(0.0, 200.0, count).tolist()])
         ).duration_s
         for count in (2, 201)
     )
-    assert many == pytest.approx(few, rel=1e-6)
+    assert many_points_s == pytest.approx(few_points_s, rel=1e-6)
 
 
 def test_yaws_are_reached_at_their_points_by_the_shorter_rotation() -> None:
@@ -132,10 +132,12 @@ def test_the_heading_follows_the_path_and_turns_at_stops() -> None:
     assert curve.at(curve.duration_s - 1.0).yaw_ned_rad == pytest.approx(EAST)
     curve = curve_along_path(figure_eight((0, 0, -9), 60.0, 30.0, 1.0), LIMITS, AlongPath())
     for t in np.linspace(0.5, curve.duration_s - 0.5, 200).tolist():
-        now = curve.at(t)
-        north, east, _ = now.velocity_ned_m_s
-        off = math.remainder(math.atan2(east or 0.0, north or 0.0) - (now.yaw_ned_rad or 0.0), math.tau)
-        assert abs(off) < math.radians(0.5)
+        sample = curve.at(t)
+        north, east, _ = sample.velocity_ned_m_s
+        error_rad = math.remainder(
+            math.atan2(east or 0.0, north or 0.0) - (sample.yaw_ned_rad or 0.0), math.tau
+        )
+        assert abs(error_rad) < math.radians(0.5)
 
 
 def test_the_heading_turns_by_half_a_turn_over_the_look_at_point() -> None:
@@ -153,11 +155,11 @@ def test_an_orbit_keeps_its_radius_and_points_at_its_centre() -> None:
     curve = curve_along_path(arc((10, 20, -30), 15.0, 2.0), LIMITS, LookAt((10.0, 20.0, 0.0)))
     assert curve.length_m == pytest.approx(math.tau * 15.0 * 2.0, rel=1e-6)
     for t in np.linspace(0.0, curve.duration_s, 300).tolist():
-        now = curve.at(t)
-        north, east = (now.position_ned_m[0] or 0.0) - 10.0, (now.position_ned_m[1] or 0.0) - 20.0
+        sample = curve.at(t)
+        north, east = (sample.position_ned_m[0] or 0.0) - 10.0, (sample.position_ned_m[1] or 0.0) - 20.0
         assert math.hypot(north, east) == pytest.approx(15.0, abs=1e-3)
-        off = math.remainder(math.atan2(-east, -north) - (now.yaw_ned_rad or 0.0), math.tau)
-        assert abs(off) < 1e-3
+        error_rad = math.remainder(math.atan2(-east, -north) - (sample.yaw_ned_rad or 0.0), math.tau)
+        assert abs(error_rad) < 1e-3
 
 
 def test_a_helix_climbs_and_a_spiral_widens_evenly() -> None:
@@ -184,23 +186,23 @@ def test_single_and_multiple_samples_agree_also_after_pickling() -> None:
     times = np.linspace(-1.0, curve.duration_s + 1.0, 97)
     found = copy.sample(times)
     for index, t in enumerate(times.tolist()):
-        now = curve.at(t)
-        assert now.position_ned_m == pytest.approx(tuple(found.position_ned_m[index]))
-        assert now.velocity_ned_m_s == pytest.approx(tuple(found.velocity_ned_m_s[index]))
-        assert now.acceleration_ned_m_s2 == pytest.approx(tuple(found.acceleration_ned_m_s2[index]))
-        assert now.yaw_rate_ned_rad_s == pytest.approx(found.yaw_rate_ned_rad_s[index])
+        sample = curve.at(t)
+        assert sample.position_ned_m == pytest.approx(tuple(found.position_ned_m[index]))
+        assert sample.velocity_ned_m_s == pytest.approx(tuple(found.velocity_ned_m_s[index]))
+        assert sample.acceleration_ned_m_s2 == pytest.approx(tuple(found.acceleration_ned_m_s2[index]))
+        assert sample.yaw_rate_ned_rad_s == pytest.approx(found.yaw_rate_ned_rad_s[index])
     assert curve.at(-5.0).velocity_ned_m_s == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("exact", [False, True])
 def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
-    one = curve_through_points(points((1, 2, -3)), exact=exact)
-    assert (one.duration_s, one.at(5.0).position_ned_m) == (0.0, (1.0, 2.0, -3.0))
-    assert one.sample(np.array([0.0, 1.0])).position_ned_m.tolist() == [[1, 2, -3], [1, 2, -3]]
-    same = curve_through_points(points((1, 2, -3), (1, 2, -3), (1, 2, -3)), exact=exact)
-    assert (same.duration_s, same.point_times_s) == (0.0, (0.0, 0.0, 0.0))
-    back = curve_through_points(points((0, 0, 0), (50, 0, 0), (0, 0, 0), (50, 0, 0)), exact=exact)
-    assert back.at(back.duration_s).position_ned_m == pytest.approx((50, 0, 0))
+    single = curve_through_points(points((1, 2, -3)), exact=exact)
+    assert (single.duration_s, single.at(5.0).position_ned_m) == (0.0, (1.0, 2.0, -3.0))
+    assert single.sample(np.array([0.0, 1.0])).position_ned_m.tolist() == [[1, 2, -3], [1, 2, -3]]
+    repeated = curve_through_points(points((1, 2, -3), (1, 2, -3), (1, 2, -3)), exact=exact)
+    assert (repeated.duration_s, repeated.point_times_s) == (0.0, (0.0, 0.0, 0.0))
+    reversing = curve_through_points(points((0, 0, 0), (50, 0, 0), (0, 0, 0), (50, 0, 0)), exact=exact)
+    assert reversing.at(reversing.duration_s).position_ned_m == pytest.approx((50, 0, 0))
     tiny = curve_through_points(points((0, 0, 0), (0.002, 0, 0), (0.002, 0.002, 0)), exact=exact)
     assert 0.0 < tiny.duration_s < 2.0
     huge = curve_through_points(points((0, 0, 0), (9e5, 0, 0), (9e5, 9e5, 0)), exact=exact)
@@ -212,7 +214,7 @@ def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "place", "fix"),
+    ("route", "place", "fix"),
     [
         ([], "the trajectory", "Add at least one point"),
         (points((0, 0, 0), (math.nan, 0, 0)), "point 2", "metres from the local origin"),
@@ -224,10 +226,10 @@ def test_unusual_valid_input_gives_a_trajectory(exact: bool) -> None:
     ],
 )
 def test_invalid_points_are_refused_with_the_field_and_a_fix(
-    given: list[PassPoint], place: str, fix: str
+    route: list[PassPoint], place: str, fix: str
 ) -> None:
     with pytest.raises(PlanError) as caught:
-        curve_through_points(given)
+        curve_through_points(route)
     assert caught.value.place == place
     assert fix in caught.value.fix
 

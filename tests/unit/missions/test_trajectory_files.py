@@ -19,13 +19,13 @@ ROWS = [[0, 0, 0, -10, 0], [4, 20, 0.125, -10, 0.5], [8, 20, 20, -12.5, 1.25]]
 CSV = b"t_s,north_m,east_m,down_m\r\n0,0,0,-10\r\n10,20,0,-10\r\n"
 
 
-def saved(values: Any, **options: Any) -> bytes:
+def npy_file(values: Any, **options: Any) -> bytes:
     file = io.BytesIO()
     np.save(file, values, **options)
     return file.getvalue()
 
 
-def npy_of(header: str) -> bytes:
+def npy_head(header: str) -> bytes:
     text = header.encode().ljust(118) + b"\n"
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text
 
@@ -39,27 +39,27 @@ def error_of(data: bytes, filename: str = "loop.npy") -> PlanError:
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("kind", ["<f8", ">f8", "<f4", "<f2"])
 def test_a_numpy_array_becomes_csv_with_the_same_numbers(kind: str, order: Any) -> None:
-    found = import_file(saved(np.array(ROWS, dtype=kind, order=order)), "flights/loop.npy")
+    found = import_file(npy_file(np.array(ROWS, dtype=kind, order=order)), "flights/loop.npy")
     assert (found.name, found.rows, found.duration_s, found.has_yaw) == ("flights/loop.csv", 3, 8.0, True)
     assert found.text.splitlines()[:3] == [",".join(COLUMNS), "0,0,0,-10,0", "4,20,0.125,-10,0.5"]
     assert read_rows(found.text.encode()) == ROWS
 
 
 def test_single_precision_values_are_written_with_their_shortest_decimals() -> None:
-    found = import_file(saved(np.array([[0, 0, 0, 0], [0.1, 1.3, 0, 0]], dtype="<f4")), "a.npy")
+    found = import_file(npy_file(np.array([[0, 0, 0, 0], [0.1, 1.3, 0, 0]], dtype="<f4")), "a.npy")
     assert found.text.splitlines()[2] == "0.1,1.3,0,0"
 
 
-def test_whole_numbers_without_yaw_are_possible() -> None:
-    found = import_file(saved(np.array(ROWS)[:, :4].astype(int)), "a.npy")
+def test_an_array_of_whole_numbers_without_yaw_becomes_csv() -> None:
+    found = import_file(npy_file(np.array(ROWS)[:, :4].astype(int)), "a.npy")
     assert (found.has_yaw, found.text.splitlines()[0]) == (False, "t_s,north_m,east_m,down_m")
 
 
 @given(st.lists(st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), min_size=2, max_size=20))
 @settings(deadline=None, max_examples=15)
 def test_every_double_is_kept_exactly(positions: list[list[float]]) -> None:
-    rows = [[float(t), *place] for t, place in enumerate(positions)]
-    assert read_rows(import_file(saved(np.array(rows)), "a.npy").text.encode()) == rows
+    rows = [[float(t), *position] for t, position in enumerate(positions)]
+    assert read_rows(import_file(npy_file(np.array(rows)), "a.npy").text.encode()) == rows
 
 
 def test_csv_text_is_kept_as_it_is() -> None:
@@ -78,29 +78,30 @@ def test_the_table_gets_a_valid_name(filename: str, name: str) -> None:
 @pytest.mark.parametrize(
     ("data", "reason", "fix"),
     [
-        (saved(np.array([[{}] * 4] * 3, dtype=object), allow_pickle=True), "type object", "astype(float)"),
-        (saved(np.array([["0"] * 4] * 3)), "not numbers", "astype(float)"),
-        (saved(np.zeros((3, 4), dtype=complex)), "complex128", "astype(float)"),
-        (saved(np.zeros((3, 4), dtype=[("a", float)])), "not numbers", "astype(float)"),
-        (saved(np.zeros(20)), "shape is (20,)", "(N, 4) or (N, 5)"),
-        (saved(np.zeros((2, 2, 4))), "shape is (2, 2, 4)", "(N, 4) or (N, 5)"),
-        (saved(np.zeros((5, 300))), "shape is (5, 300)", "array.T"),
-        (saved(np.zeros((0, 5))), "0 rows", "number of rows"),
-        (saved(np.array(ROWS))[:-1], "ends before", "again"),
-        (saved(np.array(ROWS, dtype=float) * np.nan), "not finite", "this row"),
-        (saved(np.full((2, 4), 1e300, dtype=np.longdouble) ** 4), "not finite", "this row"),
-        (saved(np.array(ROWS)[::-1]), "times must increase", "Sort"),
+        (npy_file(np.array([[{}] * 4] * 3, dtype=object), allow_pickle=True), "type object", "astype(float)"),
+        (npy_file(np.array([["0"] * 4] * 3)), "not numbers", "astype(float)"),
+        (npy_file(np.zeros((3, 4), dtype=complex)), "complex128", "astype(float)"),
+        (npy_file(np.zeros((3, 4), dtype=[("a", float)])), "not numbers", "astype(float)"),
+        (npy_file(np.zeros(20)), "shape is (20,)", "(N, 4) or (N, 5)"),
+        (npy_file(np.zeros((2, 2, 4))), "shape is (2, 2, 4)", "(N, 4) or (N, 5)"),
+        (npy_file(np.zeros((5, 300))), "shape is (5, 300)", "array.T"),
+        (npy_file(np.zeros((0, 5))), "0 rows", "number of rows"),
+        (npy_file(np.array(ROWS))[:-1], "ends before", "again"),
+        (npy_file(np.array(ROWS, dtype=float) * np.nan), "not finite", "this row"),
+        (npy_file(np.full((2, 4), 1e300, dtype=np.longdouble) ** 4), "not finite", "this row"),
+        (npy_file(np.array(ROWS)[::-1]), "times must increase", "Sort"),
         (b"PK\x03\x04 and more", "an archive of arrays", "numpy.save"),
         (b"t_s,north_m", "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY", "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY\x02\x00\xff\xff\xff\xff{}", "version 1.0", "numpy.save"),
-        (npy_of("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"), "ends before", ""),
-        (npy_of("{'descr': '<f8', 'fortran_order': False, 'shape': (-3, 5)}"), "ends before", ""),
-        (npy_of("{'descr': '<f8', 'fortran_order': False, 'shape': (2**70, 5)}"), "not a NumPy array", ""),
-        (npy_of("{'descr': 'V99999999999', 'fortran_order': False, 'shape': (1, 5)}"), "not ", ""),
-        (npy_of("(" * 110), "not a NumPy array", "numpy.save"),
-        (npy_of("'''"), "not a NumPy array", "numpy.save"),
-        (npy_of("{'descr': ['<f8'], 'shape': 3, 'fortran_order': False}"), "not a NumPy array", "numpy.save"),
+        (npy_head("{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"), "ends before", ""),
+        (npy_head("{'descr': '<f8', 'fortran_order': False, 'shape': (-3, 5)}"), "ends before", ""),
+        (npy_head("{'descr': '<f8', 'fortran_order': False, 'shape': (2**70, 5)}"), "not a NumPy array", ""),
+        (npy_head("{'descr': 'V99999999999', 'fortran_order': False, 'shape': (1, 5)}"), "not ", ""),
+        (npy_head("(" * 110), "not a NumPy array", "numpy.save"),
+        (npy_head("'''"), "not a NumPy array", "numpy.save"),
+        (npy_head("{'descr': ['<f8'], 'shape': 3, 'fortran_order': False}"),
+         "not a NumPy array", "numpy.save"),
         (b"\x93NUMPY" + bytes(5_000_000), "too large", "fewer rows"),
     ],
 )  # fmt: skip
@@ -117,16 +118,16 @@ def test_a_hostile_array_is_refused_with_a_fix(data: bytes, reason: str, fix: st
 def test_csv_with_too_many_rows_or_characters_is_refused() -> None:
     line = b"\n0,0,0,0"
     assert f"the maximum is {MAX_ROWS} rows" in error_of(b"t_s" + line * 20_500, "a.csv").reason
-    long = np.arange(80_000).reshape(20_000, 4) / 3.0
-    assert "the maximum is 1000000" in error_of(saved(long)).reason
-    assert "numpy.round" in error_of(saved(long)).fix
-    assert import_file(saved(np.round(long, 2)), "a.npy").rows == 20_000
+    long_table = np.arange(80_000).reshape(20_000, 4) / 3.0
+    assert "the maximum is 1000000" in error_of(npy_file(long_table)).reason
+    assert "numpy.round" in error_of(npy_file(long_table)).fix
+    assert import_file(npy_file(np.round(long_table, 2)), "a.npy").rows == 20_000
 
 
 @given(st.binary(max_size=200), st.integers(0, 120))
 @settings(deadline=None, max_examples=60)
-def test_a_damaged_array_is_read_or_refused(noise: bytes, at: int) -> None:
-    good = saved(np.array(ROWS))
-    damaged = good[:at] + noise + good[at + len(noise) :]
+def test_a_damaged_array_is_read_or_refused(noise: bytes, start: int) -> None:
+    valid = npy_file(np.array(ROWS))
+    damaged = valid[:start] + noise + valid[start + len(noise) :]
     with contextlib.suppress(PlanError):
         assert 2 <= import_file(damaged, "a.npy").rows <= len(ROWS)

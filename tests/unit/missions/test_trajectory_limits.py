@@ -21,7 +21,7 @@ from missions.vehicle import GRAVITY_M_S2
 from tests.support.random_paths import random_limits, random_points
 
 BATCHES, MISSIONS = 20, 100
-"""Missions of a batch have the same limits and are solved together; a stop separates two missions."""
+"""All missions of a batch have the same limits and are solved as one path; a stop separates two missions."""
 MARGIN = 1.0 + 1e-6
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -52,8 +52,8 @@ def random_path(rng: np.random.Generator) -> Pieces:
     return headings.with_yaw_along_path(path, AlongPath())
 
 
-def joined(paths: list[Pieces]) -> Pieces:
-    """Paths one after the other, each from stop to stop."""
+def join(paths: list[Pieces]) -> Pieces:
+    """One path of these paths in order, with a stop at the end of each."""
     return Pieces(
         np.concatenate([path.points for path in paths]),
         np.concatenate([path.spans for path in paths]),
@@ -86,7 +86,7 @@ def assert_within_limits(curve: TimedCurve, limits: MotionLimits, samples: int) 
 def test_thousands_of_random_missions_stay_within_all_limits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     limits = random_limits(rng)
-    path = joined([random_path(rng) for _ in range(MISSIONS)])
+    path = join([random_path(rng) for _ in range(MISSIONS)])
     curve = curve_along_path(path, limits, has_yaw=True)
     assert math.isfinite(curve.duration_s)
     assert_within_limits(curve, limits, 40_000)
@@ -125,6 +125,6 @@ def test_limits_come_from_the_vehicle() -> None:
 
 
 def test_the_defaults_are_px4s() -> None:
-    known = json.loads((ROOT / "vehicle_sim/data/parameters.json").read_text("utf-8"))
-    defaults = {name: float(known[name][1]) for name in PARAMETERS.values()}
+    metadata = json.loads((ROOT / "vehicle_sim/data/parameters.json").read_text("utf-8"))
+    defaults = {name: float(metadata[name][1]) for name in PARAMETERS.values()}
     assert MotionLimits.from_parameters(defaults) == MotionLimits()

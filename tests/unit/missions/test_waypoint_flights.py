@@ -1,5 +1,5 @@
-"""A flight of a waypoint plan beside its planned path, without a vehicle: progress, deviation, corridor,
-states."""
+"""The monitor compares the flight of a waypoint plan with its planned path: progress, deviation, corridor and
+states, without a vehicle."""
 
 import json
 import math
@@ -21,19 +21,19 @@ HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
 VEHICLE = VehicleModel()
 
 
-def at(kind, north_m, east_m, alt_m, **more):
+def item_at(kind, north_m, east_m, alt_m, **more):
     lat, lon, _ = ORIGIN.to_geodetic((north_m, east_m, 0.0))
     altitude = {"value_m": alt_m, "reference": "home"}
     return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **more}
 
 
-UP = at("takeoff", 0, 0, 10)
-DOWN = at("land", 40, 40, 0)
-SQUARE = [UP, at("waypoint", 40, 0, 10), at("waypoint", 40, 40, 10, hold_s=5), DOWN]
+UP = item_at("takeoff", 0, 0, 10)
+DOWN = item_at("land", 40, 40, 0)
+SQUARE = [UP, item_at("waypoint", 40, 0, 10), item_at("waypoint", 40, 40, 10, hold_s=5), DOWN]
 LOOP = [
     UP,
-    at("waypoint", 40, 0, 10),
-    at("waypoint", 40, 40, 10),
+    item_at("waypoint", 40, 0, 10),
+    item_at("waypoint", 40, 40, 10),
     {"kind": "jump", "target_index": 1, "repeat": 1},
     DOWN,
 ]
@@ -58,10 +58,12 @@ class MonitoredFlight:
         self.now_s = 0.0
         self.codes = []
 
-    def observe(self, item, here, seconds=1.0, *, mode="mission", source=None, reached=None, armed=True):
+    def observe(
+        self, item, position_ned_m, seconds=1.0, *, mode="mission", source=None, reached=None, armed=True
+    ):
         reading = Reading(
             mode=mode, mode_source=source, mode_text="The RC pilot", armed=armed, landed="in_air",
-            position_ned_m=here,
+            position_ned_m=position_ned_m,
         )  # fmt: skip
         for _ in range(round(seconds * 10)):
             notices = self.monitor.update(self.now_s, reading, item, reached)
@@ -73,10 +75,10 @@ class MonitoredFlight:
 def test_the_plan_gives_the_path_and_the_time_of_each_item():
     found = planned(SQUARE)
     assert [each.leg.place for each in found.passes] == ["item 1", "item 2", "item 3", "item 4"]
-    whole = plan_of(SQUARE).model_copy(update={"planned_home": HOME})
-    assert found.duration_s == pytest.approx(estimate(whole, VEHICLE).time_s)
+    full = plan_of(SQUARE).model_copy(update={"planned_home": HOME})
+    assert found.duration_s == pytest.approx(estimate(full, VEHICLE).time_s)
     third = found.passes[2].leg
-    assert third.points[-1][0] - third.points[-2][0] == 5.0, "it holds at the waypoint"
+    assert third.points[-1][0] - third.points[-2][0] == 5.0, "no hold at the waypoint"
     assert third.points[-1][1:] == pytest.approx((40.0, 40.0, -10.0), abs=0.01)
     landing = found.passes[3].leg.points
     assert [point[3] for point in landing] == pytest.approx([-10.0, -10.0, 0.0], abs=0.01)
@@ -84,59 +86,69 @@ def test_the_plan_gives_the_path_and_the_time_of_each_item():
 
 
 def test_each_execution_of_a_repeated_item_has_its_own_path():
-    far = at("waypoint", 40, 80, 10)
-    repeated = [UP, SQUARE[1], far, {"kind": "jump", "target_index": 1, "repeat": 1}, at("land", 40, 80, 0)]
-    whole = plan_of(repeated).model_copy(update={"planned_home": HOME})
-    assert estimate(whole, VEHICLE).length_m == pytest.approx(10 + 40 + 80 + 80 + 80 + 10, abs=0.2)
+    distant = item_at("waypoint", 40, 80, 10)
+    repeated = [
+        UP,
+        SQUARE[1],
+        distant,
+        {"kind": "jump", "target_index": 1, "repeat": 1},
+        item_at("land", 40, 80, 0),
+    ]
+    full = plan_of(repeated).model_copy(update={"planned_home": HOME})
+    assert estimate(full, VEHICLE).length_m == pytest.approx(10 + 40 + 80 + 80 + 80 + 10, abs=0.2)
     found = planned(repeated)
     assert found.planned_flight().length_m == pytest.approx(300, abs=0.2)
     assert found.passes[3].leg.duration_s > found.passes[1].leg.duration_s + 5
 
 
 def test_an_endless_plan_has_no_duration_and_a_return_is_not_compared():
-    endless = [UP, at("waypoint", 40, 0, 10), {"kind": "jump", "target_index": 1, "repeat": -1}]
+    endless = [UP, item_at("waypoint", 40, 0, 10), {"kind": "jump", "target_index": 1, "repeat": -1}]
     assert planned(endless).duration_s is None
-    back = planned([UP, at("waypoint", 40, 0, 10), {"kind": "return_home"}])
-    assert [each.compared for each in back.passes] == [True, True, False]
-    assert back.passes[2].leg.points[1][3] == pytest.approx(-VEHICLE.return_alt_m, abs=0.01)
+    with_return = planned([UP, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}])
+    assert [each.compared for each in with_return.passes] == [True, True, False]
+    assert with_return.passes[2].leg.points[1][3] == pytest.approx(-VEHICLE.return_alt_m, abs=0.01)
 
 
 def test_the_deviation_is_split_into_horizontal_and_vertical_and_the_time_left_decreases():
-    flown = MonitoredFlight()
-    before_s = flown.observe(0, (0.0, 0.0, -5.0)).remaining_s
-    seen = flown.observe(1, (10.0, 3.0, -11.0))
-    assert (seen.horizontal_m, seen.vertical_m) == (pytest.approx(3.0), pytest.approx(1.0))
-    assert (seen.place, seen.title, seen.reason_not_compared) == ("item 2", "Waypoint", None)
-    state = seen.planned_state(Reading(armed=True))
+    monitored = MonitoredFlight()
+    before_s = monitored.observe(0, (0.0, 0.0, -5.0)).remaining_s
+    monitor = monitored.observe(1, (10.0, 3.0, -11.0))
+    assert (monitor.horizontal_m, monitor.vertical_m) == (pytest.approx(3.0), pytest.approx(1.0))
+    assert (monitor.place, monitor.title, monitor.reason_not_compared) == ("item 2", "Waypoint", None)
+    state = monitor.planned_state(Reading(armed=True))
     assert (state.planned_ned_m, state.is_counted) == (pytest.approx((10.0, 0.0, -10.0), abs=0.01), True)
-    assert seen.remaining_s < before_s
-    later = flown.observe(1, (39.0, 0.0, -10.0)).remaining_s
-    assert later < seen.planned_flight().duration_s - 8
+    assert monitor.remaining_s < before_s
+    later = monitored.observe(1, (39.0, 0.0, -10.0)).remaining_s
+    assert later < monitor.planned_flight().duration_s - 8
 
 
-def test_a_late_report_of_the_next_item_is_no_deviation():
-    flown = MonitoredFlight()
-    flown.observe(1, (38.0, 0.0, -10.0))
-    assert flown.observe(1, (40.0, 6.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
-    assert flown.observe(1, (40.0, 30.0, -10.0)).horizontal_m > 15, "but only its first seconds"
-    assert flown.observe(2, (40.0, 30.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+def test_flying_the_first_seconds_of_the_next_item_before_its_report_is_no_deviation():
+    monitored = MonitoredFlight()
+    monitored.observe(1, (38.0, 0.0, -10.0))
+    assert monitored.observe(1, (40.0, 6.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+    assert (
+        monitored.observe(1, (40.0, 30.0, -10.0)).horizontal_m > 15
+    )  # the tolerance covers only the first seconds of the next item
+    assert monitored.observe(2, (40.0, 30.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
 
 
-def test_waiting_at_a_waypoint_uses_up_its_time():
-    flown = MonitoredFlight()
-    flown.observe(1, (40.0, 0.0, -10.0))
-    arrived_s = flown.observe(2, (40.0, 40.0, -10.0), 0.1).remaining_s
-    assert flown.observe(2, (40.0, 40.0, -10.0), 4.0).remaining_s == pytest.approx(arrived_s - 4.0, abs=0.3)
+def test_the_remaining_time_decreases_during_a_hold_at_a_waypoint():
+    monitored = MonitoredFlight()
+    monitored.observe(1, (40.0, 0.0, -10.0))
+    arrived_s = monitored.observe(2, (40.0, 40.0, -10.0), 0.1).remaining_s
+    assert monitored.observe(2, (40.0, 40.0, -10.0), 4.0).remaining_s == pytest.approx(
+        arrived_s - 4.0, abs=0.3
+    )
 
 
 def test_repeated_items_are_distinguished_by_their_order():
-    flown = MonitoredFlight(LOOP)
-    first_s = flown.observe(1, (20.0, 0.0, -10.0)).remaining_s
-    flown.observe(2, (40.0, 20.0, -10.0))
-    second_s = flown.observe(1, (40.0, 10.0, -10.0)).remaining_s
+    monitored = MonitoredFlight(LOOP)
+    first_s = monitored.observe(1, (20.0, 0.0, -10.0)).remaining_s
+    monitored.observe(2, (40.0, 20.0, -10.0))
+    second_s = monitored.observe(1, (40.0, 10.0, -10.0)).remaining_s
     assert second_s < first_s - 10
-    flown.observe(2, (40.0, 20.0, -10.0))
-    assert flown.observe(4, (40.0, 40.0, -8.0)).remaining_s < second_s - 10
+    monitored.observe(2, (40.0, 20.0, -10.0))
+    assert monitored.observe(4, (40.0, 40.0, -8.0)).remaining_s < second_s - 10
 
 
 def test_a_flight_that_was_not_monitored_from_its_start_has_no_remaining_time_if_items_repeat():
@@ -145,113 +157,119 @@ def test_a_flight_that_was_not_monitored_from_its_start_has_no_remaining_time_if
 
 
 def test_a_start_at_a_later_item_is_compared_with_the_rest_of_the_plan_once_the_path_is_reached():
-    flown = MonitoredFlight()
-    seen = flown.observe(2, (10.0, 10.0, -10.0))
-    assert (seen.horizontal_m, seen.reason_not_compared) == (
+    monitored = MonitoredFlight()
+    monitor = monitored.observe(2, (10.0, 10.0, -10.0))
+    assert (monitor.horizontal_m, monitor.reason_not_compared) == (
         None,
         "The vehicle is flying to the planned path.",
     )
-    assert flown.observe(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
-    rest, whole = seen.planned_flight(), planned(SQUARE).planned_flight()
+    assert monitored.observe(2, (40.0, 21.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
+    rest, full = monitor.planned_flight(), planned(SQUARE).planned_flight()
     assert [leg.place for leg in rest.legs] == ["item 3", "item 4"]
-    assert (rest.length_m, whole.duration_s - rest.duration_s) == (
+    assert (rest.length_m, full.duration_s - rest.duration_s) == (
         pytest.approx(50.0, abs=0.1),
         pytest.approx(rest.legs[0].start_s),
     )
 
 
 def test_after_a_skipped_item_the_flight_is_compared_again_once_the_path_is_reached():
-    flown = MonitoredFlight()
-    flown.observe(1, (5.0, 0.0, -10.0))
-    assert flown.observe(2, (10.0, 2.0, -10.0)).horizontal_m is None
-    assert flown.observe(2, (40.0, 30.0, -10.0)).horizontal_m is not None
+    monitored = MonitoredFlight()
+    monitored.observe(1, (5.0, 0.0, -10.0))
+    assert monitored.observe(2, (10.0, 2.0, -10.0)).horizontal_m is None
+    assert monitored.observe(2, (40.0, 30.0, -10.0)).horizontal_m is not None
 
 
 def test_hold_pauses_the_monitor_and_mission_resumes_it_on_the_path():
-    flown = MonitoredFlight()
-    flown.observe(1, (20.0, 0.0, -10.0))
-    held = flown.observe(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
-    assert (held.state, held.horizontal_m, held.reason_not_compared) == ("paused", None, None)
-    assert held.reason == "The vehicle has left Mission mode: The RC pilot."
-    back = flown.observe(1, (21.0, 8.0, -10.0))
-    assert (back.state, back.reason, back.horizontal_m) == ("flying", None, None)
-    assert flown.observe(1, (22.0, 1.0, -10.0)).horizontal_m == pytest.approx(1.0)
-    assert flown.codes == ["monitoring_paused", "monitoring_resumed"]
+    monitored = MonitoredFlight()
+    monitored.observe(1, (20.0, 0.0, -10.0))
+    paused = monitored.observe(1, (21.0, 9.0, -10.0), mode="hold", source="pilot")
+    assert (paused.state, paused.horizontal_m, paused.reason_not_compared) == ("paused", None, None)
+    assert paused.reason == "The vehicle has left Mission mode: The RC pilot."
+    resumed = monitored.observe(1, (21.0, 8.0, -10.0))
+    assert (resumed.state, resumed.reason, resumed.horizontal_m) == ("flying", None, None)
+    assert monitored.observe(1, (22.0, 1.0, -10.0)).horizontal_m == pytest.approx(1.0)
+    assert monitored.codes == ["monitoring_paused", "monitoring_resumed"]
 
 
 CORRIDOR = Corridor(((0.0, 0.0, -10.0), (40.0, 0.0, -10.0)), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0))
 
 
 def test_leaving_the_corridor_and_returning_to_it_are_each_reported_once():
-    flown = MonitoredFlight(corridor=CORRIDOR)
-    assert flown.observe(1, (5.0, 1.0, -10.0)).outside_corridor_m == 0.0
-    assert flown.observe(1, (10.0, 4.5, -10.0), 3.0).outside_corridor_m == pytest.approx(3.0)
-    flown.observe(1, (15.0, 0.0, -10.0))
-    assert flown.codes == ["corridor_left", "corridor_back"]
+    monitored = MonitoredFlight(corridor=CORRIDOR)
+    assert monitored.observe(1, (5.0, 1.0, -10.0)).outside_corridor_m == 0.0
+    assert monitored.observe(1, (10.0, 4.5, -10.0), 3.0).outside_corridor_m == pytest.approx(3.0)
+    monitored.observe(1, (15.0, 0.0, -10.0))
+    assert monitored.codes == ["corridor_left", "corridor_back"]
 
 
-def test_outside_the_path_no_corridor_is_monitored():
-    flown = MonitoredFlight(corridor=CORRIDOR)
-    flown.observe(1, (5.0, 0.0, -10.0))
+def test_the_corridor_is_not_monitored_before_the_vehicle_is_back_on_its_path():
+    monitored = MonitoredFlight(corridor=CORRIDOR)
+    monitored.observe(1, (5.0, 0.0, -10.0))
     assert (
-        flown.observe(1, (5.0, 30.0, -10.0), 3.0, mode="position", source="pilot").outside_corridor_m is None
+        monitored.observe(1, (5.0, 30.0, -10.0), 3.0, mode="position", source="pilot").outside_corridor_m
+        is None
     )
-    assert flown.observe(1, (5.0, 30.0, -10.0), 3.0).outside_corridor_m is None
-    assert "corridor_left" not in flown.codes
+    assert monitored.observe(1, (5.0, 30.0, -10.0), 3.0).outside_corridor_m is None
+    assert "corridor_left" not in monitored.codes
 
 
-def test_a_flight_is_done_after_landing_and_disarming_at_the_last_item_only():
-    flown = MonitoredFlight()
-    flown.observe(1, (20.0, 0.0, -10.0))
-    flown.observe(2, (40.0, 20.0, -10.0))
-    flown.observe(3, (40.0, 40.0, 0.0))
-    assert flown.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
+def test_a_flight_is_done_only_after_landing_and_disarming_at_the_last_item():
+    monitored = MonitoredFlight()
+    monitored.observe(1, (20.0, 0.0, -10.0))
+    monitored.observe(2, (40.0, 20.0, -10.0))
+    monitored.observe(3, (40.0, 40.0, 0.0))
+    assert monitored.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
     early = MonitoredFlight()
     early.observe(1, (20.0, 0.0, -10.0))
     ended = early.observe(1, (20.0, 0.0, 0.0), armed=False)
     assert (ended.state, ended.reason) == ("stopped", "The vehicle was disarmed at item 2.")
-    taken = MonitoredFlight()
-    taken.observe(3, (40.0, 40.0, -2.0))
-    taken.observe(3, (40.0, 40.0, -2.0), mode="position", source="pilot")
-    assert taken.observe(3, (40.0, 40.0, 0.0), armed=False, mode="position").state == "stopped"
+    piloted = MonitoredFlight()
+    piloted.observe(3, (40.0, 40.0, -2.0))
+    piloted.observe(3, (40.0, 40.0, -2.0), mode="position", source="pilot")
+    assert piloted.observe(3, (40.0, 40.0, 0.0), armed=False, mode="position").state == "stopped"
 
 
 def test_a_return_item_is_a_part_of_the_mission_but_a_failsafes_return_is_not():
-    items = [UP, at("waypoint", 40, 0, 10), {"kind": "return_home"}]
-    flown = MonitoredFlight(items)
-    flown.observe(1, (40.0, 0.0, -10.0))
-    seen = flown.observe(2, (30.0, 0.0, -30.0), mode="rtl", source="unknown")
-    assert (seen.state, seen.reason_not_compared) == ("flying", "PX4 chooses the path of this item itself.")
-    assert seen.remaining_s > 0
-    assert flown.observe(2, (20.0, 0.0, -30.0), mode="rtl", source="failsafe").state == "paused"
+    items = [UP, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}]
+    monitored = MonitoredFlight(items)
+    monitored.observe(1, (40.0, 0.0, -10.0))
+    monitor = monitored.observe(2, (30.0, 0.0, -30.0), mode="rtl", source="unknown")
+    assert (monitor.state, monitor.reason_not_compared) == (
+        "flying",
+        "PX4 chooses the path of this item itself.",
+    )
+    assert monitor.remaining_s > 0
+    assert monitored.observe(2, (20.0, 0.0, -30.0), mode="rtl", source="failsafe").state == "paused"
 
 
 def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
-    items = [UP, at("waypoint", 40, 0, 10)]
-    flown = MonitoredFlight(items)
-    flown.observe(1, (39.0, 0.0, -10.0))
-    assert flown.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=0).state == "paused"
-    flown.observe(1, (40.0, 0.0, -10.0))
-    assert flown.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=1).state == "done"
+    items = [UP, item_at("waypoint", 40, 0, 10)]
+    monitored = MonitoredFlight(items)
+    monitored.observe(1, (39.0, 0.0, -10.0))
+    assert (
+        monitored.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=0).state == "paused"
+    )
+    monitored.observe(1, (40.0, 0.0, -10.0))
+    assert monitored.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=1).state == "done"
 
 
-def test_a_flight_without_a_planned_path_says_why_and_still_ends():
-    flown = MonitoredFlight(planned=None, reason_not_compared="It was already flying.", from_start=False)
-    seen = flown.observe(3, (40.0, 40.0, -5.0))
-    assert (seen.reason_not_compared, seen.remaining_s, seen.horizontal_m) == (
+def test_a_flight_without_a_planned_path_has_the_reason_and_an_end():
+    monitored = MonitoredFlight(planned=None, reason_not_compared="It was already flying.", from_start=False)
+    monitor = monitored.observe(3, (40.0, 40.0, -5.0))
+    assert (monitor.reason_not_compared, monitor.remaining_s, monitor.horizontal_m) == (
         "It was already flying.",
         None,
         None,
     )
-    assert seen.planned_flight().legs == ()
-    assert flown.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
+    assert monitor.planned_flight().legs == ()
+    assert monitored.observe(3, (40.0, 40.0, 0.0), armed=False).state == "done"
 
 
-def test_an_unknown_position_is_no_deviation():
-    flown = MonitoredFlight()
-    flown.observe(1, (20.0, 0.0, -10.0))
-    seen = flown.observe(1, None)
-    assert (seen.horizontal_m, seen.reason_not_compared) == (
+def test_an_unknown_position_is_not_a_deviation():
+    monitored = MonitoredFlight()
+    monitored.observe(1, (20.0, 0.0, -10.0))
+    monitor = monitored.observe(1, None)
+    assert (monitor.horizontal_m, monitor.reason_not_compared) == (
         None,
         "The vehicle has no valid position estimate.",
     )

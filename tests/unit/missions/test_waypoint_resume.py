@@ -1,4 +1,4 @@
-"""Where an interrupted flight of a plan resumes, and what the vehicle does not restore there."""
+"""At which item an interrupted flight of a plan resumes, and which settings PX4 does not restore."""
 
 import json
 
@@ -11,26 +11,26 @@ from missions.values import HomePosition
 from missions.waypoints.monitor import WaypointMonitor
 from missions.waypoints.resume import leg_start, remaining_plan, resume_after, resume_point
 
-HERE = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
+HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
 
 
-def at(kind, north_m, alt_m=30, **more):
+def item_at(kind, north_m, alt_m=30, **more):
     altitude = {"value_m": alt_m, "reference": "home"}
     return {"kind": kind, "lat_deg": 47.0 + north_m / 111_195, "lon_deg": 8.0, "altitude": altitude, **more}
 
 
-UP, RETURN = at("takeoff", 0), {"kind": "return_home"}
+UP, RETURN = item_at("takeoff", 0), {"kind": "return_home"}
 SPEED, CLIMB = ({"kind": "change_speed", "speed_type": t, "speed_m_s": 4} for t in (1.0, 2.0))
 PICTURES = {"kind": "trigger_distance", "distance_m": 10}
 NO_PICTURES = {"kind": "trigger_distance", "distance_m": 0}
 LINE = [
     UP,
     SPEED,
-    at("waypoint", 50),
+    item_at("waypoint", 50),
     PICTURES,
-    at("waypoint", 250),
+    item_at("waypoint", 250),
     NO_PICTURES,
-    at("waypoint", 300),
+    item_at("waypoint", 300),
     RETURN,
 ]
 
@@ -60,24 +60,33 @@ def test_a_flight_that_was_started_at_an_item_does_not_resume_before_it():
 
 
 def test_a_region_of_interest_and_a_gate_do_not_begin_a_leg():
-    items = [UP, at("waypoint", 50), at("roi_location", 90, 0), at("gate", 100), at("waypoint", 200), RETURN]
+    items = [
+        UP,
+        item_at("waypoint", 50),
+        item_at("roi_location", 90, 0),
+        item_at("gate", 100),
+        item_at("waypoint", 200),
+        RETURN,
+    ]
     assert leg_start(items_of(items), 4, 0) == 1
 
 
 def test_the_next_waypoint_sets_the_altitude_of_the_flight_to_the_resume_point():
-    items = [UP, at("waypoint", 50), SPEED, at("waypoint", 90, 55), at("waypoint", 120, 20)]
+    items = [UP, item_at("waypoint", 50), SPEED, item_at("waypoint", 90, 55), item_at("waypoint", 120, 20)]
     point = resume_point(plan_of(items), 2)
     assert (point.item, point.first.altitude.value_m) == (2, 55)
 
 
-@pytest.mark.parametrize("rest", [[RETURN], [at("land", 40, 0)], [SPEED, RETURN, at("waypoint", 9)], []])
+@pytest.mark.parametrize(
+    "rest", [[RETURN], [item_at("land", 40, 0)], [SPEED, RETURN, item_at("waypoint", 9)], []]
+)
 def test_without_a_waypoint_before_the_landing_there_is_no_resume_point(rest):
-    items = [UP, at("waypoint", 50), *rest]
+    items = [UP, item_at("waypoint", 50), *rest]
     assert resume_point(plan_of(items), 2) == "No waypoint follows."
 
 
 def test_the_last_item_is_no_resume_point_because_px4_restarts_the_mission():
-    assert "begins again" in resume_point(plan_of([UP, at("waypoint", 50)]), 1)
+    assert "begins again" in resume_point(plan_of([UP, item_at("waypoint", 50)]), 1)
 
 
 def test_an_interrupted_return_is_not_resumed():
@@ -87,7 +96,7 @@ def test_an_interrupted_return_is_not_resumed():
 
 
 def not_restored(*before, after=()):
-    items = [UP, *before, at("waypoint", 50), at("waypoint", 90), *after, RETURN]
+    items = [UP, *before, item_at("waypoint", 50), item_at("waypoint", 90), *after, RETURN]
     return resume_point(plan_of(items), len(before) + 1).not_restored
 
 
@@ -98,14 +107,14 @@ def test_speed_gimbal_angles_camera_mode_and_trigger_are_restored_by_px4():
 
 
 def test_items_that_px4_does_not_repeat_are_listed():
-    roi, video = at("roi_location", 20, 0), {"kind": "video_start"}
+    roi, video = item_at("roi_location", 20, 0), {"kind": "video_start"}
     (found,) = not_restored(roi)
     assert found.startswith("PX4 does not repeat item 2: set the region of interest yourself")
     assert [each.split(":")[0][-6:] for each in not_restored(roi, video, roi)] == ["item 3", "item 4"]
     assert not_restored(roi, {"kind": "roi_none"}, video, {"kind": "video_stop"}) == ()
 
 
-def test_of_several_types_of_speed_px4_repeats_the_last_one():
+def test_of_several_types_of_speed_px4_repeats_the_last_type():
     (found,) = not_restored(CLIMB, SPEED)
     assert found.startswith("PX4 does not repeat item 2: set the climb speed yourself")
     assert not_restored(CLIMB, SPEED, CLIMB)[0].startswith("PX4 does not repeat item 3: set the speed")
@@ -123,14 +132,15 @@ def test_the_rest_is_checked_from_the_new_position_with_the_plans_item_numbers()
     polygon = [{"lat_deg": 47.0 + n / 111_195, "lon_deg": 8.0 + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 90, "reference": "home"}, "polygon": polygon}
     plan = plan_of(
-        [UP, at("waypoint", 50), at("waypoint", 90), at("waypoint", 100), RETURN], obstacles=[tower]
+        [UP, item_at("waypoint", 50), item_at("waypoint", 90), item_at("waypoint", 100), RETURN],
+        obstacles=[tower],
     )
     for north_m, messages in (
         (0, []),
         (300, ["The straight path to item 3 (waypoint) passes through Tower."]),
     ):
-        here = HERE.model_copy(update={"lat_deg": 47.0 + north_m / 111_195})
-        found = [each for each in check(remaining_plan(plan, 2, here)) if each.code == "obstacle_hit"]
+        start = HOME.model_copy(update={"lat_deg": 47.0 + north_m / 111_195})
+        found = [each for each in check(remaining_plan(plan, 2, start)) if each.code == "obstacle_hit"]
         assert [each.message for each in found if "home" not in each.message] == messages
 
 

@@ -26,7 +26,7 @@ class FtpClient:
         sequence=None,
         wait_s=0.2,
     ):
-        """[(header, data)] of all answers."""
+        """(header, data) of each reply."""
         self._sequence += 2
         head = ftp.HEADER.pack(
             self._sequence if sequence is None else sequence,
@@ -36,18 +36,18 @@ class FtpClient:
             "FILE_TRANSFER_PROTOCOL", target_system=system, target_component=component, payload=head + data
         )
         self._sim.feed(0, self._link, frame_v2(layout, payload, 0, 255, 190))
-        answers = []
+        replies = []
         for _ in range(round(wait_s / 0.004)):
             self._sim.step(0.004)
             for message in self._parser.feed(self._sim.drain(0, self._link)):
                 if message.name == "FILE_TRANSFER_PROTOCOL":
                     raw = bytes(message.payload)
                     header = ftp.HEADER.unpack_from(raw)
-                    answers.append((header, raw[12 : 12 + header[3]]))
-        return answers
+                    replies.append((header, raw[12 : 12 + header[3]]))
+        return replies
 
-    def one(self, opcode, data=b"", **options):
-        """(kind, data) of the only answer."""
-        ((header, answer),) = self.request(opcode, data, **options)
+    def request_one(self, opcode, data=b"", **options):
+        """(opcode, data) of the only reply."""
+        ((header, reply),) = self.request(opcode, data, **options)
         assert header[4] == opcode
-        return header[2], answer
+        return header[2], reply

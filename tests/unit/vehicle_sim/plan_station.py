@@ -1,4 +1,4 @@
-"""A station that uploads plans: missions, fences and rally points around the vehicle's home."""
+"""A ground station that uploads plans: missions, fences and rally points around the vehicle's home."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PlanStation(Station):
         command: int,
         north_m: float = 0.0,
         east_m: float = 0.0,
-        height_m: float = 10.0,
+        alt_home_m: float = 10.0,
         *,
         p: Sequence[float] = (0.0, 0.0, 0.0, NAN),
         frame: int = 6,
@@ -35,7 +35,7 @@ class PlanStation(Station):
         home = self.sim.autopilots[0].home
         lat, lon = to_global(north_m, east_m, home.lat_deg, home.lon_deg)  # type: ignore[arg-type]
         x, y = (0, 0) if frame == 2 else (round(float(lat) * 1e7), round(float(lon) * 1e7))
-        z = 0.0 if frame == 2 else height_m
+        z = 0.0 if frame == 2 else alt_home_m
         return {
             "command": command, "frame": frame, "x": x, "y": y, "z": z, "autocontinue": 1, "current": 0,
             "param1": p[0], "param2": p[1], "param3": p[2], "param4": p[3],
@@ -47,14 +47,14 @@ class PlanStation(Station):
 
     def upload(self, items: Sequence[dict[str, Any]], kind: int = 0) -> int:
         """Uploads a plan; returns the type of MISSION_ACK."""
-        before = self.now_s
+        begin_s = self.now_s
         self.send("MISSION_COUNT", target_system=1, target_component=1, count=len(items), mission_type=kind)
         for seq, item in enumerate(items):
             self.send(
                 "MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, mission_type=kind, **item
             )
         self.run(0.1)
-        return self.received("MISSION_ACK", since_s=before)[-1].type
+        return self.received("MISSION_ACK", since_s=begin_s)[-1].type
 
     def start(self) -> None:
         self.command(300)
@@ -68,11 +68,11 @@ class PlanStation(Station):
 
     def reached(self) -> list[int]:
         """Reached items in order, each once."""
-        seen: list[int] = []
+        items: list[int] = []
         for message in self.received("MISSION_ITEM_REACHED"):
-            if not seen or seen[-1] != message.seq:
-                seen.append(message.seq)
-        return seen
+            if not items or items[-1] != message.seq:
+                items.append(message.seq)
+        return items
 
     @property
     def position_ne_m(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Stations with a vehicle on the ground or hovering: each is prepared once, and every test gets a copy."""
+"""Ground stations whose vehicle is on the ground or hovers: each is prepared once; every test gets a copy."""
 
 from typing import Any, TypeVar
 
@@ -30,7 +30,7 @@ def hovering(kind: type[S], height_m: float, parameters: dict[str, float] | None
     Args:
         kind: class of the station.
         height_m: height above home.
-        parameters: parameters that are set while it hovers.
+        parameters: parameters that are set while the vehicle hovers.
         fleet: arguments of the station.
     """
     key = (kind, height_m, repr(sorted(fleet.items())))

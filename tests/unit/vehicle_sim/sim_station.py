@@ -33,7 +33,7 @@ class Station:
         self.last: dict[str, Message] = {}
         self._log: list[tuple[float, str, Message]] = []
         self._by_name: dict[tuple[str, str], list[tuple[float, Message]]] = {}
-        """By link and name, so that reading texts at every tick does not search all telemetry."""
+        """Messages by link and name, so that reading texts at every tick does not search all telemetry."""
         self._parsers = {name: FrameParser() for name, _ in links}
         self._unread: list[tuple[float, str, bytes]] = []
         """Bytes of links other than "gcs", which are parsed when they are read."""
@@ -78,7 +78,7 @@ class Station:
             self.collect()
 
     def run_until(self, condition: Callable[[], bool], timeout_s: float, each: Any = None) -> float:
-        """Runs until the condition is true; returns the time it took."""
+        """Runs until the condition is true; returns the elapsed time [s]."""
         start_s = self.now_s
         while not condition():
             assert self.now_s - start_s < timeout_s, f"not within {timeout_s} s; received {self.texts()[-5:]}"
@@ -95,11 +95,11 @@ class Station:
                 self._unread.append((self.now_s, name, data))
 
     def _keep(self, time_s: float, link: str, data: bytes) -> list[Message]:
-        kept = [m for m in self._parsers[link].feed(data) if m.system_id == self.system_id]
-        for message in kept:
+        messages = [m for m in self._parsers[link].feed(data) if m.system_id == self.system_id]
+        for message in messages:
             self._log.append((time_s, link, message))
             self._by_name.setdefault((link, message.name), []).append((time_s, message))
-        return kept
+        return messages
 
     def _read(self) -> None:
         unread, self._unread = self._unread, []
@@ -118,7 +118,7 @@ class Station:
         return [m for t, m in self._by_name.get((via, name), ()) if t >= since_s]
 
     def texts(self, since_s: float = 0.0, via: str = "gcs") -> list[str]:
-        """Status texts with joined chunks."""
+        """Status texts; the chunks of a text are joined."""
         joined: dict[int, str] = {}
         for message in self.received("STATUSTEXT", via, since_s):
             joined[message.values["id"]] = joined.get(message.values["id"], "") + message.text

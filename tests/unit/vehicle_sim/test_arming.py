@@ -1,4 +1,4 @@
-"""Reasons to deny arming other than the arming checks, and PX4's counters of flights."""
+"""Reasons other than the arming checks to deny arming, and PX4's counters of flights."""
 
 import pytest
 
@@ -78,7 +78,7 @@ def test_flight_counters_change_without_parameter_messages():
     station.command(ARM, 0)
     station.run(0.2)
     assert value("COM_FLIGHT_UUID") == 2
-    assert value("LND_FLIGHT_T_LO") == flown_us, "without a take-off no flight time is added"
+    assert value("LND_FLIGHT_T_LO") == flown_us  # without a take-off no flight time is added
 
 
 def test_only_the_first_boot_sends_the_parameters_that_it_stored(tmp_path):

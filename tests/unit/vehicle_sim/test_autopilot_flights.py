@@ -1,6 +1,6 @@
-"""Take-offs and go-tos of the whole simulated vehicle against recordings of a real PX4, with sensor noise.
+"""Take-offs and go-tos of the simulated vehicle compared with recordings of a real PX4, with sensor noise.
 
-One simulation flies all of them. Go-tos begin in Hold.
+One simulation with four vehicles flies all take-offs and go-tos. Go-tos begin in Hold.
 """
 
 import gzip
@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.flight, pytest.mark.story]
 TICK_S = 0.02
 HEIGHTS_M = (10.0, 10.0, 10.0, math.nan)
 TAKEOFFS = {"takeoff_10m": 0, "takeoff_2p5m": 3}
-"""Recording: row of the vehicle."""
+"""Row of the vehicle, by the name of the recording."""
 GOTOS = {
     # recording: (vehicle, north m, east m, cruise speed before, {time s: new cruise speed})
     "reposition_60m_default_speed": (0, 60.1, 0.0, math.nan, {}),
@@ -58,13 +58,17 @@ def curve(columns: dict[str, np.ndarray], axis: str, sign: float) -> Curve:
     return Curve(columns["t_s"], position - position[0], speed)
 
 
-def fly(sim: VehicleSim, seconds: float, at: dict[float, list] | None = None) -> tuple[np.ndarray, ...]:
-    """Times, estimated positions and velocities (steps, N, 3)."""
+def fly(sim: VehicleSim, seconds: float, actions: dict[float, list] | None = None) -> tuple[np.ndarray, ...]:
+    """Flies, and executes the actions at their times [s].
+
+    Returns:
+        Times, estimated positions and velocities (steps, N, 3).
+    """
     times, positions, velocities = [], [], []
-    due = dict(at or {})
+    due = dict(actions or {})
     for k in range(round(seconds / TICK_S)):
-        for when in [when for when in due if when <= k * TICK_S + 1e-9]:
-            for action in due.pop(when):
+        for time_s in [time_s for time_s in due if time_s <= k * TICK_S + 1e-9]:
+            for action in due.pop(time_s):
                 action()
         times.append(k * TICK_S)
         positions.append(sim.simulation.estimate.position_ned_m.copy())
@@ -74,7 +78,7 @@ def fly(sim: VehicleSim, seconds: float, at: dict[float, list] | None = None) ->
 
 
 @pytest.fixture(scope="module")
-def flown() -> dict[str, Curve]:
+def simulated() -> dict[str, Curve]:
     sim = VehicleSim(4, links=())
     sim.step(8)
     result: dict[str, Curve] = {}
@@ -85,7 +89,7 @@ def flown() -> dict[str, Curve]:
     t_s, position, velocity = fly(sim, 18)
     for name, row in TAKEOFFS.items():
         result[name] = Curve(t_s, -(position[:, row, 2] - position[0, row, 2]), -velocity[:, row, 2])
-    at: dict[float, list] = {}
+    actions: dict[float, list] = {}
     for row, north, east, cruise, changes in GOTOS.values():
         autopilot = sim.autopilots[row]
         assert autopilot.commander.active is NavState.HOLD
@@ -95,22 +99,26 @@ def flown() -> dict[str, Curve]:
         lat, lon = to_global(np.float64(x + north), np.float64(y + east), np.float64(lat0), np.float64(lon0))
         navigator.path.cruise_m_s = cruise
         navigator.goto(float(lat), float(lon), math.nan, math.nan)
-        for when, speed in changes.items():
-            at.setdefault(when, []).append(lambda p=navigator.path, v=speed: setattr(p, "cruise_m_s", v))
+        for time_s, speed in changes.items():
+            actions.setdefault(time_s, []).append(
+                lambda p=navigator.path, v=speed: setattr(p, "cruise_m_s", v)
+            )
     # The vehicle is already in Hold, so the recorded DO_SET_MODE Hold does not stop it.
-    at[5.0] = [lambda: sim.autopilots[1].commander.set_mode(NavState.HOLD)]
-    t_s, position, velocity = fly(sim, 26, at)
+    actions[5.0] = [lambda: sim.autopilots[1].commander.set_mode(NavState.HOLD)]
+    t_s, position, velocity = fly(sim, 26, actions)
     for name, (row, *_rest) in GOTOS.items():
         axis, sign = AXIS[name]
         k = "xyz".index(axis)
-        away = sign * (position[:, row, k] - position[0, row, k])
-        result[name] = Curve(t_s, away, sign * velocity[:, row, k])
+        distance_m = sign * (position[:, row, k] - position[0, row, k])
+        result[name] = Curve(t_s, distance_m, sign * velocity[:, row, k])
     return result
 
 
 @pytest.mark.parametrize("name", TAKEOFFS)
-def test_take_offs_lift_off_and_climb_as_recorded(shared: Path, flown: dict[str, Curve], name: str) -> None:
-    real, sim = curve(recording(shared, name), "z", -1.0), flown[name]
+def test_take_offs_lift_off_and_climb_as_recorded(
+    shared: Path, simulated: dict[str, Curve], name: str
+) -> None:
+    real, sim = curve(recording(shared, name), "z", -1.0), simulated[name]
     for height_m in (1.0, 2.0) if name == "takeoff_2p5m" else (1.0, 2.0, 5.0, 9.0):
         # The recordings differ by 0.6 s, because the estimated height of the ground drifts by decimetres.
         assert sim.reaches_s(height_m) == pytest.approx(real.reaches_s(height_m), abs=0.9), height_m
@@ -136,25 +144,25 @@ def test_the_vehicle_leaves_the_ground_at_the_recorded_time_after_arming() -> No
 
 @pytest.mark.parametrize("name", GOTOS)
 def test_gotos_accelerate_brake_and_overshoot_as_recorded(
-    shared: Path, flown: dict[str, Curve], name: str
+    shared: Path, simulated: dict[str, Curve], name: str
 ) -> None:
     axis, sign = AXIS[name]
-    real, sim = curve(recording(shared, name), axis, sign), flown[name]
+    real, sim = curve(recording(shared, name), axis, sign), simulated[name]
     until_s = min(real.t_s[-1], sim.t_s[-1])
     grid = np.arange(0.0, until_s, TICK_S)
-    own, theirs = (np.interp(grid, c.t_s, c.value) for c in (sim, real))
+    simulated_m, recorded_m = (np.interp(grid, c.t_s, c.value) for c in (sim, real))
     distance_m = {"reposition_50m_then_stop": 50.2}.get(name, 60.0)
-    for part in (0.1, 0.5, 0.9):
-        assert sim.reaches_s(part * distance_m) == pytest.approx(
-            real.reaches_s(part * distance_m), abs=0.6
-        ), part
+    for fraction in (0.1, 0.5, 0.9):
+        assert sim.reaches_s(fraction * distance_m) == pytest.approx(
+            real.reaches_s(fraction * distance_m), abs=0.6
+        ), fraction
     assert sim.speed.max() == pytest.approx(real.speed.max(), abs=0.35)
-    assert np.abs(own - theirs).max() < 2.6, "2.6 m are less than half a second at 8 m/s"
+    assert np.abs(simulated_m - recorded_m).max() < 2.6, "2.6 m are less than half a second at 8 m/s"
     if name != "reposition_50m_then_stop":  # its recording ends before the vehicle has stopped
-        assert own.max() == pytest.approx(theirs.max(), abs=0.7), "overshoot"
-        assert own[-1] == pytest.approx(theirs[-1], abs=0.7)
+        assert simulated_m.max() == pytest.approx(recorded_m.max(), abs=0.7), "overshoot"
+        assert simulated_m[-1] == pytest.approx(recorded_m[-1], abs=0.7)
 
 
-def test_a_goto_ends_at_its_target(flown: dict[str, Curve]) -> None:
-    sim = flown["reposition_60m_default_speed"]
+def test_a_goto_ends_at_its_target(simulated: dict[str, Curve]) -> None:
+    sim = simulated["reposition_60m_default_speed"]
     assert sim.value[sim.t_s > 22.0] == pytest.approx(60.1, abs=1.2)

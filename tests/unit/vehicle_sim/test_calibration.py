@@ -74,8 +74,8 @@ class TurnedVehicle:
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
         self.acks.append(result)
 
-    def calibrated(self, what: str) -> list[float]:
-        return [float(self.parameters.get(what.format(axis))) for axis in "XYZ"]
+    def calibrated(self, pattern: str) -> list[float]:
+        return [float(self.parameters.get(pattern.format(axis))) for axis in "XYZ"]
 
     def command(self, *parameters: float) -> int | None:
         numbers = (*parameters, *(0.0,) * 7)[:7]
@@ -103,9 +103,9 @@ class TurnedVehicle:
         return np.insert(across, self.side.axis, -self.side.sign * FIELD_DOWN_GAUSS)
 
     def run_until_text(self, text: str, timeout_s: float = 12.0) -> None:
-        begun, begun_s = len(self.texts), self.now_s
-        while not any(text in each for each in self.texts[begun:]):
-            assert self.now_s - begun_s < timeout_s, f"not received: {text}; last {self.texts[-3:]}"
+        text_count, begin_s = len(self.texts), self.now_s
+        while not any(text in each for each in self.texts[text_count:]):
+            assert self.now_s - begin_s < timeout_s, f"not received: {text}; last {self.texts[-3:]}"
             self.step()
 
 
@@ -113,9 +113,9 @@ class TurnedVehicle:
 def test_each_side_is_recognised_after_a_rest(side: Side) -> None:
     detector = RestDetector(1.3)
     events = [detector.feed(at_rest(side, 0.3), STEP_S) for _ in range(round(5.0 / STEP_S))]
-    began, still = events.index(Rest.BEGAN) * STEP_S, events.index(Rest.STILL) * STEP_S
-    assert began == pytest.approx(2.36, abs=0.3), "as in the recording"
-    assert still - began == pytest.approx(1.31, abs=0.05)
+    began_s, still_s = events.index(Rest.BEGAN) * STEP_S, events.index(Rest.STILL) * STEP_S
+    assert began_s == pytest.approx(2.36, abs=0.3), "as in the recording"
+    assert still_s - began_s == pytest.approx(1.31, abs=0.05)
     assert detector.side is side
 
 
@@ -136,76 +136,87 @@ def test_offset_and_scale_are_computed_from_six_sides() -> None:
     assert found is not None
     assert found[0] == pytest.approx(OFFSET)
     assert found[1] == pytest.approx(SCALE)
-    assert offset_and_scale(dict.fromkeys(Side, np.zeros(3))) is None, "a sensor that always measures zero"
+    assert offset_and_scale(dict.fromkeys(Side, np.zeros(3))) is None, (
+        "a sensor that always measures zero was calibrated"
+    )
 
 
 def test_an_accelerometer_is_calibrated_on_all_sides() -> None:
-    s = TurnedVehicle()
+    vehicle = TurnedVehicle()
     for axis, offset, scale in zip("XYZ", OFFSET.tolist(), SCALE.tolist(), strict=True):
-        # The result of an earlier, wrong calibration.
-        s.parameters.set(f"CAL_ACC0_{axis}OFF", offset)
-        s.parameters.set(f"CAL_ACC0_{axis}SCALE", scale)
-    assert s.command(0, 0, 0, 0, 1) == ACCEPTED
+        # These parameters are the result of an earlier, wrong calibration.
+        vehicle.parameters.set(f"CAL_ACC0_{axis}OFF", offset)
+        vehicle.parameters.set(f"CAL_ACC0_{axis}SCALE", scale)
+    assert vehicle.command(0, 0, 0, 0, 1) == ACCEPTED
     for side in (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK):
-        s.side = side
-        s.run_until_text(f"{side.value} side done, rotate to a different side")
-    s.run_until_text("calibration done: accel")
-    assert s.calibrated("CAL_ACC0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
-    assert s.calibrated("CAL_ACC0_{}SCALE") == pytest.approx([1.0, 1.0, 1.0], abs=0.005)
-    assert [float(t.split("<")[1][:-1]) for t in s.texts if "progress" in t] == [17, 34, 51, 68, 85, 102]
-    assert "[cal] pending: back front left right up" in s.texts, "down was the first side"
+        vehicle.side = side
+        vehicle.run_until_text(f"{side.value} side done, rotate to a different side")
+    vehicle.run_until_text("calibration done: accel")
+    assert vehicle.calibrated("CAL_ACC0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.03)
+    assert vehicle.calibrated("CAL_ACC0_{}SCALE") == pytest.approx([1.0, 1.0, 1.0], abs=0.005)
+    assert [float(t.split("<")[1][:-1]) for t in vehicle.texts if "progress" in t] == [
+        17,
+        34,
+        51,
+        68,
+        85,
+        102,
+    ]
+    assert "[cal] pending: back front left right up" in vehicle.texts, "down was the first side"
 
 
 def test_a_calibration_fails_if_the_vehicle_is_not_turned() -> None:
-    s = TurnedVehicle()
-    s.command(0, 0, 0, 0, 1)
-    s.run_until_text("calibration failed: accel", 40)
-    assert s.texts.count("[cal] down side already completed") == 5
-    assert "[cal] calibration failed: timeout: no motion" in s.texts
-    assert not s.autopilot.commander.calibrating
+    vehicle = TurnedVehicle()
+    vehicle.command(0, 0, 0, 0, 1)
+    vehicle.run_until_text("calibration failed: accel", 40)
+    assert vehicle.texts.count("[cal] down side already completed") == 5
+    assert "[cal] calibration failed: timeout: no motion" in vehicle.texts
+    assert not vehicle.autopilot.commander.calibrating
 
 
-def test_the_result_of_a_side_is_the_mean_of_many_samples_at_the_recorded_time() -> None:
-    s = TurnedVehicle()
-    s.command(0, 0, 0, 0, 1)
-    s.run_until_text("Hold still, measuring down side")
-    assert s.now_s == pytest.approx(3.87, abs=0.4)
-    begun_s = s.now_s
-    s.run_until_text("down side result")
-    assert s.now_s - begun_s == pytest.approx(3.0, abs=0.05)
-    result = next(text for text in s.texts if "result" in text)
+def test_the_result_of_a_side_is_a_mean_and_is_sent_at_the_recorded_time() -> None:
+    vehicle = TurnedVehicle()
+    vehicle.command(0, 0, 0, 0, 1)
+    vehicle.run_until_text("Hold still, measuring down side")
+    assert vehicle.now_s == pytest.approx(3.87, abs=0.4)
+    begin_s = vehicle.now_s
+    vehicle.run_until_text("down side result")
+    assert vehicle.now_s - begin_s == pytest.approx(3.0, abs=0.05)
+    result = next(text for text in vehicle.texts if "result" in text)
     x, y, z = (float(word) for word in result.split("[")[2].rstrip("]").split())
-    assert max(abs(x), abs(y), abs(z + GRAVITY_M_S2)) < 0.02, "the noise of one sample is 0.1 m/s²"
+    assert max(abs(x), abs(y), abs(z + GRAVITY_M_S2)) < 0.02, (
+        "not a mean: the noise of one sample is 0.1 m/s²"
+    )
 
 
 def test_a_gyroscope_calibration_sets_the_offset_measured_at_rest() -> None:
-    s = TurnedVehicle()
-    s.parameters.set("CAL_GYRO0_YOFF", 0.4)
-    s.command(1)
-    s.run_until_text("calibration done: gyro", 3)
-    assert s.calibrated("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
+    vehicle = TurnedVehicle()
+    vehicle.parameters.set("CAL_GYRO0_YOFF", 0.4)
+    vehicle.command(1)
+    vehicle.run_until_text("calibration done: gyro", 3)
+    assert vehicle.calibrated("CAL_GYRO0_{}OFF") == pytest.approx([0.0, 0.0, 0.0], abs=0.003)
 
 
 @pytest.mark.story
 def test_a_compass_calibration_fails_if_the_vehicle_is_not_turned() -> None:
-    s = TurnedVehicle()
-    s.command(0, 1)
-    s.run_until_text("Rotate vehicle", 5)
-    s.run_until_text("calibration failed: mag", 110)
-    assert "Failed: This calibration requires rotation." in s.texts
+    vehicle = TurnedVehicle()
+    vehicle.command(0, 1)
+    vehicle.run_until_text("Rotate vehicle", 5)
+    vehicle.run_until_text("calibration failed: mag", 110)
+    assert "Failed: This calibration requires rotation." in vehicle.texts
 
 
 def test_a_compass_calibration_on_all_sides_sets_the_hard_iron_offset() -> None:
-    s = TurnedVehicle()
-    s.parameters.set("CAL_MAG0_ZOFF", 0.3)  # the result of an earlier, wrong calibration
-    s.command(0, 1)
+    vehicle = TurnedVehicle()
+    vehicle.parameters.set("CAL_MAG0_ZOFF", 0.3)  # the result of an earlier, wrong calibration
+    vehicle.command(0, 1)
     for side in Side:
-        s.side, s.turning_rad_s = side, 0.0
-        s.run_until_text("Rotate vehicle", 8)
-        s.turning_rad_s = 1.0
-        s.run_until_text(f"{side.value} side done, rotate to a different side", 20)
-    s.run_until_text("calibration done: mag")
-    assert s.calibrated("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
+        vehicle.side, vehicle.turning_rad_s = side, 0.0
+        vehicle.run_until_text("Rotate vehicle", 8)
+        vehicle.turning_rad_s = 1.0
+        vehicle.run_until_text(f"{side.value} side done, rotate to a different side", 20)
+    vehicle.run_until_text("calibration done: mag")
+    assert vehicle.calibrated("CAL_MAG0_{}OFF") == pytest.approx(HARD_IRON.tolist(), abs=0.01)
 
 
 def ready_vehicle() -> VehicleSim:
@@ -221,7 +232,7 @@ def send_command(sim: VehicleSim, number: int, *parameters: float) -> None:
     sim.feed(0, "gcs", frame_v2(layout, payload, 1, 255, 190))
 
 
-def stored(sim: VehicleSim, name: str) -> float:
+def parameter_of(sim: VehicleSim, name: str) -> float:
     return float(sim.simulation.parameters[0].get(name))
 
 
@@ -234,7 +245,7 @@ def test_a_level_calibration_corrects_the_mounting_angle() -> None:
     assert tilted_deg == pytest.approx(-3.0, abs=0.7), "the parameter states a wrong mounting angle"
     send_command(sim, 241, 0, 0, 0, 0, 2)
     sim.step(1.5)
-    assert stored(sim, "SENS_BOARD_X_OFF") == pytest.approx(0.0, abs=0.7)
+    assert parameter_of(sim, "SENS_BOARD_X_OFF") == pytest.approx(0.0, abs=0.7)
     assert not sim.autopilots[0].commander.calibrating
 
 
@@ -243,7 +254,7 @@ def test_a_barometer_calibration_sets_the_offset_from_gps_and_needs_a_fix() -> N
     sim.simulation.parameters[0].set("SIM_BARO_OFF_P", 300.0)
     send_command(sim, 241, 0, 0, 1)
     sim.step(3.2)
-    assert stored(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0), (
+    assert parameter_of(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0), (
         "the GPS error is 0.5 m; 12 Pa are 1 m"
     )
     sim.step(0.7)
@@ -251,8 +262,8 @@ def test_a_barometer_calibration_sets_the_offset_from_gps_and_needs_a_fix() -> N
     sim.step(0.5)
     send_command(sim, 241, 0, 0, 1)
     sim.step(3.2)
-    assert stored(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0)
-    assert not sim.autopilots[0].commander.calibrating, "failed"
+    assert parameter_of(sim, "CAL_BARO0_OFF") == pytest.approx(300.0, abs=8.0)
+    assert not sim.autopilots[0].commander.calibrating, "the calibration did not end"
 
 
 def test_a_compass_calibration_with_a_known_heading_sets_the_offset() -> None:
@@ -262,20 +273,20 @@ def test_a_compass_calibration_with_a_known_heading_sets_the_offset() -> None:
     sim.step(0.5)
     send_command(sim, 42006, 0.0)
     sim.step(0.1)
-    found = [stored(sim, f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
-    assert found == pytest.approx(HARD_IRON.tolist(), abs=0.06), "one sample with its noise"
+    found = [parameter_of(sim, f"CAL_MAG0_{axis}OFF") for axis in "XYZ"]
+    assert found == pytest.approx(HARD_IRON.tolist(), abs=0.06), "farther off than the noise of one sample"
 
 
 def test_a_calibration_is_cancelled_at_once_or_after_the_measurement_of_the_current_side() -> None:
-    s = TurnedVehicle()
-    s.command(0, 1)
-    assert s.command(0, 0, 0, 0, 1) == TEMPORARILY_REJECTED, "only one calibration at a time"
-    assert s.command() == TEMPORARILY_REJECTED
-    assert (s.acks, s.texts[-1]) == ([ACCEPTED], "[cal] calibration cancelled")
-    assert s.command(0, 0, 0, 0, 1) == ACCEPTED
-    s.run_until_text("Hold still")
-    assert s.command() == TEMPORARILY_REJECTED
-    assert s.acks == [ACCEPTED]
-    s.run_until_text("calibration failed: accel")
-    assert s.acks == [ACCEPTED, ACCEPTED]
-    assert s.command(1) == ACCEPTED
+    vehicle = TurnedVehicle()
+    vehicle.command(0, 1)
+    assert vehicle.command(0, 0, 0, 0, 1) == TEMPORARILY_REJECTED, "a second calibration was started"
+    assert vehicle.command() == TEMPORARILY_REJECTED
+    assert (vehicle.acks, vehicle.texts[-1]) == ([ACCEPTED], "[cal] calibration cancelled")
+    assert vehicle.command(0, 0, 0, 0, 1) == ACCEPTED
+    vehicle.run_until_text("Hold still")
+    assert vehicle.command() == TEMPORARILY_REJECTED
+    assert vehicle.acks == [ACCEPTED]
+    vehicle.run_until_text("calibration failed: accel")
+    assert vehicle.acks == [ACCEPTED, ACCEPTED]
+    assert vehicle.command(1) == ACCEPTED

@@ -1,4 +1,4 @@
-"""The camera: its identity, single pictures and series, its list of pictures, and their content."""
+"""The camera: its identity, single pictures and series, the list of pictures, and the content of pictures."""
 
 import io
 import math
@@ -83,9 +83,11 @@ def test_a_picture_is_reported_and_stored_and_its_report_can_be_requested_again(
     assert acks_of(station, 2000, 0, 0, 1, 5) == [ACCEPTED]
     reported = from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)
     assert [m.image_index for m in reported] == [0]
-    assert from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s, via="api"), "on every link"
-    assert acks_of(station, 2000, 0, 0, 1, 5) == [ACCEPTED], "the same command is accepted again"
-    assert len(from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)) == 1, "but takes no second picture"
+    assert from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s, via="api"), "not reported on the other link"
+    assert acks_of(station, 2000, 0, 0, 1, 5) == [ACCEPTED], "the repeated command was refused"
+    assert len(from_camera(station, "CAMERA_IMAGE_CAPTURED", since_s)) == 1, (
+        "the repeated command took a second picture"
+    )
     estimate = station.sim.autopilots[0].view.estimate
     assert reported[0].lat == pytest.approx(estimate.lat_deg * 1e7, abs=100)
     assert reported[0].capture_result == 1
@@ -161,7 +163,9 @@ def test_horizon_and_boxes_are_at_their_positions_in_a_level_picture():
     plain = Painter(World()).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
     assert plain.shape == (HEIGHT, WIDTH, 3)
     middle = HEIGHT // 2
-    assert plain[: middle - 2, :, 2].min() > plain[middle + 20 :, :, 2].max() - 60, "sky is bluer than grass"
+    assert plain[: middle - 2, :, 2].min() > plain[middle + 20 :, :, 2].max() - 60, (
+        "the sky is not bluer than the grass"
+    )
     box = World(boxes=(Box("box", 20.0, 0.0, 2.0, 4.0, 30.0),))
     with_box = Painter(box).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
     changed = (plain.astype(int) != with_box.astype(int)).any(axis=2)
@@ -174,7 +178,7 @@ def test_horizon_and_boxes_are_at_their_positions_in_a_level_picture():
 def test_a_hill_hides_the_horizon():
     hill = World(terrain=Terrain((Hill(100, 0, 60, 40),)))
     flat = Painter(World()).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
-    seen = Painter(hill).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
+    with_hill = Painter(hill).draw(np.array([0, 0, -10.0]), LEVEL, math.radians(60))
     above = HEIGHT // 2 - 30
-    assert (flat[above, WIDTH // 2].astype(int) != seen[above, WIDTH // 2].astype(int)).any()
-    assert (flat[above, 2] == seen[above, 2]).all(), "the sky beside the hill"
+    assert (flat[above, WIDTH // 2].astype(int) != with_hill[above, WIDTH // 2].astype(int)).any()
+    assert (flat[above, 2] == with_hill[above, 2]).all(), "the hill changed the sky beside it"

@@ -1,4 +1,4 @@
-"""Arguments of `python -m vehicle_sim`: errors for invalid ones, and the help."""
+"""Arguments of `python -m vehicle_sim`: the errors for invalid arguments, and the help."""
 
 import pytest
 

@@ -27,36 +27,36 @@ def air() -> PlanStation:
     return hovering(PlanStation, 8.0, sensor_noise=False)
 
 
-def acks_of(s: PlanStation, command: int, *parameters: float) -> list[int]:
-    requested_s = s.now_s
-    s.command(command, *parameters)
-    s.run(0.2)
-    return s.acks(command, requested_s)
+def acks_of(station: PlanStation, command: int, *parameters: float) -> list[int]:
+    requested_s = station.now_s
+    station.command(command, *parameters)
+    station.run(0.2)
+    return station.acks(command, requested_s)
 
 
-def amsl(s: PlanStation, height_m: float) -> float:
-    return s.sim.autopilots[0].home.alt_amsl_m + height_m
+def amsl(station: PlanStation, alt_home_m: float) -> float:
+    return station.sim.autopilots[0].home.alt_amsl_m + alt_home_m
 
 
-def position_of(s: PlanStation) -> tuple[float, float]:
-    north, east, _ = s.sim.simulation.truth.position_ned_m[0]
+def position_of(station: PlanStation) -> tuple[float, float]:
+    north, east, _ = station.sim.simulation.truth.position_ned_m[0]
     return float(north), float(east)
 
 
-def go_north(s: PlanStation, metres: float) -> None:
-    there = s.item(16, metres)
-    assert acks_of(s, REPOSITION, -1, 1, 0, NAN, there["x"] / 1e7, there["y"] / 1e7, amsl(s, 8.0)) == [
-        ACCEPTED
-    ]
+def go_north(station: PlanStation, metres: float) -> None:
+    target = station.item(16, metres)
+    assert acks_of(
+        station, REPOSITION, -1, 1, 0, NAN, target["x"] / 1e7, target["y"] / 1e7, amsl(station, 8.0)
+    ) == [ACCEPTED]
 
 
-def go_to_before_lift_off(ground, height_m):
+def go_to_before_lift_off(ground, alt_home_m):
     ground.command(ARM, 1)
     ground.run(0.1)
     ground.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, amsl(ground, 10.0))
     ground.run(0.5)
-    there = ground.item(16, 40.0)
-    goal = (there["x"] / 1e7, there["y"] / 1e7, amsl(ground, height_m))
+    target = ground.item(16, 40.0)
+    goal = (target["x"] / 1e7, target["y"] / 1e7, amsl(ground, alt_home_m))
     assert acks_of(ground, REPOSITION, -1, 1, 0, NAN, *goal) == [ACCEPTED]
 
 
@@ -73,12 +73,12 @@ def test_a_go_to_before_lift_off_that_climbs_slower_than_0_3_m_s_stays_on_the_gr
 
 
 def test_a_mode_change_takes_effect_before_the_command_sent_after_it(air):
-    begun_s = air.now_s
+    begin_s = air.now_s
     air.command(SET_MODE, 1, 4, 3)
     air.command(20)
     air.run(0.3)
     assert air.active_mode == RTL
-    assert [m.command for m in air.received("COMMAND_ACK", since_s=begun_s)] == [SET_MODE, SET_MODE, 20]
+    assert [m.command for m in air.received("COMMAND_ACK", since_s=begin_s)] == [SET_MODE, SET_MODE, 20]
     air.command(20)
     air.command(SET_MODE, 1, 4, 3)
     air.run(0.3)
@@ -86,10 +86,10 @@ def test_a_mode_change_takes_effect_before_the_command_sent_after_it(air):
 
 
 def test_a_precision_landing_is_reported_as_landing(air):
-    begun_s = air.now_s
+    begin_s = air.now_s
     air.command(SET_MODE, 1, 4, 9)
     air.run(1.0)
-    assert air.received("EXTENDED_SYS_STATE", since_s=begun_s)[-1].landed_state == 4
+    assert air.received("EXTENDED_SYS_STATE", since_s=begin_s)[-1].landed_state == 4
 
 
 def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(air):
@@ -99,7 +99,7 @@ def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(
     assert acks_of(air, CHANGE_ALTITUDE, amsl(air, 14.0)) == [ACCEPTED]
     air.run(12.0)
     assert air.height_m == pytest.approx(14.0, abs=0.5)
-    assert left_at_m < position_of(air)[0] < left_at_m + 12.0, "the vehicle stops instead of flying on"
+    assert left_at_m < position_of(air)[0] < left_at_m + 12.0, "the vehicle did not stop"
     assert air.active_mode == HOLD
 
 
@@ -140,15 +140,17 @@ def test_a_go_to_outside_the_fence_ends_the_mission_and_holds(air):
     assert air.active_mode == MISSION_MODE
     air.sim.set_parameter(0, "GF_MAX_HOR_DIST", 100.0)
     air.run(0.5)
-    there, requested_s = air.item(16, 300.0), air.now_s
-    assert acks_of(air, REPOSITION, -1, 1, 0, NAN, there["x"] / 1e7, there["y"] / 1e7, amsl(air, 8.0)) == [0]
+    target, requested_s = air.item(16, 300.0), air.now_s
+    assert acks_of(air, REPOSITION, -1, 1, 0, NAN, target["x"] / 1e7, target["y"] / 1e7, amsl(air, 8.0)) == [
+        0
+    ]
     assert "navigator_reposition_outside_geofence" in air.events(requested_s)
     assert air.active_mode == HOLD
     air.run(8.0)
     assert position_of(air)[0] < 45.0
 
 
-def test_a_go_to_in_hold_keeps_a_changed_speed_and_one_from_another_mode_does_not(air):
+def test_a_go_to_in_hold_keeps_a_changed_speed_and_a_go_to_from_another_mode_does_not(air):
     cruise = air.sim.autopilots[0].navigator.path
     acks_of(air, CHANGE_SPEED, 1, 2.0, -1)
     go_north(air, 5.0)
@@ -162,7 +164,7 @@ def test_a_go_to_in_hold_keeps_a_changed_speed_and_one_from_another_mode_does_no
 
 def test_the_landing_of_a_mission_can_be_commanded(air):
     assert acks_of(air, GO_TO_LANDING) == [CANCELLED]
-    air.upload([air.item(16, 30.0), air.action(189), air.item(16, 5.0), air.item(21, 0.0, height_m=0.0)])
+    air.upload([air.item(16, 30.0), air.action(189), air.item(16, 5.0), air.item(21, 0.0, alt_home_m=0.0)])
     assert acks_of(air, GO_TO_LANDING) == [ACCEPTED]
     air.run(1.0)
     assert air.active_mode == MISSION_MODE
@@ -209,30 +211,30 @@ def test_invalid_or_disabled_changes_of_home_are_denied(ground):
 
 
 def test_a_commanded_home_is_kept_when_the_vehicle_arms_and_takes_off(ground):
-    there = ground.item(16, 40.0)
-    given = (there["x"] / 1e7, there["y"] / 1e7)
-    assert acks_of(ground, SET_HOME, 0, 0, 0, NAN, *given, amsl(ground, 0.0)) == [ACCEPTED]
+    target = ground.item(16, 40.0)
+    target_deg = (target["x"] / 1e7, target["y"] / 1e7)
+    assert acks_of(ground, SET_HOME, 0, 0, 0, NAN, *target_deg, amsl(ground, 0.0)) == [ACCEPTED]
     ground.fly_to(4.0)
     home = ground.sim.autopilots[0].home
-    assert (home.lat_deg, home.lon_deg) == pytest.approx(given, abs=5e-6), "with the precision of a float"
-    assert acks_of(ground, SET_HOME, 1) == [ACCEPTED], "a new command moves home"
-    assert home.lat_deg != pytest.approx(given[0], abs=1e-4)
+    assert (home.lat_deg, home.lon_deg) == pytest.approx(target_deg, abs=5e-6)  # precision of a float
+    assert acks_of(ground, SET_HOME, 1) == [ACCEPTED], "home was not moved by a new command"
+    assert home.lat_deg != pytest.approx(target_deg[0], abs=1e-4)
 
 
 def test_with_com_home_en_off_home_is_not_set_automatically(ground):
     home = ground.sim.autopilots[0].home
-    before = home.set_at_us
+    set_at_us = home.set_at_us
     ground.sim.set_parameter(0, "COM_HOME_EN", 0)
     ground.fly_to(4.0)
-    assert home.set_at_us == before
+    assert home.set_at_us == set_at_us
 
 
 @pytest.mark.parametrize(
-    ("output", "answers"),
+    ("output", "acks"),
     [(1, [ACCEPTED]), (12, [ACCEPTED]), (13, []), (33, [ACCEPTED]), (41, []), (1101, [ACCEPTED])],
 )
-def test_an_actuator_test_of_an_unknown_output_is_not_answered(ground, output, answers):
-    assert acks_of(ground, ACTUATOR_TEST, 0.0, 1.0, 0, 0, output) == answers
+def test_an_actuator_test_of_an_unknown_output_is_not_acknowledged(ground, output, acks):
+    assert acks_of(ground, ACTUATOR_TEST, 0.0, 1.0, 0, 0, output) == acks
 
 
 def test_actuator_tests_can_be_disabled(ground):
@@ -258,7 +260,7 @@ def test_an_orbit_without_a_position_is_refused(air):
 def test_a_take_off_to_an_altitude_below_the_vehicle_stays_on_the_ground_and_is_disarmed(
     ground: PlanStation,
 ) -> None:
-    """The result of a height above ground in place of an altitude above sea level."""
+    """This is the effect of a height above ground that is sent as an altitude above sea level."""
     ground.command(400, 1)
     ground.run(0.1)
     ground.command(22, -1, 0, 0, NAN, NAN, NAN, 7.0)

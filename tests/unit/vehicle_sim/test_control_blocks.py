@@ -1,4 +1,4 @@
-"""The controllers one by one: saturation, filters, and values that are not finite."""
+"""Each controller alone: saturation, filters, and values that are not finite."""
 
 import math
 
@@ -26,9 +26,9 @@ def signals(block: Allocation, torque: np.ndarray, thrust: np.ndarray) -> np.nda
     return motors
 
 
-def wanted_rates(control: AttitudeControl, q: np.ndarray, wanted: np.ndarray, yaw_rate: np.ndarray):
+def rate_setpoints(control: AttitudeControl, q: np.ndarray, setpoint: np.ndarray, yaw_rate: np.ndarray):
     rates = np.zeros((len(q), 3))
-    control.update(np.ones(len(q), dtype=np.bool_), q, wanted, yaw_rate, rates)
+    control.update(np.ones(len(q), dtype=np.bool_), q, setpoint, yaw_rate, rates)
     return rates
 
 
@@ -88,14 +88,14 @@ def test_an_attitude_error_is_corrected_by_the_shortest_rotation():
     for i in range(2):
         control.configure(i, Parameters())
     level = frames.quaternion_from_yaw(np.zeros(2))
-    wanted = np.stack(
+    setpoint = np.stack(
         [frames.quaternion_from_euler(0.1, 0.0, 0.0), frames.quaternion_from_euler(0.0, 0.0, 0.1)]
     )
-    rates = wanted_rates(control, level, wanted, np.full(2, np.nan))
+    rates = rate_setpoints(control, level, setpoint, np.full(2, np.nan))
     assert rates[0] == pytest.approx([6.5 * 2 * math.sin(0.05), 0.0, 0.0], abs=1e-6)
     # The yaw weight reduces the angle, and the gain compensates it.
     assert rates[1] == pytest.approx([0.0, 0.0, 2.8 * 0.1], abs=1e-3)
-    assert wanted_rates(control, level, -wanted, np.full(2, np.nan)) == pytest.approx(rates)
+    assert rate_setpoints(control, level, -setpoint, np.full(2, np.nan)) == pytest.approx(rates)
 
 
 def test_a_yaw_rate_is_fed_forward_about_the_vertical():
@@ -103,7 +103,7 @@ def test_a_yaw_rate_is_fed_forward_about_the_vertical():
     for i in range(2):
         control.configure(i, Parameters())
     level = frames.quaternion_from_yaw(np.zeros(2))
-    rates = wanted_rates(control, level, level, np.array([0.5, np.nan]))
+    rates = rate_setpoints(control, level, level, np.array([0.5, np.nan]))
     assert rates == pytest.approx(np.array([[0.0, 0.0, 0.5], [0.0, 0.0, 0.0]]), abs=1e-9)
 
 
@@ -113,12 +113,12 @@ def test_attitude_control_reaches_the_setpoint_from_any_attitude(roll, pitch, ya
     control = AttitudeControl(1)
     control.configure(0, Parameters())
     q = frames.quaternion_from_euler(roll, pitch, yaw)[None, :]
-    wanted = frames.quaternion_from_euler(0.1, -0.1, -0.5)[None, :]
+    setpoint = frames.quaternion_from_euler(0.1, -0.1, -0.5)[None, :]
     for _ in range(1500):
         q = frames.normalized(
-            q + 0.004 * frames.quaternion_rate(q, wanted_rates(control, q, wanted, np.zeros(1)))
+            q + 0.004 * frames.quaternion_rate(q, rate_setpoints(control, q, setpoint, np.zeros(1)))
         )
-    assert abs(float(q[0] @ wanted[0])) == pytest.approx(1.0, abs=1e-5)
+    assert abs(float(q[0] @ setpoint[0])) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_the_gyro_filter_passes_low_and_attenuates_high_frequencies():
@@ -129,11 +129,11 @@ def test_the_gyro_filter_passes_low_and_attenuates_high_frequencies():
     def gain(frequency_hz: float) -> tuple[float, float]:
         filters.reset(0)
         rates, slopes = np.zeros((1, 3)), np.zeros((1, 3))
-        seen = []
+        outputs = []
         for t in times:
             filters.update(np.full((1, 3), math.sin(2 * math.pi * frequency_hz * t)), rates, slopes)
-            seen.append((rates[0, 0], slopes[0, 0]))
-        late = np.abs(np.array(seen)[1000:])
+            outputs.append((rates[0, 0], slopes[0, 0]))
+        late = np.abs(np.array(outputs)[1000:])
         return float(late[:, 0].max()), float(late[:, 1].max())
 
     slow, slope = gain(1.0)
@@ -144,8 +144,8 @@ def test_the_gyro_filter_passes_low_and_attenuates_high_frequencies():
 
 
 @pytest.mark.parametrize("level", [ControlLevel.RATES, ControlLevel.ATTITUDE, ControlLevel.TRAJECTORY])
-@pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_setpoints_that_are_not_finite_leave_the_state_finite(level, bad):
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_setpoints_that_are_not_finite_leave_the_state_finite(level, value):
     sim = Simulation(2, start_ned_m=np.array([[0.0, 0.0, -20.0], [0.0, 3.0, -20.0]]))
     setpoints = sim.setpoints
     setpoints.armed[:] = True
@@ -162,7 +162,7 @@ def test_setpoints_that_are_not_finite_leave_the_state_finite(level, bad):
         setpoints.yaw_ned_rad,
         setpoints.yaw_rate_ned_rad_s,
     ):
-        values[0] = bad
+        values[0] = value
     for _ in range(100):
         sim.step()
     assert np.isfinite(sim.truth.position_ned_m).all()

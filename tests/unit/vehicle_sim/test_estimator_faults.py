@@ -56,15 +56,15 @@ def test_without_gps_an_estimate_reports_its_drift_and_is_invalid_after_five_sec
     assert sim.fusion.dead_reckoning.tolist() == [True, True, True, False]
     assert sim.sensors.gps_fix_type.tolist()[:2] == [0, 3], "four satellites give a fix that is refused"
     run(sim, 3.4)
-    assert sim.estimate.valid_position.all(), "4.8 s"
+    assert sim.estimate.valid_position.all(), "invalid before 5 s"
     assert sim.fusion.gps_hgt.tolist() == [True, True, False, True]
     run(sim, 0.5)
     assert sim.estimate.valid_position.tolist() == [False, False, False, True]
     assert ((sim.estimate.horizontal_accuracy_m > 1.2) == (True, True, True, False)).all()
-    assert sim.fusion.gnss_pos.all(), "the fusion stops two seconds later"
+    assert sim.fusion.gnss_pos.all(), "the fusion stopped less than two seconds later"
     run(sim, 2.1)
     assert sim.fusion.gnss_pos.tolist() == [False, False, False, True]
-    assert sim.estimate.valid_altitude.all(), "the barometer holds the height"
+    assert sim.estimate.valid_altitude.all(), "the barometer did not keep the altitude valid"
     resets = sim.fusion.xy_reset_counter.copy()
     set_parameter(sim, LOST, "SIM_GPS_USED", 10)
     run(sim, 0.9)
@@ -78,7 +78,7 @@ def test_without_gps_an_estimate_reports_its_drift_and_is_invalid_after_five_sec
 ACCEPTED, REFUSED, COMPASS, STRONG = range(4)
 
 
-def test_gates_accept_small_steps_and_reject_large_ones():
+def test_gates_accept_small_steps_and_reject_large_steps():
     sim = hovering(4)
     set_parameter(sim, ACCEPTED, "SIM_BARO_OFF_P", 120.0)
     set_parameter(sim, REFUSED, "SIM_BARO_OFF_P", 1200.0)
@@ -99,7 +99,7 @@ def test_gates_accept_small_steps_and_reject_large_ones():
     run(sim, 2.0)
     assert sim.fusion.mag.tolist() == [True, True, False, False]
     turned = np.abs(sim.estimate.heading_rad - heading)
-    assert turned.max() < math.radians(15.0), "a compass that is not used does not turn the vehicle"
+    assert turned.max() < math.radians(15.0), "a rejected compass turned the heading"
 
 
 def test_a_gps_offset_an_accelerometer_offset_and_a_stuck_compass_have_the_effects_of_px4():
@@ -123,7 +123,7 @@ def test_a_gps_offset_an_accelerometer_offset_and_a_stuck_compass_have_the_effec
     assert sim.fusion.xy_reset_counter[0] == before[2, 0] + 1
 
 
-def test_a_reset_shifts_the_outputs_by_its_step_and_keeps_their_lag():
+def test_a_reset_shifts_the_outputs_and_the_filter_by_the_same_step():
     """PX4's outputs were 0.9 to 1.5 m/s off just after the recorded resets of a shifted accelerometer."""
     sim = hovering(3)
     sim.sensor_faults.imu_offset[:, 5] = 2.0
@@ -139,8 +139,8 @@ def test_a_reset_shifts_the_outputs_by_its_step_and_keeps_their_lag():
     assert len(lags) >= 3
     assert min(lags) > 0.9
     run(sim, 1.0)
-    now = np.abs(sim.estimate.velocity_ned_m_s - filtered)[:, 2]
-    assert now.max() < 0.7 * min(lags), "the output follows the filter smoothly"
+    lag = np.abs(sim.estimate.velocity_ned_m_s - filtered)[:, 2]
+    assert lag.max() < 0.7 * min(lags), "the output does not follow the filter"
 
 
 @pytest.mark.parametrize(
@@ -162,20 +162,20 @@ def test_a_refused_compass_stops_and_starts_again_inside_the_gate_of_reset_varia
     assert (sim.fusion.mag_aligned_in_flight == starts).all()
     assert (sim.fusion.heading_reset_counter - headings == turns).all()
     run(sim, 15.0)
-    assert (sim.fusion.mag == starts).all(), "the state does not change any more"
+    assert (sim.fusion.mag == starts).all(), "the state changed again"
 
 
 def test_a_barometer_is_fused_as_the_mean_of_its_samples():
     kalman = SimpleNamespace(
-        position=np.zeros((1, 3)), variance=lambda _: np.zeros(1), fuse=lambda *fused: seen.append(fused)
+        position=np.zeros((1, 3)), variance=lambda _: np.zeros(1), fuse=lambda *fused: fusions.append(fused)
     )
-    seen, barometer = [], Barometer(1, kalman, blank_fusion(1))
+    fusions, barometer = [], Barometer(1, kalman, blank_fusion(1))
     barometer.configure(0, Parameters())
     barometer.align(0, 0.0, 100.0)
     for alt_m in (101.0, 104.0):
         barometer.add(SimpleNamespace(baro_fresh=np.array([True]), baro_alt_amsl_m=np.array([alt_m])))
     barometer.fuse(0.1, 0.1, np.array([True]))
-    ((_, innovation, _),) = seen
+    ((_, innovation, _),) = fusions
     assert innovation == -2.5
 
 
@@ -192,7 +192,7 @@ def test_a_stale_sensor_is_reported_once_and_again_after_it_has_recovered(name):
         view.time_s += 1.0
         getattr(sensors, f"{name}_fresh")[0], getattr(sensors, f"{name}_stale")[0] = not stale, stale
         watch.update(armed=True)
-        assert not watch.timed_out(name), "the sensor sends, although always the same value"
+        assert not watch.timed_out(name), "a sensor that repeats one value was taken for silent"
     assert texts == [f"{name.upper()} #0 failed:  STALE!\t"] * 2
 
 
@@ -215,7 +215,7 @@ def test_a_trajectory_continues_from_a_reset_estimate(counter, moved):
 
 
 def test_the_same_seed_gives_the_same_estimate_under_a_fault():
-    flown = []
+    estimates = []
     for count in (1, 3):
         sim = Simulation(count, seed=5)
         for row in range(1, count):
@@ -224,8 +224,8 @@ def test_the_same_seed_gives_the_same_estimate_under_a_fault():
         run(sim, 8.0)
         set_parameter(sim, 0, "SIM_GPS_USED", 3)
         run(sim, 8.0)
-        flown.append(sim.estimate.q_ned_frd[0].tobytes() + sim.estimate.position_ned_m[0].tobytes())
-    assert flown[0] == flown[1]
+        estimates.append(sim.estimate.q_ned_frd[0].tobytes() + sim.estimate.position_ned_m[0].tobytes())
+    assert estimates[0] == estimates[1]
 
 
 IN_THE_SUITE = ("gps_lost_offboard_vel", "baro_stuck_hold", "mag_y_02_hold", "battery_empty_cmd")
@@ -233,13 +233,13 @@ IN_THE_SUITE = ("gps_lost_offboard_vel", "baro_stuck_hold", "mag_y_02_hold", "ba
 
 @pytest.mark.flight
 def test_flights_with_faults_match_the_recordings():
-    for compared in faults.compare_all([fault_recordings.load_reduced(name) for name in IN_THE_SUITE]):
-        assert not compared.late, (compared.name, compared.late)
+    for comparison in faults.compare_all([fault_recordings.load_reduced(name) for name in IN_THE_SUITE]):
+        assert not comparison.late, (comparison.name, comparison.late)
         # The direction of a drift is random, so a few values lie outside the range of PX4's two runs.
-        assert len(compared.off) <= 0.1 * compared.numbers, (compared.name, compared.off)
+        assert len(comparison.off) <= 0.1 * comparison.numbers, (comparison.name, comparison.off)
 
 
-def test_the_reduced_recordings_match_the_full_ones(shared):
+def test_the_reduced_recordings_match_the_full_recordings(shared):
     for name in IN_THE_SUITE:
         assert fault_recordings.load_reduced(name) == fault_recordings.load(name)
 
@@ -247,6 +247,6 @@ def test_the_reduced_recordings_match_the_full_ones(shared):
 def test_every_recorded_fault_can_be_read(shared):
     scenarios = [fault_recordings.load(name) for name in fault_recordings.names()]
     assert all(len(scenario.runs) == 2 for scenario in scenarios)
-    known = Parameters()
+    parameters = Parameters()
     fields = [entry["fields"] for scenario in scenarios for entry in scenario.stimulus]
-    assert all(each["param_id"] in known for each in fields if "param_id" in each)
+    assert all(each["param_id"] in parameters for each in fields if "param_id" in each)

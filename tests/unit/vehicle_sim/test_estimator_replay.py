@@ -1,4 +1,5 @@
-"""The estimator with the samples of a real PX4's onboard log, compared with PX4's estimate and the truth.
+"""The estimator runs with the samples of a real PX4's onboard log; its estimate is compared with PX4's
+estimate and the truth.
 
 The log has all samples of IMU, GPS, barometer and compass, so only the filters differ and not the noise.
 """
@@ -50,7 +51,7 @@ class Replay:
     declination: BoolArray
     """(T,) the simulated estimator fuses the declination."""
     recorded_declination: BoolArray
-    """(T,) PX4's estimator fuses it."""
+    """(T,) PX4's estimator fuses the declination."""
 
 
 class _Log:
@@ -77,21 +78,22 @@ def _axes(name: str, count: int = 3) -> list[str]:
     return [f"{name}[{k}]" for k in range(count)]
 
 
-def fly(log: _Log) -> Replay:
-    """Runs the estimator with the log's samples; each sample is used in the first prediction after it."""
+def replay_log(log: _Log) -> Replay:
+    """Runs the estimator with the log's samples; each sample is used in the first prediction after its
+    time."""
     imu = log.columns("sensor_combined", *_axes("gyro_rad"), *_axes("accelerometer_m_s2"))
     times = log.times_s("sensor_combined")
     fixes = log.columns(
         "vehicle_gps_position",
         "latitude_deg", "longitude_deg", "altitude_msl_m", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s",
     )  # fmt: skip
-    heights = log.columns("vehicle_air_data", "baro_alt_meter")
+    baro_alts_m = log.columns("vehicle_air_data", "baro_alt_meter")
     fields = log.columns("vehicle_magnetometer", *_axes("magnetometer_ga"))
     due = {
         name: log.times_s(name)
         for name in ("vehicle_gps_position", "vehicle_air_data", "vehicle_magnetometer")
     }
-    fix_at, height_at, field_at = (np.searchsorted(each, times) for each in due.values())
+    fixes_until, altitudes_until, fields_until = (np.searchsorted(each, times) for each in due.values())
     down = log.at(times, "vehicle_local_position_groundtruth", "z")[:, 0]
     sensors = SensorSuite(STEP_S, SimulationOrigin(*fixes[0, :3]), seed=0, vehicles=[0], noise=False).state
     sensors.gps_satellites[:], sensors.gps_fix_type[:] = 10, 3
@@ -101,24 +103,24 @@ def fly(log: _Log) -> Replay:
     for k, t_s in enumerate(times):
         sensors.gyro_frd_rad_s[:], sensors.accel_frd_m_s2[:] = imu[k, :3], imu[k, 3:]
         if k % 2 and k > 1:
-            if fix_at[k] > fix_at[k - 2]:
-                fix = fixes[fix_at[k] - 1]
+            if fixes_until[k] > fixes_until[k - 2]:
+                fix = fixes[fixes_until[k] - 1]
                 sensors.gps_lat_deg[:], sensors.gps_lon_deg[:], sensors.gps_alt_amsl_m[:] = fix[:3]
                 sensors.gps_velocity_ned_m_s[:] = fix[3:]
                 sensors.gps_count += 1
-            if height_at[k] > height_at[k - 2]:
-                sensors.baro_alt_amsl_m[:] = heights[height_at[k] - 1]
+            if altitudes_until[k] > altitudes_until[k - 2]:
+                sensors.baro_alt_amsl_m[:] = baro_alts_m[altitudes_until[k] - 1]
                 sensors.baro_count += 2
-            if field_at[k] > field_at[k - 2]:
-                sensors.mag_frd_gauss[:] = fields[field_at[k] - 1]
+            if fields_until[k] > fields_until[k - 2]:
+                sensors.mag_frd_gauss[:] = fields[fields_until[k] - 1]
                 mag_samples_left = MAG_SAMPLES
             if mag_samples_left:
                 sensors.mag_count += 1
                 mag_samples_left -= 1
         if k % RANGE_EVERY_STEPS == 0:
-            flies = log.latest(t_s, "vehicle_land_detected", "landed") == 0.0
+            in_air = log.latest(t_s, "vehicle_land_detected", "landed") == 0.0
             armed = log.latest(t_s, "vehicle_status", "arming_state") == 2.0
-            estimator.update_range(np.array([-down[k]]), np.array([flies]), np.array([armed]))
+            estimator.update_range(np.array([-down[k]]), np.array([in_air]), np.array([armed]))
         estimator.update(sensors)
         velocity.append(estimator.state.velocity_ned_m_s[0].copy())
         sigma.append(np.sqrt(estimator.kalman.variances(0, STATES)[0]))
@@ -137,14 +139,14 @@ def fly(log: _Log) -> Replay:
 
 @pytest.fixture(scope="module")
 def replay(shared: Path) -> Replay:
-    return fly(_Log(shared / "px4/logs/flight-short.ulg.gz"))
+    return replay_log(_Log(shared / "px4/logs/flight-short.ulg.gz"))
 
 
 def rms(values: FloatArray) -> FloatArray:
     return np.sqrt((values**2).mean(axis=0))
 
 
-def test_the_velocity_matches_that_of_px4s_estimator(replay):
+def test_the_velocity_matches_the_velocity_of_px4s_estimator(replay):
     hover = (replay.t_s > 16.0) & (replay.t_s < 42.0)
     difference = rms((replay.velocity - replay.recorded_velocity)[hover])
     assert (difference <= [0.03, 0.08, 0.03]).all(), difference
@@ -155,13 +157,13 @@ def test_the_velocity_matches_that_of_px4s_estimator(replay):
 
 
 @pytest.mark.parametrize(
-    ("t_s", "what"), [(6.0, "at rest"), (12.0, "before arming"), (22.0, "holding"), (40.0, "landing")]
+    ("t_s", "phase"), [(6.0, "at rest"), (12.0, "before arming"), (22.0, "holding"), (40.0, "landing")]
 )
-def test_the_standard_deviations_match_those_of_px4(replay, t_s, what):
-    at = int(np.searchsorted(replay.t_s, t_s))
-    ratio = replay.sigma[at] / replay.recorded_sigma[at]
-    assert (ratio <= 1.25).all(), (what, ratio)
-    assert (ratio >= 0.75).all(), (what, ratio)
+def test_the_standard_deviations_match_px4(replay, t_s, phase):
+    index = int(np.searchsorted(replay.t_s, t_s))
+    ratio = replay.sigma[index] / replay.recorded_sigma[index]
+    assert (ratio <= 1.25).all(), (phase, ratio)
+    assert (ratio >= 0.75).all(), (phase, ratio)
 
 
 def test_the_declination_is_fused_at_rest_although_gnss_is_fused(replay):

@@ -1,4 +1,4 @@
-"""External modes: registration, slots, arming checks and their timeouts, executors, replacement of modes."""
+"""External modes: registration, slots, arming checks and their timeouts, executors, and replaced modes."""
 
 from __future__ import annotations
 
@@ -28,18 +28,20 @@ class Registry(ExternalModes):
     def register_mode(self, name: str, **more: bool | int) -> RegistrationReply:
         return self.register(Registration(name, arming_check=True, mode=True, **more))  # type: ignore[arg-type]
 
-    def run(self, seconds: float, answer: Callable[[int], ArmingCheckReply | None] = lambda _: None) -> None:
+    def run(
+        self, seconds: float, reply_to: Callable[[int], ArmingCheckReply | None] = lambda _: None
+    ) -> None:
         for _ in range(round(seconds * 1e6 / CYCLE_US)):
             request_id = self.update(self.now_us, failsafe_acts=False)
             if request_id is not None:
                 self.requests.append(request_id)
-                reply = answer(request_id)
+                reply = reply_to(request_id)
                 if reply is not None:
                     self.receive(reply)
             self.now_us += CYCLE_US
 
 
-def answers(
+def replies(
     number: int = 0, *, can_run: bool = True, requires: str = ""
 ) -> Callable[[int], ArmingCheckReply]:
     return lambda request_id: ArmingCheckReply(request_id, number, can_run, frozenset(requires.split()))
@@ -68,13 +70,13 @@ def test_a_new_name_overwrites_the_first_free_slot_when_all_were_used():
     assert registry.hashes[1] == name_hash("Z")
 
 
-def test_a_second_mode_of_the_same_name_leaves_no_hash():
+def test_a_second_mode_of_the_same_name_stores_no_hash():
     registry = Registry()
     assert [registry.register_mode("A").mode for _ in range(2)] == [23, 24]
     assert registry.hashes[1] == 0
 
 
-def test_eight_modes_and_five_executors_fit():
+def test_at_most_eight_modes_and_five_executors_are_registered():
     registry = Registry()
     executors = [registry.register_mode(f"E{n}", executor=True).executor for n in range(5)]
     assert executors == [1, 2, 3, 4, 5]
@@ -92,7 +94,7 @@ def test_an_incomplete_registration_fails(request_):
     assert Registry().register(request_) == FAILED
 
 
-def test_a_registration_of_nothing_succeeds():
+def test_a_registration_without_mode_check_and_executor_succeeds():
     assert Registry().register(Registration("A")) == RegistrationReply(True)
 
 
@@ -103,16 +105,16 @@ def test_a_mode_with_another_name_is_not_removed():
     assert registry.mode(23) is not None
 
 
-def test_requests_come_every_312_ms_while_something_is_registered():
+def test_requests_are_sent_every_312_ms_while_a_component_is_registered():
     registry = Registry()
     registry.run(1.0)
     assert registry.requests == []
     registry.register_mode("A")
-    registry.run(REQUEST_EVERY_US * 10 / 1e6 - 0.01, answers())
+    registry.run(REQUEST_EVERY_US * 10 / 1e6 - 0.01, replies())
     assert registry.requests == list(range(1, 11))
 
 
-def test_a_component_that_never_answers_is_unresponsive_after_eleven_requests():
+def test_a_component_that_never_replies_is_unresponsive_after_eleven_requests():
     registry = Registry()
     registry.register_mode("A")
     registry.run(3.15)
@@ -121,15 +123,15 @@ def test_a_component_that_never_answers_is_unresponsive_after_eleven_requests():
     assert registry.health().unresponsive == 1 << 23
 
 
-def test_a_component_that_stops_answering_is_unresponsive_after_four_requests():
+def test_a_component_that_stops_replying_is_unresponsive_after_four_requests():
     registry = Registry()
     registry.register_mode("A")
-    registry.run(1.0, answers())
+    registry.run(1.0, replies())
     registry.run(1.2)
     assert not registry.health().unresponsive
     registry.run(0.3)
     assert registry.health().unresponsive == 1 << 23
-    registry.run(0.4, answers())
+    registry.run(0.4, replies())
     assert not registry.health().unresponsive
 
 
@@ -137,16 +139,16 @@ def test_a_component_that_failed_four_times_stays_unresponsive():
     registry = Registry()
     registry.register_mode("A")
     for _ in range(3):
-        registry.run(1.0, answers())
+        registry.run(1.0, replies())
         registry.run(2.0)
-    registry.run(1.0, answers())
+    registry.run(1.0, replies())
     assert not registry.health().unresponsive
     registry.run(2.0)
-    registry.run(1.0, answers())
+    registry.run(1.0, replies())
     assert registry.health().unresponsive
 
 
-def test_an_answer_to_an_older_request_does_not_count():
+def test_a_reply_to_an_older_request_does_not_count():
     registry = Registry()
     registry.register_mode("A")
     registry.run(3.5, lambda request_id: ArmingCheckReply(request_id - 1, 0, True))
@@ -162,7 +164,7 @@ def test_a_check_without_a_mode_is_removed_when_its_component_is_unresponsive():
     assert registry.health().not_armable == 0
 
 
-def test_only_the_last_four_simultaneous_answers_count():
+def test_only_the_last_four_simultaneous_replies_count():
     registry = Registry()
     for n in range(5):
         registry.register_mode(f"M{n}")
@@ -172,20 +174,20 @@ def test_only_the_last_four_simultaneous_answers_count():
     assert registry.health().not_armable == 1 << 23
 
 
-def test_requirements_of_a_mode_apply_to_it_and_to_the_mode_it_replaces():
+def test_requirements_of_a_mode_also_apply_to_the_mode_that_it_replaces():
     registry = Registry()
     registry.register_mode("A", replaces=RTL)
-    registry.run(0.1, answers(requires="local_position"))
-    needs = registry.health().requirements
-    assert needs.local_position == BUILT_IN_REQUIREMENTS.local_position | 1 << 23 | 1 << RTL
-    assert needs.home_position == BUILT_IN_REQUIREMENTS.home_position & ~(1 << RTL)
-    assert not needs.other >> 23 & 1
+    registry.run(0.1, replies(requires="local_position"))
+    requirements = registry.health().requirements
+    assert requirements.local_position == BUILT_IN_REQUIREMENTS.local_position | 1 << 23 | 1 << RTL
+    assert requirements.home_position == BUILT_IN_REQUIREMENTS.home_position & ~(1 << RTL)
+    assert not requirements.other >> 23 & 1
 
 
-def test_a_mode_that_cannot_run_prevents_arming_in_it_only():
+def test_a_mode_that_cannot_run_prevents_arming_only_in_this_mode():
     registry = Registry()
     registry.register_mode("A")
-    registry.run(0.1, answers(can_run=False))
+    registry.run(0.1, replies(can_run=False))
     assert registry.health().not_armable == 1 << 23
     assert registry.health().requirements == BUILT_IN_REQUIREMENTS
 
@@ -200,7 +202,7 @@ def test_an_unresponsive_mode_is_removed_unless_it_is_selected():
     assert registry.mode(23) is None
 
 
-def test_a_replacement_is_flown_while_it_answers():
+def test_a_replacement_is_flown_while_its_component_replies():
     registry = Registry()
     registry.register_mode("My RTL", replaces=RTL)
     assert registry.register_mode("Other RTL", replaces=RTL) == FAILED

@@ -1,4 +1,4 @@
-"""Deferred failsafes: which are deferred, for how long, and what follows."""
+"""Deferred failsafes: which failsafes are deferred, for how long, and when they act afterwards."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from vehicle_sim.autopilot.demands import Conditions, flight_demands
 from vehicle_sim.autopilot.failsafe import Action, Clear, Demand, Failsafe
 from vehicle_sim.autopilot.modes import NavState
 
-GCS = Demand("gcs", Action.LAND, clear=Clear.ON_MODE_CHANGE, deferrable=True)
-MODE = Demand("mode", Action.RTL)
+LOST_GCS = Demand("gcs", Action.LAND, clear=Clear.ON_MODE_CHANGE, deferrable=True)
+UNAVAILABLE_MODE = Demand("mode", Action.RTL)
 
 
 def decide(machine: Failsafe, now_s: float, *demands: Demand) -> Action:
@@ -23,26 +23,26 @@ def test_a_deferred_failsafe_does_not_act_and_is_reported():
     machine = Failsafe()
     machine.defer(True, -1)
     assert machine.deferral == 1
-    assert decide(machine, 0.0, GCS) is Action.NONE
+    assert decide(machine, 0.0, LOST_GCS) is Action.NONE
     assert machine.deferral == 2
-    assert decide(machine, 1000.0, GCS) is Action.NONE
+    assert decide(machine, 1000.0, LOST_GCS) is Action.NONE
 
 
 @pytest.mark.parametrize(("timeout_s", "ends_s"), [(4, 4.0), (0, 30.0)])
 def test_a_deferral_ends_after_its_timeout(timeout_s, ends_s):
     machine = Failsafe()
     machine.defer(True, timeout_s)
-    decide(machine, 0.0, GCS)
-    assert decide(machine, ends_s - 0.1, GCS) is Action.NONE
-    assert decide(machine, ends_s + 0.1, GCS) is Action.LAND
+    decide(machine, 0.0, LOST_GCS)
+    assert decide(machine, ends_s - 0.1, LOST_GCS) is Action.NONE
+    assert decide(machine, ends_s + 0.1, LOST_GCS) is Action.LAND
     machine.defer(True, timeout_s)
-    assert machine.deferral == 0, "while a failsafe acts"
+    assert machine.deferral == 0, "deferred while a failsafe acts"
 
 
 def test_after_a_withdrawn_deferral_a_failsafe_acts_although_its_cause_is_gone():
     machine = Failsafe()
     machine.defer(True, -1)
-    decide(machine, 0.0, GCS)
+    decide(machine, 0.0, LOST_GCS)
     decide(machine, 1.0)
     machine.defer(False, 0)
     assert decide(machine, 2.0) is Action.LAND
@@ -51,7 +51,7 @@ def test_after_a_withdrawn_deferral_a_failsafe_acts_although_its_cause_is_gone()
 def test_a_mode_that_cannot_run_is_not_deferred():
     machine = Failsafe()
     machine.defer(True, -1)
-    assert decide(machine, 0.0, GCS, MODE) is Action.RTL
+    assert decide(machine, 0.0, LOST_GCS, UNAVAILABLE_MODE) is Action.RTL
 
 
 ALL_CONDITIONS = Conditions(

@@ -1,4 +1,4 @@
-"""The vehicle's folder: files are stored, paths outside are refused, files of the build are read-only."""
+"""The vehicle's folder: it stores files and refuses paths outside; files of the build are read-only."""
 
 import json
 import lzma
@@ -34,9 +34,9 @@ def test_written_bytes_are_read_back_at_any_offset(files):
 
 @pytest.mark.parametrize("path", ["../x", "a/../../x", "/../etc/passwd", "a\0b"])
 def test_paths_outside_the_folder_are_refused(files, path):
-    for act in (files.create, files.size, files.listing, lambda p: files.read(p, 0, 1)):
+    for operation in (files.create, files.size, files.listing, lambda p: files.read(p, 0, 1)):
         with pytest.raises(OutsideError):
-            act(path)
+            operation(path)
 
 
 def test_a_symbolic_link_to_the_outside_is_not_followed(files, tmp_path):
@@ -48,11 +48,11 @@ def test_a_symbolic_link_to_the_outside_is_not_followed(files, tmp_path):
 
 @settings(max_examples=200, deadline=None)
 @given(path=st.text(max_size=40))
-def test_any_path_is_answered_or_refused(path):
+def test_any_path_is_accepted_or_refused(path):
     files = VehicleFiles(None, {"etc/extras/a.txt": lambda: b"built in"})
-    for act in (files.size, files.listing, files.is_directory):
+    for operation in (files.size, files.listing, files.is_directory):
         try:
-            act(path)
+            operation(path)
         except OSError:
             continue
 
@@ -60,22 +60,22 @@ def test_any_path_is_answered_or_refused(path):
 def test_the_files_of_the_build_are_read_only(files):
     assert files.read("etc/extras/a.txt", 6, 99) == b"in"
     assert files.listing("etc") == [("extras", None)]
-    for act in (
+    for operation in (
         lambda: files.create("etc/extras/a.txt"),
         lambda: files.remove("etc/extras/a.txt"),
         lambda: files.remove_directory("etc"),
         lambda: files.rename("etc", "x"),
     ):
         with pytest.raises(PermissionError):
-            act()
+            operation()
 
 
 def test_a_symbolic_link_in_the_folder_is_listed_as_a_link(tmp_path):
     (tmp_path / "log").mkdir()
-    (tmp_path / "again").symlink_to("log")
+    (tmp_path / "link").symlink_to("log")
     files = VehicleFiles(tmp_path)
-    assert files.listing("/") == [("again", None), ("log", None)]
-    assert [files.is_link("/", name) for name in ("again", "log")] == [True, False]
+    assert files.listing("/") == [("link", None), ("log", None)]
+    assert [files.is_link("/", name) for name in ("link", "log")] == [True, False]
 
 
 def test_a_given_folder_is_kept_and_a_temporary_folder_is_removed(tmp_path):
@@ -100,7 +100,7 @@ def test_general_metadata_names_the_other_files_with_their_checksums():
         assert entry["fileCrc"] == metadata.crc32(metadata.BUILT_IN[path]())
 
 
-def test_the_checksum_is_the_one_that_px4_sends(shared):
+def test_the_checksum_equals_the_checksum_that_px4_sends(shared):
     raw = (shared / "px4" / "parameters.json.xz").read_bytes()
     file = (shared / "px4" / "component_general.json.xz").read_bytes()
     general = json.loads(lzma.decompress(file))
@@ -116,14 +116,16 @@ def test_every_live_parameter_has_metadata_and_a_default_within_its_range():
         assert entry.get("min", -1e30) <= entry["default"] <= entry.get("max", 1e30), entry["name"]
 
 
-def test_the_parameter_metadata_match_those_of_the_build(shared):
-    theirs = json.loads(lzma.decompress((shared / "px4" / "parameters.json.xz").read_bytes()))["parameters"]
-    theirs = {entry["name"]: entry for entry in theirs}
-    for ours in unpacked(metadata.PARAMETERS)["parameters"]:
+def test_the_parameter_metadata_match_the_metadata_of_the_build(shared):
+    px4_entries = json.loads(lzma.decompress((shared / "px4" / "parameters.json.xz").read_bytes()))[
+        "parameters"
+    ]
+    px4_entries = {entry["name"]: entry for entry in px4_entries}
+    for entry in unpacked(metadata.PARAMETERS)["parameters"]:
         for key in ("group", "type", "default", "min", "max", "units", "decimalPlaces", "rebootRequired"):
-            assert ours.get(key) == theirs[ours["name"]].get(key), (ours["name"], key)
-        assert [v["value"] for v in ours.get("values", [])] == [
-            v["value"] for v in theirs[ours["name"]].get("values", [])
+            assert entry.get(key) == px4_entries[entry["name"]].get(key), (entry["name"], key)
+        assert [v["value"] for v in entry.get("values", [])] == [
+            v["value"] for v in px4_entries[entry["name"]].get("values", [])
         ]
 
 

@@ -1,4 +1,4 @@
-"""Some of the reference flights of `make bench`: within their limits, and listed in the table."""
+"""Some of the reference flights of `make bench` stay within their limits and are listed in the table."""
 
 import math
 
@@ -25,16 +25,16 @@ def comparisons(shared):
 @pytest.mark.story
 @pytest.mark.parametrize("name", SHORT)
 def test_flights_stay_within_their_limits(comparisons, name):
-    flown = comparisons[name]
-    assert flown.error <= flown.limit
-    assert flown.path_error_m <= max(flown.path_limit_m, 1.0)
+    comparison = comparisons[name]
+    assert comparison.error <= comparison.limit
+    assert comparison.path_error_m <= max(comparison.path_limit_m, 1.0)
 
 
 @pytest.mark.story
 def test_both_controllers_are_active_after_a_change_of_the_setpoint_type(comparisons):
-    flown = comparisons["att_roll_10"]
-    assert flown.real.rise_s > 0.4, "in PX4 the rise takes three times as long as without the change"
-    assert flown.sim.rise_s == pytest.approx(flown.real.rise_s, abs=0.15)
+    comparison = comparisons["att_roll_10"]
+    assert comparison.real.rise_s > 0.4, "in PX4 the rise takes three times as long as without the change"
+    assert comparison.sim.rise_s == pytest.approx(comparison.real.rise_s, abs=0.15)
 
 
 @pytest.mark.story
@@ -80,5 +80,5 @@ def test_ros2_setpoints_become_messages(shared):
 
 
 def test_each_ros2_flight_has_a_reference_flight_that_was_repeated(shared):
-    likes = {like for _, like in ros2_flights.MANOEUVRES.values()}
-    assert all(flight_recordings.spread_of(like).comparable for like in likes)
+    references = {reference for _, reference in ros2_flights.MANOEUVRES.values()}
+    assert all(flight_recordings.spread_of(reference).comparable for reference in references)

@@ -1,4 +1,4 @@
-"""Setpoints of flight tasks tick by tick, without a flight: take-off climb, headings, estimator resets."""
+"""Setpoints that flight tasks write in each tick, without a flight: climb, headings, estimator resets."""
 
 import math
 from types import SimpleNamespace
@@ -63,13 +63,13 @@ def climb_speeds(seconds, **parameters):
 
 
 @pytest.mark.parametrize(("ramp_s", "acceleration_m_s2"), [(3.0, 0.5), (1.0, 1.5)])
-def test_a_takeoff_ramp_begins_with_a_descent_and_climbs_with_the_ramps_acceleration(
+def test_a_takeoff_ramp_begins_with_a_descent_setpoint_and_climbs_with_the_acceleration_of_the_ramp(
     ramp_s, acceleration_m_s2
 ):
     speeds = climb_speeds(8.0, MPC_TKO_RAMP_T=ramp_s)
-    turns_s = TICK_S * np.argmax(speeds < 0.0)
+    climb_begin_s = TICK_S * np.argmax(speeds < 0.0)
     assert speeds[0] == pytest.approx(0.7, abs=0.02)
-    assert turns_s == pytest.approx(0.7 / acceleration_m_s2 + acceleration_m_s2 / 8.0, abs=0.06)
+    assert climb_begin_s == pytest.approx(0.7 / acceleration_m_s2 + acceleration_m_s2 / 8.0, abs=0.06)
     steepest = np.abs(np.diff(speeds)).max() / TICK_S
     assert steepest == pytest.approx(acceleration_m_s2, rel=0.02)
     assert speeds[-1] == pytest.approx(-1.5, abs=0.01)
@@ -89,7 +89,7 @@ def test_without_a_good_heading_yaw_is_not_controlled_and_afterwards_the_current
     path.yaw_target_rad = 1.0
     view.fusion.heading_good_for_control[0] = False
     path.write()
-    assert path.yaw_target_rad == 1.0, "a commanded heading is kept for later"
+    assert path.yaw_target_rad == 1.0, "the commanded heading was lost"
 
 
 def test_a_heading_reset_also_resets_the_yaw_setpoint():
@@ -106,7 +106,7 @@ def test_a_heading_reset_also_resets_the_yaw_setpoint():
     assert row.yaw == pytest.approx(2.3 - math.radians(view.parameter("MPC_YAWRAUTO_MAX")) * TICK_S)
 
 
-def test_centred_sticks_hold_position_height_and_heading_across_estimator_resets():
+def test_centred_sticks_hold_position_altitude_and_heading_across_estimator_resets():
     view, row = View(), Row()
     sticks = SimpleNamespace(raw=Deflection(), shaped=Deflection, valid=True)
     manual = Manual(view, row, sticks, HOME)

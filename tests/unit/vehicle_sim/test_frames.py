@@ -27,8 +27,8 @@ def test_euler_quaternion_matrix_agree(roll, pitch, yaw):
     ]
     matrix = frames.rotation_matrix(q)
     assert matrix[0] == pytest.approx(np.array(expected), abs=1e-12)
-    back = frames.quaternion_from_matrix(matrix)
-    assert abs(float(back[0] @ q[0])) == pytest.approx(1.0, abs=1e-6)
+    converted_back = frames.quaternion_from_matrix(matrix)
+    assert abs(float(converted_back[0] @ q[0])) == pytest.approx(1.0, abs=1e-6)
 
 
 @given(st.lists(st.floats(-5, 5), min_size=6, max_size=6), angle, tilt, angle)
@@ -38,8 +38,8 @@ def test_vector_and_quaternion_products_agree_with_numpy(values, roll, pitch, ya
     assert frames.cross(a, b)[0] == pytest.approx(np.cross(a[0], b[0]), abs=1e-12)
     q = frames.quaternion_from_euler(roll, pitch, yaw)[None, :]
     p = frames.quaternion_from_euler(yaw, pitch / 2, roll)[None, :]
-    both = frames.rotation_matrix(frames.quaternion_product(q, p))
-    assert both[0] == pytest.approx(frames.rotation_matrix(q)[0] @ frames.rotation_matrix(p)[0], abs=1e-12)
+    product = frames.rotation_matrix(frames.quaternion_product(q, p))
+    assert product[0] == pytest.approx(frames.rotation_matrix(q)[0] @ frames.rotation_matrix(p)[0], abs=1e-12)
     matrix = frames.rotation_matrix(q)
     assert frames.rotate_back(matrix, frames.rotate(matrix, a))[0] == pytest.approx(a[0], abs=1e-12)
 
@@ -63,9 +63,9 @@ def test_angles_are_wrapped_to_plus_or_minus_pi():
 @settings(max_examples=60, deadline=None)
 def test_a_projected_position_is_converted_back_unchanged(north, east, lat0):
     lat, lon = to_global(np.array(north), np.array(east), np.array(lat0), np.array(8.5))
-    back = to_local(lat, lon, np.array(lat0), np.array(8.5))
-    assert float(back[0]) == pytest.approx(north, abs=1e-5)
-    assert float(back[1]) == pytest.approx(east, abs=1e-5)
+    converted_back = to_local(lat, lon, np.array(lat0), np.array(8.5))
+    assert float(converted_back[0]) == pytest.approx(north, abs=1e-5)
+    assert float(converted_back[1]) == pytest.approx(east, abs=1e-5)
 
 
 def test_a_degree_north_is_111_km():

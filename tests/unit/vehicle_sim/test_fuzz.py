@@ -37,7 +37,7 @@ LIMITS = {"b": (-128, 127), "B": (0, 255), "h": (-(2**15), 2**15 - 1), "H": (0, 
 LIMITS |= {"i": (-(2**31), 2**31 - 1), "I": (0, 2**32 - 1), "q": (-(2**63), 2**63 - 1), "Q": (0, 2**64 - 1)}
 
 
-def odd_payload(layout: Layout, chance: random.Random) -> bytes:
+def odd_payload(layout: Layout, rng: random.Random) -> bytes:
     """A payload with values at and beyond the limits of its fields, usually addressed to the vehicle."""
     letters = layout.packer.format.lstrip("<")
     flat, kinds, count = [], [], ""
@@ -47,19 +47,19 @@ def odd_payload(layout: Layout, chance: random.Random) -> bytes:
             continue
         kinds += [letter] if letter == "s" else [letter] * int(count or 1)
         if letter == "s":
-            flat.append(chance.randbytes(int(count or 1)))
+            flat.append(rng.randbytes(int(count or 1)))
         else:
-            flat += [_odd(letter, chance) for _ in range(int(count or 1))]
+            flat += [_odd(letter, rng) for _ in range(int(count or 1))]
         count = ""
-    at = 0
+    index = 0
     for name, length, is_text in layout.slots:
-        if name in ("target_system", "target") and chance.random() < 0.9:
-            flat[at] = 1
-        if name == "target_component" and chance.random() < 0.9:
-            flat[at] = chance.choice((0, 1, 100))
-        if name == "command" and chance.random() < 0.8:
-            flat[at] = chance.choice(COMMANDS)
-        at += 1 if is_text or not length else length
+        if name in ("target_system", "target") and rng.random() < 0.9:
+            flat[index] = 1
+        if name == "target_component" and rng.random() < 0.9:
+            flat[index] = rng.choice((0, 1, 100))
+        if name == "command" and rng.random() < 0.8:
+            flat[index] = rng.choice(COMMANDS)
+        index += 1 if is_text or not length else length
     assert len(flat) == len(kinds)
     return layout.packer.pack(*flat)
 
@@ -91,24 +91,23 @@ COMMANDS = (
 COMMANDS += (420, 500, 510, 511, 512, 521, 526, 530, 531, 1000, 1001, 2000, 2001, 2002, 42429, 43004, 65535)
 
 
-def _odd(letter: str, chance: random.Random) -> float:
+def _odd(letter: str, rng: random.Random) -> float:
     if letter in "fd":
-        return chance.choice((*ODD_FLOATS, chance.uniform(-1e3, 1e3), float(chance.randrange(0, 600))))
+        return rng.choice((*ODD_FLOATS, rng.uniform(-1e3, 1e3), float(rng.randrange(0, 600))))
     low, high = LIMITS[letter]
-    return chance.choice(
-        (low, high, max(low, min(high, 0)), max(low, min(high, 1)), chance.randint(low, high))
-    )
+    return rng.choice((low, high, max(low, min(high, 0)), max(low, min(high, 1)), rng.randint(low, high)))
 
 
 def still_works(sim: VehicleSim) -> bool:
-    """Whether the vehicle's state is finite, and the simulator still streams and answers."""
+    """Whether the vehicle's state is finite, and the simulator still streams telemetry and replies to
+    requests."""
     truth = sim.simulation.truth
     finite = all(
         np.isfinite(rows).all() for rows in (truth.position_ned_m, truth.q_ned_frd, truth.rates_frd_rad_s)
     )
     sim.drain(0, "gcs")
-    ask = {"target_system": 1, "target_component": 1, "param_id": "SYS_AUTOSTART", "param_index": -1}
-    layout, payload = pack("PARAM_REQUEST_READ", **ask)
+    request = {"target_system": 1, "target_component": 1, "param_id": "SYS_AUTOSTART", "param_index": -1}
+    layout, payload = pack("PARAM_REQUEST_READ", **request)
     # Zeros complete a frame that was cut; then the parser must find the next frame.
     sim.feed(0, "gcs", bytes(600) + frame_v2(layout, payload, 0, 255, 190))
     sim.step(1.5)
@@ -117,7 +116,7 @@ def still_works(sim: VehicleSim) -> bool:
 
 
 @pytest.fixture(scope="module")
-def flying() -> Station:
+def station() -> Station:
     station = Station(camera=True, links=BOTH)
     station.fly_to(5.0)
     return station
@@ -126,52 +125,52 @@ def flying() -> Station:
 @pytest.mark.story
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.binary(max_size=400))
-def test_garbage_does_not_affect_a_flight(flying: Station, data: bytes) -> None:
-    flying.sim.feed(0, "gcs", data)
-    flying.sim.feed(0, "api", b"\xfd" + data)
-    flying.run(0.04)
-    assert flying.armed
-    assert flying.active_mode == HOLD
-    assert 3.0 < flying.height_m < 7.0
+def test_garbage_does_not_affect_a_flight(station: Station, data: bytes) -> None:
+    station.sim.feed(0, "gcs", data)
+    station.sim.feed(0, "api", b"\xfd" + data)
+    station.run(0.04)
+    assert station.armed
+    assert station.active_mode == HOLD
+    assert 3.0 < station.height_m < 7.0
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(st.integers(0, 2**31), st.integers(0, 40), st.integers(0, 255))
-def test_damaged_frames_do_not_affect_a_flight(flying: Station, seed: int, cut: int, flip: int) -> None:
-    chance = random.Random(seed)
+def test_damaged_frames_do_not_affect_a_flight(station: Station, seed: int, cut: int, flip: int) -> None:
+    rng = random.Random(seed)
     layout, payload = pack("COMMAND_LONG", target_system=1, target_component=1, command=400, param2=21196.0)
     frame = bytearray(frame_v2(layout, payload, 0, 255, 190))
-    frame[chance.randrange(1, len(frame))] ^= flip or 1
-    flying.sim.feed(0, "gcs", bytes(frame[: len(frame) - cut]) + bytes(300))
-    flying.run(0.04)
-    assert flying.armed
+    frame[rng.randrange(1, len(frame))] ^= flip or 1
+    station.sim.feed(0, "gcs", bytes(frame[: len(frame) - cut]) + bytes(300))
+    station.run(0.04)
+    assert station.armed
 
 
-def test_frames_with_unknown_ids_are_skipped_completely(flying: Station) -> None:
+def test_frames_with_unknown_ids_are_skipped_completely(station: Station) -> None:
     unknown = next(number for number in range(60000, 70000) if number not in LAYOUTS)
     head = struct.pack("<BBBBBBBHB", 0xFD, 9, 0, 0, 1, 255, 190, unknown & 0xFFFF, unknown >> 16)
-    link = flying.sim.nodes[0].context.links[0]
-    before = link.parser.counts.unknown
-    flying.sim.feed(0, "gcs", (head + bytes(11)) * 50)
-    flying.run(0.1)
-    assert link.parser.counts.unknown == before + 50
-    assert flying.armed
+    link = station.sim.nodes[0].context.links[0]
+    unknown_count = link.parser.counts.unknown
+    station.sim.feed(0, "gcs", (head + bytes(11)) * 50)
+    station.run(0.1)
+    assert link.parser.counts.unknown == unknown_count + 50
+    assert station.armed
 
 
 @pytest.mark.parametrize("seed", range(SEEDS))
 def test_the_simulator_works_after_extreme_values_in_every_message(seed: int) -> None:
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     sim = VehicleSim(camera=True, world=load_world("yard"), seed=seed, log=False)
     sim.step(6.0)
     layouts = list(LAYOUTS.values())
     for _ in range(3):
-        chance.shuffle(layouts)
+        rng.shuffle(layouts)
         for n, layout in enumerate(layouts):
-            payload = odd_payload(layout, chance)
-            if chance.random() < 0.2:
-                payload = payload[: chance.randrange(1, len(payload) + 1)]
-            sender = chance.choice(((255, 190), (1, 1), (1, 191), (0, 0), (254, 1)))
-            sim.feed(0, chance.choice(("gcs", "api")), frame_v2(layout, payload, n & 0xFF, *sender))
+            payload = odd_payload(layout, rng)
+            if rng.random() < 0.2:
+                payload = payload[: rng.randrange(1, len(payload) + 1)]
+            sender = rng.choice(((255, 190), (1, 1), (1, 191), (0, 0), (254, 1)))
+            sim.feed(0, rng.choice(("gcs", "api")), frame_v2(layout, payload, n & 0xFF, *sender))
             if n % 10 == 0:
                 sim.step(0.02)
     assert still_works(sim)
@@ -191,13 +190,13 @@ SERVICES = (
 
 @pytest.mark.parametrize("seed", range(SEEDS))
 def test_the_simulator_works_after_extreme_values_to_every_service_in_flight(seed: int) -> None:
-    chance = random.Random(1000 + seed)
+    rng = random.Random(1000 + seed)
     station = Station(camera=True, seed=seed)
     station.fly_to(5.0)
     sim = station.sim
     for n in range(500):
-        layout = BY_NAME[chance.choice(SERVICES)]
-        sim.feed(0, "gcs", frame_v2(layout, odd_payload(layout, chance), n & 0xFF, 255, 190))
+        layout = BY_NAME[rng.choice(SERVICES)]
+        sim.feed(0, "gcs", frame_v2(layout, odd_payload(layout, rng), n & 0xFF, 255, 190))
         if n % 5 == 0:
             sim.step(0.02)
     assert still_works(sim)

@@ -10,218 +10,223 @@ from tests.unit.vehicle_sim.sim_station import NAN, Station
 pytestmark = pytest.mark.flight
 
 
-def ready() -> Station:
-    s = Station()
-    s.run(2)
-    return s
+def ready_station() -> Station:
+    station = Station()
+    station.run(2)
+    return station
 
 
-def q_pitch(s: Station) -> float:
-    w, x, y, z = s.last["GIMBAL_DEVICE_ATTITUDE_STATUS"].q
+def q_pitch(station: Station) -> float:
+    w, x, y, z = station.last["GIMBAL_DEVICE_ATTITUDE_STATUS"].q
     return math.asin(2 * (w * y - z * x))
 
 
-def take_control(s: Station) -> None:
-    s.command(1001, 255, 190, -1, -1)
-    s.run(0.1)
+def take_control(station: Station) -> None:
+    station.command(1001, 255, 190, -1, -1)
+    station.run(0.1)
 
 
 def test_a_gimbal_program_takes_control_moves_the_gimbal_and_releases_control() -> None:
-    """Takes control, streams roll 90°, pitch 90° and zero with locked yaw, and releases control."""
-    s = Station(parameters={"MNT_RANGE_ROLL": 180.0, "MNT_RANGE_PITCH": 180.0})
-    take_control(s)
-    assert s.acks(1001) == [0]
+    """The program streams roll 90°, pitch 90° and zero, with locked yaw."""
+    station = Station(parameters={"MNT_RANGE_ROLL": 180.0, "MNT_RANGE_PITCH": 180.0})
+    take_control(station)
+    assert station.acks(1001) == [0]
 
     def stream(roll_deg: float, pitch_deg: float) -> None:
         cr, sr = math.cos(math.radians(roll_deg) / 2), math.sin(math.radians(roll_deg) / 2)
         cp, sp = math.cos(math.radians(pitch_deg) / 2), math.sin(math.radians(pitch_deg) / 2)
-        s.send(
+        station.send(
             "GIMBAL_MANAGER_SET_ATTITUDE", target_system=1, target_component=1, flags=28,
             q=(cr * cp, sr * cp, cr * sp, -sr * sp), angular_velocity_x=NAN, angular_velocity_y=NAN,
             angular_velocity_z=NAN,
         )  # fmt: skip
 
-    s.run(4, lambda: stream(90, 0), tick_s=0.1)
-    assert s.last["MOUNT_ORIENTATION"].roll == pytest.approx(90, abs=1)
-    s.run(4, lambda: stream(0, 90), tick_s=0.1)
-    assert abs(s.last["MOUNT_ORIENTATION"].pitch) == pytest.approx(90, abs=1)
-    s.run(2, lambda: stream(0, 0), tick_s=0.1)
-    mount = s.last["MOUNT_ORIENTATION"]
+    station.run(4, lambda: stream(90, 0), tick_s=0.1)
+    assert station.last["MOUNT_ORIENTATION"].roll == pytest.approx(90, abs=1)
+    station.run(4, lambda: stream(0, 90), tick_s=0.1)
+    assert abs(station.last["MOUNT_ORIENTATION"].pitch) == pytest.approx(90, abs=1)
+    station.run(2, lambda: stream(0, 0), tick_s=0.1)
+    mount = station.last["MOUNT_ORIENTATION"]
     assert (mount.roll, mount.pitch) == (pytest.approx(0, abs=1), pytest.approx(0, abs=1))
-    s.command(1001, -3, -3, -3, -3)
-    s.run(2.5)
-    assert s.last["GIMBAL_MANAGER_STATUS"].primary_control_sysid == 0
+    station.command(1001, -3, -3, -3, -3)
+    station.run(2.5)
+    assert station.last["GIMBAL_MANAGER_STATUS"].primary_control_sysid == 0
 
 
 def test_without_control_commands_are_denied_and_messages_ignored() -> None:
-    s = ready()
-    s.command(1000, -20, 30, NAN, NAN)
-    s.send("GIMBAL_MANAGER_SET_MANUAL_CONTROL", target_system=1, target_component=1, pitch=-0.5, yaw=0.0,
+    station = ready_station()
+    station.command(1000, -20, 30, NAN, NAN)
+    station.send("GIMBAL_MANAGER_SET_MANUAL_CONTROL", target_system=1, target_component=1,
+                 pitch=-0.5, yaw=0.0,
            pitch_rate=NAN, yaw_rate=NAN)  # fmt: skip
-    s.run(2)
-    assert s.acks(1000) == [2]
-    assert q_pitch(s) == pytest.approx(0.0, abs=1e-6)
+    station.run(2)
+    assert station.acks(1000) == [2]
+    assert q_pitch(station) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_servo_angles_change_at_once_and_stop_at_half_their_range() -> None:
-    s = ready()
-    take_control(s)
-    gimbal = s.sim.autopilots[0].gimbal
-    s.command(1000, -30, 60, NAN, NAN)
-    s.run(0.1)
+    station = ready_station()
+    take_control(station)
+    gimbal = station.sim.autopilots[0].gimbal
+    station.command(1000, -30, 60, NAN, NAN)
+    station.run(0.1)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-30)
-    s.command(1000, -60, 0, NAN, NAN)
-    s.run(0.1)
+    station.command(1000, -60, 0, NAN, NAN)
+    station.run(0.1)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-45)
-    s.command(1000, NAN, NAN, -10, 0)
-    s.run(2)
-    s.command(1000, NAN, NAN, 10, 0)
-    s.run(1)
+    station.command(1000, NAN, NAN, -10, 0)
+    station.run(2)
+    station.command(1000, NAN, NAN, 10, 0)
+    station.run(1)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-35, abs=0.5), (
         "the setpoint did not pass the end stop"
     )
 
 
 def test_a_separate_device_turns_at_a_limited_rate_and_keeps_its_heading() -> None:
-    s = Station(parameters={"MNT_MODE_OUT": 2})
-    take_control(s)
-    s.command(1000, -60, 90, NAN, NAN, 16)
-    s.run(0.3)
-    gimbal = s.sim.autopilots[0].gimbal
+    station = Station(parameters={"MNT_MODE_OUT": 2})
+    take_control(station)
+    station.command(1000, -60, 90, NAN, NAN, 16)
+    station.run(0.3)
+    gimbal = station.sim.autopilots[0].gimbal
     assert -45 < math.degrees(gimbal.actual.pitch_rad) < -10
-    s.run(2)
+    station.run(2)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-60, abs=0.5)
-    s.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
-    s.run(4)
+    station.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
+    station.run(4)
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=1.5)
-    assert s.last["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
+    assert station.last["GIMBAL_MANAGER_STATUS"].gimbal_device_id == 154
 
 
-def test_with_stabilization_the_yaw_of_servos_is_held_relative_to_north() -> None:
-    s = Station(parameters={"MNT_DO_STAB": 2})
-    take_control(s)
-    s.command(1000, 0, 90, NAN, NAN, 16)
-    s.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
-    s.run(6)
-    gimbal = s.sim.autopilots[0].gimbal
+def test_with_stabilization_the_yaw_of_servos_is_kept_relative_to_north() -> None:
+    station = Station(parameters={"MNT_DO_STAB": 2})
+    take_control(station)
+    station.command(1000, 0, 90, NAN, NAN, 16)
+    station.sim.simulation.truth.q_ned_frd[0] = (math.cos(0.2), 0.0, 0.0, math.sin(0.2))
+    station.run(6)
+    gimbal = station.sim.autopilots[0].gimbal
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=0.5)
     assert math.degrees(gimbal.actual.yaw_rad) < 80
 
 
 def test_assigned_outputs_have_the_gimbals_angles_when_armed_or_prearmed() -> None:
-    s = Station(parameters={"PWM_MAIN_FUNC5": 421, "PWM_MAIN_FUNC7": 422})
-    take_control(s)
-    s.command(1000, -22.5, 90, NAN, NAN)
-    s.command(511, 36, 100000)
-    s.run(1)
-    assert s.last["SERVO_OUTPUT_RAW"].servo5_raw == 900, "outputs are off while disarmed"
-    s.sim.simulation.parameters[0].set("COM_PREARM_MODE", 2)
-    s.run(1)
-    outputs = s.last["SERVO_OUTPUT_RAW"]
+    station = Station(parameters={"PWM_MAIN_FUNC5": 421, "PWM_MAIN_FUNC7": 422})
+    take_control(station)
+    station.command(1000, -22.5, 90, NAN, NAN)
+    station.command(511, 36, 100000)
+    station.run(1)
+    assert station.last["SERVO_OUTPUT_RAW"].servo5_raw == 900, "outputs are off while disarmed"
+    station.sim.simulation.parameters[0].set("COM_PREARM_MODE", 2)
+    station.run(1)
+    outputs = station.last["SERVO_OUTPUT_RAW"]
     assert (outputs.servo5_raw, outputs.servo6_raw, outputs.servo7_raw) == (1250, 900, 1750)
     assert outputs.servo1_raw == 900
 
 
 def test_minus_two_gives_gimbal_control_to_the_vehicle_itself() -> None:
-    s = ready()
-    s.command(1001, -2, -2, -1, -1)
-    s.run(0.1)
-    s.command(1000, -20, 0, NAN, NAN)
-    s.run(2.5)
-    assert s.acks(1000) == [2]
-    status = s.last["GIMBAL_MANAGER_STATUS"]
+    station = ready_station()
+    station.command(1001, -2, -2, -1, -1)
+    station.run(0.1)
+    station.command(1000, -20, 0, NAN, NAN)
+    station.run(2.5)
+    assert station.acks(1000) == [2]
+    status = station.last["GIMBAL_MANAGER_STATUS"]
     assert (status.primary_control_sysid, status.primary_control_compid) == (1, 1)
 
 
-def test_with_yaw_lock_the_heading_is_kept_and_without_it_the_gimbal_turns_with_the_vehicle() -> None:
-    s = ready()
-    take_control(s)
-    gimbal = s.sim.autopilots[0].gimbal
-    s.command(1000, 0, 90, NAN, NAN, 16)
-    s.run(2.5)
+def test_with_yaw_lock_the_heading_is_kept_and_without_lock_the_gimbal_turns_with_the_vehicle() -> None:
+    station = ready_station()
+    take_control(station)
+    gimbal = station.sim.autopilots[0].gimbal
+    station.command(1000, 0, 90, NAN, NAN, 16)
+    station.run(2.5)
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=1)
     assert gimbal.yaw_locked
-    s.command(1000, 0, 30, NAN, NAN, 0)
-    s.run(2.5)
+    station.command(1000, 0, 30, NAN, NAN, 0)
+    station.run(2.5)
     assert math.degrees(gimbal.actual.yaw_rad) == pytest.approx(30, abs=0.5)
 
 
 def test_rates_move_the_gimbal_until_nan_stops_it_and_an_incomplete_pair_of_angles_is_ignored() -> None:
-    s = ready()
-    take_control(s)
-    s.command(1000, NAN, NAN, -10, 0)
-    s.run(2)
-    gimbal = s.sim.autopilots[0].gimbal
+    station = ready_station()
+    take_control(station)
+    station.command(1000, NAN, NAN, -10, 0)
+    station.run(2)
+    gimbal = station.sim.autopilots[0].gimbal
     moved = math.degrees(gimbal.actual.pitch_rad)
     assert moved == pytest.approx(-20, abs=0.5)
-    s.command(1000, NAN, NAN, NAN, NAN)
-    s.run(1)
-    held = math.degrees(gimbal.setpoint.pitch_rad)
-    s.command(1000, -50, NAN, NAN, NAN)
-    s.run(1)
-    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(held, abs=0.3)
+    station.command(1000, NAN, NAN, NAN, NAN)
+    station.run(1)
+    stopped_deg = math.degrees(gimbal.setpoint.pitch_rad)
+    station.command(1000, -50, NAN, NAN, NAN)
+    station.run(1)
+    assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(stopped_deg, abs=0.3)
 
 
 def test_the_gimbal_points_at_a_region_of_interest_without_control() -> None:
-    s = ready()
-    s.run(4)
-    position = s.last["GLOBAL_POSITION_INT"]
-    s.command(195, 0, 0, 0, 0, position.lat / 1e7, position.lon / 1e7 + 50 / 75270, position.alt / 1000 - 50)
-    s.run(3)
-    gimbal = s.sim.autopilots[0].gimbal
+    station = ready_station()
+    station.run(4)
+    position = station.last["GLOBAL_POSITION_INT"]
+    station.command(
+        195, 0, 0, 0, 0, position.lat / 1e7, position.lon / 1e7 + 50 / 75270, position.alt / 1000 - 50
+    )
+    station.run(3)
+    gimbal = station.sim.autopilots[0].gimbal
     assert math.degrees(gimbal.yaw_ned_rad) == pytest.approx(90, abs=3)
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(-45, abs=3)
-    s.command(197)
-    s.run(2)
+    station.command(197)
+    station.run(2)
     assert gimbal.roi is None
     assert math.degrees(gimbal.actual.pitch_rad) == pytest.approx(0, abs=0.5)
 
 
 def test_a_disabled_gimbal_sends_nothing() -> None:
-    s = Station(parameters={"MNT_MODE_IN": -1})
-    s.run(2)
-    s.command(1000, -20, 0, NAN, NAN)
-    s.command(1001, 255, 190, -1, -1)
-    s.command(512, 280)
-    s.run(1)
-    assert s.acks(1000) == []
-    assert s.acks(1001) == []
-    assert s.acks(512) == [2]
-    assert not s.received("GIMBAL_MANAGER_STATUS")
+    station = Station(parameters={"MNT_MODE_IN": -1})
+    station.run(2)
+    station.command(1000, -20, 0, NAN, NAN)
+    station.command(1001, 255, 190, -1, -1)
+    station.command(512, 280)
+    station.run(1)
+    assert station.acks(1000) == []
+    assert station.acks(1001) == []
+    assert station.acks(512) == [2]
+    assert not station.received("GIMBAL_MANAGER_STATUS")
 
 
 @pytest.mark.story
-def test_the_gimbal_points_at_the_next_waypoint_if_there_is_one() -> None:
-    s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": 2})
-    s.ready_to_arm()
-    s.command(196)
-    s.run(1)
-    assert q_pitch(s) == pytest.approx(0.0, abs=1e-6), "without a waypoint it points ahead"
-    s.fly_to(10.0)
-    item = s.item(192, 40.0, 0.0)
-    s.command(192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, s.sim.autopilots[0].home.alt_amsl_m + 4)
-    s.run(2.5)
-    north, _ = s.position_ne_m
-    goal = s.sim.autopilots[0].waypoint
+def test_the_gimbal_points_at_the_next_waypoint_and_ahead_without_a_waypoint() -> None:
+    station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": 2})
+    station.ready_to_arm()
+    station.command(196)
+    station.run(1)
+    assert q_pitch(station) == pytest.approx(0.0, abs=1e-6), "the gimbal does not point ahead"
+    station.fly_to(10.0)
+    item = station.item(192, 40.0, 0.0)
+    station.command(
+        192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, station.sim.autopilots[0].home.alt_amsl_m + 4
+    )
+    station.run(2.5)
+    north, _ = station.position_ne_m
+    goal = station.sim.autopilots[0].waypoint
     assert goal is not None
-    assert q_pitch(s) == pytest.approx(math.atan2(4.0 - s.height_m, 40.0 - north), abs=0.03)
-    s.command(196, 0, 0, 0, 0, -10)
-    s.run(1.5)
-    north, _ = s.position_ne_m
-    wanted = math.atan2(4.0 - s.height_m, 40.0 - north) - math.radians(10.0)
-    assert q_pitch(s) == pytest.approx(wanted, abs=0.04), "with the pitch offset of the command"
+    assert q_pitch(station) == pytest.approx(math.atan2(4.0 - station.height_m, 40.0 - north), abs=0.03)
+    station.command(196, 0, 0, 0, 0, -10)
+    station.run(1.5)
+    north, _ = station.position_ne_m
+    expected = math.atan2(4.0 - station.height_m, 40.0 - north) - math.radians(10.0)
+    assert q_pitch(station) == pytest.approx(expected, abs=0.04), "without the pitch offset of the command"
 
 
-@pytest.mark.parametrize(("output", "locks"), [(0, 28), (2, 12)])
-def test_neutral_points_ahead_of_the_vehicle_with_any_lock(output: int, locks: int) -> None:
-    s = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": output})
-    s.ready_to_arm()
-    take_control(s)
-    s.command(1000, -20, 90, NAN, NAN, 28)
-    s.run(2)
-    s.command(1000, NAN, NAN, NAN, NAN, 2)
-    s.run(2)
-    assert s.acks(1000) == [0, 0]
-    assert s.last["MOUNT_ORIENTATION"].pitch == pytest.approx(0.0, abs=0.5)
-    assert math.remainder(s.last["MOUNT_ORIENTATION"].yaw, 360.0) == pytest.approx(0.0, abs=1.0)
-    assert s.last["GIMBAL_MANAGER_STATUS"].flags == locks, "as recorded"
+@pytest.mark.parametrize(("output", "lock_flags"), [(0, 28), (2, 12)])
+def test_a_neutral_gimbal_points_ahead_of_the_vehicle_with_any_lock(output: int, lock_flags: int) -> None:
+    station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": output})
+    station.ready_to_arm()
+    take_control(station)
+    station.command(1000, -20, 90, NAN, NAN, 28)
+    station.run(2)
+    station.command(1000, NAN, NAN, NAN, NAN, 2)
+    station.run(2)
+    assert station.acks(1000) == [0, 0]
+    assert station.last["MOUNT_ORIENTATION"].pitch == pytest.approx(0.0, abs=0.5)
+    assert math.remainder(station.last["MOUNT_ORIENTATION"].yaw, 360.0) == pytest.approx(0.0, abs=1.0)
+    assert station.last["GIMBAL_MANAGER_STATUS"].flags == lock_flags, "as recorded"

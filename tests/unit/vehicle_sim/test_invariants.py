@@ -1,4 +1,4 @@
-"""Properties of any quadrotor's physics and of any estimator."""
+"""Properties that the physics of any quadrotor and any estimator have."""
 
 import math
 
@@ -11,7 +11,8 @@ from vehicle_sim.simulation import ControlLevel, Simulation
 pytestmark = pytest.mark.flight
 
 MASS_KG, THRUST_MAX_N, DRAG_N_PER_M_S = 1.0, 5.0, 1.0
-"""Defaults of SIH_MASS, SIH_T_MAX and SIH_KDV; a test below compares them."""
+"""Defaults of SIH_MASS, SIH_T_MAX and SIH_KDV; `test_the_constants_equal_the_default_parameters` checks
+this."""
 
 
 def run(sim, seconds):
@@ -33,7 +34,7 @@ def hovering(count=1, *, noise=False, seed=0):
     return sim
 
 
-def test_the_airframe_is_that_of_the_recordings():
+def test_the_constants_equal_the_default_parameters():
     get = Simulation().parameters[0].get
     values = [get(name) for name in ("SIH_MASS", "SIH_T_MAX", "SIH_KDV")]
     assert values == pytest.approx([MASS_KG, THRUST_MAX_N, DRAG_N_PER_M_S])
@@ -101,11 +102,11 @@ def test_thrust_and_torque_bypass_the_rate_controller():
     sim.setpoints.torque_frd[:] = (0.0, 0.0, 0.05)
     run(sim, 0.5)
     p, q, r = sim.truth.rates_frd_rad_s[0]
-    assert r > 0.1, "clockwise"
+    assert r > 0.1, "not clockwise"
     assert max(abs(p), abs(q)) < 0.02
     sim.setpoints.torque_frd[:] = (np.nan, 0.02, 0.0)
     run(sim, 0.2)
-    assert sim.truth.rates_frd_rad_s[0, 1] > 0.2, "nose up; NaN is no torque"
+    assert sim.truth.rates_frd_rad_s[0, 1] > 0.2, "not nose up"
     assert abs(sim.truth.rates_frd_rad_s[0, 0]) < 0.05
 
 
@@ -127,10 +128,10 @@ def test_a_lasting_gps_offset_is_rejected_and_finally_accepted():
     assert sim.estimate.gps_rejected[0]
     assert sim.estimate.innovation_ratio_position[0] > 1.0
     assert abs(sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]) < 2.0
-    assert sim.estimate.valid_position[0], "the GPS velocity is still used"
+    assert sim.estimate.valid_position[0], "the GPS velocity was not used"
     run(sim, 12.0)
     error = sim.estimate.position_ned_m[0, 0] - sim.truth.position_ned_m[0, 0]
-    assert error == pytest.approx(60.0, abs=4.0), "reset to the position of GPS"
+    assert error == pytest.approx(60.0, abs=4.0), "not reset to the position of GPS"
     assert not sim.estimate.gps_rejected[0]
 
 
@@ -146,11 +147,11 @@ def test_a_short_gps_glitch_has_no_lasting_effect():
 
 @pytest.mark.story
 def test_gusts_depend_on_the_seed_and_can_be_stopped():
-    first, again, other = (hovering(seed=seed) for seed in (4, 4, 5))
-    for sim in (first, again, other):
+    first, same_seed, other = (hovering(seed=seed) for seed in (4, 4, 5))
+    for sim in (first, same_seed, other):
         sim.set_gusts(3.0)
         run(sim, 3.0)
-    assert np.array_equal(first.truth.position_ned_m, again.truth.position_ned_m)
+    assert np.array_equal(first.truth.position_ned_m, same_seed.truth.position_ned_m)
     assert not np.array_equal(first.truth.position_ned_m, other.truth.position_ned_m)
     assert np.abs(first.truth.velocity_ned_m_s).max() > 0.05
     first.set_gusts(0.0)

@@ -54,7 +54,7 @@ def test_the_covariance_is_propagated_along_its_columns_and_then_its_rows(rng: n
 
 
 @pytest.mark.parametrize("measured", [1, 3])
-def test_a_fusion_updates_both_halves_of_the_covariance_alike(
+def test_a_fusion_updates_both_halves_of_the_covariance_equally(
     measured: int, rng: np.random.Generator
 ) -> None:
     covariance, cross = almost_symmetric(rng), rng.normal(size=(1, SIZE, measured))

@@ -22,15 +22,15 @@ def attitudes() -> np.ndarray:
 
 def kalman() -> Kalman:
     """Filters whose covariances are positive and full."""
-    made = Kalman(VEHICLES, 0.008, attitudes())
+    filters = Kalman(VEHICLES, 0.008, attitudes())
     for i in range(VEHICLES):
-        made.configure(i, Parameters())
+        filters.configure(i, Parameters())
     roots = GENERATOR.normal(size=(VEHICLES, SIZE, SIZE)) * 0.1
-    made.covariance[:] = roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(SIZE)
-    return made
+    filters.covariance[:] = roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(SIZE)
+    return filters
 
 
-def test_rotations_of_one_vehicle_equal_those_of_the_fleet() -> None:
+def test_rotations_of_one_vehicle_equal_the_rotations_of_a_fleet() -> None:
     q, other, vector = attitudes(), attitudes(), GENERATOR.normal(size=(VEHICLES, 3))
     matrix = np.zeros((3, 3))
     for i in range(VEHICLES):
@@ -46,7 +46,7 @@ def test_rotations_of_one_vehicle_equal_those_of_the_fleet() -> None:
         assert turned == pytest.approx(expected)
 
 
-def test_sequential_measurements_equal_simultaneous_ones() -> None:
+def test_sequential_measurements_equal_simultaneous_measurements() -> None:
     filters = kalman()
     before, motion = filters.covariance.copy(), filters.vector.copy()
     innovation = GENERATOR.normal(size=(VEHICLES, 6)) * 0.1
@@ -93,16 +93,19 @@ def test_the_covariance_is_propagated_by_the_state_transition() -> None:
     impulse = filters.velocity_change - [0.0, 0.0, frames.GRAVITY_M_S2 * dt_s]
     filters.propagate_covariance()
     for i in range(VEHICLES):
-        turned, lean = -dt_s * filters.matrix[i], np.cross(np.eye(3), impulse[i]).T
+        turned, impulse_cross = -dt_s * filters.matrix[i], np.cross(np.eye(3), impulse[i]).T
         step = np.eye(SIZE)
         step[:3, GYRO_BIAS:ACCEL_BIAS] = turned
-        step[VELOCITY:POSITION, :3], step[VELOCITY:POSITION, ACCEL_BIAS : ACCEL_BIAS + 3] = lean, turned
-        step[POSITION:GYRO_BIAS, :3] = 0.5 * dt_s * lean
+        step[VELOCITY:POSITION, :3], step[VELOCITY:POSITION, ACCEL_BIAS : ACCEL_BIAS + 3] = (
+            impulse_cross,
+            turned,
+        )
+        step[POSITION:GYRO_BIAS, :3] = 0.5 * dt_s * impulse_cross
         step[POSITION:GYRO_BIAS, VELOCITY:POSITION] = dt_s * np.eye(3)
         step[POSITION:GYRO_BIAS, ACCEL_BIAS : ACCEL_BIAS + 3] = 0.5 * dt_s * turned
-        grown = filters.covariance[i] - step @ before[i] @ step.T
-        assert grown == pytest.approx(np.diag(np.diag(grown)), abs=1e-12)
-        assert 0.0 <= np.diag(grown).max() < 1e-3
+        added_noise = filters.covariance[i] - step @ before[i] @ step.T
+        assert added_noise == pytest.approx(np.diag(np.diag(added_noise)), abs=1e-12)
+        assert 0.0 <= np.diag(added_noise).max() < 1e-3
 
 
 def test_estimates_as_plain_numbers_equal_the_rows_of_the_arrays() -> None:

@@ -55,11 +55,11 @@ def flying() -> DetectorRun:
 
 def test_a_landing_takes_three_equal_stages_and_three_times_as_long_without_a_range() -> None:
     assert flying().until_landed(LANDED) == pytest.approx(1.0, abs=0.1)
-    unseen = LANDED._replace(height_above_ground_m=NAN)
-    assert flying().until_landed(unseen) == pytest.approx(3.0, abs=0.1)
-    never_seen = DetectorRun()
-    never_seen.feed(FLYING._replace(height_above_ground_m=NAN))
-    assert never_seen.until_landed(unseen) == pytest.approx(1.0, abs=0.1)
+    without_range = LANDED._replace(height_above_ground_m=NAN)
+    assert flying().until_landed(without_range) == pytest.approx(3.0, abs=0.1)
+    never_with_range = DetectorRun()
+    never_with_range.feed(FLYING._replace(height_above_ground_m=NAN))
+    assert never_with_range.until_landed(without_range) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -87,12 +87,12 @@ def test_the_low_thrust_limit_is_higher_with_an_estimated_hover_thrust() -> None
 
 
 def test_without_climb_rate_control_a_landing_needs_no_descent_setpoint() -> None:
-    by_hand = FLYING._replace(thrust=0.08, climb_rate_controlled=False, setpoint_down_m_s=NAN)
-    assert flying().until_landed(by_hand) == pytest.approx(1.0, abs=0.1)
-    assert not flying().feed(by_hand._replace(thrust=0.12), 5.0).landed
+    manual = FLYING._replace(thrust=0.08, climb_rate_controlled=False, setpoint_down_m_s=NAN)
+    assert flying().until_landed(manual) == pytest.approx(1.0, abs=0.1)
+    assert not flying().feed(manual._replace(thrust=0.12), 5.0).landed
 
 
-def test_without_a_height_a_landing_is_eight_seconds_of_low_thrust() -> None:
+def test_without_a_height_a_landing_is_detected_after_eight_seconds_of_low_thrust() -> None:
     assert flying().until_landed(LANDED._replace(vertical_known=False), 20.0) == pytest.approx(8.7, abs=0.1)
 
 
@@ -106,8 +106,9 @@ def test_thrust_ends_the_landed_state_at_once_and_disarming_starts_it_after_one_
 # --- the height above ground ---------------------------------------------------------------------------
 
 
-class Ranger:
-    """One vehicle's terrain estimate; the test sets range and height."""
+class TerrainEstimate:
+    """The terrain estimate of one vehicle; the test sets the measured range and the vehicle's down
+    coordinate."""
 
     def __init__(self) -> None:
         self.terrain = Terrain(1, 0.04)
@@ -125,93 +126,95 @@ class Ranger:
 
 
 def test_on_the_ground_the_height_is_the_shortest_range() -> None:
-    assert Ranger().feed(0.0, in_air=False) == pytest.approx(0.1)
+    assert TerrainEstimate().feed(0.0, in_air=False) == pytest.approx(0.1)
 
 
 def test_the_height_is_unknown_just_above_the_ground_and_known_again_higher_up() -> None:
-    ranger = Ranger()
-    ranger.feed(0.0, in_air=False)
-    assert ranger.feed(0.02, down_m=-0.05) == pytest.approx(0.15)
-    assert math.isnan(ranger.feed(0.03, down_m=-0.05, for_s=VALID_FROM_GROUND_S))
-    assert ranger.feed(0.3, down_m=-0.3) == pytest.approx(0.3)
-    assert ranger.feed(0.05, down_m=-0.05) == pytest.approx(0.05)
-    assert math.isnan(ranger.feed(0.0, for_s=VALID_FOR_S + 0.04))
+    estimate = TerrainEstimate()
+    estimate.feed(0.0, in_air=False)
+    assert estimate.feed(0.02, down_m=-0.05) == pytest.approx(0.15)
+    assert math.isnan(estimate.feed(0.03, down_m=-0.05, for_s=VALID_FROM_GROUND_S))
+    assert estimate.feed(0.3, down_m=-0.3) == pytest.approx(0.3)
+    assert estimate.feed(0.05, down_m=-0.05) == pytest.approx(0.05)
+    assert math.isnan(estimate.feed(0.0, for_s=VALID_FOR_S + 0.04))
 
 
 def test_the_height_follows_the_range_with_a_short_delay() -> None:
-    ranger = Ranger()
-    height = ranger.feed(5.0)
+    estimate = TerrainEstimate()
+    height = estimate.feed(5.0)
     for k in range(100):
-        height = ranger.feed(5.0 - 0.028 * (k + 1), down_m=-5.0 + 0.028 * (k + 1))
+        height = estimate.feed(5.0 - 0.028 * (k + 1), down_m=-5.0 + 0.028 * (k + 1))
     assert height - 2.2 == pytest.approx(0.7 * 0.13, abs=0.03)
 
 
 def test_unused_ranges_have_no_effect() -> None:
-    ranger = Ranger()
-    ranger.terrain.configure(0, Parameters({"EKF2_RNG_CTRL": 0}))
-    assert math.isnan(ranger.feed(3.0, for_s=1.0))
+    estimate = TerrainEstimate()
+    estimate.terrain.configure(0, Parameters({"EKF2_RNG_CTRL": 0}))
+    assert math.isnan(estimate.feed(3.0, for_s=1.0))
 
 
 # --- flights -------------------------------------------------------------------------------------------
 
 
-def hover(height_m: float) -> Station:
-    s = Station(links=BOTH, sensor_noise=False)
-    s.run_until(lambda: s.ready, 10)
-    s.command(400, 1)
-    s.run(0.1)
-    s.command(22, -1, 0, 0, NAN, NAN, NAN, s.sim.autopilots[0].home.alt_amsl_m + height_m)
-    s.run_until(lambda: s.height_m > height_m - 0.3, 20)
-    s.run(6)
-    return s
+def hovering_station(alt_home_m: float) -> Station:
+    station = Station(links=BOTH, sensor_noise=False)
+    station.run_until(lambda: station.ready, 10)
+    station.command(400, 1)
+    station.run(0.1)
+    station.command(22, -1, 0, 0, NAN, NAN, NAN, station.sim.autopilots[0].home.alt_amsl_m + alt_home_m)
+    station.run_until(lambda: station.height_m > alt_home_m - 0.3, 20)
+    station.run(6)
+    return station
 
 
-def setpoint_sender(s: Station, mask: int, **fields: Any):
-    return lambda: s.send(
+def setpoint_sender(station: Station, mask: int, **fields: Any):
+    return lambda: station.send(
         "SET_POSITION_TARGET_LOCAL_NED", via="api", target_system=1, target_component=1,
         coordinate_frame=1, type_mask=mask, **fields,
     )  # fmt: skip
 
 
-def offboard(s: Station, mask: int, **fields: float) -> None:
-    stream = setpoint_sender(s, mask, **fields)
-    s.run(0.5, stream)
-    s.command(176, 1, 6)
-    s.run(0.2, stream)
-    assert s.mode == OFFBOARD
+def offboard(station: Station, mask: int, **fields: float) -> None:
+    stream = setpoint_sender(station, mask, **fields)
+    station.run(0.5, stream)
+    station.command(176, 1, 6)
+    station.run(0.2, stream)
+    assert station.mode == OFFBOARD
 
 
 @pytest.mark.story
 def test_a_landing_is_detected_some_seconds_after_the_touch_down() -> None:
     """A real PX4 took 3.3 to 4.3 s, because near the ground the range is below the sensor's minimum."""
-    s = hover(5.0)
-    assert s.last["ALTITUDE"].bottom_clearance == pytest.approx(5.0, abs=0.3)
-    s.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
-    truth = s.sim.simulation.truth
-    s.run_until(lambda: truth.position_ned_m[0, 2] > -0.5, 20)
-    assert s.mode == LAND
-    s.run_until(lambda: truth.position_ned_m[0, 2] > -0.4, 5)
-    assert truth.velocity_ned_m_s[0, 2] == pytest.approx(0.33, abs=0.05), "slow descent below one metre"
-    s.run_until(lambda: truth.position_ned_m[0, 2] > -0.001, 20)
-    touched_s = s.now_s
-    s.run_until(lambda: "Landing detected\t" in s.texts(), 10)
-    assert 2.8 < s.now_s - touched_s < 4.4
-    s.run(2.5)
-    assert s.last["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
+    station = hovering_station(5.0)
+    assert station.last["ALTITUDE"].bottom_clearance == pytest.approx(5.0, abs=0.3)
+    station.command(21, 0, 0, 0, NAN, NAN, NAN, 0)
+    truth = station.sim.simulation.truth
+    station.run_until(lambda: truth.position_ned_m[0, 2] > -0.5, 20)
+    assert station.mode == LAND
+    station.run_until(lambda: truth.position_ned_m[0, 2] > -0.4, 5)
+    assert truth.velocity_ned_m_s[0, 2] == pytest.approx(0.33, abs=0.05), "no slow descent below one metre"
+    station.run_until(lambda: truth.position_ned_m[0, 2] > -0.001, 20)
+    touched_s = station.now_s
+    station.run_until(lambda: "Landing detected\t" in station.texts(), 10)
+    assert 2.8 < station.now_s - touched_s < 4.4
+    station.run(2.5)
+    assert station.last["ALTITUDE"].bottom_clearance == pytest.approx(0.1)
 
 
 @pytest.mark.story
 def test_a_descent_setpoint_ends_in_a_landing_and_a_position_below_the_ground_does_not() -> None:
     """PX4 needs a controlled descent; with a position setpoint below the ground it stays armed."""
-    s = hover(3.0)
-    into_ground = setpoint_sender(s, 0b110111111000, z=2.0)
-    offboard(s, 0b110111111000, z=2.0)
-    s.run(15, into_ground)
-    assert s.sim.simulation.truth.position_ned_m[0, 2] == pytest.approx(0.0, abs=0.01)
-    assert s.armed
-    assert "Landing detected\t" not in s.texts()
-    s.run_until(lambda: "Landing detected\t" in s.texts(), 10, setpoint_sender(s, 0b110111000111, vz=0.5))
-    assert "Landing detected\t" in s.texts()
+    station = hovering_station(3.0)
+    into_ground = setpoint_sender(station, 0b110111111000, z=2.0)
+    offboard(station, 0b110111111000, z=2.0)
+    station.run(15, into_ground)
+    assert station.sim.simulation.truth.position_ned_m[0, 2] == pytest.approx(0.0, abs=0.01)
+    assert station.armed
+    assert "Landing detected\t" not in station.texts()
+    station.run_until(
+        lambda: "Landing detected\t" in station.texts(), 10, setpoint_sender(station, 0b110111000111, vz=0.5)
+    )
+    assert "Landing detected\t" in station.texts()
 
 
 PARTIAL_SETPOINTS = (
@@ -224,24 +227,25 @@ PARTIAL_SETPOINTS = (
 
 @pytest.mark.story
 def test_a_setpoint_with_an_uncontrolled_axis_stops_the_vehicle() -> None:
-    """As a real PX4 does; the echoed target is velocity zero."""
-    s = hover(3.0)
-    before = s.sim.simulation.truth.position_ned_m[0].copy()
-    offboard(s, 0b110111000111)
+    """A real PX4 also stops; the target that it reports is velocity zero."""
+    station = hovering_station(3.0)
+    before = station.sim.simulation.truth.position_ned_m[0].copy()
+    offboard(station, 0b110111000111)
     for mask, fields in PARTIAL_SETPOINTS:
-        s.run(3, setpoint_sender(s, mask, **fields))
-        echo = s.last["POSITION_TARGET_LOCAL_NED"]
+        station.run(3, setpoint_sender(station, mask, **fields))
+        echo = station.last["POSITION_TARGET_LOCAL_NED"]
         assert (echo.vx, echo.vy, echo.vz) == (0.0, 0.0, 0.0)
         assert all(map(math.isnan, (echo.x, echo.y, echo.z)))
-        assert s.sim.simulation.truth.position_ned_m[0] == pytest.approx(before, abs=0.3)
-    assert s.mode == OFFBOARD
+        assert station.sim.simulation.truth.position_ned_m[0] == pytest.approx(before, abs=0.3)
+    assert station.mode == OFFBOARD
 
 
 # --- the trajectory of a landing -----------------------------------------------------------------------
 
 
 class DisplacedVehicle:
-    """A vehicle held beside its trajectory, which records the height of the position setpoint."""
+    """A vehicle that stays beside its trajectory; `down_m` is the down coordinate of its position
+    setpoint."""
 
     def __init__(self, north_m: float) -> None:
         self.estimate = SimpleNamespace(
@@ -265,15 +269,15 @@ class DisplacedVehicle:
         self.down_m = position_ned_m[2]
 
 
-@pytest.mark.parametrize(("beside_m", "part"), [(0.0, 1.0), (0.5, 0.75), (1.0, 0.5)])
-def test_a_vehicle_away_from_its_trajectory_descends_more_slowly(beside_m: float, part: float) -> None:
+@pytest.mark.parametrize(("beside_m", "fraction"), [(0.0, 1.0), (0.5, 0.75), (1.0, 0.5)])
+def test_a_vehicle_away_from_its_trajectory_descends_more_slowly(beside_m: float, fraction: float) -> None:
     """MPC_XY_ERR_MAX is 2 m; a real PX4 at half a metre from its path descended at 3/4 of its speed."""
-    body = DisplacedVehicle(-beside_m)
-    path = Path(body, body)  # type: ignore[arg-type]
+    vehicle = DisplacedVehicle(-beside_m)
+    path = Path(vehicle, vehicle)  # type: ignore[arg-type]
     for axis, at_m in ((path.x, 0.0), (path.y, 0.0), (path.z, -20.0)):
         axis.reset(at_m)
     path.z.reset(-20.0, 1.5)
-    descent = Descent(body, path)  # type: ignore[arg-type]
+    descent = Descent(vehicle, path)  # type: ignore[arg-type]
     for _ in range(20):
         descent.run()
-    assert body.down_m + 20.0 == pytest.approx(20 * TICK_S * 1.5 * part, rel=0.02)
+    assert vehicle.down_m + 20.0 == pytest.approx(20 * TICK_S * 1.5 * fraction, rel=0.02)

@@ -1,4 +1,4 @@
-"""Logs by LOG_* messages: listed, sent in parts, lost parts requested again, erased."""
+"""Logs over LOG_* messages: the vehicle lists them, sends and repeats their parts, and erases them."""
 
 import random
 
@@ -15,7 +15,7 @@ TARGET = {"target_system": 1, "target_component": 1}
 
 @pytest.fixture
 def station():
-    """A station whose vehicle has one finished log and a second one in progress."""
+    """A station whose vehicle has one finished log and a second log in progress."""
     station = Station(log=True, boot_time_unix_s=1795222005)
     station.run(2)
     logger = station.sim.loggers[0]
@@ -26,7 +26,7 @@ def station():
     return station
 
 
-def host_bytes(station, number):
+def file_bytes(station, number):
     folder = station.sim.files[0].root / "log"
     return sorted(folder.rglob("*.ulg"))[number].read_bytes()
 
@@ -42,35 +42,35 @@ def test_the_list_has_number_time_and_size_of_each_log(station):
     first, second = request(station, "LOG_REQUEST_LIST", start=0, end=0xFFFF)
     assert (first.values["id"], first.num_logs, first.last_log_num) == (0, 2, 2)
     assert first.time_utc == 1795222005
-    assert first.size == len(host_bytes(station, 0))
+    assert first.size == len(file_bytes(station, 0))
     assert (second.values["id"], second.time_utc) == (1, 1795222007)
     (only,) = request(station, "LOG_REQUEST_LIST", start=1, end=1)
     assert only.values["id"] == 1
 
 
 @pytest.mark.parametrize("bounds", [(5, 9), (2, 0xFFFF)])
-def test_a_request_for_logs_that_do_not_exist_gets_no_answer(station, bounds):
+def test_a_request_for_logs_that_do_not_exist_gets_no_reply(station, bounds):
     assert request(station, "LOG_REQUEST_LIST", start=bounds[0], end=bounds[1]) == []
 
 
-def test_parts_have_90_bytes_and_the_last_one_the_rest(station):
-    whole = host_bytes(station, 0)
-    parts = request(station, "LOG_REQUEST_DATA", id=0, ofs=len(whole) - 100, count=1000)
-    assert [(m.ofs, m.count) for m in parts] == [(len(whole) - 100, 90), (len(whole) - 10, 10)]
-    assert bytes(parts[0].data) + bytes(parts[1].data[:10]) == whole[-100:]
+def test_parts_have_90_bytes_and_the_last_part_has_the_rest(station):
+    content = file_bytes(station, 0)
+    parts = request(station, "LOG_REQUEST_DATA", id=0, ofs=len(content) - 100, count=1000)
+    assert [(m.ofs, m.count) for m in parts] == [(len(content) - 100, 90), (len(content) - 10, 10)]
+    assert bytes(parts[0].data) + bytes(parts[1].data[:10]) == content[-100:]
 
 
 @pytest.mark.parametrize("fields", [{"id": 50, "ofs": 0, "count": 90}, {"id": 0, "ofs": 1 << 30, "count": 90},
                                     {"id": 0, "ofs": 0, "count": 0}])  # fmt: skip
-def test_invalid_requests_get_no_answer(station, fields):
+def test_invalid_requests_get_no_reply(station, fields):
     assert request(station, "LOG_REQUEST_DATA", **fields) == []
 
 
 def test_a_download_with_lost_parts_equals_the_file_read_by_ftp(station):
     (entry,) = [m for m in request(station, "LOG_REQUEST_LIST", start=0, end=0)]
-    lossy, got = random.Random(3), {}
+    lossy, parts_by_offset = random.Random(3), {}
     for _ in range(40):
-        missing = [at for at in range(0, entry.size, 90) if at not in got]
+        missing = [offset for offset in range(0, entry.size, 90) if offset not in parts_by_offset]
         if not missing:
             break
         count = 90 * (
@@ -79,22 +79,22 @@ def test_a_download_with_lost_parts_equals_the_file_read_by_ftp(station):
         count = min(entry.size - missing[0], count if len(missing) < 200 else entry.size)
         for part in request(station, "LOG_REQUEST_DATA", 1.0, id=0, ofs=missing[0], count=count):
             if lossy.random() > 0.05:
-                got[part.ofs] = bytes(part.data[: part.count])
+                parts_by_offset[part.ofs] = bytes(part.data[: part.count])
         station.log.clear()
         if len(missing) < 200:
-            for at in missing:
-                for part in request(station, "LOG_REQUEST_DATA", 0.02, id=0, ofs=at, count=90):
-                    got[part.ofs] = bytes(part.data[: part.count])
-    downloaded = b"".join(got[at] for at in sorted(got))
-    assert downloaded == host_bytes(station, 0)
+            for offset in missing:
+                for part in request(station, "LOG_REQUEST_DATA", 0.02, id=0, ofs=offset, count=90):
+                    parts_by_offset[part.ofs] = bytes(part.data[: part.count])
+    downloaded = b"".join(parts_by_offset[offset] for offset in sorted(parts_by_offset))
+    assert downloaded == file_bytes(station, 0)
     path = sorted((station.sim.files[0].root / "log").rglob("*.ulg"))[0].relative_to(
         station.sim.files[0].root
     )
     client, read = FtpClient(station.sim), b""
-    assert client.one(ftp.OPEN_RO, str(path).encode())[0] == ftp.ACK
+    assert client.request_one(ftp.OPEN_RO, str(path).encode())[0] == ftp.ACK
     while len(read) < len(downloaded):
-        answers = client.request(ftp.BURST, offset=len(read), wait_s=0.4)
-        read += b"".join(data for head, data in answers if head[2] == ftp.ACK)
+        replies = client.request(ftp.BURST, offset=len(read), wait_s=0.4)
+        read += b"".join(data for head, data in replies if head[2] == ftp.ACK)
     assert read == downloaded
 
 
@@ -124,7 +124,7 @@ def test_requests_to_other_systems_and_components_are_ignored(station):
     since_s = station.now_s
     station.run(0.2)
     assert station.received("LOG_ENTRY", since_s=since_s) == []
-    assert host_bytes(station, 0)
+    assert file_bytes(station, 0)
 
 
 def test_a_download_ends_when_its_log_is_erased(station):

@@ -25,7 +25,8 @@ SETTINGS = MAVFTPSettings(
         ("idle_detection_time", float, 0.3), ("read_retry_time", float, 0.25), ("retry_time", float, 0.2),
     ]
 )  # fmt: skip
-"""Its defaults, but with shorter timeouts [s]; the client waits for one after creating a directory."""
+"""The client's defaults with shorter timeouts [s]: the client waits for a timeout after creating a
+directory."""
 
 
 class Connection:
@@ -84,4 +85,4 @@ def test_ten_rounds_of_listing_writing_reading_and_removing_leave_no_session_ope
         assert client.cmd_rm(["round/data.bin"]).error_code == FtpError.Success
         assert client.cmd_rmdir(["round"]).error_code == FtpError.Success
     assert [r.message for r in caplog.records if r.levelno >= logging.ERROR] == []
-    assert connection.sim.time_s < 1.5 * ROUNDS, "no request was repeated after a timeout"
+    assert connection.sim.time_s < 1.5 * ROUNDS, "a request was repeated after a timeout"

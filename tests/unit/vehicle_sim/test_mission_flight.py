@@ -17,7 +17,7 @@ TIME_TOLERANCE = 0.06
 """Relative tolerance of the times: only the recorded vehicle drifts with GPS noise."""
 
 
-def test_the_box_is_flown_as_recorded(shared: Path) -> None:
+def test_a_mission_along_a_box_is_flown_as_recorded(shared: Path) -> None:
     recording = json.loads(gzip.decompress((shared / "px4/flights/mission_box_40m.json.gz").read_bytes()))
     real: dict[int, float] = {}
     for message in recording["messages"]:
@@ -26,10 +26,10 @@ def test_the_box_is_flown_as_recorded(shared: Path) -> None:
     columns = {name: k for k, name in enumerate(recording["columns"])}
     rows = np.array([[math.nan if v is None else v for v in row] for row in recording["rows"]], dtype=float)
 
-    s = PlanStation(sensor_noise=False)
-    s.ready_to_arm()
+    station = PlanStation(sensor_noise=False)
+    station.ready_to_arm()
     items = [dict(item) for item in recording["stimulus"][0]["items"]]
-    first = s.item(22)
+    first = station.item(22)
     north0, east0 = items[0]["x"], items[0]["y"]
     for item in items:
         if item["x"]:
@@ -37,31 +37,31 @@ def test_the_box_is_flown_as_recorded(shared: Path) -> None:
             item["y"] += first["y"] - east0
         item.update({name: math.nan for name, value in item.items() if value is None})
         del item["seq"], item["mission_type"]
-    assert s.upload(items) == 0
-    start_s = s.now_s
-    s.command(400, 1)
-    s.run(0.02)
-    s.command(300)
+    assert station.upload(items) == 0
+    start_s = station.now_s
+    station.command(400, 1)
+    station.run(0.02)
+    station.command(300)
     track: list[tuple[float, float, float, float]] = []
-    s.run_until(
-        lambda: s.active_mode == RTL,
+    station.run_until(
+        lambda: station.active_mode == RTL,
         75,
-        lambda: track.append((s.now_s - start_s, *s.position_ne_m, s.height_m)),
+        lambda: track.append((station.now_s - start_s, *station.position_ne_m, station.height_m)),
     )
 
-    ours: dict[int, float] = {}
-    for t_s, link, message in s.log:
+    simulated: dict[int, float] = {}
+    for t_s, link, message in station.log:
         if link == "gcs" and message.name == "MISSION_ITEM_REACHED":
-            ours.setdefault(message.seq, t_s - start_s)
-    assert list(ours) == list(real) == [0, 1, 2, 3, 4]
+            simulated.setdefault(message.seq, t_s - start_s)
+    assert list(simulated) == list(real) == [0, 1, 2, 3, 4]
     for seq, t_s in real.items():
-        assert ours[seq] == pytest.approx(t_s, rel=TIME_TOLERANCE), f"item {seq}"
-    flown = np.array(track)
+        assert simulated[seq] == pytest.approx(t_s, rel=TIME_TOLERANCE), f"item {seq}"
+    samples = np.array(track)
     x0, y0 = rows[0, columns["x"]], rows[0, columns["y"]]
     path = rows[rows[:, 0] < real[4]][:, [columns["x"], columns["y"]]] - (x0, y0)
-    deviations_m = [np.hypot(*(path - position).T).min() for position in flown[::25, 1:3]]
-    assert max(deviations_m) < 1.6, "distance to the recorded path"
-    assert flown[:, 3].max() < 10.6
-    speeds = np.hypot(np.diff(flown[:, 1]), np.diff(flown[:, 2])) / 0.02
+    deviations_m = [np.hypot(*(path - position).T).min() for position in samples[::25, 1:3]]
+    assert max(deviations_m) < 1.6, "too far from the recorded path"
+    assert samples[:, 3].max() < 10.6
+    speeds = np.hypot(np.diff(samples[:, 1]), np.diff(samples[:, 2])) / 0.02
     real_speeds = np.hypot(rows[:, columns["vx"]], rows[:, columns["vy"]])
     assert speeds.max() == pytest.approx(real_speeds.max(), rel=0.07)

@@ -1,4 +1,4 @@
-"""The settings that PX4 repeats when a mission is started at a later item, or continued after a pause."""
+"""The settings that PX4 repeats when a mission starts at a later item or continues after a pause."""
 
 import pytest
 
@@ -21,23 +21,23 @@ LINE = [
 ]  # fmt: skip
 
 
-def replay():
-    issued = []
-    return Replay(lambda each: issued.append((each.command, each.parameters[0]))), issued
+def make_replay():
+    commands = []
+    return Replay(lambda each: commands.append((each.command, each.parameters[0]))), commands
 
 
-def test_speed_is_repeated_at_once_gimbal_angles_after_the_climb_and_pictures_at_the_waypoint():
-    repeated, issued = replay()
-    assert repeated.begin(LINE, 10) == 10
-    assert issued == [(SPEED, 1), (MODE, 0)]
-    repeated.after_climb()
-    assert issued[2:] == [(CONFIGURE, 0), (PITCH_YAW, -90)]
-    repeated.reached(10)
-    assert len(issued) == 4, "the waypoint is not reached yet"
-    repeated.reached(11)
-    repeated.reached(12)
-    repeated.after_climb()
-    assert issued[4:] == [(DISTANCE, 10)]
+def test_speed_is_repeated_at_once_and_gimbal_angles_and_pictures_later():
+    replay, commands = make_replay()
+    assert replay.begin(LINE, 10) == 10
+    assert commands == [(SPEED, 1), (MODE, 0)]
+    replay.after_climb()
+    assert commands[2:] == [(CONFIGURE, 0), (PITCH_YAW, -90)]
+    replay.reached(10)
+    assert len(commands) == 4, "repeated before the waypoint"
+    replay.reached(11)
+    replay.reached(12)
+    replay.after_climb()
+    assert commands[4:] == [(DISTANCE, 10)]
 
 
 @pytest.mark.parametrize(
@@ -46,41 +46,42 @@ def test_speed_is_repeated_at_once_gimbal_angles_after_the_climb_and_pictures_at
      (item(2001), False)],
 )  # fmt: skip
 def test_only_a_trigger_that_takes_pictures_is_repeated(last, repeats):
-    repeated, issued = replay()
-    repeated.begin([item(DISTANCE, 5), last, item(WAYPOINT), item(WAYPOINT)], 2)
-    repeated.reached(3)
-    assert (issued == [(last.command, last.parameters[0])]) is repeats
+    replay, commands = make_replay()
+    replay.begin([item(DISTANCE, 5), last, item(WAYPOINT), item(WAYPOINT)], 2)
+    replay.reached(3)
+    assert (commands == [(last.command, last.parameters[0])]) is repeats
 
 
 def test_a_mission_left_while_pictures_are_taken_continues_at_the_previous_waypoint():
-    repeated, issued = replay()
-    repeated.left_at = 10
-    assert repeated.begin(LINE, 10) == 9
-    assert (SPEED, 1) not in issued, "the speed is repeated at that position too"
-    repeated.reached(10)
-    assert issued[-2:] == [(SPEED, 1), (DISTANCE, 10)]
-    repeated.left_at = 12
-    assert repeated.begin(LINE, 12) == 12, "no pictures were taken there"
+    replay, commands = make_replay()
+    replay.left_at = 10
+    assert replay.begin(LINE, 10) == 9
+    assert (SPEED, 1) not in commands, "the speed was not repeated at the waypoint"
+    replay.reached(10)
+    assert commands[-2:] == [(SPEED, 1), (DISTANCE, 10)]
+    replay.left_at = 12
+    assert replay.begin(LINE, 12) == 12, "continued at an earlier waypoint without pictures"
 
 
 @pytest.mark.flight
-def test_a_mission_that_was_not_flown_before_starts_at_an_item_with_the_earlier_settings():
-    s = PlanStation(parameters={"MIS_TAKEOFF_ALT": 2.5}, sensor_noise=False)
-    s.ready_to_arm()
-    s.upload([
-        s.item(TAKEOFF, height_m=8), s.action(SPEED, 1, 3.0, -1), s.action(PITCH_YAW, -90, 0),
-        s.action(DISTANCE, 10), s.item(WAYPOINT, 4, 0, 3), s.item(WAYPOINT, 40, 0, 3),
+def test_a_mission_that_starts_at_a_later_item_uses_the_settings_of_the_items_before_it():
+    station = PlanStation(parameters={"MIS_TAKEOFF_ALT": 2.5}, sensor_noise=False)
+    station.ready_to_arm()
+    station.upload([
+        station.item(TAKEOFF, alt_home_m=8), station.action(SPEED, 1, 3.0, -1),
+        station.action(PITCH_YAW, -90, 0),
+        station.action(DISTANCE, 10), station.item(WAYPOINT, 4, 0, 3), station.item(WAYPOINT, 40, 0, 3),
     ])  # fmt: skip
-    s.command(300, 4)
-    s.run(0.1)
-    numbers = [m.command for m in s.received("COMMAND_LONG") if m.confirmation == 0]
+    station.command(300, 4)
+    station.run(0.1)
+    numbers = [m.command for m in station.received("COMMAND_LONG") if m.confirmation == 0]
     assert numbers == [SPEED]
-    assert "Climb to 3.0 meters above home\t" in s.texts(), "the altitude of item 4, not of the take-off"
-    s.run_until(lambda: s.mission.current == 5, 20)
-    s.run(0.1)
-    assert [m.command for m in s.received("COMMAND_LONG") if m.confirmation == 0] == [
+    assert "Climb to 3.0 meters above home\t" in station.texts(), "not the altitude of item 4"
+    station.run_until(lambda: station.mission.current == 5, 20)
+    station.run(0.1)
+    assert [m.command for m in station.received("COMMAND_LONG") if m.confirmation == 0] == [
         SPEED,
         PITCH_YAW,
         DISTANCE,
     ]
-    assert s.reached() == [4]
+    assert station.reached() == [4]

@@ -61,12 +61,12 @@ def flight(tmp_path_factory):
 
 
 @pytest.mark.story
-def test_a_ground_station_sees_whether_a_log_is_written(flight):
+def test_sys_status_reports_whether_a_log_is_written(flight):
     assert flight.sensors[8] == 0x300402F
     assert flight.sensors[-1] == 0x200402F, "as recorded after a flight"
 
 
-def test_a_log_is_named_by_its_time_and_begins_like_one_of_px4(flight):
+def test_a_log_is_named_by_its_time_and_begins_like_a_log_of_px4(flight):
     assert str(flight.path).endswith("log/2026-11-21/00_46_45.ulg")
     assert flight.path.read_bytes()[:180].hex() == RECORDED_HEAD
     assert flight.log.msg_info_dict["sys_name"] == "PX4"
@@ -85,14 +85,16 @@ def test_a_log_is_named_by_its_time_and_begins_like_one_of_px4(flight):
         ("actuator_outputs", [f"output[{k}]" for k in range(4)], 4),
     ],
 )
-def test_logged_values_equal_those_of_the_simulation_at_the_same_time(flight, topic, columns, index):
+def test_logged_values_equal_the_values_of_the_simulation_at_the_same_time(flight, topic, columns, index):
     data = flight.data[topic]
     compared = 0
     for k, time_us in enumerate(data["timestamp"]):
         if int(time_us) in flight.states:
-            written = np.array([data[name][k] for name in columns])
-            known = np.atleast_1d(flight.states[int(time_us)][index])
-            assert written == pytest.approx(np.round(known) if topic.endswith("outputs") else known, rel=1e-6)
+            logged = np.array([data[name][k] for name in columns])
+            simulated = np.atleast_1d(flight.states[int(time_us)][index])
+            assert logged == pytest.approx(
+                np.round(simulated) if topic.endswith("outputs") else simulated, rel=1e-6
+            )
             compared += 1
     assert compared >= 29
 
@@ -106,10 +108,10 @@ def test_motor_values_are_nan_until_armed(flight):
     assert np.isnan(motors["control[4]"]).all()
 
 
-def test_state_topics_are_written_when_they_change(flight):
+def test_state_topics_are_logged_when_they_change(flight):
     status = flight.data["vehicle_status"]
-    armed_at = status["timestamp"][np.flatnonzero(status["arming_state"] == 2)[0]]
-    assert armed_at == pytest.approx(ARMED_AT_S * 1e6, abs=30_000)
+    armed_us = status["timestamp"][np.flatnonzero(status["arming_state"] == 2)[0]]
+    assert armed_us == pytest.approx(ARMED_AT_S * 1e6, abs=30_000)
     assert status["armed_time"].max() == pytest.approx(ARMED_AT_S * 1e6, abs=30_000)
     assert set(status["nav_state"]) == {4}
     assert status["latest_arming_reason"].max() == 4
@@ -120,15 +122,15 @@ def test_state_topics_are_written_when_they_change(flight):
 
 
 def test_each_topic_has_the_fields_and_the_rate_of_px4s_log(flight, shared):
-    facts = json.loads((shared / "px4/logs/flight-short.json").read_text())
-    theirs = {topic["name"]: topic for topic in facts["topics"] if topic["instance"] == 0}
-    assert len(theirs.keys() & flight.data.keys()) >= 39
+    recording = json.loads((shared / "px4/logs/flight-short.json").read_text())
+    recorded = {topic["name"]: topic for topic in recording["topics"] if topic["instance"] == 0}
+    assert len(recorded.keys() & flight.data.keys()) >= 39
     for name, data in flight.data.items():
-        assert name in theirs, f"{name} is no topic of PX4's log"
-        assert not data.keys() - set(theirs[name]["fields"]), name
+        assert name in recorded, f"{name} is no topic of PX4's log"
+        assert not data.keys() - set(recorded[name]["fields"]), name
         times = data["timestamp"].astype(np.int64)
         assert (np.diff(times) > 0).all() or name == "event"
-        hz = theirs[name]["hz"]
+        hz = recorded[name]["hz"]
         if hz is not None and hz >= 5.0 and len(times) > 20:
             assert (len(times) - 1) / ((times[-1] - times[0]) / 1e6) == pytest.approx(hz, rel=0.03), name
 
@@ -161,14 +163,14 @@ def test_sdlog_mode_determines_when_a_log_is_written(mode, expected):
     station = Station(log=True, parameters={"SDLOG_MODE": mode})
     station.run_until(lambda: station.ready, 15)
     logger, commander = station.sim.loggers[0], station.sim.autopilots[0].commander
-    seen = [logger.running]
+    running = [logger.running]
     assert commander.arm()
     station.run(0.1)
-    seen.append(logger.running)
+    running.append(logger.running)
     assert commander.disarm()
     station.run(1.5)
-    seen.append(logger.running)
-    assert tuple(seen) == expected
+    running.append(logger.running)
+    assert tuple(running) == expected
     station.sim.close()
     assert not logger.running
 
@@ -220,7 +222,7 @@ def test_each_vehicle_of_a_fleet_writes_its_own_log():
     sim.loggers[1].stop()
     sim.step(1.0)
     sim.close()
-    logs = [ULog(str(f.host_path(one.path))) for f, one in zip(sim.files, sim.loggers, strict=True)]
+    logs = [ULog(str(f.host_path(logger.path))) for f, logger in zip(sim.files, sim.loggers, strict=True)]
     ends = [log.last_timestamp for log in logs]
     assert ends[1] <= 2_004_000 < 2_900_000 < ends[0]
     east = [log.get_dataset("vehicle_local_position_groundtruth").data["y"][-1] for log in logs]
@@ -233,9 +235,9 @@ def test_the_oldest_log_folders_are_removed_beyond_the_limit(tmp_path):
         (tmp_path / f"log/2026-01-{day:02d}").mkdir(parents=True)
     sim = VehicleSim(log=True, files=[VehicleFiles(tmp_path)], parameters={"SDLOG_DIRS_MAX": 3})
     sim.step(0.6)
-    kept = sorted(entry.name for entry in (tmp_path / "log").iterdir())
-    assert kept[:3] == ["2026-01-08", "2026-01-09", "2026-01-10"]
-    assert len(kept) == 4
+    folders = sorted(entry.name for entry in (tmp_path / "log").iterdir())
+    assert folders[:3] == ["2026-01-08", "2026-01-09", "2026-01-10"]
+    assert len(folders) == 4
 
 
 def test_a_folder_that_cannot_be_written_is_reported_and_the_vehicle_can_be_armed(tmp_path):
@@ -264,16 +266,16 @@ def test_a_full_disk_ends_only_the_log():
 
 def test_too_little_disk_space_is_reported_and_ends_the_log():
     station = Station(log=True, parameters={"SDLOG_MODE": 0})
-    logger, room = station.sim.loggers[0], [10 << 20]
-    logger._free_space = lambda path: room[0]
+    logger, free_bytes = station.sim.loggers[0], [10 << 20]
+    logger._free_space = lambda path: free_bytes[0]
     station.run(2)
     assert not logger.start_manually()
     station.run(0.1)
     assert "[logger] no log: 10 MiB left, 50 are needed\t" in station.texts()
     assert "logger_storage_full" in station.events()
-    room[0] = 10 << 30
+    free_bytes[0] = 10 << 30
     assert logger.start_manually()
-    room[0] = 49 << 20
+    free_bytes[0] = 49 << 20
     station.run(5.1)
     assert not logger.running
 

@@ -16,10 +16,10 @@ NAN = math.nan
 def test_the_orbit_speed_is_limited_by_the_radius(
     radius_m: float, requested_m_s: float, flown_m_s: float
 ) -> None:
-    s = Station(sensor_noise=False)
-    s.run_until(lambda: s.ready, 15)
-    s.command(34, radius_m, requested_m_s, 0, NAN, NAN, NAN, NAN)
-    s.run(0.1)
-    circle = s.sim.autopilots[0].navigator.circle
+    station = Station(sensor_noise=False)
+    station.run_until(lambda: station.ready, 15)
+    station.command(34, radius_m, requested_m_s, 0, NAN, NAN, NAN, NAN)
+    station.run(0.1)
+    circle = station.sim.autopilots[0].navigator.circle
     assert circle is not None
     assert (circle.radius_m, circle.speed_m_s) == (abs(radius_m), pytest.approx(flown_m_s))

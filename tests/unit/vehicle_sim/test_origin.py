@@ -62,7 +62,7 @@ def test_a_new_origin_does_not_change_the_global_positions_of_vehicle_and_home()
     assert estimate.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
     assert (home.lat_deg, home.lon_deg, home.alt_amsl_m) == pytest.approx(home_before, abs=0.2)
     assert home.position_ned_m == pytest.approx((100.0, 0.0, -20.0), abs=0.3)
-    assert station.ready, "the vehicle can still be armed"
+    assert station.ready, "the vehicle cannot be armed any more"
 
 
 def test_an_origin_is_refused_if_invalid_for_another_vehicle_or_while_armed():
@@ -73,7 +73,7 @@ def test_an_origin_is_refused_if_invalid_for_another_vehicle_or_while_armed():
     origin = station.sim.autopilots[0].view.origin
     for refused in ({"lat": 910_000_000}, {"lon": 1_810_000_000}, {"alt": 200_000_000}):
         (reported,) = set_origin(station, **refused)
-        assert reported[0] == pytest.approx(origin[0] * 1e7, abs=1), "the vehicle reports the current origin"
+        assert reported[0] == pytest.approx(origin[0] * 1e7, abs=1), "not the current origin"
     station.command(400, 1)
     station.run(0.2)
     assert station.armed

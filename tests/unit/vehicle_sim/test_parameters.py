@@ -19,7 +19,7 @@ def test_the_store_has_px4s_parameters_in_its_order():
     assert parameters.index_of("WV_YRATE_MAX") == 928
 
 
-def test_the_values_at_boot_are_those_of_the_recordings():
+def test_the_values_at_boot_equal_the_recorded_values():
     parameters = Parameters()
     assert parameters.get("MNT_MODE_IN") == 4
     assert parameters.get("MNT_MODE_OUT") == 0
@@ -58,7 +58,7 @@ def test_an_integer_cannot_be_nan():
         Parameters().set("MAV_SYS_ID", math.nan)
 
 
-def test_the_error_about_an_unknown_parameter_names_it():
+def test_the_error_about_an_unknown_parameter_names_the_parameter():
     with pytest.raises(UnknownParameterError, match="'NO_SUCH'"):
         Parameters().get("NO_SUCH")
     with pytest.raises(UnknownParameterError):
@@ -88,7 +88,7 @@ def test_changed_parameters_are_listed_until_they_are_reset():
     assert parameters.changed_names() == ()
 
 
-def test_reset_all_resets_values_stored_at_boot_except_those_to_keep():
+def test_reset_all_resets_values_stored_at_boot_except_the_values_to_keep():
     parameters = Parameters({"MPC_XY_CRUISE": 6.0, "LND_FLIGHT_T_LO": 77})
     parameters.reset_all(keep=("LND_*",))
     assert parameters.get("MPC_XY_CRUISE") == parameters.default_of("MPC_XY_CRUISE")
@@ -103,17 +103,17 @@ def test_reset_all_resets_values_stored_at_boot_except_those_to_keep():
     assert parameters.get("MPC_XY_CRUISE") == 6.0
 
 
-def test_a_start_after_a_reset_stores_its_sensors_again(tmp_path):
+def test_a_start_after_a_reset_stores_the_sensor_parameters_again(tmp_path):
     store = tmp_path / "parameters.json"
     parameters = Parameters(storage=store)
     parameters.reset_all()
     parameters.set("MPC_XY_CRUISE", 6.0)
     parameters.set("COM_ARM_AUTH_ID", 0)
-    again = Parameters(storage=store)
-    assert again.get("COM_ARM_AUTH_ID") == 0
-    assert again.get("SYS_AUTOSTART") == Parameters().get("SYS_AUTOSTART")
-    assert again.get("CAL_ACC0_ID") == Parameters().get("CAL_ACC0_ID")
-    assert again.get("MPC_XY_CRUISE") == 6.0
+    reopened = Parameters(storage=store)
+    assert reopened.get("COM_ARM_AUTH_ID") == 0
+    assert reopened.get("SYS_AUTOSTART") == Parameters().get("SYS_AUTOSTART")
+    assert reopened.get("CAL_ACC0_ID") == Parameters().get("CAL_ACC0_ID")
+    assert reopened.get("MPC_XY_CRUISE") == 6.0
 
 
 def test_the_hash_is_a_crc_over_names_and_values():
@@ -129,7 +129,7 @@ def test_the_hash_is_a_crc_over_names_and_values():
                     crc = (crc >> 1) ^ (0xEDB88320 if crc & 1 else 0)
     assert first == crc
     parameters.set("LND_FLIGHT_T_LO", 12345)
-    assert parameters.hash() == first, "flight time is volatile"
+    assert parameters.hash() == first, "the flight time changed the hash"
     parameters.set("MPC_XY_CRUISE", 6.0)
     assert parameters.hash() != first
     parameters.reset("MPC_XY_CRUISE")
@@ -141,17 +141,17 @@ def test_changes_survive_a_restart(tmp_path):
     parameters = Parameters(storage=storage)
     parameters.set("MPC_XY_CRUISE", 6.0)
     parameters.set("MPC_XY_VEL_MAX", math.inf)
-    again = Parameters(storage=storage)
-    assert again.get("MPC_XY_CRUISE") == 6.0
-    assert again.get("MPC_XY_VEL_MAX") == math.inf
-    assert again.changed_names() == ("MPC_XY_CRUISE", "MPC_XY_VEL_MAX")
-    again.reset_all(only=("MPC_*",))
+    reopened = Parameters(storage=storage)
+    assert reopened.get("MPC_XY_CRUISE") == 6.0
+    assert reopened.get("MPC_XY_VEL_MAX") == math.inf
+    assert reopened.changed_names() == ("MPC_XY_CRUISE", "MPC_XY_VEL_MAX")
+    reopened.reset_all(only=("MPC_*",))
     assert Parameters(storage=storage).changed_names() == ()
     assert [path.name for path in storage.parent.iterdir()] == ["parameters.json"]
 
 
 @pytest.mark.parametrize("content", ["{broken", "[1, 2]"])
-def test_the_error_about_an_invalid_file_names_it(tmp_path, content):
+def test_the_error_about_an_invalid_file_names_the_file(tmp_path, content):
     storage = tmp_path / "parameters.json"
     storage.write_text(content)
     with pytest.raises(ValueError, match=r"parameters\.json"):

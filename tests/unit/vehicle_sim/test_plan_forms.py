@@ -8,25 +8,25 @@ UNSUPPORTED = 3
 
 
 def test_an_upload_continues_with_the_item_type_that_the_sender_supports() -> None:
-    s = PlanStation()
-    s.run(1.0)
-    s.send("MISSION_COUNT", target_system=1, target_component=1, count=1, mission_type=0)
-    s.run(0.1)
-    assert len(s.received("MISSION_REQUEST")) == 1
-    s.send("MISSION_ACK", target_system=1, target_component=1, type=UNSUPPORTED, mission_type=0)
-    s.run(0.1)
-    assert (len(s.received("MISSION_REQUEST")), len(s.received("MISSION_REQUEST_INT"))) == (1, 1)
+    station = PlanStation()
+    station.run(1.0)
+    station.send("MISSION_COUNT", target_system=1, target_component=1, count=1, mission_type=0)
+    station.run(0.1)
+    assert len(station.received("MISSION_REQUEST")) == 1
+    station.send("MISSION_ACK", target_system=1, target_component=1, type=UNSUPPORTED, mission_type=0)
+    station.run(0.1)
+    assert (len(station.received("MISSION_REQUEST")), len(station.received("MISSION_REQUEST_INT"))) == (1, 1)
 
 
 def test_intervals_are_accepted_for_messages_without_data_and_for_the_simulated_truth() -> None:
-    s = PlanStation()
-    s.run(1.0)
+    station = PlanStation()
+    station.run(1.0)
     for message in (65, 115, 375):
-        s.command(511, message, 100_000)
-    s.run(1.0)
-    assert s.acks(511) == [0, 0, 0]
-    truth, outputs = s.received("HIL_STATE_QUATERNION"), s.received("ACTUATOR_OUTPUT_STATUS")
+        station.command(511, message, 100_000)
+    station.run(1.0)
+    assert station.acks(511) == [0, 0, 0]
+    truth, outputs = station.received("HIL_STATE_QUATERNION"), station.received("ACTUATOR_OUTPUT_STATUS")
     assert len(truth) in (9, 10)
     assert truth[-1].alt == 489400
     assert outputs[-1].actuator[:5] == [900.0] * 5
-    assert s.received("RC_CHANNELS") == []
+    assert station.received("RC_CHANNELS") == []

@@ -1,4 +1,4 @@
-"""Random flights with one random fault: errors, stated accuracies and validity are like those of PX4."""
+"""Random flights with one random fault each have errors, stated accuracies and validity like PX4's."""
 
 import math
 
@@ -28,12 +28,12 @@ def once_in_time(moments_s: list[float], due_s: float) -> bool:
 
 
 def valid_while_aided(course: Course, seconds: float) -> bool:
-    """Whether validity ended in time in each long period of dead reckoning, and in no other."""
+    """Whether validity ended in time in each long period of dead reckoning, and in no other period."""
     invalid_s, valid_s = list(course.invalid_at_s), list(course.valid_at_s)
     for k, start_s in enumerate(course.dead_reckoning_at_s):
         end_s = course.aided_again_at_s[k] if k < len(course.aided_again_at_s) else math.inf
         due_s = start_s + NO_AID_S - RECKONING_AFTER_S
-        ended = [at for at in invalid_s if start_s <= at <= end_s]
+        ended = [ended_s for ended_s in invalid_s if start_s <= ended_s <= end_s]
         if ended:
             # Both times are known to within one check.
             if len(ended) > 1 or abs(invalid_s.pop(0) - due_s) > CHECK_S:
@@ -47,7 +47,7 @@ def valid_while_aided(course: Course, seconds: float) -> bool:
 
 def validity_ended_in_time(course: Course, seconds: float) -> bool:
     """Whether an estimate was valid while it was aided and for five seconds afterwards."""
-    last_fix_s = max(at for at in course.fixes_s if at < 0.0)
+    last_fix_s = max(fix_s for fix_s in course.fixes_s if fix_s < 0.0)
     due_s = last_fix_s + NO_AID_S
     if KINDS[course.kind].aided:
         return not course.invalid_at_s
@@ -58,25 +58,30 @@ def validity_ended_in_time(course: Course, seconds: float) -> bool:
         return reckons and once_in_time(course.invalid_at_s, due_s) and not course.valid_at_s
     if course.kind != TEMPORARY_GPS_LOSS:
         return True
-    bad_s = max(at for at in course.fixes_s if at < course.back_s)
-    # A fix exactly at the end of the waiting time may or may not be the first one that is used.
-    again_s = min((at for at in course.fixes_s if at >= bad_s + RECHECK_S - STEP_S), default=seconds)
-    if again_s + FIX_S + CHECK_S < due_s:
+    last_bad_fix_s = max(fix_s for fix_s in course.fixes_s if fix_s < course.gps_returns_s)
+    # A fix exactly at the end of the waiting time may or may not be the first fix that is used.
+    first_used_fix_s = min(
+        (fix_s for fix_s in course.fixes_s if fix_s >= last_bad_fix_s + RECHECK_S - STEP_S), default=seconds
+    )
+    if first_used_fix_s + FIX_S + CHECK_S < due_s:
         return not course.invalid_at_s
-    if again_s < due_s and not course.invalid_at_s:
+    if first_used_fix_s < due_s and not course.invalid_at_s:
         return True
     # After 7 s without fusion the estimate is reset to a position outside the gate.
-    reset_s = max(again_s, last_fix_s + RESET_TIMEOUT_S) + 2.0 * FIX_S
-    back = course.valid_at_s[0] if course.valid_at_s else seconds
-    return once_in_time(course.invalid_at_s, due_s) and again_s - CHECK_S <= back <= reset_s + CHECK_S
+    reset_s = max(first_used_fix_s, last_fix_s + RESET_TIMEOUT_S) + 2.0 * FIX_S
+    valid_s = course.valid_at_s[0] if course.valid_at_s else seconds
+    return (
+        once_in_time(course.invalid_at_s, due_s)
+        and first_used_fix_s - CHECK_S <= valid_s <= reset_s + CHECK_S
+    )
 
 
 LOST = {"dead_reckoning_at_s": [1.06], "invalid_at_s": [5.06]}
-LONG_LOST = {"back_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_at_s": [11.06]}
+LONG_LOST = {"gps_returns_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_at_s": [11.06]}
 
 
 @pytest.mark.parametrize(
-    ("kind", "moments", "right"),
+    ("kind", "moments", "expected"),
     [
         ("silent GPS", LOST, True),
         ("silent GPS", {**LOST, "invalid_at_s": []}, False),
@@ -94,15 +99,15 @@ LONG_LOST = {"back_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_at_s": [
         ("stuck GPS", {"dead_reckoning_at_s": [8.0], "invalid_at_s": [11.8]}, False),
         ("stuck GPS", {"invalid_at_s": [12.0]}, False),
         (TEMPORARY_GPS_LOSS, LONG_LOST, True),
-        (TEMPORARY_GPS_LOSS, {**LONG_LOST, "back_s": 1.0}, False),
+        (TEMPORARY_GPS_LOSS, {**LONG_LOST, "gps_returns_s": 1.0}, False),
         (TEMPORARY_GPS_LOSS, {**LONG_LOST, "valid_at_s": []}, False),
         (TEMPORARY_GPS_LOSS, {**LONG_LOST, "valid_at_s": [13.0], "aided_again_at_s": [13.0]}, False),
     ],
 )
-def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, right):
+def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, expected):
     fixes_s = [round(-0.06 + 0.124 * k, 3) for k in range(-10, 150)]
-    course = Course(kind, fixes_s, **{"back_s": 20.0, **moments})
-    assert validity_ended_in_time(course, 20.0) is right
+    course = Course(kind, fixes_s, **{"gps_returns_s": 20.0, **moments})
+    assert validity_ended_in_time(course, 20.0) is expected
 
 
 @pytest.mark.flight
@@ -110,14 +115,14 @@ def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, right):
     ("count", "seed", "seconds"),
     [(36, 1, 7.5), pytest.param(240, 3, 20.0, marks=pytest.mark.broad)],
 )
-def test_errors_and_accuracies_after_random_faults_are_like_the_recorded_ones(count, seed, seconds):
+def test_the_ratios_of_error_to_accuracy_after_random_faults_match_the_recordings(count, seed, seconds):
     courses = fly(count, seed, seconds)
     assert [course for course in courses if not validity_ended_in_time(course, seconds)] == []
     for name, kind in KINDS.items():
-        of_kind = [course for course in courses if course.kind == name]
+        courses_of_kind = [course for course in courses if course.kind == name]
         for recorded, ratios in (
-            (kind.horizontal, [course.horizontal_ratio for course in of_kind]),
-            (kind.vertical, [course.vertical_ratio for course in of_kind]),
+            (kind.horizontal, [course.horizontal_ratio for course in courses_of_kind]),
+            (kind.vertical, [course.vertical_ratio for course in courses_of_kind]),
         ):
             assert np.quantile(ratios, 0.9) <= kind.tolerance * recorded[1], (name, ratios)
             if seconds >= 20.0:

@@ -28,19 +28,19 @@ def flight(pitch_rad: float, seconds: float = 10.0) -> Replay:
 
 
 def test_a_constant_pitch_leads_to_the_terminal_speed():
-    moved = recorded_motion.without_gps(AIRFRAME, flight(-0.1))
+    calculated = recorded_motion.without_gps(AIRFRAME, flight(-0.1))
     terminal_m_s = AIRFRAME.mass_kg * GRAVITY_M_S2 * math.tan(0.1) / AIRFRAME.drag_n_per_m_s
-    assert moved["vx"][-1] == pytest.approx(terminal_m_s, rel=1e-3)
-    after_a_time_constant = moved["vx"][round(AIRFRAME.mass_kg / AIRFRAME.drag_n_per_m_s / 0.02)]
+    assert calculated["vx"][-1] == pytest.approx(terminal_m_s, rel=1e-3)
+    after_a_time_constant = calculated["vx"][round(AIRFRAME.mass_kg / AIRFRAME.drag_n_per_m_s / 0.02)]
     assert after_a_time_constant == pytest.approx(terminal_m_s * (1.0 - math.exp(-1.0)), rel=0.01)
-    assert np.abs(moved["vy"]).max() < 1e-9
-    assert np.abs(moved["vz"]).max() < 1e-9
+    assert np.abs(calculated["vy"]).max() < 1e-9
+    assert np.abs(calculated["vz"]).max() < 1e-9
 
 
 @pytest.mark.story
-def test_without_noise_the_calculated_velocity_equals_the_estimated_one(shared):
+def test_without_noise_the_calculated_velocity_equals_the_estimated_velocity(shared):
     recording = flight_recordings.load("vel_z_up1p5")
     replay = flight_replay.fly([recording])[recording.name]
-    moved = recorded_motion.without_gps(AIRFRAME, replay)
+    calculated = recorded_motion.without_gps(AIRFRAME, replay)
     for name in ("vx", "vy", "vz"):
-        assert np.abs(moved[name] - replay.columns[name]).max() < 0.1
+        assert np.abs(calculated[name] - replay.columns[name]).max() < 0.1

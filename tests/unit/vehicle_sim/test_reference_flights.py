@@ -1,4 +1,4 @@
-"""The simulated vehicle compared with recordings of a real PX4: the same stimuli, the same response.
+"""The simulated vehicle responds to the recorded stimuli as a real PX4 did.
 
 The recordings drift with the GPS noise, so the shape of the response is compared (rise, overshoot, steady
 value). The simulated sensors have no noise. All flights are vehicles of one simulation.
@@ -27,7 +27,7 @@ FLIGHTS = (
     "rate_yaw_pulse_clean",
 )
 SETTLE_S = 8.0
-CLOCKS_S = 0.03
+CLOCK_TOLERANCE_S = 0.03
 """The recordings' stimulus and vehicle clocks agree to about 20 ms; a sample is 10 ms."""
 
 
@@ -40,7 +40,7 @@ class Flight:
     t_s: np.ndarray
     sim: dict[str, np.ndarray]
 
-    def both(self, column: str, start_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def aligned(self, column: str, start_s: float, end_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, real and simulated values on one grid."""
         grid = np.arange(start_s, end_s, 0.01)
         return (
@@ -99,10 +99,10 @@ def flights(shared) -> dict[str, Flight]:
     sim.setpoints.level[:] = ControlLevel.TRAJECTORY
     for i, (recording, table) in enumerate(zip(recordings, tables, strict=True)):
         column = {name: k for k, name in enumerate(recording["columns"])}
-        before = table[np.searchsorted(table[:, 0], -0.1)]
-        at = [before[column[name]] for name in ("x", "y", "z")]
-        setpoint = [before[column[name]] for name in ("sx", "sy", "sz")]
-        sim.setpoints.position_ned_m[i] = np.round(np.where(np.isnan(setpoint), at, setpoint))
+        initial = table[np.searchsorted(table[:, 0], -0.1)]
+        start = [initial[column[name]] for name in ("x", "y", "z")]
+        setpoint = [initial[column[name]] for name in ("sx", "sy", "sz")]
+        sim.setpoints.position_ned_m[i] = np.round(np.where(np.isnan(setpoint), start, setpoint))
     sim.setpoints.yaw_ned_rad[:] = 0.0
     for _ in range(round(SETTLE_S / sim.dt_s)):
         sim.step()
@@ -130,8 +130,8 @@ def flights(shared) -> dict[str, Flight]:
         real = _columns(
             take("x", "y", "z"), take("vx", "vy", "vz"), take("qw", "qx", "qy", "qz"), take("p", "q", "r")
         )
-        own = _columns(position[:, i], velocity[:, i], q[:, i], rates[:, i])
-        result[name] = Flight(table[:, 0], real, sim.dt_s * np.arange(1, steps + 1), own)
+        simulated = _columns(position[:, i], velocity[:, i], q[:, i], rates[:, i])
+        result[name] = Flight(table[:, 0], real, sim.dt_s * np.arange(1, steps + 1), simulated)
     return result
 
 
@@ -144,7 +144,7 @@ def crossing_s(times: np.ndarray, values: np.ndarray, level: float) -> float:
     ("name", "column", "size"), [("pos_step_x_p5", "x", 5.0), ("pos_step_z_up3", "z", -3.0)]
 )
 def test_position_steps_rise_and_overshoot_as_recorded(flights, name, column, size):
-    times, real, sim = flights[name].both(column, 0.0, 7.5)
+    times, real, sim = flights[name].aligned(column, 0.0, 7.5)
     real, sim = ((values - values[0]) / size for values in (real, sim))
     assert crossing_s(times, sim, 0.5) == pytest.approx(crossing_s(times, real, 0.5), abs=0.25)
     assert crossing_s(times, sim, 0.9) == pytest.approx(crossing_s(times, real, 0.9), abs=0.5)
@@ -154,38 +154,40 @@ def test_position_steps_rise_and_overshoot_as_recorded(flights, name, column, si
 
 @pytest.mark.parametrize(("name", "size", "until_s"), [("vel_x_1", 1.0, 4.5), ("vel_x_8", 8.0, 5.5)])
 def test_velocity_steps_settle_below_the_setpoint_as_recorded(flights, name, size, until_s):
-    times, real, sim = flights[name].both("vx", 0.0, until_s)
-    late = times > until_s - 1.0
-    assert sim[late].mean() / size == pytest.approx(real[late].mean() / size, abs=0.04)
+    times, real, sim = flights[name].aligned("vx", 0.0, until_s)
+    settled = times > until_s - 1.0
+    assert sim[settled].mean() / size == pytest.approx(real[settled].mean() / size, abs=0.04)
     assert crossing_s(times, sim, 0.6 * size) == pytest.approx(crossing_s(times, real, 0.6 * size), abs=0.15)
-    _, real_pitch, sim_pitch = flights[name].both("pitch", 0.0, 1.5)
+    _, real_pitch, sim_pitch = flights[name].aligned("pitch", 0.0, 1.5)
     assert math.degrees(sim_pitch.min()) == pytest.approx(math.degrees(real_pitch.min()), abs=5.0)
 
 
 def test_a_yaw_step_peaks_and_overshoots_as_recorded(flights):
-    times, real, sim = flights["yaw_step_90"].both("yaw", 0.0, 5.0)
+    times, real, sim = flights["yaw_step_90"].aligned("yaw", 0.0, 5.0)
     half = math.radians(45.0)
     assert crossing_s(times, sim, half) == pytest.approx(crossing_s(times, real, half), abs=0.05)
     assert math.degrees(sim.max()) == pytest.approx(math.degrees(real.max()), abs=2.0)
-    _, real_rate, sim_rate = flights["yaw_step_90"].both("r", 0.0, 5.0)
+    _, real_rate, sim_rate = flights["yaw_step_90"].aligned("r", 0.0, 5.0)
     assert sim_rate.max() == pytest.approx(real_rate.max(), rel=0.05)
 
 
 def test_an_attitude_step_rises_and_overshoots_as_recorded(flights):
-    times, real, sim = flights["att_roll_10_clean"].both("roll", 1.2, 2.6)
+    times, real, sim = flights["att_roll_10_clean"].aligned("roll", 1.2, 2.6)
     half = math.radians(5.0)
-    assert crossing_s(times, sim, half) == pytest.approx(crossing_s(times, real, half), abs=CLOCKS_S)
+    assert crossing_s(times, sim, half) == pytest.approx(crossing_s(times, real, half), abs=CLOCK_TOLERANCE_S)
     assert math.degrees(sim.max()) == pytest.approx(math.degrees(real.max()), abs=0.6)
     assert math.degrees(np.sqrt(np.mean((sim - real) ** 2))) < 0.6
 
 
 def test_a_roll_rate_is_followed_as_recorded(flights):
-    times, real, sim = flights["rate_roll_pulse_clean"].both("p", 1.2, 1.5)
-    assert crossing_s(times, sim, 0.63) == pytest.approx(crossing_s(times, real, 0.63), abs=CLOCKS_S)
-    _, real, sim = flights["rate_roll_pulse_clean"].both("p", 1.2, 2.3)
-    assert np.sqrt(np.mean((sim - real) ** 2)) < 0.2, "the gyro noise of the recording alone is 0.1"
+    times, real, sim = flights["rate_roll_pulse_clean"].aligned("p", 1.2, 1.5)
+    assert crossing_s(times, sim, 0.63) == pytest.approx(crossing_s(times, real, 0.63), abs=CLOCK_TOLERANCE_S)
+    _, real, sim = flights["rate_roll_pulse_clean"].aligned("p", 1.2, 2.3)
+    assert np.sqrt(np.mean((sim - real) ** 2)) < 0.2, (
+        "more than the gyro noise of the recording, which is 0.1"
+    )
 
 
 def test_a_yaw_rate_is_followed_as_recorded(flights):
-    _, real, sim = flights["rate_yaw_pulse_clean"].both("r", 1.2, 2.7)
+    _, real, sim = flights["rate_yaw_pulse_clean"].aligned("r", 1.2, 2.7)
     assert np.sqrt(np.mean((sim - real) ** 2)) < 0.06

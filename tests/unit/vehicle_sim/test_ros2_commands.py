@@ -26,24 +26,24 @@ def test_arming_and_disarming_are_acknowledged_within_the_recorded_time(vehicle)
 
 
 @pytest.mark.parametrize(
-    ("address", "answered"),
+    ("address", "acknowledged"),
     [({"target_system": 0}, True), ({"target_component": 0}, True), ({"from_external": False}, True),
      ({"target_system": 2}, False), ({"target_component": 50}, False)],
 )  # fmt: skip
-def test_a_command_to_another_system_or_component_is_not_answered(vehicle, address, answered):
+def test_a_command_to_another_system_or_component_is_not_acknowledged(vehicle, address, acknowledged):
     vehicle.command(SET_MODE, *HOLD, **address)
     vehicle.run(0.1)
-    assert vehicle.acks() == ([(SET_MODE, 0)] if answered else [])
+    assert vehicle.acks() == ([(SET_MODE, 0)] if acknowledged else [])
 
 
-def test_the_answer_is_addressed_to_the_sender(vehicle):
+def test_the_acknowledgement_is_addressed_to_the_sender(vehicle):
     vehicle.command(SET_MODE, *HOLD, source_system=7, source_component=1003)
     vehicle.run(0.1)
     ack = vehicle.last(COMMAND_ACK)
     assert (ack["target_system"], ack["target_component"], ack["from_external"]) == (7, 1003, False)
 
 
-def test_unknown_commands_are_unsupported_and_those_of_mavlink_are_not_answered(vehicle):
+def test_unknown_commands_are_unsupported_and_commands_only_for_mavlink_are_not_acknowledged(vehicle):
     vehicle.command(31999)
     vehicle.run(0.1)
     vehicle.command(REQUEST_MESSAGE, 148.0)
@@ -60,7 +60,7 @@ def test_the_last_four_commands_of_a_burst_are_executed(vehicle):
     assert [number for number, _ in vehicle.acks()] == [31995, 31996, 31997, 31998]
 
 
-def test_the_service_answers_on_both_topics(vehicle):
+def test_a_service_request_gets_a_reply_and_an_acknowledgement(vehicle):
     vehicle.command(SET_MODE, *HOLD, topic=SERVICE_REQUEST)
     vehicle.command(31999)
     vehicle.run(0.1)
@@ -90,7 +90,7 @@ def test_a_malformed_message_is_reported_once_and_ignored(vehicle, topic, data):
     assert COMMAND in vehicle.reports[0]
 
 
-def test_the_last_command_of_a_flood_is_in_effect(vehicle):
+def test_the_last_command_of_a_flood_is_executed(vehicle):
     for n in range(1000):
         vehicle.command(ARM, float(n % 2))
     vehicle.run(0.2)

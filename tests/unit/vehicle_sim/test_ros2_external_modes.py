@@ -1,4 +1,4 @@
-"""External modes over ROS 2: registered, armed, flown, lost and replaced, by messages only."""
+"""External modes over ROS 2 are registered, armed, flown, lost and replaced by messages only."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ SETPOINT: tuple[str, Mapping[str, Any]] = (
 
 
 class Component:
-    """A program that has registered a mode and answers the vehicle's arming checks."""
+    """A program that has registered a mode and replies to the vehicle's arming checks."""
 
     def __init__(self, *, controllers: Mapping[str, bool] = TRAJECTORY, **request: Any) -> None:
         self.vehicle = Ros2Vehicle()
-        self.can_run = self.answers = True
-        self._seen = 0
+        self.can_run = self.replies_to_checks = True
+        self._read_count = 0
         self.vehicle.send(
             REGISTER, {"name": "Mine", "register_arming_check": True, "register_mode": True} | request
         )
@@ -53,17 +53,17 @@ class Component:
 
     def run(self, seconds: float, *setpoints: tuple[str, Mapping[str, Any]]) -> None:
         for _ in range(round(seconds / 0.02)):
-            for _, topic, fields in self.vehicle.received[self._seen :]:
-                if topic == REQUEST and self.answers:
+            for _, topic, fields in self.vehicle.received[self._read_count :]:
+                if topic == REQUEST and self.replies_to_checks:
                     self._reply(fields["request_id"])
-            self._seen = len(self.vehicle.received)
+            self._read_count = len(self.vehicle.received)
             for topic, fields in setpoints:
                 self.vehicle.send(topic, fields)
             self.vehicle.run(0.02)
 
     def _reply(self, request_id: int) -> None:
-        answer = {"request_id": request_id, "can_arm_and_run": self.can_run, "mode_req_local_position": True}
-        self.vehicle.send(REPLY, answer)
+        reply = {"request_id": request_id, "can_arm_and_run": self.can_run, "mode_req_local_position": True}
+        self.vehicle.send(REPLY, reply)
 
     def select(self, main: float, sub: float = 0.0) -> None:
         self.vehicle.command(SET_MODE, 1.0, main, sub)
@@ -77,7 +77,7 @@ class Component:
         self.run(4.0, SETPOINT)
 
     def command(self, number: int, *parameters: float) -> None:
-        """A command of its executor."""
+        """Sends a command of the mode's executor."""
         self.vehicle.command(
             number, *parameters, topic=EXECUTOR_COMMAND, source_component=1001, from_external=False
         )
@@ -88,7 +88,7 @@ class Component:
         return self.vehicle.last(STATUS)
 
 
-def test_a_mode_flies_its_setpoints_and_keeps_the_last_one():
+def test_a_mode_flies_its_setpoints_and_keeps_the_last_setpoint():
     component = Component()
     component.fly()
     assert component.status["nav_state"] == MODE
@@ -98,14 +98,14 @@ def test_a_mode_flies_its_setpoints_and_keeps_the_last_one():
     assert component.status["nav_state"] == MODE
 
 
-def test_a_mode_that_stops_answering_is_replaced_by_return_until_it_answers_again():
+def test_a_mode_that_stops_replying_is_replaced_by_return_until_it_replies_again():
     component = Component()
     component.fly()
-    component.answers = False
+    component.replies_to_checks = False
     component.run(1.6)
     status = component.status
     assert (status["nav_state"], status["nav_state_user_intention"], status["failsafe"]) == (RTL, MODE, True)
-    component.answers = True
+    component.replies_to_checks = True
     assert component.status["nav_state"] == MODE
 
 
@@ -132,10 +132,10 @@ def test_an_unregistered_mode_is_left_in_flight():
     assert component.status["nav_state"] == RTL
 
 
-def test_arming_is_denied_in_a_mode_that_does_not_answer():
+def test_arming_is_denied_in_a_mode_that_does_not_reply():
     component = Component()
     component.select(4.0, 11.0)
-    component.answers = False
+    component.replies_to_checks = False
     component.run(2.0)
     component.vehicle.command(ARM, 1.0)
     component.run(0.1)
@@ -158,7 +158,7 @@ def test_without_controllers_the_motors_keep_their_signals():
     assert not flags["flag_control_allocation_enabled"]
 
 
-def test_a_mode_does_not_change_the_setpoint_type_of_offboard_after_it():
+def test_after_an_external_mode_offboard_has_its_own_setpoint_type():
     component = Component()
     offboard = ("/fmu/in/offboard_control_mode", {"body_rate": True})
     for stream, rates in (((), False), ((offboard,), True)):
@@ -174,14 +174,14 @@ def test_a_mode_does_not_change_the_setpoint_type_of_offboard_after_it():
 
 
 @pytest.mark.story
-def test_a_replacement_of_return_is_flown_until_it_stops_answering():
+def test_a_replacement_of_return_is_flown_until_it_stops_replying():
     component = Component(enable_replace_internal_mode=True, replace_internal_mode=RTL)
     component.vehicle.command(ARM, 1.0)
     component.vehicle.command(22, *[math.nan] * 7)
     component.run(9.0)
     component.vehicle.command(20)
     assert component.status["nav_state"] == MODE
-    component.answers = False
+    component.replies_to_checks = False
     component.run(1.5)
     status = component.status
     assert (status["nav_state"], status["nav_state_user_intention"]) == (RTL, RTL)
@@ -192,7 +192,7 @@ def test_an_executor_takes_off_and_stays_in_the_take_off_mode():
     component = Component(register_mode_executor=True)
     component.command(ARM, 1.0)
     component.run(0.1)
-    assert component.vehicle.acks()[-1] == (ARM, 1), "refused: the executor is not in charge"
+    assert component.vehicle.acks()[-1] == (ARM, 1), "armed although the executor is not in charge"
     component.select(4.0, 11.0)
     component.run(0.1)
     component.command(ARM, 1.0)

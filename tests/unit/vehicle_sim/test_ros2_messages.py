@@ -1,4 +1,5 @@
-"""The ROS 2 message types: recorded bytes decode to recorded fields; encoded bytes equal Cyclone DDS's."""
+"""The ROS 2 message types decode recorded bytes to recorded fields, and encode the same bytes as Cyclone
+DDS."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ def _samples(path: Path) -> list[dict[str, Any]]:
 
 
 def _flat(values: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Recorded fields by the names of `MessageType.flat`."""
+    """(name, value) of each recorded field, with the names of `MessageType.flat`."""
     for key, value in values.items():
         path_name = f"{name}.{key}" if name else key
         if isinstance(value, dict):
@@ -33,23 +34,25 @@ def _flat(values: Any, name: str = "") -> Iterator[tuple[str, Any]]:
             yield path_name, value
 
 
-def _equal_or_both_nan(recorded: Any, ours: Any) -> bool:
+def _equal_or_both_nan(recorded: Any, simulated: Any) -> bool:
     if isinstance(recorded, list):
-        return len(recorded) == len(ours) and all(map(_equal_or_both_nan, recorded, ours))
+        return len(recorded) == len(simulated) and all(map(_equal_or_both_nan, recorded, simulated))
     if recorded is None:
-        return math.isnan(ours)
-    if recorded in ("inf", "-inf") and isinstance(ours, float):
-        return ours == float(recorded)
+        return math.isnan(simulated)
+    if recorded in ("inf", "-inf") and isinstance(simulated, float):
+        return simulated == float(recorded)
     if isinstance(recorded, float):
-        return math.isclose(recorded, ours, rel_tol=2e-6, abs_tol=1e-12)
-    return recorded == ours
+        return math.isclose(recorded, simulated, rel_tol=2e-6, abs_tol=1e-12)
+    return recorded == simulated
 
 
 def _check(sample: dict[str, Any]) -> None:
     message, data = MESSAGES[sample["type"]], bytes.fromhex(sample["cdr_hex"])
     values = message.decode(data)
-    differ = {k: (v, values[k]) for k, v in _flat(sample["fields"]) if not _equal_or_both_nan(v, values[k])}
-    assert not differ, (sample["topic"], differ)
+    differences = {
+        k: (v, values[k]) for k, v in _flat(sample["fields"]) if not _equal_or_both_nan(v, values[k])
+    }
+    assert not differences, (sample["topic"], differences)
     # PX4's padding contains old bytes of its buffer; our encoding and Cyclone's have zeros there.
     encoded = message.encode(values)
     assert len(encoded) <= len(data) < len(encoded) + 4
@@ -67,29 +70,29 @@ def test_every_recorded_sample_decodes_and_encodes(shared):
         _check(sample)
 
 
-def test_layout_constants_and_hash_are_those_of_the_published_types(shared):
+def test_layout_constants_and_hash_match_the_published_types(shared):
     published = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
     assert set(published) == set(MESSAGES) - {"PositionSetpoint", "VehicleAngularVelocity"}
-    for name, facts in published.items():
-        ours = MESSAGES[name]
-        assert [[f.name, f.type, f.length or None] for f in ours.flat] == [f[:3] for f in facts["fields"]], (
-            name
-        )
-        assert (ours.constants, ours.size, ours.hash) == (
-            facts["constants"], facts["payload_bytes"], facts["message_hash"],
+    for name, recorded in published.items():
+        simulated = MESSAGES[name]
+        assert [[f.name, f.type, f.length or None] for f in simulated.flat] == [
+            f[:3] for f in recorded["fields"]
+        ], name
+        assert (simulated.constants, simulated.size, simulated.hash) == (
+            recorded["constants"], recorded["payload_bytes"], recorded["message_hash"],
         ), name  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("name", "answer"),
+    ("name", "expected"),
     [("ArmingCheckRequest", 2071694766), ("RegisterExtComponentRequest", 902686241),
      ("ActuatorMotors", 3401338181), ("ArmingCheckReply", 65702502)],
 )  # fmt: skip
-def test_the_hash_equals_px4s_answer(name, answer):
-    assert MESSAGES[name].hash == answer
+def test_the_hash_equals_the_hash_that_px4_sends(name, expected):
+    assert MESSAGES[name].hash == expected
 
 
-def test_dds_type_names_are_those_of_px4_msgs():
+def test_dds_type_names_match_px4_msgs():
     assert idl_type(MESSAGES["VehicleStatus"]).__idl__.idl_transformed_typename == (
         "px4_msgs::msg::dds_::VehicleStatus_"
     )

@@ -45,7 +45,7 @@ def status(vehicle: Ros2Vehicle) -> tuple[int, bool]:
     return last["nav_state"], last["failsafe"]
 
 
-def enter(vehicle: Ros2Vehicle, *stream) -> None:
+def switch_to_offboard(vehicle: Ros2Vehicle, *stream) -> None:
     vehicle.stream(0.2, 50.0, *stream)
     vehicle.command(SET_MODE, *OFFBOARD)
     vehicle.stream(0.1, 50.0, *stream)
@@ -60,7 +60,7 @@ def air() -> Ros2Vehicle:
 
 @pytest.mark.flight
 def test_every_setpoint_type_is_flown_as_selected_by_the_flag(air):
-    enter(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
+    switch_to_offboard(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
     for name, (level, setpoints) in KINDS.items():
         air.stream(0.6, 100.0, flags(name), *setpoints)
         assert air.sim.simulation.setpoints.level[0] == level, name
@@ -75,8 +75,8 @@ def test_every_setpoint_type_is_flown_as_selected_by_the_flag(air):
 
 @pytest.mark.story
 @pytest.mark.flight
-def test_only_offboard_control_mode_keeps_offboard_alive(air):
-    enter(air, flags("position"), trajectory((1.0, 0.0, -2.5)))
+def test_only_offboard_control_mode_keeps_the_vehicle_in_offboard(air):
+    switch_to_offboard(air, flags("position"), trajectory((1.0, 0.0, -2.5)))
     air.stream(5.0, 10.0, flags("position"))
     assert status(air) == (OFFBOARD_MODE, False)
     assert air.position_ned_m[0] == pytest.approx(1.0, abs=0.3)
@@ -90,16 +90,16 @@ def test_only_offboard_control_mode_keeps_offboard_alive(air):
 
 @pytest.mark.flight
 def test_without_any_flag_the_signal_is_lost_at_once(air):
-    enter(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
+    switch_to_offboard(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
     air.stream(0.3, 20.0, (CONTROL_MODE, {}))
     assert status(air) == (POSITION_MODE, True)
 
 
 @pytest.mark.story
 @pytest.mark.flight
-def test_invalid_setpoints_leave_the_last_one_in_effect(air):
+def test_invalid_setpoints_do_not_replace_the_last_valid_setpoint(air):
     level = (ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})
-    enter(air, flags("attitude"), level)
+    switch_to_offboard(air, flags("attitude"), level)
     for broken in ([NAN, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]):
         air.stream(0.3, 50.0, flags("attitude"), (ATTITUDE, {"q_d": broken, "thrust_body": HOVER}))
     assert air.sim.simulation.setpoints.thrust[0] == pytest.approx(0.49)
@@ -129,11 +129,11 @@ def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(air):
         assert status(air) == (HOLD_MODE, False)
         air.run(4.0)
     assert 0.1 < moved_m[0] < 0.8
-    assert 1.0 < moved_m[1] < 2.5  # PX4 overwrites two thirds of them before they are used
+    assert 1.0 < moved_m[1] < 2.5  # PX4 overwrites two thirds of the setpoints before it uses them
     assert abs(air.position_ned_m[0]) < 0.5
 
 
-def test_setpoints_do_not_move_a_disarmed_vehicle_and_an_old_one_is_not_flown_later():
+def test_setpoints_do_not_move_a_disarmed_vehicle_and_are_not_flown_after_arming():
     vehicle = Ros2Vehicle()
     for _, setpoints in KINDS.values():
         vehicle.stream(0.1, 50.0, *setpoints)
@@ -151,14 +151,19 @@ def test_the_control_mode_topic_matches_the_flag():
     vehicle = Ros2Vehicle()
     vehicle.stream(0.2, 20.0, flags("position"))
     vehicle.command(SET_MODE, *OFFBOARD)
-    shown = {}
+    control_flags = {}
     for name in KINDS:
         vehicle.stream(0.6, 20.0, flags(name))
         last = vehicle.last("/fmu/out/vehicle_control_mode")
         names = ("position", "attitude", "rates", "allocation")
-        shown[name] = tuple(last[f"flag_control_{each}_enabled"] for each in names)
-    assert shown["position"] == shown["velocity"] == shown["acceleration"] == (True, True, True, True)
-    assert shown["attitude"] == (False, True, True, True)
-    assert shown["body_rate"] == (False, False, True, True)
-    assert shown["thrust_and_torque"] == (False, False, False, True)
-    assert shown["direct_actuator"] == (False, False, False, False)
+        control_flags[name] = tuple(last[f"flag_control_{each}_enabled"] for each in names)
+    assert (
+        control_flags["position"]
+        == control_flags["velocity"]
+        == control_flags["acceleration"]
+        == (True, True, True, True)
+    )
+    assert control_flags["attitude"] == (False, True, True, True)
+    assert control_flags["body_rate"] == (False, False, True, True)
+    assert control_flags["thrust_and_torque"] == (False, False, False, True)
+    assert control_flags["direct_actuator"] == (False, False, False, False)

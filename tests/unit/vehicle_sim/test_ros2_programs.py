@@ -16,7 +16,7 @@ DOMAIN = 47
 
 
 class Flight:
-    """A vehicle on DDS, and its recorded heights."""
+    """A vehicle on DDS; records its altitude above the start."""
 
     def __init__(self, domain: DdsDomain, namespace: str) -> None:
         self.sim = VehicleSim(
@@ -63,7 +63,7 @@ def test_the_offboard_node_climbs_to_five_metres_and_lands(domain, capsys):
 
 
 @pytest.mark.story
-def test_the_flow_holds_one_metre_for_twenty_seconds_and_lands(domain):
+def test_the_flow_keeps_an_altitude_of_one_metre_for_twenty_seconds_and_lands(domain):
     namespace = f"flow_{os.getpid()}"
     flight = Flight(domain, namespace)
     ros2_flow.main(DOMAIN, namespace, flight.sleep)

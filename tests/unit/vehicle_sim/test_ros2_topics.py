@@ -1,4 +1,4 @@
-"""What a simulated vehicle publishes over ROS 2: names, rates, contents and times."""
+"""Names, rates, contents and times of the messages that a simulated vehicle publishes over ROS 2."""
 
 from __future__ import annotations
 
@@ -20,18 +20,20 @@ def idle() -> Ros2Vehicle:
     return Ros2Vehicle(boot_s=12.4, parameters={})
 
 
-def test_topic_names_and_types_are_the_recorded_ones(shared):
-    facts = json.loads((shared / "px4" / "dds" / "topics.json").read_text())
-    recorded = {(t["name"], t["ros_type"].split("/")[-1], t["direction"]) for t in facts["topics"]}
-    ours = {(t.name, t.type, "out") for t in OUTPUTS} | {(t.name, t.type, "in") for t in INPUTS}
-    assert ours == recorded
-    assert {dds_name(t.name) for t in (*OUTPUTS, *INPUTS)} == {t["dds_topic"] for t in facts["topics"]}
-    assert {dds_name(SERVICE_REQUEST), dds_name(SERVICE_REPLY)} == {s["dds_topic"] for s in facts["services"]}
-    for name in facts["namespaces"][0]["examples"]:
-        assert name in {dds_name(t, "px4_1") for t in ours_names()}
+def test_topic_names_and_types_match_the_recording(shared):
+    recordings = json.loads((shared / "px4" / "dds" / "topics.json").read_text())
+    recorded = {(t["name"], t["ros_type"].split("/")[-1], t["direction"]) for t in recordings["topics"]}
+    simulated = {(t.name, t.type, "out") for t in OUTPUTS} | {(t.name, t.type, "in") for t in INPUTS}
+    assert simulated == recorded
+    assert {dds_name(t.name) for t in (*OUTPUTS, *INPUTS)} == {t["dds_topic"] for t in recordings["topics"]}
+    assert {dds_name(SERVICE_REQUEST), dds_name(SERVICE_REPLY)} == {
+        s["dds_topic"] for s in recordings["services"]
+    }
+    for name in recordings["namespaces"][0]["examples"]:
+        assert name in {dds_name(t, "px4_1") for t in simulated_names()}
 
 
-def ours_names() -> set[str]:
+def simulated_names() -> set[str]:
     return {t.name for t in (*OUTPUTS, *INPUTS)} | {SERVICE_REQUEST, SERVICE_REPLY}
 
 
@@ -49,7 +51,7 @@ def test_a_disarmed_vehicle_publishes_at_the_recorded_rate(idle, topic, hz):
     assert abs(count - 5.0 * hz) <= max(1.5, 0.1 * hz)
 
 
-def test_the_first_message_comes_when_the_client_has_connected(idle):
+def test_the_first_message_is_sent_when_the_client_has_connected(idle):
     assert 6.3 < min(at_s for at_s, _, _ in idle.received) < 6.5
     assert len(idle.all("/fmu/out/home_position")) == 1
 
@@ -62,7 +64,7 @@ def test_timestamps_are_unix_time_and_other_times_count_from_boot(idle):
         assert all(fields[name] < 1e9 for name in BOOT_TIMES & fields.keys()), topic
 
 
-def test_without_time_synchronization_all_times_count_from_boot_and_messages_come_sooner():
+def test_without_time_synchronization_all_times_count_from_boot_and_messages_are_sent_sooner():
     vehicle = Ros2Vehicle(boot_s=3.0)
     assert min(at_s for at_s, _, _ in vehicle.received) < 1.5
     assert vehicle.last("/fmu/out/vehicle_attitude")["timestamp"] == pytest.approx(3e6, abs=10_000)
@@ -89,7 +91,7 @@ def test_topics_have_the_values_of_a_vehicle_on_the_ground(idle):
 
 
 def test_the_battery_is_read_from_the_same_topic_as_the_log(idle):
-    ours = idle.last("/fmu/out/battery_status")
+    simulated = idle.last("/fmu/out/battery_status")
     logged = next(t for t in idle.sim._states[0].topics if t.layout.name == "battery_status").read()
-    assert ours["voltage_v"] == pytest.approx(logged["voltage_v"])
-    assert (ours["cell_count"], ours["connected"]) == (logged["cell_count"], True)
+    assert simulated["voltage_v"] == pytest.approx(logged["voltage_v"])
+    assert (simulated["cell_count"], simulated["connected"]) == (logged["cell_count"], True)

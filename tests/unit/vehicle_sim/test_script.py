@@ -1,4 +1,4 @@
-"""Fault scripts: each event has its effect once, at its time or state, on the named vehicles only."""
+"""Fault scripts: each event occurs once, at its time or in its state, and affects only the named vehicles."""
 
 import math
 
@@ -34,7 +34,7 @@ def test_an_event_when_airborne_occurs_after_the_take_off():
         script=script("when: airborne, after_s: 2, battery_percent: 40, wind_ned_m_s: [0, 6, 0]")
     )
     station.run(15)
-    assert station.sim.simulation.battery.remaining[0] == 1.0, "still on the ground"
+    assert station.sim.simulation.battery.remaining[0] == 1.0, "the event occurred on the ground"
     station.fly_to(5.0)
     station.run(6.0)
     assert station.sim.simulation.battery.remaining[0] <= 0.4
@@ -48,7 +48,7 @@ def test_an_event_above_a_height_stops_a_motor_of_the_named_vehicle_only():
     assert sim.simulation.motor_health.tolist() == [[1, 1, 1, 1], [1, 1, 0, 1]]
 
 
-def test_a_link_that_is_down_carries_nothing_until_it_is_up_again():
+def test_a_link_that_is_down_sends_nothing_until_it_is_up_again():
     station = Station(
         script=script("at_s: 3, link: {name: gcs, up: false}", "at_s: 6, link: {name: gcs, up: true}"),
         links=BOTH,
@@ -58,15 +58,17 @@ def test_a_link_that_is_down_carries_nothing_until_it_is_up_again():
     assert min(times) < 3
     assert max(times) > 6
     assert not [t for t in times if 3.1 < t < 6.0]
-    assert [t for t, link, _ in station.log if link == "api" and 3.1 < t < 6.0], "the other link continues"
+    assert [t for t, link, _ in station.log if link == "api" and 3.1 < t < 6.0], (
+        "the other link was also down"
+    )
 
 
-def test_the_state_landed_needs_a_previous_flight_and_parameters_are_set():
+def test_an_event_at_landing_needs_a_previous_flight_and_a_scripted_parameter_is_set():
     sim = VehicleSim(
         script=script("when: landed, gps: lost", "at_s: 1, parameter: {name: MPC_XY_CRUISE, value: 3}")
     )
     sim.step(2.0)
-    assert sim.simulation.sensors.gps_fix_type[0] == 3, "the vehicle has not flown yet"
+    assert sim.simulation.sensors.gps_fix_type[0] == 3, "the event occurred before a flight"
     assert sim.simulation.parameters[0].get("MPC_XY_CRUISE") == 3.0
 
 

@@ -1,4 +1,4 @@
-"""PX4's console over MAVLink: echo, prompt, long answers, and commands."""
+"""PX4's console over MAVLink: echo, prompt, long outputs, and commands."""
 
 import json
 import math
@@ -35,7 +35,8 @@ class Terminal:
             bytes(m.data[: m.count]) for m in self.station.received("SERIAL_CONTROL", via, since_s + 0.001)
         ]
 
-    def shown(self, text, seconds=1.0, **options):
+    def send_and_read(self, text, seconds=1.0, **options):
+        """Sends a text; returns all that the console sends in this time."""
         since_s = self.station.now_s
         self.send(text, **options)
         self.station.run(seconds)
@@ -43,7 +44,7 @@ class Terminal:
 
     def output_of(self, line):
         """Runs a command; returns its output."""
-        shown = self.shown(line + "\n")
+        shown = self.send_and_read(line + "\n")
         assert shown.startswith(line + "\n")
         assert shown.endswith(PROMPT)
         return shown[len(line) + 1 : -len(PROMPT)]
@@ -55,34 +56,34 @@ def terminal():
 
 
 @pytest.fixture
-def ready():
+def ready_terminal():
     """The terminal of a vehicle that can be armed."""
     return Terminal(12.0)
 
 
-def test_a_line_is_echoed_and_its_answer_ends_with_the_prompt(terminal):
-    assert terminal.shown("ver hw\n") == "ver hw\nHW arch: PX4_SITL\npxh> "
-    assert terminal.shown("\n") == "\npxh> "
+def test_a_line_is_echoed_and_its_output_ends_with_the_prompt(terminal):
+    assert terminal.send_and_read("ver hw\n") == "ver hw\nHW arch: PX4_SITL\npxh> "
+    assert terminal.send_and_read("\n") == "\npxh> "
     reply = terminal.station.last["SERIAL_CONTROL"]
     assert (reply.device, reply.flags, reply.target_system, reply.target_component) == (10, 1, 255, 190)
 
 
 def test_a_line_is_executed_at_its_end_and_discarded_when_the_console_is_closed(terminal):
-    assert terminal.shown("ver ") == "ver "
-    assert terminal.shown("hw\n") == "hw\nHW arch: PX4_SITL\npxh> "
-    assert terminal.shown("nonsense") == "nonsense"
-    assert terminal.shown("", flags=0) == ""
-    assert terminal.shown("ver hw\n").endswith("PX4_SITL\npxh> ")
+    assert terminal.send_and_read("ver ") == "ver "
+    assert terminal.send_and_read("hw\n") == "hw\nHW arch: PX4_SITL\npxh> "
+    assert terminal.send_and_read("nonsense") == "nonsense"
+    assert terminal.send_and_read("", flags=0) == ""
+    assert terminal.send_and_read("ver hw\n").endswith("PX4_SITL\npxh> ")
 
 
 def test_unknown_and_not_simulated_commands_are_reported(terminal):
     assert terminal.output_of("xyz") == "Invalid command: xyz\ntype 'help' for a list of commands\n"
-    answer = terminal.output_of("uuv_att_control start")
-    assert answer.startswith("ERROR [uuv_att_control] the simulated vehicle has no such module\n")
-    assert answer.endswith("Command 'uuv_att_control' failed, returned 1.\n")
+    output = terminal.output_of("uuv_att_control start")
+    assert output.startswith("ERROR [uuv_att_control] the simulated vehicle has no such module\n")
+    assert output.endswith("Command 'uuv_att_control' failed, returned 1.\n")
 
 
-def test_long_answers_are_sent_in_parts_of_70_bytes_one_per_step(terminal):
+def test_long_outputs_are_sent_in_parts_of_70_bytes_one_part_per_step(terminal):
     since_s = terminal.station.now_s
     terminal.send("help\n")
     terminal.station.run(0.04, tick_s=0.004)
@@ -95,9 +96,9 @@ def test_long_answers_are_sent_in_parts_of_70_bytes_one_per_step(terminal):
 
 def test_each_link_has_its_own_console():
     terminal = Terminal(links=BOTH)
-    terminal.shown("ver ", via="gcs")
-    assert terminal.shown("ver hw\n", via="api") == "ver hw\nHW arch: PX4_SITL\npxh> "
-    assert terminal.shown("hw\n", via="gcs") == "hw\nHW arch: PX4_SITL\npxh> "
+    terminal.send_and_read("ver ", via="gcs")
+    assert terminal.send_and_read("ver hw\n", via="api") == "ver hw\nHW arch: PX4_SITL\npxh> "
+    assert terminal.send_and_read("hw\n", via="gcs") == "hw\nHW arch: PX4_SITL\npxh> "
 
 
 @pytest.mark.parametrize("fields", [{"device": 2}, {"target_system": 7}, {"target_component": 42}])
@@ -109,16 +110,18 @@ def test_messages_to_other_devices_and_vehicles_are_ignored(terminal, fields):
     assert terminal.parts(since_s) == []
 
 
-def test_answers_equal_the_recorded_ones(ready, shared):
+def test_outputs_equal_the_recorded_outputs(ready_terminal, shared):
     lines = (shared / "px4/dialogues/shell.jsonl").read_text().splitlines()
     recorded = {d["id"]: d for d in map(json.loads, lines)}
     for name in ("shell_gimbal_status", "shell_help", "shell_param_show", "shell_again_after_exit"):
-        theirs = "".join(r["fields"]["text"] for r in recorded[name]["received"])
-        assert ready.shown(recorded[name]["send"][0]["fields"]["text"]) == theirs, name
-    listened = "".join(r["fields"]["text"] for r in recorded["shell_listener"]["received"])
-    ours = ready.shown("listener vehicle_status -n 1\n")
-    assert [line.split(":")[0] for line in ours.splitlines()] == [
-        line.split(":")[0] for line in listened.splitlines()
+        recorded_output = "".join(r["fields"]["text"] for r in recorded[name]["received"])
+        assert ready_terminal.send_and_read(recorded[name]["send"][0]["fields"]["text"]) == recorded_output, (
+            name
+        )
+    recorded_listing = "".join(r["fields"]["text"] for r in recorded["shell_listener"]["received"])
+    listing = ready_terminal.send_and_read("listener vehicle_status -n 1\n")
+    assert [line.split(":")[0] for line in listing.splitlines()] == [
+        line.split(":")[0] for line in recorded_listing.splitlines()
     ]
 
 
@@ -136,7 +139,7 @@ def test_parameters_are_shown_set_compared_and_reset_and_changes_are_sent(termin
     assert terminal.output_of("param reset MPC_XY*") == ""
     assert store.get("MPC_XY_VEL_MAX") == 12.0
     sent = [m for m in terminal.station.received("PARAM_VALUE") if m.param_id == "MPC_XY_VEL_MAX"]
-    assert sent[-1].param_value == 8.5, "PX4 sends changes, but not resets"
+    assert sent[-1].param_value == 8.5, "a reset was sent"
     assert "1 differ from" in terminal.output_of("param set COM_OF_LOSS_T 3") + terminal.output_of(
         "param status"
     )
@@ -152,27 +155,27 @@ def test_parameters_are_shown_set_compared_and_reset_and_changes_are_sent(termin
      ("param", "Usage: param"), ("param index 5000", "0 to 928")],
 )  # fmt: skip
 def test_an_invalid_param_command_is_explained(terminal, line, expected):
-    answer = terminal.output_of(line)
-    assert expected in answer
-    assert "failed, returned 1" in answer
+    output = terminal.output_of(line)
+    assert expected in output
+    assert "failed, returned 1" in output
 
 
-def test_commander_commands_arm_take_off_and_land(ready):
-    assert "Disarmed" in ready.output_of("commander status")
-    assert "Preflight check: OK" in ready.output_of("commander check")
-    assert ready.output_of("commander takeoff") == ""
-    station = ready.station
+def test_commander_commands_arm_take_off_and_land(ready_terminal):
+    assert "Disarmed" in ready_terminal.output_of("commander status")
+    assert "Preflight check: OK" in ready_terminal.output_of("commander check")
+    assert ready_terminal.output_of("commander takeoff") == ""
+    station = ready_terminal.station
     assert station.armed
     assert "Armed by internal command\t" in station.texts()
     station.run(12)
     assert station.height_m > 1.5
-    status = ready.output_of("commander status")
+    status = ready_terminal.output_of("commander status")
     assert "Armed" in status
     assert "landed: no" in status
-    assert "the vehicle is flying; -f forces it" in ready.output_of("commander disarm")
-    assert ready.output_of("commander mode auto:land") == ""
+    assert "the vehicle is flying; -f forces it" in ready_terminal.output_of("commander disarm")
+    assert ready_terminal.output_of("commander mode auto:land") == ""
     station.run_until(lambda: not station.armed, 30)
-    assert "no such mode" in ready.output_of("commander mode hover")
+    assert "no such mode" in ready_terminal.output_of("commander mode hover")
 
 
 def test_gimbal_commands_set_control_and_angles(terminal):
@@ -197,8 +200,8 @@ def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
 def test_the_listener_shows_every_topic_of_the_logger(terminal):
     states = [topic.layout.name for topic in terminal.station.sim.loggers[0]._states.topics]
     for name in [topic.layout.name for topic in ARRAY_TOPICS] + states:
-        answer = terminal.output_of(f"listener {name}")
-        assert answer.startswith(f"\nTOPIC: {name}\n {name}\n    timestamp: "), name
+        output = terminal.output_of(f"listener {name}")
+        assert output.startswith(f"\nTOPIC: {name}\n {name}\n    timestamp: "), name
     q = terminal.station.sim.simulation.estimate.q_ned_frd[0]
     line = next(
         x for x in terminal.output_of("listener vehicle_attitude").splitlines() if x.startswith("    q: ")
@@ -208,7 +211,7 @@ def test_the_listener_shows_every_topic_of_the_logger(terminal):
 
 
 def test_the_listener_waits_for_several_samples(terminal):
-    shown = terminal.shown("listener sensor_baro -n 3\nver hw\n", 1.5)
+    shown = terminal.send_and_read("listener sensor_baro -n 3\nver hw\n", 1.5)
     assert shown.count("TOPIC: sensor_baro") == 2
     assert "HW arch" not in shown
     since_s = terminal.station.now_s
@@ -263,14 +266,14 @@ def test_logger_commands_start_and_stop_the_log(terminal):
     assert logger.running
 
 
-def test_status_commands_show_the_state_of_modules(ready):
-    assert "gps: fix type 3" in ready.output_of("sensors status")
-    assert "local position: valid" in ready.output_of("ekf2 status")
-    assert "\tGCS heartbeat valid\n" in ready.output_of("mavlink status")
-    assert "HEARTBEAT " in ready.output_of("mavlink status streams")
-    assert "vehicle_attitude " in ready.output_of("uorb top")
-    assert "2026" in ready.output_of("system_time get")
-    assert ready.output_of("ver hwcmp PX4_SITL") == ""
+def test_status_commands_show_the_state_of_modules(ready_terminal):
+    assert "gps: fix type 3" in ready_terminal.output_of("sensors status")
+    assert "local position: valid" in ready_terminal.output_of("ekf2 status")
+    assert "\tGCS heartbeat valid\n" in ready_terminal.output_of("mavlink status")
+    assert "HEARTBEAT " in ready_terminal.output_of("mavlink status streams")
+    assert "vehicle_attitude " in ready_terminal.output_of("uorb top")
+    assert "2026" in ready_terminal.output_of("system_time get")
+    assert ready_terminal.output_of("ver hwcmp PX4_SITL") == ""
 
 
 @settings(max_examples=150, deadline=None)
@@ -295,8 +298,8 @@ def console():
     station = Station()
     station.run(1)
     node = station.sim.nodes[0]
-    made: Console = node._shell.console()
-    return made
+    console: Console = node._shell.console()
+    return console
 
 
 def test_a_flood_of_lines_takes_limited_memory_and_telemetry_continues(terminal):

@@ -72,16 +72,16 @@ def test_hover_balances_weight():
 
 
 @pytest.mark.story
-def test_a_hover_with_noise_drifts_little():
+def test_a_hover_with_noise_drifts_less_than_1_6_m():
     sim = hovering(4, noise=True, seed=3)
     start = sim.truth.position_ned_m.copy()
-    far = np.zeros(4)
+    largest_error_m = np.zeros(4)
     for _ in range(10):
         run(sim, 1.0)
-        off = sim.estimate.position_ned_m - sim.setpoints.position_ned_m
-        far = np.maximum(far, np.abs(off).max(axis=1))
+        error_m = sim.estimate.position_ned_m - sim.setpoints.position_ned_m
+        largest_error_m = np.maximum(largest_error_m, np.abs(error_m).max(axis=1))
         assert np.all(np.abs(sim.truth.position_ned_m - start) < 1.6)
-    assert np.all(far < 0.8)
+    assert np.all(largest_error_m < 0.8)
 
 
 def test_a_yaw_setpoint_turns_clockwise_with_the_right_motors():
@@ -136,10 +136,12 @@ def test_terminal_speed_of_a_fall_is_weight_over_drag():
 
 
 @pytest.mark.story
-def test_a_position_is_held_in_wind():
+def test_a_vehicle_keeps_its_position_in_wind():
     sim = hovering(wind_ned_m_s=np.array([0.0, 4.0, 0.0]))
     run(sim, 10.0)
-    assert frames.euler_of(sim.truth.q_ned_frd)[0, 0] < -math.radians(15.0), "the vehicle tilts into the wind"
+    assert frames.euler_of(sim.truth.q_ned_frd)[0, 0] < -math.radians(15.0), (
+        "the vehicle does not tilt into the wind"
+    )
     assert abs(sim.truth.velocity_ned_m_s[0, 1]) < 0.1
 
 
@@ -172,18 +174,18 @@ def test_the_same_seed_gives_the_same_flight(seed):
 
 def test_vehicles_of_a_fleet_fly_like_single_vehicles():
     targets = np.array([[3.0, 0.0, -8.0], [0.0, -6.0, -4.0], [20.0, 20.0, -12.0]])
-    together = Simulation(3, sensor_noise=False, start_ned_m=np.zeros((3, 3)))
-    alone = [Simulation(sensor_noise=False) for _ in range(3)]
-    for sim, wanted in [(together, targets), *((a, targets[i : i + 1]) for i, a in enumerate(alone))]:
+    fleet = Simulation(3, sensor_noise=False, start_ned_m=np.zeros((3, 3)))
+    singles = [Simulation(sensor_noise=False) for _ in range(3)]
+    for sim, target in [(fleet, targets), *((a, targets[i : i + 1]) for i, a in enumerate(singles))]:
         run(sim, 1.0)
         sim.setpoints.armed[:] = True
         sim.setpoints.level[:] = ControlLevel.TRAJECTORY
-        sim.setpoints.position_ned_m[:] = wanted
+        sim.setpoints.position_ned_m[:] = target
         sim.setpoints.yaw_ned_rad[:] = 0.7
         run(sim, 3.0)
-    for i, sim in enumerate(alone):
-        assert together.truth.position_ned_m[i] == pytest.approx(sim.truth.position_ned_m[0], abs=1e-6)
-        assert together.estimate.q_ned_frd[i] == pytest.approx(sim.estimate.q_ned_frd[0], abs=1e-6)
+    for i, sim in enumerate(singles):
+        assert fleet.truth.position_ned_m[i] == pytest.approx(sim.truth.position_ned_m[0], abs=1e-6)
+        assert fleet.estimate.q_ned_frd[i] == pytest.approx(sim.estimate.q_ned_frd[0], abs=1e-6)
 
 
 def test_without_gps_the_position_becomes_invalid_and_the_attitude_stays_valid():
@@ -202,11 +204,11 @@ def test_without_gps_the_position_becomes_invalid_and_the_attitude_stays_valid()
     assert np.all(np.abs(frames.euler_of(sim.truth.q_ned_frd)[0, :2]) < math.radians(6.0))
     sim.set_gps_enabled(0, True)
     run(sim, 1.0)
-    assert not sim.estimate.valid_position[0], "fixes must be good for a second before they are used"
+    assert not sim.estimate.valid_position[0], "GPS was used less than a second after its return"
     run(sim, 0.4)
     assert sim.estimate.valid_position[0]
     error = (sim.estimate.position_ned_m - sim.truth.position_ned_m)[0]
-    assert np.all(np.abs(error) < 2.0), "the GPS position is used again"
+    assert np.all(np.abs(error) < 2.0), "the GPS position is not used"
 
 
 @pytest.mark.story
@@ -232,7 +234,9 @@ def test_the_battery_drains_while_armed_and_is_full_after_disarming():
     sim.parameters[0].set("SIM_BAT_MIN_PCT", 90.0)
     sim.reload_parameters(0)
     run(sim, 6.0)
-    assert sim.battery.remaining[0] == pytest.approx(0.9, abs=0.002), "a higher minimum raises the charge"
+    assert sim.battery.remaining[0] == pytest.approx(0.9, abs=0.002), (
+        "a higher minimum did not raise the charge"
+    )
     sim.setpoints.armed[0] = False
     run(sim, 6.0)
     assert sim.battery.remaining[0] == pytest.approx(1.0, abs=0.001)
@@ -240,10 +244,10 @@ def test_the_battery_drains_while_armed_and_is_full_after_disarming():
         sim.set_battery_remaining(0, 1.5)
 
 
-def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_effect_of_px4s():
+def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_same_effect_as_in_px4():
     sim = Simulation(1, sensor_noise=False)
 
-    def switched(**values: float):
+    def with_parameters(**values: float):
         for name, value in values.items():
             sim.parameters[0].set(name, value)
         sim.reload_parameters(0)
@@ -252,20 +256,22 @@ def test_parameters_and_calibrations_of_the_simulated_sensors_have_the_effect_of
 
     run(sim, 0.3)
     before = float(sim.sensors.baro_alt_amsl_m[0])
-    sensors = switched(SIM_BARO_OFF_P=12.0, SIM_BARO_OFF_T=5.0)
+    sensors = with_parameters(SIM_BARO_OFF_P=12.0, SIM_BARO_OFF_T=5.0)
     assert before - sensors.baro_alt_amsl_m[0] == pytest.approx(1.06, abs=0.02), "12 Pa are 1 m"
     assert sensors.baro_temperature_deg_c[0] == pytest.approx(BARO_TEMPERATURE_DEG_C + 5.0, abs=0.01)
-    sensors = switched(CAL_ACC0_XOFF=0.3, CAL_ACC0_ZSCALE=1.1, CAL_GYRO0_YOFF=0.2)
+    sensors = with_parameters(CAL_ACC0_XOFF=0.3, CAL_ACC0_ZSCALE=1.1, CAL_GYRO0_YOFF=0.2)
     assert sensors.accel_frd_m_s2[0] == pytest.approx([-0.3, 0.0, -1.1 * frames.GRAVITY_M_S2], abs=1e-5)
     assert sensors.gyro_frd_rad_s[0] == pytest.approx([0.0, -0.2, 0.0], abs=1e-6)
     field = sensors.mag_frd_gauss[0].copy()
-    assert switched(SIM_MAG_OFFSET_Y=0.4).mag_frd_gauss[0] - field == pytest.approx([0.0, 0.4, 0.0], abs=1e-6)
-    sensors = switched(SIM_GPS_USED=4)
+    assert with_parameters(SIM_MAG_OFFSET_Y=0.4).mag_frd_gauss[0] - field == pytest.approx(
+        [0.0, 0.4, 0.0], abs=1e-6
+    )
+    sensors = with_parameters(SIM_GPS_USED=4)
     assert (sensors.gps_fix_type[0], sensors.gps_satellites[0]) == (3, 4)
-    sensors = switched(SIM_GPS_USED=3)
+    sensors = with_parameters(SIM_GPS_USED=3)
     assert (sensors.gps_fix_type[0], sensors.gps_horizontal_accuracy_m[0]) == (0, 100.0)
     assert sensors.gps_satellites[0] == 3
-    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "a position is still reported"
+    assert sensors.gps_lat_deg[0] == pytest.approx(sim.home.lat_deg), "no position was reported"
 
 
 @pytest.mark.story
@@ -276,12 +282,12 @@ def test_parameters_take_effect_when_reloaded():
     run(sim, 10.0)
     assert sim.target.thrust[0] == pytest.approx(1.2 * frames.GRAVITY_M_S2 / 20.0, abs=0.005)
     sim.parameters[0].set("SIH_MASS", 0.0)
-    why = sim.reload_parameters(0)
-    assert why is not None
-    assert "SIH_MASS is 0" in why
+    reason = sim.reload_parameters(0)
+    assert reason is not None
+    assert "SIH_MASS is 0" in reason
     run(sim, 1.0)
     assert sim.target.thrust[0] == pytest.approx(1.2 * frames.GRAVITY_M_S2 / 20.0, abs=0.01), (
-        "the last valid mass is kept"
+        "the invalid mass was used"
     )
     with pytest.raises(ValueError, match="SIH_MASS is 0"):
         Simulation(parameters=[sim.parameters[0]])
@@ -316,6 +322,6 @@ def test_a_partial_setpoint_controls_only_its_axes():
         ({"count": 2, "start_ned_m": np.zeros((1, 3))}, "start_ned_m must be"),
     ],
 )
-def test_errors_about_invalid_arguments_name_them(arguments, message):
+def test_errors_about_invalid_arguments_name_the_arguments(arguments, message):
     with pytest.raises(ValueError, match=message):
         Simulation(**arguments)

@@ -28,6 +28,6 @@ def test_copies_continue_like_the_original(fleet: dict[str, Any]) -> None:
     original = Station(seed=4, **fleet)
     original.fly_to(3.0)
     first, second = snapshot(original), snapshot(original)
-    as_copied = continue_flight(first)
-    assert continue_flight(original) == as_copied, "the flight of a copy changed the original"
-    assert continue_flight(second) == as_copied
+    log_of_copy = continue_flight(first)
+    assert continue_flight(original) == log_of_copy, "the flight of a copy changed the original"
+    assert continue_flight(second) == log_of_copy

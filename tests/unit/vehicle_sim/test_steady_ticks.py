@@ -1,4 +1,5 @@
-"""Steady ticks give the same results as full ticks, bit for bit, and delay no event; so do skipped checks."""
+"""Steady ticks and skipped checks give the same results as full ticks and checks, bit for bit, without
+delays."""
 
 import hashlib
 import math
@@ -25,19 +26,21 @@ Script = Mapping[float, Callable[[VehicleSim], object]]
 """Actions by time since boot [s]."""
 
 
-def item(command: int, north_m: float, east_m: float, up_m: float, *parameters: float) -> dict[str, Any]:
+def item(
+    command: int, north_m: float, east_m: float, alt_home_m: float, *parameters: float
+) -> dict[str, Any]:
     home = VehicleSim(links=()).simulation.home
     lat, lon = to_global(*(np.array(value) for value in (north_m, east_m, home.lat_deg, home.lon_deg)))
-    given = (*parameters, *[0.0] * 4)[:4]
+    numbers = (*parameters, *[0.0] * 4)[:4]
     return {
         "frame": RELATIVE, "command": command, "autocontinue": True, "current": False,
-        "x": round(float(lat) * 1e7), "y": round(float(lon) * 1e7), "z": up_m,
-        **{f"param{k + 1}": value for k, value in enumerate(given)},
+        "x": round(float(lat) * 1e7), "y": round(float(lon) * 1e7), "z": alt_home_m,
+        **{f"param{k + 1}": value for k, value in enumerate(numbers)},
     }  # fmt: skip
 
 
 def fly(script: Script, seconds: float, count: int = 1) -> tuple[str, list[str], float]:
-    """Digest of all motions, setpoints and gimbals; messages; and the part of ticks that was steady."""
+    """Digest of all motions, setpoints and gimbals; messages; and the fraction of ticks that were steady."""
     sim = VehicleSim(count, links=(), seed=3)
     for row in range(count):
         sim.simulation.set_wind(np.array([2.0 * row, 3.0, 0.0]), row)
@@ -70,15 +73,15 @@ def never_steady(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fly_both_ways(script: Script, seconds: float, monkeypatch: pytest.MonkeyPatch, count: int = 1) -> float:
-    """Flies with and without steady ticks; returns the part of ticks that was steady."""
-    digest, messages, share = fly(script, seconds, count)
+    """Flies with and without steady ticks, compares both; returns the fraction of ticks that were steady."""
+    digest, messages, steady_fraction = fly(script, seconds, count)
     with monkeypatch.context() as patch:
         never_steady(patch)
         full_digest, full_messages, none = fly(script, seconds, count)
     assert none == 0.0
     assert messages == full_messages
     assert digest == full_digest
-    return share
+    return steady_fraction
 
 
 def for_each_autopilot(action: Callable[[Autopilot], object]) -> Callable[[VehicleSim], object]:
@@ -103,8 +106,8 @@ def start_mission(sim: VehicleSim) -> None:
 
 @pytest.mark.story
 def test_a_mission_is_flown_identically_with_steady_and_full_ticks(monkeypatch: pytest.MonkeyPatch) -> None:
-    share = fly_both_ways({5.0: start_mission}, 55.0, monkeypatch, count=2)
-    assert share > 0.6
+    steady_fraction = fly_both_ways({5.0: start_mission}, 55.0, monkeypatch, count=2)
+    assert steady_fraction > 0.6
 
 
 def take_off(autopilot: Autopilot) -> None:
@@ -131,14 +134,15 @@ def test_commands_parameters_and_failures_act_at_once_in_a_steady_flight(
         21.0: for_each_autopilot(lambda autopilot: autopilot.navigator.change_speed(3.0, 0.5)),
         22.0: lambda sim: sim.simulation.set_gps_enabled(0, False),
     }
-    share = fly_both_ways(script, 32.0, monkeypatch)
-    assert share > 0.4
+    steady_fraction = fly_both_ways(script, 32.0, monkeypatch)
+    assert steady_fraction > 0.4
 
 
 def test_spool_up_ramp_and_ground_contact_until_the_disarming_are_flown_by_steady_ticks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Ticks are full before arming, after disarming, and while the vehicle brakes for the landing."""
+    """The other ticks are full: before arming, after disarming, and while the vehicle brakes for the
+    landing."""
 
     def set_quick(sim: VehicleSim) -> None:
         for name, value in {"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.5}.items():
@@ -151,9 +155,9 @@ def test_spool_up_ramp_and_ground_contact_until_the_disarming_are_flown_by_stead
     }
     sims: list[VehicleSim] = []
     script[6.6] = sims.append
-    share = fly_both_ways(script, 16.5, monkeypatch)
+    steady_fraction = fly_both_ways(script, 16.5, monkeypatch)
     assert not any(sim.autopilots[0].commander.armed for sim in sims)
-    assert share > 0.8
+    assert steady_fraction > 0.8
 
 
 def test_a_forced_disarm_in_a_steady_flight_stops_the_motors_in_the_same_tick() -> None:
@@ -204,11 +208,11 @@ def stream(end_s: float) -> Script:
 
 
 @pytest.mark.story
-def test_a_stream_of_setpoints_is_flown_the_same_by_steady_and_by_full_ticks_until_it_is_lost(
+def test_setpoints_are_flown_identically_with_steady_and_full_ticks_until_the_stream_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    share = fly_both_ways(stream(36.0), 38.0, monkeypatch, count=2)
-    assert share > 0.5
+    steady_fraction = fly_both_ways(stream(36.0), 38.0, monkeypatch, count=2)
+    assert steady_fraction > 0.5
 
 
 def climb_far(autopilot: Autopilot) -> None:

@@ -1,4 +1,4 @@
-"""Flight by MANUAL_CONTROL: the effect of the sticks in each mode, and when they are used."""
+"""Flight by MANUAL_CONTROL: the effect of the sticks in each mode, and when PX4 ignores them."""
 
 import math
 
@@ -12,8 +12,8 @@ pytestmark = pytest.mark.flight
 
 ALTITUDE, STABILIZED, ACRO = 0x20000, 0x70000, 0x50000
 NUMBERS = {POSITION: 3, ALTITUDE: 2, STABILIZED: 7, ACRO: 5}
-NEEDED = {0, 1}
-"""HEARTBEAT and SYS_STATUS; other streams would take more computing time than the flight."""
+STREAMED = {0, 1}
+"""HEARTBEAT and SYS_STATUS: other streams would take more computing time than the flight."""
 
 
 class JoystickStation(Station):
@@ -22,7 +22,7 @@ class JoystickStation(Station):
     def __init__(self, **fleet):
         super().__init__(sensor_noise=False, **fleet)
         for link in self.sim.nodes[0].context.links:
-            for msg_id in set(link.streamed_ids()) - NEEDED:
+            for msg_id in set(link.streamed_ids()) - STREAMED:
                 link.set_interval(msg_id, 0, 0)
         self.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
         self.next_s = 0.0
@@ -57,8 +57,8 @@ class JoystickStation(Station):
         self.run_until(lambda: self.hovers_at(north, east), 60, lambda: self.fly(0.02))
 
     def hovers_at(self, north, east):
-        off = np.abs(self.position - (north, east, -10.0)).max()
-        return off < 0.5 and np.abs(self.velocity).max() < 0.05 and abs(self.euler[2]) < 0.02
+        distance_m = np.abs(self.position - (north, east, -10.0)).max()
+        return distance_m < 0.5 and np.abs(self.velocity).max() < 0.05 and abs(self.euler[2]) < 0.02
 
     def switch(self, mode):
         self.command(176, 1, NUMBERS[mode])
@@ -80,21 +80,21 @@ class JoystickStation(Station):
 
 
 @pytest.fixture(scope="module")
-def flown():
+def flying_station():
     station = JoystickStation()
     station.fly_to(10.0)
     return station
 
 
 @pytest.fixture
-def pilot(flown):
+def pilot(flying_station):
     """A vehicle in Hold at 10 m with centred sticks; all tests use the same flight."""
-    flown.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
-    flown.fly(0.5)
-    flown.command(176, 1, 4, 3)
-    flown.fly(2.5)
-    flown.reposition()
-    return flown
+    flying_station.sticks = {"x": 0, "y": 0, "z": 500, "r": 0}
+    flying_station.fly(0.5)
+    flying_station.command(176, 1, 4, 3)
+    flying_station.fly(2.5)
+    flying_station.reposition()
+    return flying_station
 
 
 @pytest.mark.story
@@ -104,9 +104,9 @@ def test_in_position_the_stick_sets_the_speed_and_the_vehicle_stops_when_it_is_c
     assert pilot.velocity[0] == pytest.approx(10.0, abs=2.0), "MPC_VEL_MANUAL minus the effect of drag"
     assert abs(pilot.velocity[1]) < 0.3
     pilot.fly(10.0, x=0)
-    stopped_at = pilot.position
+    stopped_ned_m = pilot.position
     pilot.fly(3.0)
-    assert np.abs(pilot.position - stopped_at).max() < 0.5
+    assert np.abs(pilot.position - stopped_ned_m).max() < 0.5
     assert pilot.height_m == pytest.approx(10.0, abs=0.7)
 
 
@@ -116,34 +116,34 @@ def test_a_stick_within_the_dead_zone_has_no_effect(pilot):
     assert np.abs(pilot.velocity).max() < 0.1
 
 
-def test_throttle_sets_the_climb_rate_and_centred_it_holds_the_height(pilot):
+def test_throttle_sets_the_climb_rate_and_a_centred_stick_keeps_the_altitude(pilot):
     pilot.switch(ALTITUDE)
     pilot.fly(3.0, z=1000)
     assert -pilot.velocity[2] == pytest.approx(3.0, abs=0.5), "MPC_Z_VEL_MAX_UP"
     pilot.fly(4.0, z=500)
-    stood_m = pilot.height_m
+    hover_m = pilot.height_m
     pilot.fly(4.0)
-    assert pilot.height_m == pytest.approx(stood_m, abs=0.2)
+    assert pilot.height_m == pytest.approx(hover_m, abs=0.2)
 
 
-def test_in_altitude_the_stick_sets_the_tilt_and_the_position_is_not_held(pilot):
+def test_in_altitude_the_stick_sets_the_tilt_and_the_position_is_not_kept(pilot):
     pilot.switch(ALTITUDE)
     pilot.fly(2.0, y=1000)
     assert math.degrees(pilot.euler[0]) == pytest.approx(35.0, abs=3.0), "MPC_MAN_TILT_MAX"
     assert pilot.velocity[1] > 3.0
     pilot.fly(1.0, y=0)
     assert abs(math.degrees(pilot.euler[0])) < 3.0
-    assert pilot.velocity[1] > 0.5, "the vehicle is not stopped"
+    assert pilot.velocity[1] > 0.5, "the vehicle was stopped"
 
 
-def test_the_yaw_stick_sets_the_rate_and_centred_it_holds_the_heading(pilot):
+def test_the_yaw_stick_sets_the_yaw_rate_and_a_centred_stick_keeps_the_heading(pilot):
     pilot.switch(POSITION)
     pilot.fly(1.0, r=500)
     assert pilot.euler[2] > math.radians(10.0)
     pilot.fly(2.0, r=0)
-    held = pilot.euler[2]
+    heading_rad = pilot.euler[2]
     pilot.fly(3.0)
-    assert pilot.euler[2] == pytest.approx(held, abs=math.radians(1.0))
+    assert pilot.euler[2] == pytest.approx(heading_rad, abs=math.radians(1.0))
 
 
 def test_in_stabilized_sticks_set_attitude_and_thrust(pilot):
@@ -172,7 +172,7 @@ def test_the_throttle_stick_takes_off_and_lands():
     pilot.command(400, 1)
     pilot.fly(2.0)
     assert pilot.armed
-    assert pilot.height_m < 0.05, "with low throttle the vehicle stays on the ground"
+    assert pilot.height_m < 0.05, "the vehicle took off with low throttle"
     pilot.fly(6.0, z=900)
     assert pilot.height_m > 2.0
     pilot.fly(2.0, z=500)
@@ -180,8 +180,9 @@ def test_the_throttle_stick_takes_off_and_lands():
     assert pilot.height_m < 0.05
 
 
-def test_with_gaps_in_the_sticks_the_vehicle_holds_its_height_and_then_continues_its_climb():
-    """Half a second of sticks and a second without them, with the failsafe for their loss disabled."""
+def test_in_gaps_of_the_sticks_the_vehicle_keeps_its_altitude_and_continues_its_climb_afterwards():
+    """Sticks are sent for half a second and then missing for a second; the failsafe for lost sticks is
+    disabled."""
     pilot = JoystickStation(parameters={"NAV_RCL_ACT": 0})
     pilot.run_until(lambda: pilot.ready, 15)
     pilot.fly(0.5, z=0)
@@ -196,7 +197,7 @@ def test_with_gaps_in_the_sticks_the_vehicle_holds_its_height_and_then_continues
         at_rest_m = pilot.height_m
         pilot.run(0.2)
         heights_m.append(pilot.height_m)
-        assert heights_m[-1] >= at_rest_m - 0.05, "in a gap the vehicle holds its height"
+        assert heights_m[-1] >= at_rest_m - 0.05, "the vehicle descended in a gap"
     assert heights_m[-1] > 6.0
     assert heights_m[-1] - heights_m[-2] > 1.0
 

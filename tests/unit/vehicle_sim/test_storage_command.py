@@ -24,26 +24,26 @@ def value(station: Station, name: str) -> float:
     return station.sim.simulation.parameters[0].get(name)
 
 
-def acks_of(station: Station, what: float) -> list[int]:
+def acks_of(station: Station, number: float) -> list[int]:
     requested_s = station.now_s
-    station.command(STORAGE, what)
+    station.command(STORAGE, number)
     station.run(4.0)
     return station.acks(STORAGE, requested_s)
 
 
 @pytest.mark.parametrize(
-    ("what", "cruise", "flights", "calibrated"),
+    ("number", "cruise", "flights", "calibrated"),
     [(0, 7.0, 42, True), (1, 7.0, 42, True), (2, 5.0, 42, False), (3, 7.0, 42, False), (4, 5.0, 0, False)],
 )
-def test_each_number_resets_its_parameters(station, what, cruise, flights, calibrated):
-    assert set(acks_of(station, what)) == {ACCEPTED}
+def test_each_number_resets_its_parameters(station, number, cruise, flights, calibrated):
+    assert set(acks_of(station, number)) == {ACCEPTED}
     assert value(station, "MPC_XY_CRUISE") == cruise
     assert value(station, "COM_FLIGHT_UUID") == flights
     assert (value(station, "CAL_GYRO0_ID") != 0) is calibrated
-    assert value(station, "PWM_MAIN_FUNC1") == 101, "defaults of the airframe are not reset"
+    assert value(station, "PWM_MAIN_FUNC1") == 101, "a default of the airframe was reset"
 
 
-def test_without_calibrations_nothing_can_be_armed_and_each_sensor_is_named(station):
+def test_without_calibrations_arming_is_denied_and_a_text_names_each_sensor(station):
     acks_of(station, 2)
     requested_s = station.now_s
     station.command(ARM, 1)
@@ -66,9 +66,9 @@ def test_a_compass_that_is_not_required_need_not_be_calibrated(station):
     assert station.armed
 
 
-@pytest.mark.parametrize("what", [-1, 5, NAN])
-def test_unsupported_numbers_get_no_answer(station, what):
-    assert acks_of(station, what) == []
+@pytest.mark.parametrize("number", [-1, 5, NAN])
+def test_unsupported_numbers_are_not_acknowledged(station, number):
+    assert acks_of(station, number) == []
 
 
 def test_a_reset_is_refused_while_armed(station):

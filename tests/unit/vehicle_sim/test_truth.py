@@ -10,7 +10,7 @@ from vehicle_sim.autopilot.monitors import _air_speed
 
 ROOT = Path(vehicle_sim.__file__).parent
 WORLD = ("physics", "sensors", "world")
-OF_THE_WORLD = frozenset({"truth", "TruthState", "motor_health", "_bodies", "steady_ned_m_s"})
+TRUE_STATE_NAMES = frozenset({"truth", "TruthState", "motor_health", "_bodies", "steady_ned_m_s"})
 """Names of the true state and of functions that change it."""
 PLANT_PARAMETER = "SIH_"
 MAY_READ = {
@@ -29,14 +29,14 @@ def readers() -> set[str]:
     """Files outside the simulated world that name the true state or a parameter of the plant."""
     found = set()
     for path in ROOT.rglob("*.py"):
-        place = path.relative_to(ROOT)
-        if place.parts[0] in WORLD or path.name == "generated_dialect.py":
+        relative = path.relative_to(ROOT)
+        if relative.parts[0] in WORLD or path.name == "generated_dialect.py":
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            named = {getattr(node, key, "") for key in ("attr", "id", "name")}
+            names = {getattr(node, key, "") for key in ("attr", "id", "name")}
             text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
-            if named & OF_THE_WORLD or text.startswith(PLANT_PARAMETER):
-                found.add(place.as_posix())
+            if names & TRUE_STATE_NAMES or text.startswith(PLANT_PARAMETER):
+                found.add(relative.as_posix())
     return found
 
 

@@ -37,22 +37,22 @@ def state_of(simulation: Simulation, row: int) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize(("count", "first_vehicle"), [(3, 0), (40, 1), (41, 0)])
 def test_a_vehicles_flight_is_bit_identical_in_a_fleet_of_any_size(count, first_vehicle):
-    alone, fleet = climbing(1, 2), climbing(count, first_vehicle)
+    single, fleet = climbing(1, 2), climbing(count, first_vehicle)
     row = 2 - first_vehicle
-    alone.set_gusts(1.5)
+    single.set_gusts(1.5)
     fleet.set_gusts(1.5, row)
     for step in range(STEPS):
         if step == 100:
             fleet.set_gusts(4.0)
             fleet.set_gusts(1.5, row)
-        alone.step()
+        single.step()
         fleet.step()
-    assert alone.truth.position_ned_m[0, 2] < -0.3, "it has taken off"
-    expected, found = state_of(alone, 0), state_of(fleet, row)
-    differ = [
-        name for name, value in expected.items() if not np.array_equal(value, found[name], equal_nan=True)
+    assert single.truth.position_ned_m[0, 2] < -0.3, "the vehicle did not take off"
+    expected, actual = state_of(single, 0), state_of(fleet, row)
+    differences = [
+        name for name, value in expected.items() if not np.array_equal(value, actual[name], equal_nan=True)
     ]
-    assert not differ
+    assert not differences
     assert not np.array_equal(fleet.truth.velocity_ned_m_s[row], fleet.truth.velocity_ned_m_s[0])
 
 
@@ -67,8 +67,8 @@ def test_wind_gusts_and_noise_are_set_per_vehicle():
     assert wind[:2].tolist() == [[0.0, 0.0, 0.0], [0.0, 6.0, 0.0]]
     assert wind[2].all()
     sensors, truth = simulation.sensors, simulation.truth
-    still = np.abs(sensors.gyro_frd_rad_s - truth.rates_frd_rad_s).max(axis=1)
-    assert still[0] < 0.05 < still[1:].min()
+    gyro_noise = np.abs(sensors.gyro_frd_rad_s - truth.rates_frd_rad_s).max(axis=1)
+    assert gyro_noise[0] < 0.05 < gyro_noise[1:].min()
 
 
 def test_a_heavier_vehicle_hovers_with_more_thrust():

@@ -25,13 +25,13 @@ def send_vision(station):
                  covariance=[math.nan] * 21)  # fmt: skip
 
 
-def odometry(station, frame=1, turned=0.0):
-    c, s = math.cos(turned), math.sin(turned)
+def send_odometry(station, frame=1, frame_yaw_rad=0.0):
+    c, s = math.cos(frame_yaw_rad), math.sin(frame_yaw_rad)
     position, velocity = (
         np.array([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]])
         for v in (truth(station).position_ned_m[0], truth(station).velocity_ned_m_s[0])
     )
-    half = -turned / 2
+    half = -frame_yaw_rad / 2
     w, z = math.cos(half), math.sin(half)
     a, b, cc, d = truth(station).q_ned_frd[0]
     q = [w * a - z * d, w * b - z * cc, w * cc + z * b, w * d + z * a]
@@ -68,14 +68,15 @@ def test_vision_gives_a_position_which_is_invalid_after_vision_stops():
     assert not estimate(station).valid_position[0]
 
 
-@pytest.mark.parametrize(("frame", "turned", "error_m"), [(1, 0.0, 0.5), (20, 1.2, 2.5)])
-def test_odometry_follows_a_moving_vehicle_in_both_frames(frame, turned, error_m):
-    """Its own frame is rotated by the estimated heading, which has an error of some degrees."""
+@pytest.mark.parametrize(("frame", "frame_yaw_rad", "error_m"), [(1, 0.0, 0.5), (20, 1.2, 2.5)])
+def test_the_estimate_follows_odometry_of_a_moving_vehicle_in_both_frames(frame, frame_yaw_rad, error_m):
+    """The vehicle rotates frame 20 (local FRD) by its estimated heading, which has an error of some
+    degrees."""
     station = Station(parameters={**WITHOUT_GPS, "EKF2_EV_CTRL": 7})
-    station.run(4, lambda: odometry(station, frame, turned))
+    station.run(4, lambda: send_odometry(station, frame, frame_yaw_rad))
     truth(station).position_ned_m[0, 2] = -200.0
     truth(station).velocity_ned_m_s[0] = (6.0, 2.0, 0.0)
-    station.run(3, lambda: odometry(station, frame, turned))
+    station.run(3, lambda: send_odometry(station, frame, frame_yaw_rad))
     error = estimate(station).position_ned_m[0] - truth(station).position_ned_m[0]
     assert np.abs(error[:2]).max() < error_m
     error = estimate(station).velocity_ned_m_s[0] - truth(station).velocity_ned_m_s[0]

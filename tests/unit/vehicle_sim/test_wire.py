@@ -32,43 +32,43 @@ def frame(name: str, sequence: int = 0, **fields: object) -> bytes:
 @given(st.lists(st.binary(max_size=40), min_size=1, max_size=8), st.integers(1, 50))
 @settings(max_examples=40, deadline=None)
 def test_every_frame_is_found_between_garbage_in_any_pieces(noise: list[bytes], cut: int) -> None:
-    quiet = [bytes(b for b in chunk if b not in (0xFD, 0xFE)) for chunk in noise]
-    stream = b"".join(chunk + frame("PING", n, seq=n, time_usec=1) for n, chunk in enumerate(quiet))
+    chunks = [bytes(b for b in chunk if b not in (0xFD, 0xFE)) for chunk in noise]
+    stream = b"".join(chunk + frame("PING", n, seq=n, time_usec=1) for n, chunk in enumerate(chunks))
     parser = FrameParser()
-    found = [m for at in range(0, len(stream), cut) for m in parser.feed(stream[at : at + cut])]
-    assert [m.seq for m in found] == list(range(len(quiet)))
+    found = [m for start in range(0, len(stream), cut) for m in parser.feed(stream[start : start + cut])]
+    assert [m.seq for m in found] == list(range(len(chunks)))
 
 
 def test_after_random_bytes_the_next_frames_are_handled() -> None:
-    s = Station()
-    s.run(1)
+    station = Station()
+    station.run(1)
     noise = random.Random(1)
     for _ in range(50):
-        s.sim.feed(0, "gcs", noise.randbytes(2000))
-    s.sim.feed(0, "gcs", bytes(600))
-    s.command(512, 148)
-    s.run(0.1)
-    assert s.acks(512) == [0]
+        station.sim.feed(0, "gcs", noise.randbytes(2000))
+    station.sim.feed(0, "gcs", bytes(600))
+    station.command(512, 148)
+    station.run(0.1)
+    assert station.acks(512) == [0]
 
 
 def test_a_frame_with_a_wrong_checksum_is_counted_and_not_handled() -> None:
     parser = FrameParser()
-    good = bytearray(frame("PING", seq=1))
-    good[12] ^= 0xFF
-    assert parser.feed(bytes(good) + frame("PING", seq=2))[0].seq == 2
+    damaged = bytearray(frame("PING", seq=1))
+    damaged[12] ^= 0xFF
+    assert parser.feed(bytes(damaged) + frame("PING", seq=2))[0].seq == 2
     assert parser.counts.bad_crc == 1
 
 
 def test_streams_are_sent_at_the_rates_of_the_table() -> None:
-    s = Station(links=BOTH)
-    s.run(6)
-    start = s.now_s
-    s.run(10)
+    station = Station(links=BOTH)
+    station.run(6)
+    start = station.now_s
+    station.run(10)
     for link, table in (("gcs", GCS), ("api", API)):
         for name, hz in table.items():
             if name in NOT_ON_GROUND:
                 continue
-            count = len(s.received(name, link, start))
+            count = len(station.received(name, link, start))
             assert count == pytest.approx(hz * 10, abs=max(1.0, 0.02 * hz * 10)), (link, name)
 
 
@@ -78,7 +78,7 @@ def test_the_table_has_the_rates_of_a_real_vehicle(shared) -> None:
     streams = json.loads((shared / "px4" / "streams.json").read_text(encoding="utf-8"))
     for key, table in (("gcs_14550", GCS), ("api_14540", API)):
         measured = {row["name"]: row["flying_hold"]["hz"] for row in streams[key].values()}
-        assert set(measured) == set(table) - ONLY_IN_ORBIT, "measured in Hold"
+        assert set(measured) == set(table) - ONLY_IN_ORBIT  # measured in Hold
         for name, hz in measured.items():
             assert table[name] == pytest.approx(hz, rel=0.03, abs=0.05), name
 
@@ -93,105 +93,105 @@ def test_sequence_numbers_have_no_gaps_on_each_link() -> None:
 
 
 def test_texts_wait_for_a_ground_station_and_events_do_not() -> None:
-    s = Station(heartbeats=False)
-    s.run(6)
-    s.command(400, 1)
-    s.run(0.2)
-    assert s.texts() == []
-    assert "commander_armed_by" in s.events()
+    station = Station(heartbeats=False)
+    station.run(6)
+    station.command(400, 1)
+    station.run(0.2)
+    assert station.texts() == []
+    assert "commander_armed_by" in station.events()
 
 
 def test_all_parameters_are_sent_within_a_second_beginning_with_the_hash() -> None:
-    s = Station()
-    s.run(BOOTED_S)
-    requested_s = s.now_s
-    s.send("PARAM_REQUEST_LIST", target_system=1, target_component=1)
-    s.run(1.0)
-    values = s.received("PARAM_VALUE", since_s=requested_s)
+    station = Station()
+    station.run(BOOTED_S)
+    requested_s = station.now_s
+    station.send("PARAM_REQUEST_LIST", target_system=1, target_component=1)
+    station.run(1.0)
+    values = station.received("PARAM_VALUE", since_s=requested_s)
     assert values[0].param_id == "_HASH_CHECK"
     assert [m.param_index for m in values[1:]] == list(range(values[1].param_count))
 
 
 def test_parameters_are_set_bytewise_and_invalid_requests_get_no_reply() -> None:
-    s = Station(links=BOTH)
-    s.run(BOOTED_S)
-    requested_s = s.now_s
+    station = Station(links=BOTH)
+    station.run(BOOTED_S)
+    requested_s = station.now_s
     as_float = struct.unpack("<f", struct.pack("<i", 3))[0]
 
     def set_(name: str, value: float, kind: int) -> None:
-        s.send("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=value,
+        station.send("PARAM_SET", target_system=1, target_component=1, param_id=name, param_value=value,
                param_type=kind)  # fmt: skip
 
     set_("NAV_DLL_ACT", as_float, 6)
-    s.run(0.1)
-    assert s.sim.simulation.parameters[0].get("NAV_DLL_ACT") == 3
-    assert len(s.received("PARAM_VALUE", "gcs", requested_s)) == 2
-    assert len(s.received("PARAM_VALUE", "api", requested_s)) == 1
+    station.run(0.1)
+    assert station.sim.simulation.parameters[0].get("NAV_DLL_ACT") == 3
+    assert len(station.received("PARAM_VALUE", "gcs", requested_s)) == 2
+    assert len(station.received("PARAM_VALUE", "api", requested_s)) == 1
     set_("NAV_DLL_ACT", 2.0, 9)
     set_("NO_SUCH_PARAM", 2.0, 9)
-    s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_id="NOPE", param_index=-1)
-    s.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_index=5000)
-    s.run(0.1)
-    assert len(s.received("PARAM_VALUE", "gcs", requested_s)) == 2
+    station.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_id="NOPE", param_index=-1)
+    station.send("PARAM_REQUEST_READ", target_system=1, target_component=1, param_index=5000)
+    station.run(0.1)
+    assert len(station.received("PARAM_VALUE", "gcs", requested_s)) == 2
 
 
 def test_an_impossible_airframe_does_not_end_the_simulation() -> None:
-    s = Station()
-    s.run(BOOTED_S)
-    s.send(
+    station = Station()
+    station.run(BOOTED_S)
+    station.send(
         "PARAM_SET", target_system=1, target_component=1, param_id="SIH_MASS", param_value=0.0, param_type=9
     )
-    s.run(0.5)
-    assert s.last["PARAM_VALUE"].param_value == 0.0
+    station.run(0.5)
+    assert station.last["PARAM_VALUE"].param_value == 0.0
 
 
 def test_an_uploaded_plan_is_downloaded_unchanged() -> None:
-    s = Station()
-    s.run(0.5)
-    s.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
-    s.run(0.3)
-    assert s.last["MISSION_REQUEST"].seq == 0, "the first request after boot is for floats"
+    station = Station()
+    station.run(0.5)
+    station.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
+    station.run(0.3)
+    assert station.last["MISSION_REQUEST"].seq == 0, "the first request after boot is for floats"
     for seq in (0, 0, 1):
-        s.send("MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, frame=6, command=16,
+        station.send("MISSION_ITEM_INT", target_system=1, target_component=1, seq=seq, frame=6, command=16,
                x=473977432 + seq, y=85455942, z=10.0 + seq, autocontinue=1)  # fmt: skip
-    s.run(0.1)
-    uploaded = s.last["MISSION_ACK"]
+    station.run(0.1)
+    uploaded = station.last["MISSION_ACK"]
     assert uploaded.type == 0
-    s.send("MISSION_REQUEST_LIST", target_system=1, target_component=1)
+    station.send("MISSION_REQUEST_LIST", target_system=1, target_component=1)
     for seq in (0, 1):
-        s.send("MISSION_REQUEST_INT", target_system=1, target_component=1, seq=seq)
-    s.run(0.1)
-    assert s.last["MISSION_COUNT"].count == 2
-    assert s.last["MISSION_COUNT"].opaque_id == uploaded.opaque_id != 0
-    assert (s.last["MISSION_ITEM_INT"].x, s.last["MISSION_ITEM_INT"].z) == (473977433, 11.0)
-    s.send("MISSION_ACK", target_system=1, target_component=1)
-    s.send("MISSION_CLEAR_ALL", target_system=1, target_component=1)
-    s.run(1.2)
-    assert s.last["MISSION_CURRENT"].mission_id == 0
+        station.send("MISSION_REQUEST_INT", target_system=1, target_component=1, seq=seq)
+    station.run(0.1)
+    assert station.last["MISSION_COUNT"].count == 2
+    assert station.last["MISSION_COUNT"].opaque_id == uploaded.opaque_id != 0
+    assert (station.last["MISSION_ITEM_INT"].x, station.last["MISSION_ITEM_INT"].z) == (473977433, 11.0)
+    station.send("MISSION_ACK", target_system=1, target_component=1)
+    station.send("MISSION_CLEAR_ALL", target_system=1, target_component=1)
+    station.run(1.2)
+    assert station.last["MISSION_CURRENT"].mission_id == 0
 
 
 def test_an_interrupted_upload_times_out_with_a_text() -> None:
-    s = Station()
-    s.run(0.5)
-    s.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
-    s.run(5.4)
-    assert 15 <= len(s.received("MISSION_REQUEST")) <= 22
-    assert s.texts()[-1] == "Operation timeout\t"
+    station = Station()
+    station.run(0.5)
+    station.send("MISSION_COUNT", target_system=1, target_component=1, count=2)
+    station.run(5.4)
+    assert 15 <= len(station.received("MISSION_REQUEST")) <= 22
+    assert station.texts()[-1] == "Operation timeout\t"
 
 
-def test_files_clocks_and_pings_are_answered() -> None:
-    s = Station()
-    s.run(0.5)
-    s.send("FILE_TRANSFER_PROTOCOL", target_system=1, target_component=1,
+def test_requests_for_files_clocks_and_pings_get_replies() -> None:
+    station = Station()
+    station.run(0.5)
+    station.send("FILE_TRANSFER_PROTOCOL", target_system=1, target_component=1,
            payload=struct.pack("<HBBBBBBI", 7, 0, 4, 3, 0, 0, 0, 0) + b"a.b")  # fmt: skip
-    s.send("TIMESYNC", ts1=123456789)
-    s.send("PING", time_usec=777, seq=5)
-    s.run(0.1)
-    answer = bytes(s.last["FILE_TRANSFER_PROTOCOL"].payload)
-    assert (answer[0], answer[3], answer[5], answer[12]) == (8, 129, 4, 10)
-    assert s.last["TIMESYNC"].ts1 == 123456789
-    assert s.last["TIMESYNC"].tc1 > 0
-    assert [m.seq for m in s.received("PING") if m.target_system == 255] == [5]
+    station.send("TIMESYNC", ts1=123456789)
+    station.send("PING", time_usec=777, seq=5)
+    station.run(0.1)
+    reply = bytes(station.last["FILE_TRANSFER_PROTOCOL"].payload)
+    assert (reply[0], reply[3], reply[5], reply[12]) == (8, 129, 4, 10)
+    assert station.last["TIMESYNC"].ts1 == 123456789
+    assert station.last["TIMESYNC"].tc1 > 0
+    assert [m.seq for m in station.received("PING") if m.target_system == 255] == [5]
 
 
 def test_version_and_modes_can_be_requested() -> None:
@@ -205,31 +205,35 @@ def test_version_and_modes_can_be_requested() -> None:
         version = next(m for m in messages if m.name == "AUTOPILOT_VERSION")
         assert version.system_id == 4 + row
         assert version.uid == 5283920058631409231, "all vehicles of PX4's simulator have the same uid"
-    s = Station()
-    s.run(0.2)
-    s.command(512, 435, 0)
-    s.run(0.1)
-    assert [m.mode_index for m in s.received("AVAILABLE_MODES")] == list(range(1, 26))
+    station = Station()
+    station.run(0.2)
+    station.command(512, 435, 0)
+    station.run(0.1)
+    assert [m.mode_index for m in station.received("AVAILABLE_MODES")] == list(range(1, 26))
 
 
-def test_heartbeats_of_one_links_ground_station_are_forwarded_to_the_other() -> None:
-    s = Station(links=BOTH)
-    s.run(0.1)
+def test_heartbeats_of_a_ground_station_are_forwarded_to_the_other_link() -> None:
+    station = Station(links=BOTH)
+    station.run(0.1)
     raw = FrameParser()
-    s.send("HEARTBEAT", type=6, autopilot=8)
-    assert [m.sender for m in raw.feed(s.sim.drain(0, "api")) if m.name == "HEARTBEAT"] == [(255, 190)]
+    station.send("HEARTBEAT", type=6, autopilot=8)
+    assert [m.sender for m in raw.feed(station.sim.drain(0, "api")) if m.name == "HEARTBEAT"] == [(255, 190)]
 
 
 def test_lost_events_can_be_requested() -> None:
-    s = Station()
-    s.run(3)
-    newest = s.sim.autopilots[0].announcer.sequence
-    before = len(s.received("EVENT"))
-    s.send("REQUEST_EVENT", target_system=1, target_component=1, first_sequence=newest, last_sequence=newest)
-    s.send("REQUEST_EVENT", target_system=1, target_component=1, first_sequence=60000, last_sequence=60000)
-    s.run(0.1)
-    assert len(s.received("EVENT")) == before + 1
-    assert s.last["RESPONSE_EVENT_ERROR"].sequence == 60000
+    station = Station()
+    station.run(3)
+    newest = station.sim.autopilots[0].announcer.sequence
+    event_count = len(station.received("EVENT"))
+    station.send(
+        "REQUEST_EVENT", target_system=1, target_component=1, first_sequence=newest, last_sequence=newest
+    )
+    station.send(
+        "REQUEST_EVENT", target_system=1, target_component=1, first_sequence=60000, last_sequence=60000
+    )
+    station.run(0.1)
+    assert len(station.received("EVENT")) == event_count + 1
+    assert station.last["RESPONSE_EVENT_ERROR"].sequence == 60000
 
 
 def test_every_streamed_message_is_known_to_the_dialect() -> None:
@@ -238,39 +242,41 @@ def test_every_streamed_message_is_known_to_the_dialect() -> None:
 
 @pytest.mark.story
 def test_extreme_values_in_commands_and_setpoints_do_not_end_the_simulation() -> None:
-    """Extreme values in all numbers that a station can send, in flight."""
-    s = Station()
-    s.fly_to(4)
-    odd = random.Random(2)
+    """A ground station sends extreme values in all numbers while the vehicle flies."""
+    station = Station()
+    station.fly_to(4)
+    rng = random.Random(2)
     values = (0.0, 1.0, -1.0, 2.0, -3.0, 300.0, 1e30, -1e30, math.inf, -math.inf, math.nan, 47.4, 8.5)
     numbers = [20, 21, 22, 23, 34, 35, 176, 178, 179, 185, 186, 192, 195, 197, 201, 205, 211, 245, 246, 262,
                300, 310, 400, 401, 510, 511, 512, 1000, 1001, 43004, 65000]  # fmt: skip
     for _ in range(200):
-        s.command(odd.choice(numbers), *(odd.choice(values) for _ in range(7)))
-        s.send(
-            "SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=odd.choice((1, 8, 3)),
-            type_mask=odd.randrange(65536), x=odd.choice(values), y=odd.choice(values), z=odd.choice(values),
-            vx=odd.choice(values), afx=odd.choice(values), yaw=odd.choice(values),
+        station.command(rng.choice(numbers), *(rng.choice(values) for _ in range(7)))
+        station.send(
+            "SET_POSITION_TARGET_LOCAL_NED", coordinate_frame=rng.choice((1, 8, 3)),
+            type_mask=rng.randrange(65536), x=rng.choice(values), y=rng.choice(values),
+            z=rng.choice(values), vx=rng.choice(values), afx=rng.choice(values),
+            yaw=rng.choice(values),
         )  # fmt: skip
-        s.send(
-            "SET_ATTITUDE_TARGET", type_mask=odd.randrange(256), q=[odd.choice(values) for _ in range(4)],
-            thrust=odd.choice(values), body_roll_rate=odd.choice(values),
+        station.send(
+            "SET_ATTITUDE_TARGET", type_mask=rng.randrange(256),
+            q=[rng.choice(values) for _ in range(4)],
+            thrust=rng.choice(values), body_roll_rate=rng.choice(values),
         )  # fmt: skip
-        s.send(
-            "GIMBAL_MANAGER_SET_ATTITUDE", target_system=1, target_component=1, flags=odd.randrange(64),
-            q=[odd.choice(values) for _ in range(4)],
+        station.send(
+            "GIMBAL_MANAGER_SET_ATTITUDE", target_system=1, target_component=1, flags=rng.randrange(64),
+            q=[rng.choice(values) for _ in range(4)],
         )  # fmt: skip
-        s.run(0.02)
-    s.run(1.0)
-    assert "HEARTBEAT" in s.last
+        station.run(0.02)
+    station.run(1.0)
+    assert "HEARTBEAT" in station.last
 
 
 def test_an_impossible_parameter_of_the_airframe_is_stored_and_reported() -> None:
-    s = Station()
-    s.run(1.2)
-    s.send(
+    station = Station()
+    station.run(1.2)
+    station.send(
         "PARAM_SET", target_system=1, target_component=1, param_id="SIH_MASS", param_value=0.0, param_type=9
     )
-    s.run(0.1)
-    assert s.sim.simulation.parameters[0].get("SIH_MASS") == 0.0
-    assert any("SIH_MASS stored, not used: SIH_MASS is 0" in text for text in s.texts())
+    station.run(0.1)
+    assert station.sim.simulation.parameters[0].get("SIH_MASS") == 0.0
+    assert any("SIH_MASS stored, not used: SIH_MASS is 0" in text for text in station.texts())

@@ -19,9 +19,9 @@ def test_each_vehicle_is_in_exactly_one_shard(vehicles: int, processes: int) -> 
 
 
 def test_start_positions_are_the_same_as_in_one_process() -> None:
-    whole = row_east(5)
+    row = row_east(5)
     for part in split_fleet(5, 2):
-        assert (row_east(part.count, part.first) == whole[part.first : part.first + part.count]).all()
+        assert (row_east(part.count, part.first) == row[part.first : part.first + part.count]).all()
 
 
 def test_few_vehicles_stay_in_one_process() -> None:
@@ -29,6 +29,6 @@ def test_few_vehicles_stay_in_one_process() -> None:
     assert split_fleet(3, 1) == [Shard(0, 3)]
 
 
-@pytest.mark.parametrize("one_clock", [["--lockstep"], ["--speed", "max"]])
-def test_options_that_need_one_clock_use_one_process(one_clock: list[str]) -> None:
-    assert options.parse(["--instances", "100", *one_clock]).processes == 1
+@pytest.mark.parametrize("arguments", [["--lockstep"], ["--speed", "max"]])
+def test_options_that_need_one_clock_use_one_process(arguments: list[str]) -> None:
+    assert options.parse(["--instances", "100", *arguments]).processes == 1

@@ -50,7 +50,7 @@ def test_rays_hit_rotated_boxes_and_walls_on_their_faces():
 
 
 L_SHAPED = ((10.0, -5.0), (20.0, -5.0), (20.0, 5.0), (15.0, 5.0), (15.0, 0.0), (10.0, 0.0))
-"""North, east: the corner at (10 to 15, 0 to 5) is open."""
+"""North, east [m]: the prism has no part at 10 to 15 m north, 0 to 5 m east."""
 PRISM = World(prisms=(Prism("l", L_SHAPED, 3.0),))
 
 
@@ -70,12 +70,12 @@ def test_rays_hit_the_sides_and_the_roof_of_a_prism():
 @settings(max_examples=60, deadline=None)
 def test_a_rectangular_prism_is_measured_like_a_box(origin, direction):
     corners = ((9.0, -2.0), (11.0, -2.0), (11.0, 2.0), (9.0, 2.0))
-    distance_m, what = cast(World(prisms=(Prism("box", corners, 3.0),)), origin, direction)
+    distance_m, hit = cast(World(prisms=(Prism("box", corners, 3.0),)), origin, direction)
     expected_m, expected = cast(World(boxes=(BOX,)), origin, direction)
-    assert (distance_m, what) == (pytest.approx(expected_m), expected)
+    assert (distance_m, hit) == (pytest.approx(expected_m), expected)
 
 
-def test_vehicles_stand_on_prisms_and_are_moved_out_of_their_sides():
+def test_vehicles_rest_on_prisms_and_are_moved_out_of_their_sides():
     contact = Contact(PRISM, 3)
     positions = np.array([[18.0, 0.0, -3.0], [9.8, -2.0, -1.0], [12.0, 2.5, -1.0]])
     velocity = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
@@ -83,7 +83,7 @@ def test_vehicles_stand_on_prisms_and_are_moved_out_of_their_sides():
     assert [(each.row, each.obstacle) for each in contact.collide(positions, velocity)] == [(1, "l")]
     assert positions[1] == pytest.approx([9.7, -2.0, -1.0])
     assert velocity[1, 0] < 0.0
-    assert contact.collide(positions, velocity) == [], "a crashed vehicle has no second collision"
+    assert contact.collide(positions, velocity) == [], "the crashed vehicle collided again"
 
 
 @settings(max_examples=60, deadline=None)
@@ -98,8 +98,8 @@ def test_vehicles_stand_on_prisms_and_are_moved_out_of_their_sides():
 def test_rays_end_on_the_terrain(north, east, above, dn, de, dd):
     terrain = Terrain((Hill(10, 0, 8, 30),), HeightGrid(-20, -20, 20, np.array([[0.0, 2], [1, 3], [0, 4]])))
     start = np.array([north, east, -(float(terrain.alt_home_m(np.array(north), np.array(east))) + above)])
-    distance, what = cast(World(terrain=terrain), start, (dn, de, dd), range_m=300.0)
-    assert what == GROUND
+    distance, hit = cast(World(terrain=terrain), start, (dn, de, dd), range_m=300.0)
+    assert hit == GROUND
     ray = np.array([dn, de, dd]) / np.linalg.norm((dn, de, dd))
     end = start + distance * ray
     assert -end[2] == pytest.approx(float(terrain.alt_home_m(end[0], end[1])), abs=0.05)
@@ -116,14 +116,17 @@ def test_vehicles_rest_on_the_terrain_and_on_roofs():
 
 
 def test_distant_obstacles_do_not_change_a_flight():
-    plain, far = Simulation(seed=2), Simulation(seed=2, world=World(boxes=(Box("far", 900, 900, 1, 1, 1),)))
-    for sim in (plain, far):
+    without_obstacle, with_obstacle = (
+        Simulation(seed=2),
+        Simulation(seed=2, world=World(boxes=(Box("far", 900, 900, 1, 1, 1),))),
+    )
+    for sim in (without_obstacle, with_obstacle):
         sim.setpoints.armed[:] = True
         sim.setpoints.level[:] = 4
         sim.setpoints.thrust[:] = 0.6
         for _ in range(400):
             sim.step()
-    assert np.array_equal(plain.truth.position_ned_m, far.truth.position_ned_m)
+    assert np.array_equal(without_obstacle.truth.position_ned_m, with_obstacle.truth.position_ned_m)
 
 
 @pytest.mark.story
@@ -149,9 +152,9 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     station.run_until(lambda: not station.armed, 15, north)
     assert "Collision with the obstacle box: motors stopped" in station.texts(began_s)
     station.run(4.0)
-    at = station.sim.simulation.truth.position_ned_m[0]
-    assert station.height_m < 0.1, "the vehicle fell"
-    assert at[0] < 5 - 0.75, "in front of the box"
+    position = station.sim.simulation.truth.position_ned_m[0]
+    assert station.height_m < 0.1, "the vehicle did not fall"
+    assert position[0] < 5 - 0.75, "not in front of the box"
 
 
 def test_without_a_world_there_is_one_lidar_that_points_down():
@@ -183,7 +186,7 @@ def test_every_shipped_world_loads():
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "expected"),
     [
         ("", "empty"),
         ("name: [", "line 1: not YAML"),
@@ -204,10 +207,10 @@ def test_every_shipped_world_loads():
         ("name: !!python/name:os.system x", "contains a value that is neither text nor number"),
     ],
 )  # fmt: skip
-def test_the_error_about_an_invalid_file_names_field_and_line(text, says):
+def test_the_error_about_an_invalid_file_names_field_and_line(text, expected):
     with pytest.raises(FileProblem) as problem:
         world_from_fields(parse_yaml(text, "my.yaml"))
-    assert says in str(problem.value)
+    assert expected in str(problem.value)
     assert str(problem.value).startswith("my.yaml")
 
 

@@ -101,15 +101,15 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
         await eventually(lambda: running.scene.viewers == 0)
         async with open_stream(running) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: running.scene.viewers == 1 and vehicle.looked_at > 0)
-            monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: bridge != "")
+            await eventually(lambda: running.scene.viewers == 1 and vehicle.topic_reads > 0)
+            monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: bridge != "")
             await asyncio.sleep(0.1)
-            before = vehicle.looked_at
+            before = vehicle.topic_reads
             await asyncio.sleep(0.3)
-            assert vehicle.looked_at == before
+            assert vehicle.topic_reads == before
             assert running.scene.viewers == 1
-            monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: False)
-            await eventually(lambda: vehicle.looked_at > before)
+            monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: False)
+            await eventually(lambda: vehicle.topic_reads > before)
 
     asyncio.run(run())
 

@@ -15,7 +15,7 @@ from zstandard import ZstdDecompressor
 from gcs_server.scene.moving_node import MIN_MOVE_M, MovingNode
 from tests.integration.gcs_server.scene.scene_running import open_stream
 from tests.support.viser_camera import CAMERA
-from tests.unit.gcs_server.scene.scene_fakes import local
+from tests.unit.gcs_server.scene.scene_fakes import local_position
 
 POINTS = np.array([[[0, 0, 0], [1, 2, 3]], [[1, 2, 3], [4, 5, 6]]], np.float32)
 Q = (0.5, 0.5, 0.5, 0.5)
@@ -103,7 +103,7 @@ def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
         async with asyncio.timeout(20), open_stream(running, f"?vehicle={vehicle.id}") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             for height_m in (12.0, 9.0):
-                monkeypatch.setitem(vehicle.values, "local_position", local(0.0, 0.0, -height_m))
+                monkeypatch.setitem(vehicle.values, "local_position", local_position(0.0, 0.0, -height_m))
                 await wait_for_height(stream, height_m)
             assert client_ids == set(map(str, running.host.clients())), "viser shows a node only to its owner"
 

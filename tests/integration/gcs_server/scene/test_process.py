@@ -31,7 +31,7 @@ from tests.integration.gcs_server.scene.scene_running import (
     types_in,
 )
 from tests.support.viser_camera import CAMERA
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying, local
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying, local_position
 
 pack = msgspec.msgpack.encode
 
@@ -109,7 +109,7 @@ def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
                 answer = await http.post(site.url + "view/page", json={"vehicle": "9"})
                 assert answer.json()["code"] == UnknownVehicle.code
                 for step in range(200):
-                    site.fleet.vehicles[1].values["local_position"] = local(step * 0.2, 0.0, -10.0)
+                    site.fleet.vehicles[1].values["local_position"] = local_position(step * 0.2, 0.0, -10.0)
                     site.fleet.vehicles[1].received_monotonic_s += 0.1
                     if step > 20 and "SetPositionMessage" in types_in(await stream.recv()):
                         break

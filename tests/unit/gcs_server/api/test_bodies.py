@@ -71,10 +71,10 @@ def test_bodies_beyond_a_limit_are_refused_before_parsing(text, word):
 
 def test_a_body_with_fifty_thousand_unknown_keys_causes_one_error(client):
     body = {f"k{n}": 1 for n in range(50_000)}
-    answer = client.post("/api/v1/vehicles/1/takeoff", json=body, headers={"X-Client": "hostile"})
-    assert answer.status_code == 422
-    assert answer.json()["field"] == "body"
-    assert len(answer.content) < 1000
+    response = client.post("/api/v1/vehicles/1/takeoff", json=body, headers={"X-Client": "hostile"})
+    assert response.status_code == 422
+    assert response.json()["field"] == "body"
+    assert len(response.content) < 1000
     line = client.get("/api/v1/journal?limit=1").json()["entries"]
     assert len(json.dumps(line)) < 1000
 
@@ -91,19 +91,19 @@ def test_a_body_with_fifty_thousand_unknown_keys_causes_one_error(client):
 )
 def test_the_errors_of_the_largest_bodies_are_few_and_short(client, body):
     for path in ("vehicles/1/takeoff", "vehicles/1/offboard/setpoint", "groups"):
-        answer = client.post(f"/api/v1/{path}", json=body)
-        assert answer.status_code == 422
-        errors = answer.json()["errors"]
+        response = client.post(f"/api/v1/{path}", json=body)
+        assert response.status_code == 422
+        errors = response.json()["errors"]
         assert len(errors) <= MAX_ERRORS + 1
         assert all(len(e["field"]) + len(e["message"]) < 2 * MAX_VALUE_LENGTH + 10 for e in errors)
         assert len(client.get("/api/v1/journal?limit=1").content) < 30_000
 
 
-def test_a_path_of_a_thousand_invalid_points_causes_errors_of_one_point_only(client):
+def test_a_path_of_a_thousand_invalid_points_causes_errors_of_its_first_point_only(client):
     body = {"setpoint": {"type": "path", "points": [{"t": n, "p": 1} for n in range(1000)]}}
-    answer = client.post("/api/v1/vehicles/1/offboard/setpoint", json=body)
-    assert answer.status_code == 422
-    fields = {error["field"] for error in answer.json()["errors"]}
+    response = client.post("/api/v1/vehicles/1/offboard/setpoint", json=body)
+    assert response.status_code == 422
+    fields = {error["field"] for error in response.json()["errors"]}
     assert fields == {f"setpoint.points.0.{name}" for name in ("t", "p", "t_s", "position_ned_m")}
 
 
@@ -111,10 +111,10 @@ def test_a_body_that_is_too_large_gets_status_413_with_and_without_content_lengt
     large = b" " * (MAX_BODY_BYTES + 1)
     declared = client.post("/api/v1/vehicles/1/arm", content=large)
     pieces = client.post("/api/v1/vehicles/1/arm", content=iter([large[:-1], b" "]))
-    for answer in (declared, pieces):
-        assert (answer.status_code, answer.json()["code"]) == (413, "body_too_large")
-        assert answer.headers["content-type"] == "application/problem+json"
-        assert answer.headers["connection"] == "close"
+    for response in (declared, pieces):
+        assert (response.status_code, response.json()["code"]) == (413, "body_too_large")
+        assert response.headers["content-type"] == "application/problem+json"
+        assert response.headers["connection"] == "close"
     assert client.post("/api/v1/vehicles/1/arm", content=large[:-1]).status_code == 404
 
 
@@ -131,7 +131,7 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
     async def app(scope, receive, send):
         raise AssertionError("the application must not be called")
 
-    async def never():
+    async def receive_nothing():
         await asyncio.Event().wait()
 
     async def send(message):
@@ -147,7 +147,7 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
             "query_string": b"",
             "client": None,
         }
-        await Bodies(app, RequestQueue(lambda _: False))(scope, never, send)
+        await Bodies(app, RequestQueue(lambda _: False))(scope, receive_nothing, send)
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
 
     in_jumps(run)

@@ -1,4 +1,5 @@
-"""Which connections are closed at a limit: unknown ones first, and those of a client in control never."""
+"""Which connections are closed at a limit: those of unknown clients first, those of clients in control
+last."""
 
 import pytest
 
@@ -59,22 +60,22 @@ def limited():
     return ConnectionsSetup()
 
 
-def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_one(limited):
+def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_connection(limited):
     idle = [limited.connect() for _ in range(20)]
     assert [c.closed for c in idle] == [True] * 16 + [False] * 4
     assert all(c.socket.ended for c in idle[:16])
     assert not limited.connect("2.2.2.2").closed
 
 
-def test_the_address_with_most_waiting_connections_loses_one_first(limited):
-    crowd = [limited.connect("3.3.3.3") for _ in range(4)]
-    others = [limited.connect(f"4.4.4.{n}") for n in range(2)]
+def test_the_address_with_most_waiting_connections_is_the_first_to_lose_a_connection(limited):
+    one_address = [limited.connect("3.3.3.3") for _ in range(4)]
+    two_addresses = [limited.connect(f"4.4.4.{n}") for n in range(2)]
     newest = limited.connect("5.5.5.5")
-    assert [c.closed for c in crowd] == [True, False, False, False]
-    assert not any(c.closed for c in (*others, newest))
+    assert [c.closed for c in one_address] == [True, False, False, False]
+    assert not any(c.closed for c in (*two_addresses, newest))
 
 
-def test_idle_clients_are_closed_before_busy_ones_and_clients_in_control_never(limited):
+def test_idle_clients_are_closed_before_busy_clients_and_clients_in_control_are_not_closed(limited):
     pilot = limited.connect("9.9.9.9", "pilot")
     idle = limited.connect("8.8.8.8", "idle")
     busy = [limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
@@ -84,18 +85,18 @@ def test_idle_clients_are_closed_before_busy_ones_and_clients_in_control_never(l
     assert not any(c.closed for c in busy)
 
 
-def test_without_room_only_a_client_in_control_is_served(limited):
+def test_at_the_limit_only_a_client_in_control_is_served(limited):
     for n in range(10):
         limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
-    stranger, pilot = limited.connect("1.1.1.1"), limited.connect("2.2.2.2")
-    assert limited.connections.admit(stranger, "stranger") == 503
+    not_in_control, pilot = limited.connect("1.1.1.1"), limited.connect("2.2.2.2")
+    assert limited.connections.admit(not_in_control, "not_in_control") == 503
     assert limited.connections.admit(pilot, "pilot") == 0
 
 
 def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(limited):
     for n in range(8):
         limited.connect("7.7.7.7", f"busy {n}", busy=True)
-    assert limited.connections.admit(limited.connect("7.7.7.7"), "stranger") == 429
+    assert limited.connections.admit(limited.connect("7.7.7.7"), "not_in_control") == 429
     assert limited.connections.admit(limited.connect("7.7.7.7"), "pilot") == 0
     assert limited.connections.admit(limited.connect("2.2.2.2"), "other") == 0
 
@@ -103,9 +104,9 @@ def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(limite
 def test_the_reserve_is_limited_and_reused_for_new_connections(limited):
     for n in range(10):
         limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
-    newcomers = [limited.connect(f"2.2.2.{n}") for n in range(5)]
-    assert [c.closed for c in newcomers] == [True, True, False, False, False]
-    for connection in newcomers[2:]:
+    new_connections = [limited.connect(f"2.2.2.{n}") for n in range(5)]
+    assert [c.closed for c in new_connections] == [True, True, False, False, False]
+    for connection in new_connections[2:]:
         limited.connections.admit(connection, "pilot")
         limited.connections.set_busy(connection, True)
     assert limited.connect("1.1.1.1") is None
@@ -113,22 +114,22 @@ def test_the_reserve_is_limited_and_reused_for_new_connections(limited):
 
 
 def test_the_total_size_of_bodies_is_limited_and_released(limited):
-    one, other = limited.connect(), limited.connect()
-    assert limited.connections.take_body(one, 900)
-    assert not limited.connections.take_body(other, 200)
-    limited.connections.remove(other)
-    limited.connections.release_body(one)
-    assert limited.connections.take_body(one, 1000)
+    first, second = limited.connect(), limited.connect()
+    assert limited.connections.take_body(first, 900)
+    assert not limited.connections.take_body(second, 200)
+    limited.connections.remove(second)
+    limited.connections.release_body(first)
+    assert limited.connections.take_body(first, 1000)
 
 
-def test_the_client_with_most_unread_bytes_is_closed_beyond_the_total_limit(limited):
+def test_beyond_the_total_of_unread_bytes_even_a_client_in_control_is_closed(limited):
     pilot = limited.connect("9.9.9.9", "pilot", busy=True, unread=2000)
-    most = limited.connect("1.1.1.1", "a", busy=True, unread=700)
-    little = limited.connect("1.1.1.1", "b", busy=True, unread=100)
+    slow = limited.connect("1.1.1.1", "a", busy=True, unread=700)
+    fast = limited.connect("1.1.1.1", "b", busy=True, unread=100)
     limited.connections.check()
-    assert most.closed
-    assert little.closed, "other clients are closed before one in control"
-    assert pilot.closed, "even a client in control is closed beyond the limit"
+    assert slow.closed
+    assert fast.closed, "clients without control were not closed first"
+    assert pilot.closed, "the client in control alone exceeds the limit"
     assert len(limited.connections) == 0
 
 

@@ -12,8 +12,8 @@ def client(name, address="1.1.1.1"):
     return Principal.from_identity(name, name, address)
 
 
-def served(callers, in_control=()):
-    """(names in the served order, number of loop iterations between each two)."""
+def serve(callers, in_control=()):
+    """(names in the order in which they were served, number of loop iterations between each two)."""
     order = []
 
     async def run():
@@ -40,44 +40,42 @@ def served(callers, in_control=()):
 
 
 def test_each_request_starts_in_its_own_iteration_of_the_loop():
-    _, between = served([client("hostile")] * 50)
+    _, between = serve([client("hostile")] * 50)
     assert min(between) >= 1
 
 
 def test_a_client_with_a_hundred_requests_does_not_delay_another_client():
-    names, _ = served([client("hostile")] * 100 + [client("innocent")])
+    names, _ = serve([client("hostile")] * 100 + [client("innocent")])
     assert names.index("innocent") <= 2
 
 
 def test_an_address_with_a_hundred_clients_does_not_delay_another_address():
-    crowd = [client(f"hostile {n}", "6.6.6.6") for n in range(100)]
-    names, _ = served([*crowd, client("innocent", "1.1.1.1")])
+    hostile = [client(f"hostile {n}", "6.6.6.6") for n in range(100)]
+    names, _ = serve([*hostile, client("innocent", "1.1.1.1")])
     assert names.index("innocent") <= 2
 
 
 def test_a_client_in_control_is_served_first():
-    names, _ = served(
-        [client(f"hostile {n}", f"6.6.6.{n}") for n in range(50)] + [client("pilot")], ["pilot"]
-    )
+    names, _ = serve([client(f"hostile {n}", f"6.6.6.{n}") for n in range(50)] + [client("pilot")], ["pilot"])
     assert names.index("pilot") <= 1
 
 
-def test_a_cancelled_request_delays_no_other():
+def test_a_cancelled_request_does_not_delay_other_requests():
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("first"))
         waiting = [asyncio.ensure_future(request_queue.wait(client("gone"))) for _ in range(10)]
         await asyncio.sleep(0)
-        for each in waiting[:9]:
-            each.cancel()
+        for waiter in waiting[:9]:
+            waiter.cancel()
         async with asyncio.timeout(1):
             await waiting[9]
-        assert sum(each.cancelled() for each in waiting) >= 8  # the first one was already served
+        assert sum(waiter.cancelled() for waiter in waiting) >= 8  # the first request was already served
 
     asyncio.run(run())
 
 
-def test_a_known_client_is_served_before_a_thousand_new_ones():
+def test_a_known_client_is_served_before_a_thousand_new_clients():
     order = []
 
     async def wait_and_note(request_queue, caller):
@@ -87,7 +85,7 @@ def test_a_known_client_is_served_before_a_thousand_new_ones():
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("innocent"))
-        for n in range(1000):  # many clients must not remove it from the known ones
+        for n in range(1000):  # many clients must not remove this client from the known clients
             await request_queue.wait(client(f"earlier {n}"))
         await asyncio.sleep(KNOWN_AFTER_S + 1)
         hostile = [wait_and_note(request_queue, client(f"hostile {n}")) for n in range(1000)]

@@ -1,4 +1,4 @@
-"""The blocking client has the same calls as the asynchronous one."""
+"""The blocking client has the same calls as the asynchronous client."""
 
 import asyncio
 import inspect
@@ -45,11 +45,11 @@ def public(kind):
 def test_every_call_exists_in_both_clients_with_the_same_arguments(name):
     kind = getattr(MODULES.get(name, offboard), name)
     blocking_class = getattr(client, f"Sync{name}")
-    for called, method in public(kind).items():
-        if called not in LEFT_OUT:
-            of_blocking = inspect.signature(getattr(blocking_class, called)).parameters
-            assert list(of_blocking) == list(inspect.signature(method).parameters), called
-            assert not inspect.iscoroutinefunction(getattr(blocking_class, called))
+    for method_name, method in public(kind).items():
+        if method_name not in LEFT_OUT:
+            blocking_parameters = inspect.signature(getattr(blocking_class, method_name)).parameters
+            assert list(blocking_parameters) == list(inspect.signature(method).parameters), method_name
+            assert not inspect.iscoroutinefunction(getattr(blocking_class, method_name))
 
 
 async def leave():
@@ -57,7 +57,7 @@ async def leave():
 
 
 @pytest.mark.parametrize("until", [2, 99])
-def test_an_ended_or_interrupted_iteration_is_closed_on_its_own_loop(until):
+def test_a_complete_or_interrupted_iteration_is_closed_once_on_the_loop(until):
     loops = []
 
     async def source():

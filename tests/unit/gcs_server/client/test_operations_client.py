@@ -1,4 +1,4 @@
-"""The client's calls for operations, with answers like those of the server."""
+"""The client's calls for operations, with responses like those of the server."""
 
 import asyncio
 
@@ -16,15 +16,15 @@ def operation(state, error=None, vehicle="1"):
 
 
 class Server:
-    """Returns the answers in order, then always the last one."""
+    """Returns the responses in order, then always the last one."""
 
-    def __init__(self, *answers):
-        self.answers = list(answers)
+    def __init__(self, *responses):
+        self.responses = list(responses)
         self.calls = []
 
     async def request(self, method, path, body=None):
         self.calls.append((method, path))
-        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+        return self.responses.pop(0) if len(self.responses) > 1 else self.responses[0]
 
 
 def test_wait_returns_when_the_operation_has_ended():

@@ -20,7 +20,7 @@ def refuse(journal, detail="alt_home_m: no number", client="me"):
     return journal.add(client, "takeoff", "1", {}, "invalid_request", detail, 0.0)
 
 
-class Time:
+class FakeClock:
     """A clock that the test advances."""
 
     def __init__(self):
@@ -34,7 +34,7 @@ class Time:
 
 
 def count_whole_lines(path):
-    """Number of whole lines, also while another one is being count_whole_lines."""
+    """Number of complete lines, also while the next line is being written."""
     return path.read_bytes().count(b"\n") if path.exists() else 0
 
 
@@ -54,7 +54,7 @@ def test_lines_are_json_and_the_tail_is_newest_first(tmp_path):
 
 
 def test_a_disk_error_is_a_warning_until_writing_works_again(tmp_path):
-    path = tmp_path / "gone" / "journal.jsonl"
+    path = tmp_path / "missing" / "journal.jsonl"
     journal = Journal(SystemClock(), path)
     add(journal)
     journal.flush()
@@ -108,7 +108,7 @@ def test_large_arguments_are_cut(tmp_path):
 
 
 def test_equal_refusals_of_one_client_are_written_once_and_then_counted_in_one_line(tmp_path):
-    clock = Time()
+    clock = FakeClock()
     journal = Journal(clock, tmp_path / "journal.jsonl")
     for number in range(1000):
         clock.now_s = 1000.0 + number * 0.005
@@ -125,7 +125,7 @@ def test_equal_refusals_of_one_client_are_written_once_and_then_counted_in_one_l
     assert len(lines_of(tmp_path / "journal-refused.jsonl")) == 3
 
 
-def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_one(tmp_path):
+def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_line(tmp_path):
     path = tmp_path / "journal.jsonl"
     journal = Journal(SystemClock(), path)
     for command in ("arm", "takeoff"):
@@ -136,15 +136,15 @@ def test_a_restart_reads_earlier_lines_and_repairs_an_incomplete_one(tmp_path):
         file.write(b'{"unix_s": 5, "client": "torn by a cra')
 
     async def restart():
-        again = Journal(SystemClock(), path)
-        await again.load()
-        return again
+        reopened = Journal(SystemClock(), path)
+        await reopened.load()
+        return reopened
 
-    again = asyncio.run(restart())
-    assert [entry.result for entry in again.tail(10)] == ["invalid_request", "ok", "ok"]
-    assert [entry.command for entry in again.tail(10)] == ["takeoff", "takeoff", "arm"]
-    add(again, "land")
-    again.flush()
+    reopened = asyncio.run(restart())
+    assert [entry.result for entry in reopened.tail(10)] == ["invalid_request", "ok", "ok"]
+    assert [entry.command for entry in reopened.tail(10)] == ["takeoff", "takeoff", "arm"]
+    add(reopened, "land")
+    reopened.flush()
     assert [line["command"] for line in lines_of(path)] == ["arm", "takeoff", "land"]
 
 
@@ -155,9 +155,9 @@ def test_an_invalid_line_is_skipped(tmp_path, line):
     add(journal, "arm")
     journal.flush()
     path.write_bytes(path.read_bytes() + line + b"\n")
-    again = Journal(SystemClock(), path)
-    asyncio.run(again.load())
-    assert [entry.command for entry in again.tail(10)] == ["arm"]
+    reopened = Journal(SystemClock(), path)
+    asyncio.run(reopened.load())
+    assert [entry.command for entry in reopened.tail(10)] == ["arm"]
 
 
 def test_a_partial_write_leaves_no_incomplete_line(tmp_path, monkeypatch):
@@ -165,11 +165,11 @@ def test_a_partial_write_leaves_no_incomplete_line(tmp_path, monkeypatch):
     journal = Journal(SystemClock(), path)
     add(journal, "arm")
     journal.flush()
-    whole, real = path.read_bytes(), os.write
+    content, real = path.read_bytes(), os.write
     monkeypatch.setattr(os, "write", lambda fd, data: real(fd, data[: len(data) // 2]))
     add(journal, "land")
     journal.flush()
-    assert path.read_bytes() == whole
+    assert path.read_bytes() == content
     assert "No space left" in journal.warning
     monkeypatch.setattr(os, "write", real)
     journal.flush()

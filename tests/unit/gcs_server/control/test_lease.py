@@ -1,4 +1,5 @@
-"""Control of a vehicle by one client at a time: taken, requested, forced, expired. With a fake clock."""
+"""One client at a time controls a vehicle: how control is taken, requested, forced and expires, on a fake
+clock."""
 
 import pytest
 
@@ -53,9 +54,9 @@ def setup():
 
 
 def test_two_tabs_with_the_same_name_are_two_clients():
-    one, other = Principal.from_identity("page", "a"), Principal.from_identity("page", "b")
-    assert str(one) == str(other)
-    assert one.key != other.key
+    first, second = Principal.from_identity("page", "a"), Principal.from_identity("page", "b")
+    assert str(first) == str(second)
+    assert first.key != second.key
     assert (
         Principal.from_identity("page", "a", "10.0.0.1").key
         == Principal.from_identity("renamed", "a", "10.0.0.2").key
@@ -86,7 +87,7 @@ def test_an_id_is_never_shown():
 # --- control --------------------------------------------------------------------------------------
 
 
-def test_a_command_takes_free_control_and_others_are_refused_with_a_reason(setup):
+def test_a_command_takes_free_control_and_commands_of_other_clients_are_refused_with_a_reason(setup):
     setup.lease.command(ANNA)
     setup.lease.command(ANNA)
     assert setup.lease.holder.key == ANNA.key
@@ -97,7 +98,7 @@ def test_a_command_takes_free_control_and_others_are_refused_with_a_reason(setup
     assert setup.actions() == ["taken"]
 
 
-def test_a_client_without_id_blocks_others_only_after_taking_control_explicitly(setup):
+def test_a_client_without_id_blocks_other_clients_only_after_taking_control_explicitly(setup):
     shell, other = (
         Principal.from_identity("", "", "127.0.0.1"),
         Principal.from_identity("script", "", "127.0.0.1"),
@@ -129,7 +130,7 @@ def test_control_expires_when_the_holder_sends_nothing(setup):
     assert setup.changes[-1].action == "expired"
     assert setup.changes[-1].on_expiry == "hold"
     setup.lease.command(BOB)
-    assert setup.lease.on_expiry == "nothing", "the action of the previous holder does not apply"
+    assert setup.lease.on_expiry == "nothing", "the action of the previous holder still applies"
 
 
 def test_an_open_socket_keeps_control_and_its_end_starts_the_lease_time(setup):
@@ -275,7 +276,7 @@ def test_the_key_distinguishes_clients_of_the_same_name(setup):
     assert setup.lease.holder.key == second.key
 
 
-def test_the_holder_is_informed_when_others_command_hold_or_land_now(setup):
+def test_the_holder_is_informed_when_other_clients_command_hold_or_land_now(setup):
     setup.lease.report_intervention(BOB, "Hold")
     setup.lease.command(ANNA)
     setup.lease.report_intervention(ANNA, "Hold")

@@ -1,4 +1,5 @@
-"""Limits of HTTP connections, without sockets: a request beyond them gets one refusal and is closed."""
+"""Limits of HTTP connections, without sockets: a request beyond a limit gets one refusal and a closed
+connection."""
 
 import asyncio
 import json
@@ -17,7 +18,7 @@ POST = b"POST /x HTTP/1.1\r\nHost: a\r\n"
 
 
 def refusal(transport):
-    """(status, code) of the one answer, which closes the connection."""
+    """(status, code) of the only response, which closes the connection."""
     head, _, body = transport.written.partition(b"\r\n\r\n")
     assert transport.written.count(b"HTTP/1.1 ") == 1
     assert b"content-type: application/problem+json" in head
@@ -56,9 +57,9 @@ def test_too_large_requests_are_refused_with_a_reason_and_not_stored(name, piece
     async def scenario(server):
         transport = server.connect()
         flood = begin + more * (8_000_000 // len(more))
-        taken = await server.send(transport, flood, piece)
+        received_bytes = await server.send(transport, flood, piece)
         assert refusal(transport)[0] == status
-        assert taken <= r.MAX_BODY_BYTES + LINGER_BYTES + 1_000_000
+        assert received_bytes <= r.MAX_BODY_BYTES + LINGER_BYTES + 1_000_000
         assert transport.aborted
         await asyncio.sleep(0.1)
         assert len(server.connections) == 0
@@ -77,8 +78,8 @@ def test_requests_within_the_limits_are_served_in_any_pieces():
     chunked += b"0\r\n\r\n"
 
     async def scenario(server):
-        chance = random.Random(3)
-        for piece in (100_000, 262_144, 1460, chance.randrange(5000, 9000)):
+        rng = random.Random(3)
+        for piece in (100_000, 262_144, 1460, rng.randrange(5000, 9000)):
             transport = server.connect()
             await server.send(transport, (request + chunked) * 2 + GET + b"\r\n", piece)
             assert transport.written.count(b"1048576 bytes") == 2
@@ -89,19 +90,19 @@ def test_requests_within_the_limits_are_served_in_any_pieces():
     run_with_server(scenario)
 
 
-def test_incomplete_headers_get_status_408_and_silent_connections_are_closed():
+def test_incomplete_headers_get_status_408_and_connections_that_send_nothing_are_closed():
     async def scenario(server):
-        silent, slow, drip, blank = (server.connect() for _ in range(4))
-        await server.send(slow, GET)
+        silent, incomplete, one_byte_per_s, empty_lines = (server.connect() for _ in range(4))
+        await server.send(incomplete, GET)
         for _ in range(int(r.HEAD_DEADLINE_S) + 1):
-            await server.send(drip, b"x")
-            await server.send(blank, b"\r\n")
+            await server.send(one_byte_per_s, b"x")
+            await server.send(empty_lines, b"\r\n")
             await server.wait(1.0)
         assert silent.closed
         assert silent.written == b""
-        assert refusal(slow) == (408, "too_slow")
-        assert drip.closed or drip.eof
-        assert blank.closed
+        assert refusal(incomplete) == (408, "too_slow")
+        assert one_byte_per_s.closed or one_byte_per_s.eof
+        assert empty_lines.closed
         await server.wait(LINGER_S + 1)
         assert len(server.connections) == 0
 
@@ -130,7 +131,7 @@ def test_an_incomplete_body_gets_status_408_and_the_application_gets_a_disconnec
     run_with_server(scenario, listening)
 
 
-def test_a_slow_answer_is_not_interrupted():
+def test_a_slow_response_is_not_interrupted():
     async def slow(scope, receive, send):
         await asyncio.sleep(60)
         await echo(scope, receive, send)
@@ -151,7 +152,9 @@ def test_too_many_pipelined_requests_close_the_connection():
     async def scenario(server):
         transport = server.connect()
         await server.send(transport, (GET + b"\r\n") * 10_000)
-        assert transport.written == b"", "a text would be taken for the answer to the first request"
+        assert transport.written == b"", (
+            "the client would take a refusal for the response to its first request"
+        )
         assert transport.eof
         await server.wait(LINGER_S + 1)
         assert len(server.connections) == 0
@@ -159,7 +162,7 @@ def test_too_many_pipelined_requests_close_the_connection():
     run_with_server(scenario, never)
 
 
-def test_a_connection_with_an_unread_answer_is_closed_at_the_deadline():
+def test_a_connection_with_an_unread_response_is_closed_at_the_deadline():
     async def scenario(server):
         stuck, slow = server.connect(), server.connect()
         for transport in (stuck, slow):
@@ -169,17 +172,17 @@ def test_a_connection_with_an_unread_answer_is_closed_at_the_deadline():
             slow.unread = slow.unread[1:]
             await server.wait(1)
         assert stuck.aborted
-        assert not slow.closed, "the client reads slowly, but it reads"
+        assert not slow.closed, "a client that reads slowly was disconnected"
 
     run_with_server(scenario)
 
 
 def test_the_total_size_of_bodies_is_limited():
     async def scenario(server):
-        made = [server.connect() for _ in range(60)]
-        for transport in made:
+        transports = [server.connect() for _ in range(60)]
+        for transport in transports:
             await server.send(transport, POST + b"Content-Length: 1000000\r\n\r\n" + b"a" * 900_000)
-        refused = [t for t in made if t.written]
+        refused = [t for t in transports if t.written]
         assert {refusal(t) for t in refused} == {(503, "server_full")}
         assert 60 - len(refused) == server.connections.limits.body_bytes // 900_000
 
@@ -187,15 +190,15 @@ def test_the_total_size_of_bodies_is_limited():
 
 
 def test_malformed_requests_are_logged_at_a_limited_rate_without_traceback(caplog):
-    chance = random.Random(7)
+    rng = random.Random(7)
 
     async def scenario(server):
         for _ in range(300):
             transport = server.connect()
-            line = chance.choice(
+            line = rng.choice(
                 [b"GET / HTTP/1.1\r\n", b"GET http://[ HTTP/1.1\r\n", b"GET ? HTTP/1.1\r\n", b""]
             )
-            await server.send(transport, line + os.urandom(chance.randrange(1, 200)) + b"\r\n\r\n")
+            await server.send(transport, line + os.urandom(rng.randrange(1, 200)) + b"\r\n\r\n")
             await server.wait(0.5)
         await server.wait(60)
         assert len(server.connections) == 0
@@ -215,4 +218,5 @@ def test_a_requested_protocol_upgrade_is_ignored_and_the_request_answered():
 
 
 def test_the_limit_of_chunks_allows_every_valid_body():
-    assert r.MAX_BODY_BYTES / MAX_CHUNKS <= 256, "bytes that a chunk must have on average"
+    average_chunk_bytes = r.MAX_BODY_BYTES / MAX_CHUNKS
+    assert average_chunk_bytes <= 256

@@ -9,7 +9,7 @@ from gcs_server.clock import LoopClock
 from gcs_server.http_server.server import HttpServer
 
 
-def test_a_client_never_reuses_a_connection_at_the_moment_when_the_server_closes_it():
+def test_the_server_keeps_idle_connections_longer_than_clients_reuse_them():
     loop = asyncio.new_event_loop()
     clock = LoopClock(loop)
     loop.close()

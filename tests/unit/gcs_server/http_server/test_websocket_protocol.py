@@ -17,7 +17,7 @@ UPGRADE = (
 )
 
 
-async def opened(server):
+async def open_websocket(server):
     transport = server.connect()
     await server.send(transport, UPGRADE)
     head, _, transport.written = transport.written.partition(b"\r\n\r\n")
@@ -25,11 +25,11 @@ async def opened(server):
     return transport
 
 
-def closing(transport):
+def close_frame(transport):
     """(code, reason) of the close frame at the end of the written bytes."""
-    at = transport.written.rindex(b"\x88")
-    size = transport.written[at + 1]
-    payload = transport.written[at + 2 :]
+    start = transport.written.rindex(b"\x88")
+    size = transport.written[start + 1]
+    payload = transport.written[start + 2 :]
     assert len(payload) == size
     return int.from_bytes(payload[:2], "big"), payload[2:].decode()
 
@@ -37,22 +37,22 @@ def closing(transport):
 @pytest.mark.parametrize("opcode", [1, 2, 9, 10])
 def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(opcode):
     async def scenario(server):
-        transport = await opened(server)
-        longest_s, over = 0.0, False
+        transport = await open_websocket(server)
+        longest_s, finished = 0.0, False
 
         async def watch():
             nonlocal longest_s
-            while not over:
+            while not finished:
                 began_s = time.thread_time()
                 await asyncio.sleep(0)
                 longest_s = max(longest_s, time.thread_time() - began_s)
 
-        watching = asyncio.ensure_future(watch())
+        watcher = asyncio.ensure_future(watch())
         await server.send(transport, frame(b"", opcode) * 42_000)
-        over = True
-        await watching
-        assert closing(transport) == (1008, f"more than {MAX_FRAMES_PER_S} frames in a second")
-        assert longest_s < 0.3, "a quarter of a megabyte at once would take longer"
+        finished = True
+        await watcher
+        assert close_frame(transport) == (1008, f"more than {MAX_FRAMES_PER_S} frames in a second")
+        assert longest_s < 0.3, "all frames were parsed in one piece"
         await asyncio.sleep(0.1)
         assert len(server.connections) == 0
 
@@ -60,21 +60,21 @@ def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(o
 
 
 def test_the_application_gets_every_message_in_order():
-    got = []
+    received = []
 
     async def listening(scope, receive, send):
         await receive()
         await send({"type": "websocket.accept"})
         while (message := await receive())["type"] == "websocket.receive":
-            got.append(message["text"])
+            received.append(message["text"])
             await asyncio.sleep(0)
 
     async def scenario(server):
-        transport = await opened(server)
+        transport = await open_websocket(server)
         texts = [f"{n} " + "x" * (n * 37 % 9000) for n in range(300)]
         await server.send(transport, b"".join(frame(text.encode()) for text in texts), 10_000)
         await asyncio.sleep(1)
-        assert got == texts
+        assert received == texts
 
     run_with_server(scenario, listening)
 
@@ -86,9 +86,9 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
         await asyncio.Event().wait()
 
     async def scenario(server):
-        transport = await opened(server)
-        taken = await server.send(transport, frame(b"x" * 1000) * 3000)
-        assert taken <= 262_144
+        transport = await open_websocket(server)
+        received_bytes = await server.send(transport, frame(b"x" * 1000) * 3000)
+        assert received_bytes <= 262_144
         assert transport.paused
         assert transport.protocol.queue.qsize() <= 3
 
@@ -97,27 +97,27 @@ def test_while_the_application_is_busy_nothing_more_is_read_or_parsed():
 
 def test_a_message_of_too_many_frames_closes_the_connection():
     async def scenario(server):
-        transport = await opened(server)
+        transport = await open_websocket(server)
         parts = frame(b"x", 1, final=False) + frame(b"", 0, final=False) * 2000
         await server.send(transport, parts)
-        assert closing(transport) == (1009, f"a message of more than {MAX_FRAMES} frames")
+        assert close_frame(transport) == (1009, f"a message of more than {MAX_FRAMES} frames")
 
     run_with_server(scenario)
 
 
 def test_a_too_large_message_closes_the_connection_before_it_is_complete():
     async def scenario(server):
-        transport = await opened(server)
-        taken = await server.send(transport, frame(b"x" * 3_000_000))
-        assert taken < 300_000
-        assert closing(transport)[0] == 1009
+        transport = await open_websocket(server)
+        received_bytes = await server.send(transport, frame(b"x" * 3_000_000))
+        assert received_bytes < 300_000
+        assert close_frame(transport)[0] == 1009
 
     run_with_server(scenario)
 
 
 def test_unread_pongs_are_limited():
     async def scenario(server):
-        transport = await opened(server)
+        transport = await open_websocket(server)
         transport.stuck = True
         for _ in range(20):
             await server.send(transport, frame(b"x" * 125, 9) * 900)
@@ -136,14 +136,14 @@ def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected
             await asyncio.sleep(0.01)
 
     async def scenario(server):
-        transport = await opened(server)
+        transport = await open_websocket(server)
         transport.stuck = True
         await asyncio.sleep(0.1)
-        kept = len(transport.unread)
+        unread_bytes = len(transport.unread)
         await server.wait(UNREAD_DEADLINE_S + 1)
-        assert len(transport.unread) < kept + 100
+        assert len(transport.unread) < unread_bytes + 100
         transport.written = transport.unread
-        assert closing(transport) == (1013, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
+        assert close_frame(transport) == (1013, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
         assert not transport.aborted
         await server.wait(CLOSE_DEADLINE_S + 1)
         await asyncio.sleep(0.1)
@@ -153,9 +153,9 @@ def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected
     run_with_server(scenario, talking)
 
 
-def test_a_silent_open_websocket_stays_open():
+def test_an_open_websocket_without_messages_stays_open():
     async def scenario(server):
-        transport = await opened(server)
+        transport = await open_websocket(server)
         for _ in range(10):
             await server.wait(15)
             pings = transport.written.count(b"\x89\x04")
@@ -169,13 +169,13 @@ def test_a_silent_open_websocket_stays_open():
 @pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
 @pytest.mark.parametrize("disconnects", [False, True])
 def test_data_before_the_accept_waits_and_logs_no_error(early, disconnects, caplog):
-    got = []
+    received = []
 
     async def slow(scope, receive, send):
         await receive()
         await asyncio.sleep(1)
         await send({"type": "websocket.accept"})
-        got.append(await receive())
+        received.append(await receive())
 
     async def scenario(server):
         transport = server.connect()
@@ -190,4 +190,4 @@ def test_data_before_the_accept_waits_and_logs_no_error(early, disconnects, capl
     run_with_server(scenario, slow)
     assert caplog.records == []
     if not disconnects:
-        assert got[0].get("text") == "early" or got[0]["type"] == "websocket.disconnect"
+        assert received[0].get("text") == "early" or received[0]["type"] == "websocket.disconnect"

@@ -101,14 +101,14 @@ class TestedServer:
 
     async def send(self, transport: Transport, data: bytes, piece: int = 262_144) -> int:
         """Sends until the server stops reading; returns the number of received bytes."""
-        for at in range(0, len(data), piece):
+        for start in range(0, len(data), piece):
             for _ in range(2000):
                 if not transport.paused:
                     break
                 await asyncio.sleep(0)
             if transport.closed or transport.paused:
-                return at
-            transport.protocol.data_received(data[at : at + piece])
+                return start
+            transport.protocol.data_received(data[start : start + piece])
         for _ in range(50):
             await asyncio.sleep(0)
         return len(data)

@@ -19,7 +19,7 @@ from gcs_server.links.send_queue import (
 
 PEER, OTHER = Peer("a"), Peer("b")
 LONGEST_WAIT_PACKETS = MAX_PASSED_OVER + 2 * (CLASSES - 2)
-"""The most packets of other classes (except class 0) that may be sent before a waiting one."""
+"""The most packets of other classes (except class 0) that may be sent before a waiting packet."""
 
 
 def packet(name, priority, *, expires_s=1e9, key=None, group=None, peer=PEER, size=40):
@@ -28,28 +28,28 @@ def packet(name, priority, *, expires_s=1e9, key=None, group=None, peer=PEER, si
     )
 
 
-def drained(queue, now_s=0.0):
+def drain(queue, now_s=0.0):
     names = []
     while (taken := queue.take(now_s)) is not None:
         names.append(taken.finish().decode())
     return names
 
 
-def test_the_most_urgent_packet_is_first_and_equal_ones_keep_their_order():
+def test_the_most_urgent_packet_is_sent_first_and_packets_of_equal_priority_keep_their_order():
     queue = SendQueue(SendCounts())
     for name, priority in (("p", 4), ("s", 3), ("c1", 2), ("stop", 0), ("c2", 2), ("mode", 1)):
         assert queue.put(packet(name, priority), 0.0)
-    assert drained(queue) == ["stop", "mode", "c1", "c2", "s", "p"]
+    assert drain(queue) == ["stop", "mode", "c1", "c2", "s", "p"]
 
 
-def test_a_setpoint_replaces_the_waiting_one_and_vehicles_take_turns():
+def test_a_setpoint_replaces_the_waiting_setpoint_of_its_vehicle_and_vehicles_take_turns():
     counts = SendCounts()
     queue = SendQueue(counts)
     queue.put(packet("1 old", 3, key="1"), 0.0)
     queue.put(packet("2", 3, key="2"), 0.0)
     queue.put(packet("1 new", 3, key="1"), 0.0)
     queue.put(packet("1 of another peer", 3, key="1", peer=OTHER), 0.0)
-    assert drained(queue) == ["1 new", "2", "1 of another peer"]
+    assert drain(queue) == ["1 new", "2", "1 of another peer"]
     assert counts.frames_replaced == 1
 
 
@@ -58,11 +58,11 @@ def test_expired_packets_are_never_sent():
     queue = SendQueue(counts)
     queue.put(packet("late", 3, expires_s=0.1), 0.0)
     queue.put(packet("in time", 4, expires_s=0.3), 0.0)
-    assert drained(queue, 0.2) == ["in time"]
+    assert drain(queue, 0.2) == ["in time"]
     assert counts.frames_expired == 1
 
 
-def test_a_newer_flight_command_removes_waiting_ones_of_its_vehicle_but_not_stop_motors():
+def test_a_newer_flight_command_removes_waiting_commands_of_its_vehicle_but_not_stop_motors():
     queue = SendQueue(SendCounts())
     queue.put(packet("arm", 2, group="1"), 0.0)
     queue.put(packet("arm 2", 2, group="2"), 0.0)
@@ -70,7 +70,7 @@ def test_a_newer_flight_command_removes_waiting_ones_of_its_vehicle_but_not_stop
     queue.put(packet("stop", 0, key="s", group="1"), 0.0)
     queue.put(packet("terminate", 0, key="t", group="1"), 0.0)
     queue.put(packet("land", 1, group="1"), 0.0)
-    assert drained(queue) == ["stop", "terminate", "land", "arm 2"]
+    assert drain(queue) == ["stop", "terminate", "land", "arm 2"]
 
 
 def test_packets_beyond_the_limit_are_dropped_but_not_stop_motors():
@@ -83,25 +83,25 @@ def test_packets_beyond_the_limit_are_dropped_but_not_stop_motors():
     assert counts.frames_dropped == 36 + 88
     old = SendQueue(SendCounts())
     assert all(old.put(packet(f"r{n}", LAST, size=1000, expires_s=1.0), 0.0) for n in range(64))
-    assert old.put(packet("new", LAST, size=1000), 2.0), "expired packets are removed for new ones"
+    assert old.put(packet("new", LAST, size=1000), 2.0), "expired packets were not removed for a new one"
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(seed):
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     counts = SendCounts()
     queue = SendQueue(counts)
     put, taken, now_s, order = {}, set(), 0.0, 0
     passed_over = [0] * CLASSES
     stops_waiting = set()
     for _ in range(4000):
-        now_s += chance.choice((0.0, 0.002, 0.02))
-        for _ in range(chance.choice((0, 1, 1, 2, 5))):
-            priority = chance.choices(range(CLASSES), (0.02, 0.1, 0.3, 1.0, 1.0))[0]
+        now_s += rng.choice((0.0, 0.002, 0.02))
+        for _ in range(rng.choice((0, 1, 1, 2, 5))):
+            priority = rng.choices(range(CLASSES), (0.02, 0.1, 0.3, 1.0, 1.0))[0]
             order += 1
             lives_s = 1e9 if priority == FIRST else (0.5, 0.5, 0.1, 3.0)[priority - 1]
-            key = {3: f"sp{chance.randrange(4)}", 0: f"stop{order}"}.get(priority)
-            group = f"v{chance.randrange(4)}" if priority < 3 and chance.random() < 0.5 else None
+            key = {3: f"sp{rng.randrange(4)}", 0: f"stop{order}"}.get(priority)
+            group = f"v{rng.randrange(4)}" if priority < 3 and rng.random() < 0.5 else None
             put[order] = (priority, now_s + lives_s)
             if queue.put(
                 packet(str(order), priority, expires_s=now_s + lives_s, key=key, group=group), now_s
@@ -110,13 +110,13 @@ def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(
                     stops_waiting.add(order)
             else:
                 assert priority != FIRST
-        for _ in range(chance.choice((0, 0, 1, 1, 2))):
+        for _ in range(rng.choice((0, 0, 1, 1, 2))):
             waiting = [bool(w) for w in queue._waiting]
-            got = queue.take(now_s)
-            if got is None:
+            sent_packet = queue.take(now_s)
+            if sent_packet is None:
                 assert not stops_waiting
                 continue
-            number = int(got.finish())
+            number = int(sent_packet.finish())
             priority, expires_s = put[number]
             assert number not in taken
             taken.add(number)
@@ -124,8 +124,8 @@ def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(
             assert priority == FIRST or not stops_waiting, "stop motors was not first"
             stops_waiting.discard(number)
             for other in range(1, CLASSES):
-                still = waiting[other] and bool(queue._waiting[other]) and other != priority
-                passed_over[other] = passed_over[other] + (priority != FIRST) if still else 0
+                still_waiting = waiting[other] and bool(queue._waiting[other]) and other != priority
+                passed_over[other] = passed_over[other] + (priority != FIRST) if still_waiting else 0
                 assert passed_over[other] <= LONGEST_WAIT_PACKETS, f"class {other} starves"
     queue.purge(now_s)
     assert len(taken) + counts.frames_expired + counts.frames_replaced + counts.frames_dropped + len(

@@ -1,4 +1,4 @@
-"""The writer of a slow link under load with a fake clock: what is sent, when, and what is not."""
+"""The writer of a slow link under load, on a fake clock: which frames it sends, when, and which it drops."""
 
 import heapq
 import itertools
@@ -83,8 +83,8 @@ class SlowLink(Link):
 
     def setpoint(self, system=1):
         """Sends a setpoint with its time of creation."""
-        made_ms = round((self.loop.now_s - 1000) * 1000)
-        payload = struct.pack("<I11fHBBB", made_ms, *range(1, 12), 2552, system, 1, 1)
+        created_ms = round((self.loop.now_s - 1000) * 1000)
+        payload = struct.pack("<I11fHBBB", created_ms, *range(1, 12), 2552, system, 1, 1)
         return self.sender.send(SETPOINT, payload, PEER)
 
     def command(self, command, system=1, **options):
@@ -95,7 +95,7 @@ class SlowLink(Link):
     def param(self, number):
         return self.sender.send(PARAM_READ, struct.pack("<hBB16s", number, 1, 1, b""), PEER)
 
-    def under_load(self, for_s, done=lambda: False):
+    def under_load(self, for_s, stop_when=lambda: False):
         """Sends a setpoint every 20 ms, and keeps parameter requests waiting."""
         for _ in range(round(for_s / 0.02)):
             self.setpoint()
@@ -103,7 +103,7 @@ class SlowLink(Link):
             while self.writer.waiting < 40:
                 self.param(next(self.parameters) % 30000)
             self.loop.run(0.02)
-            if done():
+            if stop_when():
                 return
 
     def sent(self, msg_id):
@@ -122,10 +122,10 @@ def test_under_load_stop_motors_is_sent_within_50_ms():
     late_s = []
     for number in range(20):
         link.loop.run(0.0013 * number)  # at different moments of the current transmission
-        requested_s, seen = link.loop.now_s, len(link.sent(COMMAND))
+        requested_s, sent_before = link.loop.now_s, len(link.sent(COMMAND))
         assert link.command(STOP)
         link.under_load(0.1)
-        late_s.append(link.sent(COMMAND)[seen][0] - requested_s)
+        late_s.append(link.sent(COMMAND)[sent_before][0] - requested_s)
     assert max(late_s) < 0.05
     assert max(link.ages_s()) < 0.1
     assert len(link.sent(SETPOINT)) > 45 * 4, "the stream stopped"
@@ -136,7 +136,7 @@ def test_under_load_stop_motors_is_sent_within_50_ms():
 def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
     link = SlowLink()
     link.under_load(1.0)
-    before = len(link.line.sent_frames)
+    assert link.line.sent_frames
     stalled_s = link.loop.now_s
     link.line.stall(5.0)
     link.under_load(4.8)
@@ -147,10 +147,9 @@ def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
     assert stop_s - (stalled_s + 5.0) < 0.05
     after = [frame for at_s, frame in link.line.sent_frames if at_s > stalled_s + 5.0]
     assert sum(f.msg_id == SETPOINT for f in after[: after.index(link.sent(COMMAND)[0][1])]) <= 2
-    in_driver = 2  # already in the driver at the stall, so they cannot be removed
+    in_driver = 2  # the writer cannot remove setpoints that are already in the driver at the stall
     assert sum(age_s > 0.1 for age_s in link.ages_s()) <= in_driver
     assert len(link.sent(COMMAND)) == 1, "the waiting arm command was sent after stop motors"
-    assert before
     assert sum(link.line.parser.lost.values()) == 0
     info = link.info()
     assert info.frames_sent == len(link.recorded)
@@ -179,7 +178,7 @@ def test_a_setpoint_that_reaches_the_link_too_late_is_not_sent():
     assert link.info().frames_expired == 1
 
 
-def test_streams_beyond_the_line_rate_leave_room_for_parameters_and_share_the_rest():
+def test_streams_beyond_the_line_rate_share_the_line_and_do_not_block_parameters():
     link = SlowLink()
     for _ in range(100):
         for system in (1, 2, 3, 4):
@@ -192,20 +191,20 @@ def test_streams_beyond_the_line_rate_leave_room_for_parameters_and_share_the_re
 
 
 def test_a_partly_sent_frame_that_is_too_late_ends_with_a_wrong_checksum():
-    room, out = [20], bytearray()
+    free_bytes, out = [20], bytearray()
 
     def write(data, _peer):
-        taken = min(room[0], len(data))
+        taken = min(free_bytes[0], len(data))
         if not taken:
             raise BlockingIOError
-        room[0] -= taken
+        free_bytes[0] -= taken
         out.extend(data[:taken])
         return taken
 
     link = SlowLink(pacer=LinePacer(float("inf"), lambda: 0), write=write)
     link.setpoint()
     link.loop.run(1.0)
-    room[0] = 10_000
+    free_bytes[0] = 10_000
     link.command(STOP)
     link.loop.run(0.1)
     parser = FrameParser()
@@ -280,16 +279,16 @@ def test_a_closed_writer_accepts_and_writes_nothing():
 
 def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop_motors_command():
     async def scenario():
-        ours, theirs = pty.openpty()
-        tty.setraw(ours)
-        recorder = LinkRecorder(SerialLink("radio", "serial", os.ttyname(theirs), 921600)).start()
+        test_end, serial_end = pty.openpty()
+        tty.setraw(test_end)
+        recorder = LinkRecorder(SerialLink("radio", "serial", os.ttyname(serial_end), 921600)).start()
         (peer,) = recorder.link.peers()
         sender = FrameSender(recorder.link, 255, 190, lambda _: None)
         received, parser = [], FrameParser()
 
         def read():
             while len([f for f in received if f.msg_id == COMMAND]) < 40:
-                received.extend(parser.feed(os.read(ours, 4096), time.monotonic()))
+                received.extend(parser.feed(os.read(test_end, 4096), time.monotonic()))
 
         def send(thread):
             for number in range(100):
@@ -309,8 +308,8 @@ def test_threads_on_one_serial_link_share_sequence_numbers_and_lose_no_stop_moto
         assert stops == set(range(40))
         assert sum(parser.lost.values()) == parser.crc_errors == 0
         await recorder.link.close()
-        os.close(ours)
-        os.close(theirs)
+        os.close(test_end)
+        os.close(serial_end)
 
     run(scenario)
 

@@ -1,4 +1,4 @@
-"""Both compiled dialects against the definitions that PX4 v1.16 is built with."""
+"""Compares both compiled dialects with the definitions that PX4 v1.16 is built with."""
 
 import tarfile
 import xml.etree.ElementTree as ET
@@ -44,7 +44,8 @@ NOT_IN_PX4 = {
 
 
 def px4_definitions(shared):
-    """{id: (name, wire order [(type, name, length)], crc_extra)} by the guide's rules."""
+    """{id: (name, fields in wire order [(type, name, length)], crc_extra)} by the rules of MAVLink's
+    guide."""
     found = {}
     with tarfile.open(shared / "px4" / "mavlink-definitions.tar.xz") as archive:
         for member in archive.getmembers():
@@ -85,17 +86,17 @@ def test_every_message_of_px4_has_the_pinned_layout(shared, module):
             wrong.append(f"{name} is missing")
             continue
         kinds = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
-        ours = [
+        compiled = [
             ({"uint8_t_mavlink_version": "uint8_t"}.get(kinds[field], kinds[field]), field, length)
             for field, length in zip(cls.ordered_fieldnames, cls.array_lengths, strict=True)
         ]
-        if (cls.msgname, ours, cls.crc_extra) != (name, fields, crc_extra):
-            wrong.append(f"{name}: {ours} {cls.crc_extra} instead of {fields} {crc_extra}")
+        if (cls.msgname, compiled, cls.crc_extra) != (name, fields, crc_extra):
+            wrong.append(f"{name}: {compiled} {cls.crc_extra} instead of {fields} {crc_extra}")
     assert wrong == []
 
 
 def test_the_decoders_formats_match_the_dialect():
-    for msg_id, ours in decoders.FORMATS.items():
+    for msg_id, compiled in decoders.FORMATS.items():
 
         def flat(text):
             out, number = "", ""
@@ -107,15 +108,15 @@ def test_the_decoders_formats_match_the_dialect():
                     number = ""
             return out
 
-        theirs = flat(dialect.mavlink_map[msg_id].unpacker.format)
-        assert theirs.startswith(flat(ours.format)), dialect.mavlink_map[msg_id].msgname
+        dialect_format = flat(dialect.mavlink_map[msg_id].unpacker.format)
+        assert dialect_format.startswith(flat(compiled.format)), dialect.mavlink_map[msg_id].msgname
 
 
 def test_instance_offsets_match_the_dialect():
     fields = {"BATTERY_STATUS": "id", "SERVO_OUTPUT_RAW": "port", "DISTANCE_SENSOR": "id"}
-    for msg_id, at in INSTANCE_OFFSET.items():
+    for msg_id, offset in INSTANCE_OFFSET.items():
         layout = LAYOUTS[msg_id]
-        payload = bytes(at) + b"\x07" + bytes(layout.unpacker.size - at - 1)
+        payload = bytes(offset) + b"\x07" + bytes(layout.unpacker.size - offset - 1)
         values = dict(zip(layout.fields, _by_field(layout, payload), strict=True))
         assert values[fields.get(layout.name, "gimbal_device_id")] == 7
         assert sum(value == 7 for value in values.values()) == 1

@@ -14,12 +14,15 @@ def command_long(command, p1=0.0, p2=0.0, *, system=1, confirmation=0):
     return d.MAVLink_command_long_message(system, 1, command, confirmation, p1, p2, 0, 0, 0, 0, 0)
 
 
-def classified(message):
+def classify_message(message):
     """Classifies a message; the zeros that MAVLink 2 cuts off must not change the priority."""
     payload = encode_payload(message)
-    whole, cut = classify(message.get_msgId(), payload), classify(message.get_msgId(), payload.rstrip(b"\0"))
-    assert whole.priority == cut.priority
-    return whole
+    of_payload, of_truncated = (
+        classify(message.get_msgId(), payload),
+        classify(message.get_msgId(), payload.rstrip(b"\0")),
+    )
+    assert of_payload.priority == of_truncated.priority
+    return of_payload
 
 
 @pytest.mark.parametrize(
@@ -48,29 +51,32 @@ def classified(message):
     ],
 )
 def test_each_message_has_its_priority(message, priority):
-    assert classified(message).priority is priority
+    assert classify_message(message).priority is priority
 
 
 def test_a_setpoint_replaces_only_setpoints_of_its_vehicle():
     local = d.MAVLink_set_position_target_local_ned_message(0, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     attitude = d.MAVLink_set_attitude_target_message(0, 1, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0)
     other = d.MAVLink_set_attitude_target_message(0, 2, 1, 0, [1, 0, 0, 0], 0, 0, 0, 0)
-    assert classified(local).key == classified(attitude).key != classified(other).key
-    assert classified(local).lifetime_s == SETPOINT_LIFETIME_S == 0.1
+    assert classify_message(local).key == classify_message(attitude).key != classify_message(other).key
+    assert classify_message(local).lifetime_s == SETPOINT_LIFETIME_S == 0.1
 
 
 def test_a_repeated_command_replaces_only_itself():
-    assert classified(command_long(530, 1)).key == classified(command_long(530, 1, confirmation=3)).key
-    assert classified(command_long(511, 30)).key != classified(command_long(511, 31)).key
-    assert classified(command_long(512)).flight is None
+    assert (
+        classify_message(command_long(530, 1)).key
+        == classify_message(command_long(530, 1, confirmation=3)).key
+    )
+    assert classify_message(command_long(511, 30)).key != classify_message(command_long(511, 31)).key
+    assert classify_message(command_long(512)).flight is None
     hold, arm, stop = command_long(176, 1, 4), command_long(400, 1), command_long(400, 0, 21196)
-    assert classified(hold).flight == classified(arm).flight == classified(stop).flight
-    assert classified(arm).flight != classified(command_long(400, 1, system=2)).flight
+    assert classify_message(hold).flight == classify_message(arm).flight == classify_message(stop).flight
+    assert classify_message(arm).flight != classify_message(command_long(400, 1, system=2)).flight
 
 
 def test_commands_expire_before_their_repetition():
-    assert classified(command_long(176)).lifetime_s <= RESEND_S
-    assert classified(command_long(400, 1)).lifetime_s <= RESEND_S
+    assert classify_message(command_long(176)).lifetime_s <= RESEND_S
+    assert classify_message(command_long(400, 1)).lifetime_s <= RESEND_S
 
 
 def test_forwarded_commands_keep_their_order_except_stop_motors():

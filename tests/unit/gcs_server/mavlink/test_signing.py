@@ -64,7 +64,7 @@ def pymavlink(key, system_id=1, timestamp=NOW):
 
 
 @given(keys, st.integers(0, 255), st.integers(1, 255), st.integers(0, 255), st.integers(0, 2**32 - 1))
-def test_pymavlink_accepts_frames_signed_here(key, link_id, system_id, seq, custom_mode):
+def test_pymavlink_accepts_frames_signed_by_the_server(key, link_id, system_id, seq, custom_mode):
     signer = FrameSigner(SecretKey(key), link_id, clock())
     payload = custom_mode.to_bytes(4, "little") + bytes([6, 8, 192, 4, 3])
     other = pymavlink(key)
@@ -85,13 +85,13 @@ def test_pymavlink_accepts_frames_signed_here(key, link_id, system_id, seq, cust
 
 @given(keys, st.integers(1, 255), st.integers(0, 2**32 - 1))
 def test_frames_signed_by_pymavlink_are_accepted(key, system_id, custom_mode):
-    other, own = pymavlink(key, system_id), verifier(key)
+    other, key_verifier = pymavlink(key, system_id), verifier(key)
     parser = FrameParser()
     for _ in range(3):
         raw = common.MAVLink_heartbeat_message(6, 8, 192, custom_mode, 4, 3).pack(other)
         (frame,) = parser.feed(bytes(raw), 0.0)
-        assert own.refusal(frame.raw, frame.system_id, frame.component_id) is None
-        assert own.refusal(frame.raw, frame.system_id, frame.component_id) is Refusal.REPLAYED
+        assert key_verifier.refusal(frame.raw, frame.system_id, frame.component_id) is None
+        assert key_verifier.refusal(frame.raw, frame.system_id, frame.component_id) is Refusal.REPLAYED
     assert parser.frames_signed == 3
     another = bytes([key[0] ^ 1]) + key[1:]
     assert verifier(another).refusal(frame.raw, system_id, 1) is Refusal.WRONG_SIGNATURE
@@ -104,78 +104,78 @@ def test_a_flipped_bit_anywhere_is_refused(key, payload, data):
     bit = data.draw(st.integers(0, 8 * len(raw) - 1))
     forged = bytearray(raw)
     forged[bit // 8] ^= 1 << bit % 8
-    own = verifier(key)
-    assert own.refusal(bytes(forged), 1, 1) in (Refusal.WRONG_SIGNATURE, Refusal.UNSIGNED)
+    key_verifier = verifier(key)
+    assert key_verifier.refusal(bytes(forged), 1, 1) in (Refusal.WRONG_SIGNATURE, Refusal.UNSIGNED)
     # The forgery does not change the state: the valid frame is still accepted.
-    assert own.refusal(raw, 1, 1) is None
+    assert key_verifier.refusal(raw, 1, 1) is None
 
 
 @given(st.lists(st.integers(NOW - MINUTE, NOW + MINUTE), min_size=2, max_size=20))
 def test_only_increasing_timestamps_of_a_stream_are_accepted(timestamps):
-    own, newest = verifier(), -1
+    key_verifier, newest = verifier(), -1
     for timestamp in timestamps:
-        why = own.refusal(signed(timestamp=timestamp), 1, 1)
+        refusal = key_verifier.refusal(signed(timestamp=timestamp), 1, 1)
         if newest < 0 and timestamp + MINUTE >= NOW:
-            assert why is None
+            assert refusal is None
         if newest >= 0:
-            assert why is (None if timestamp > newest else Refusal.REPLAYED)
+            assert refusal is (None if timestamp > newest else Refusal.REPLAYED)
         newest = max(newest, timestamp)
 
 
-def test_a_new_stream_may_be_a_minute_behind_and_no_more():
+def test_a_new_stream_may_be_a_minute_behind_but_not_more():
     assert verifier().refusal(signed(timestamp=NOW - MINUTE), 1, 1) is None
     assert verifier().refusal(signed(timestamp=NOW - MINUTE - 1), 1, 1) is Refusal.TOO_OLD
     assert verifier().refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
-    # Also refused: earlier than the newest time of another sender with this key.
-    own = verifier()
-    assert own.refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
-    assert own.refusal(signed(timestamp=NOW, system_id=2), 2, 1) is Refusal.TOO_OLD
-    # A known stream may be later than others: its frames may come over a slower link.
-    assert own.refusal(signed(timestamp=NOW + 10 * MINUTE + 1), 1, 1) is None
+    # A new stream is also refused if it is earlier than the newest time of another sender with this key.
+    key_verifier = verifier()
+    assert key_verifier.refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
+    assert key_verifier.refusal(signed(timestamp=NOW, system_id=2), 2, 1) is Refusal.TOO_OLD
+    # The time of a known stream may differ from other streams: its frames may come over a slower link.
+    assert key_verifier.refusal(signed(timestamp=NOW + 10 * MINUTE + 1), 1, 1) is None
 
 
 def test_streams_are_distinguished_by_link_id_system_and_component():
-    own = verifier()
+    key_verifier = verifier()
     for link_id, system_id in ((0, 1), (1, 1), (0, 2)):
-        assert own.refusal(signed(link_id=link_id, system_id=system_id), system_id, 1) is None
-    assert own.refusal(signed(link_id=0), 1, 1) is Refusal.REPLAYED
+        assert key_verifier.refusal(signed(link_id=link_id, system_id=system_id), system_id, 1) is None
+    assert key_verifier.refusal(signed(link_id=0), 1, 1) is Refusal.REPLAYED
 
 
 def test_the_number_of_streams_is_limited():
-    own = verifier()
+    key_verifier = verifier()
     for n in range(MAX_STREAMS):
-        assert own.refusal(signed(link_id=n % 256, system_id=1 + n // 256), 1 + n // 256, 1) is None
-    assert own.refusal(signed(system_id=250), 250, 1) is Refusal.TOO_MANY_STREAMS
-    assert own.refusal(signed(link_id=0, timestamp=NOW + 1), 1, 1) is None
+        assert key_verifier.refusal(signed(link_id=n % 256, system_id=1 + n // 256), 1 + n // 256, 1) is None
+    assert key_verifier.refusal(signed(system_id=250), 250, 1) is Refusal.TOO_MANY_STREAMS
+    assert key_verifier.refusal(signed(link_id=0, timestamp=NOW + 1), 1, 1) is None
 
 
 def test_timestamps_never_go_back_if_the_system_clock_does():
     now_s = [NOW_S]
-    own, last = SigningClock(lambda: now_s[0]), 0
+    signing_clock, last = SigningClock(lambda: now_s[0]), 0
     for step_s in (0, 0, 1, -3600, 0, 0.00001, 7200, -1e9, 0):
         now_s[0] += step_s
-        stamp = own.next()
+        stamp = signing_clock.next()
         assert last < stamp <= MAX_TIMESTAMP
         last = stamp
 
 
-def test_a_vehicles_later_time_is_adopted_but_not_an_implausible_one():
-    own = clock()
-    own.adopt(NOW - 5)
-    assert own.ahead_ticks == 0
-    own.adopt(NOW + 7 * MINUTE)
-    assert own.next() == NOW + 7 * MINUTE
-    own.adopt(MAX_TIMESTAMP)
-    assert own.next() == NOW + 7 * MINUTE + 1
-    assert own.next() < MAX_ADOPTED_TIMESTAMP
+def test_a_vehicles_later_time_is_adopted_but_an_implausible_time_is_not():
+    signing_clock = clock()
+    signing_clock.adopt(NOW - 5)
+    assert signing_clock.ahead_ticks == 0
+    signing_clock.adopt(NOW + 7 * MINUTE)
+    assert signing_clock.next() == NOW + 7 * MINUTE
+    signing_clock.adopt(MAX_TIMESTAMP)
+    assert signing_clock.next() == NOW + 7 * MINUTE + 1
+    assert signing_clock.next() < MAX_ADOPTED_TIMESTAMP
 
 
 def test_two_peers_that_adopt_each_others_time_do_not_drift():
-    one, two = clock(), clock()
+    first, second = clock(), clock()
     for _ in range(1000):
-        two.adopt(one.next())
-        one.adopt(two.next())
-    assert one.now() - NOW < 5000
+        second.adopt(first.next())
+        first.adopt(second.next())
+    assert first.now() - NOW < 5000
 
 
 # --- links ------------------------------------------------------------------------------------------
@@ -193,10 +193,10 @@ class SettableClock(SystemClock):
 
 
 def store(tmp_path, **more):
-    kept = KeyStore(tmp_path / "signing")
+    key_store = KeyStore(tmp_path / "signing")
     for name, key in {"field": KEY, **more}.items():
-        kept.add(name, SecretKey(key))
-    return kept
+        key_store.add(name, SecretKey(key))
+    return key_store
 
 
 def frame(raw):
@@ -245,34 +245,36 @@ def test_signing_allowed_accepts_unsigned_but_not_wrongly_signed_frames(tmp_path
     assert not link.accepts(frame(signed(bytes(32))))
 
 
-def test_a_frame_of_one_link_is_a_replay_on_other_links_with_the_key(tmp_path):
+def test_a_frame_of_one_link_is_a_replay_on_other_links_with_the_same_key(tmp_path):
     signing = Signing(SettableClock(), store(tmp_path, again=KEY, other=bytes(32)))
-    one, two, three = (signing.open(n, SigningOptions(n, required=True)) for n in ("field", "again", "other"))
-    assert [link.signer.link_id for link in (one, two, three)] == [0, 1, 2]
-    assert one.accepts(frame(signed()))
-    assert not two.accepts(frame(signed()))
-    assert two.report().replayed == 1
-    signing.release(two)
-    anew = signing.open("field", SigningOptions("field", required=True))
-    assert anew.signer.link_id == 1
-    assert not anew.accepts(frame(signed())), "received timestamps are kept when a link is opened again"
-    assert three.accepts(frame(signed(bytes(32))))
+    first, second, other = (
+        signing.open(name, SigningOptions(name, required=True)) for name in ("field", "again", "other")
+    )
+    assert [link.signer.link_id for link in (first, second, other)] == [0, 1, 2]
+    assert first.accepts(frame(signed()))
+    assert not second.accepts(frame(signed()))
+    assert second.report().replayed == 1
+    signing.release(second)
+    reopened = signing.open("field", SigningOptions("field", required=True))
+    assert reopened.signer.link_id == 1
+    assert not reopened.accepts(frame(signed())), "the link accepted a frame that it had received before"
+    assert other.accepts(frame(signed(bytes(32))))
 
 
 def test_timestamps_increase_over_a_restart_with_an_earlier_clock(tmp_path):
-    kept, clock = store(tmp_path), SettableClock()
-    first = Signing(clock, kept)
+    key_store, clock = store(tmp_path), SettableClock()
+    first = Signing(clock, key_store)
     first.open("one", SigningOptions("field", required=True))
     used = first.clock.next()
     first.store_timestamp()
     clock.unix += 9.9  # not saved, as if the server was killed
     used = max(used, first.clock.next())
     clock.unix -= 86_400
-    assert Signing(clock, kept).clock.next() > used
+    assert Signing(clock, key_store).clock.next() > used
     clock.unix += 2 * 86_400
-    assert Signing(clock, kept).clock.ahead_ticks == 0
+    assert Signing(clock, key_store).clock.ahead_ticks == 0
     (tmp_path / "signing" / "timestamp").write_text("what?")
-    assert Signing(clock, kept).clock.ahead_ticks == 0
+    assert Signing(clock, key_store).clock.ahead_ticks == 0
 
 
 # --- keys -------------------------------------------------------------------------------------------
@@ -284,7 +286,7 @@ def test_a_key_is_never_printed(tmp_path):
         "one", SigningOptions("mine", required=True)
     )
     hexadecimal = key.reveal().hex()
-    for shown in (
+    for text in (
         repr(key),
         str(key),
         f"{key}",
@@ -294,39 +296,39 @@ def test_a_key_is_never_printed(tmp_path):
         repr([key]),
         repr(Routes({"1": Route(1, ("h", 1), RouteSigning(key.reveal(), 0, 0))})),
     ):
-        assert hexadecimal not in shown
-        assert repr(key.reveal())[2:-1] not in shown
+        assert hexadecimal not in text
+        assert repr(key.reveal())[2:-1] not in text
     with pytest.raises(TypeError):
         pickle.dumps(key)
-    for bad in (b"", b"31 bytes of a secret, too short."[:31]):
+    for invalid in (b"", b"31 bytes of a secret, too short."[:31]):
         with pytest.raises(ValueError, match="32 bytes") as error:
-            SecretKey(bad)
+            SecretKey(invalid)
         assert "secret" not in str(error.value)
 
 
-def test_key_files_are_private_and_readable_ones_are_refused(tmp_path):
-    kept = store(tmp_path)
+def test_key_files_are_private_and_key_files_that_others_can_read_are_refused(tmp_path):
+    key_store = store(tmp_path)
     path = tmp_path / "signing" / "field.key"
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
-    assert kept.read("field").reveal() == KEY
+    assert key_store.read("field").reveal() == KEY
     path.chmod(0o640)
     with pytest.raises(KeyUnusable, match="Others can read") as error:
-        kept.read("field")
+        key_store.read("field")
     assert "chmod 600" in (error.value.remedy or "")
     path.chmod(0o600)
     path.write_text("0011 nonsense")
     with pytest.raises(KeyUnusable, match="damaged") as error:
-        kept.read("field")
+        key_store.read("field")
     assert "nonsense" not in str(error.value)
     with pytest.raises(InvalidRequest, match="already"):
-        kept.add("field", random_key())
-    kept.remove("field")
+        key_store.add("field", random_key())
+    key_store.remove("field")
     with pytest.raises(KeyUnusable, match="There is no signing key 'field'"):
-        kept.read("field")
+        key_store.read("field")
     for name in ("../token", "a/b", "", "x" * 65, KEY.hex()):
         with pytest.raises(InvalidRequest):
-            kept.read(name)
+            key_store.read(name)
 
 
 @given(keys)
@@ -336,9 +338,9 @@ def test_keys_are_read_as_hexadecimal_or_base64(key):
     assert parse_key(key.hex() + "\n").reveal() == key
     assert parse_key(key.hex().upper()).reveal() == key
     assert parse_key(base64.b64encode(key).decode()).reveal() == key
-    for bad in (key.hex()[:-1], key.hex() + "0", "zz" * 32, ""):
+    for invalid in (key.hex()[:-1], key.hex() + "0", "zz" * 32, ""):
         with pytest.raises(ValueError, match="32 bytes"):
-            parse_key(bad)
+            parse_key(invalid)
 
 
 def test_a_passphrase_gives_the_same_key_as_in_mavproxy():
@@ -382,7 +384,7 @@ def test_signing_without_a_key_or_with_an_invalid_mode_is_refused(url):
 def test_a_key_given_as_a_name_is_not_in_errors_or_journal(url, secret):
     with pytest.raises(InvalidRequest) as error:
         make_link(url.format(secret))
-    said = f"{error.value} {error.value.remedy}"
-    assert secret not in said
+    error_text = f"{error.value} {error.value.remedy}"
+    assert secret not in error_text
     assert secret not in shown_url(url.format(secret))
     assert shown_url("udpin://h:1?key=field&signing=allowed") == "udpin://h:1?key=field&signing=allowed"

@@ -71,9 +71,9 @@ def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypa
     monkeypatch.setattr(tlog_writer, "TRY_AGAIN_FLUSHES", 2)
     channel.append(stamp(NOW_US + 1), FRAME)
     tlogs.flush()
-    ((link, why),) = tlogs.problems()
+    ((link, problem),) = tlogs.problems()
     assert link == "a"
-    assert "No space left" in why
+    assert "No space left" in problem
     channel.append(stamp(NOW_US + 2), FRAME)
     assert channel.backlog_frames == 0
     full = False

@@ -41,19 +41,19 @@ async def work_forever(report):
     await asyncio.sleep(1e6)
 
 
-def start(at, work=work_forever, kind="parameters/read", **more):
-    return at.operations.start(kind, work, text="Beginning", **more)
+def start(context, work=work_forever, kind="parameters/read", **more):
+    return context.operations.start(kind, work, text="Beginning", **more)
 
 
 def test_an_operation_reports_progress_and_ends_with_its_result():
-    async def test(at):
+    async def test(context):
         async def work(report):
             for step in range(4):
                 report(f"Step {step}", step / 4)
                 await asyncio.sleep(1.0)
             return {"count": 929}
 
-        started = start(at, work, vehicle="1", by=("anna", "key"))
+        started = start(context, work, vehicle="1", by=("anna", "key"))
         assert (started.state, started.progress, started.text, started.client) == (
             "running",
             None,
@@ -61,11 +61,14 @@ def test_an_operation_reports_progress_and_ends_with_its_result():
             "anna",
         )
         await asyncio.sleep(2.5)
-        assert (at.operations.get(started.id).text, at.operations.get(started.id).progress) == ("Step 2", 0.5)
-        ended = await at.operations.wait(started.id)
+        assert (context.operations.get(started.id).text, context.operations.get(started.id).progress) == (
+            "Step 2",
+            0.5,
+        )
+        ended = await context.operations.wait(started.id)
         assert (ended.state, ended.progress, ended.result) == ("succeeded", 1.0, {"count": 929})
         assert ended.ended_unix_s - ended.started_unix_s == pytest.approx(4.0)
-        assert [(o.state, o.text) for o in at.published] == [
+        assert [(o.state, o.text) for o in context.published] == [
             ("running", "Beginning"),
             *(("running", f"Step {step}") for step in (1, 2, 3)),
             ("succeeded", "Done."),
@@ -75,37 +78,37 @@ def test_an_operation_reports_progress_and_ends_with_its_result():
 
 
 def test_progress_events_are_limited_to_a_few_per_second():
-    async def test(at):
+    async def test(context):
         async def work(report):
             for step in range(1000):
                 report("Reading " + "x" * 1000, step / 1000 * 5 - 1)
                 await asyncio.sleep(0.001)
 
-        start(at, work)
+        start(context, work)
         await asyncio.sleep(2.0)
-        assert len(at.published) <= 2 + 1.0 / PROGRESS_PERIOD_S
-        assert all(o.progress is None or 0 <= o.progress <= 1 for o in at.published)
-        assert all(len(o.text) <= MAX_TEXT_LENGTH for o in at.published)
+        assert len(context.published) <= 2 + 1.0 / PROGRESS_PERIOD_S
+        assert all(o.progress is None or 0 <= o.progress <= 1 for o in context.published)
+        assert all(len(o.text) <= MAX_TEXT_LENGTH for o in context.published)
 
     run_test(test)
 
 
 def test_equal_requests_share_one_operation_that_outlives_its_caller():
-    async def test(at):
-        first = start(at, vehicle="1")
-        assert start(at, vehicle="1").id == first.id
-        assert start(at, vehicle="2").id != first.id
-        waiting = asyncio.ensure_future(at.operations.wait(first.id))
+    async def test(context):
+        first = start(context, vehicle="1")
+        assert start(context, vehicle="1").id == first.id
+        assert start(context, vehicle="2").id != first.id
+        waiting = asyncio.ensure_future(context.operations.wait(first.id))
         await asyncio.sleep(1)
         waiting.cancel()
         await asyncio.sleep(1)
-        assert at.operations.get(first.id).state == "running"
+        assert context.operations.get(first.id).state == "running"
 
     run_test(test)
 
 
 def test_cancel_waits_for_the_cleanup_and_can_be_repeated():
-    async def test(at):
+    async def test(context):
         steps = []
 
         async def work(report):
@@ -116,19 +119,19 @@ def test_cancel_waits_for_the_cleanup_and_can_be_repeated():
                 await asyncio.sleep(1.5)
                 steps.append("clean")
 
-        started = start(at, work)
+        started = start(context, work)
         await asyncio.sleep(1)
-        ended = await at.operations.cancel(started.id)
+        ended = await context.operations.cancel(started.id)
         assert (ended.state, ended.error, steps) == ("cancelled", None, ["cleaning", "clean"])
-        assert await at.operations.cancel(started.id) == ended
+        assert await context.operations.cancel(started.id) == ended
 
     run_test(test)
 
 
 def test_an_operation_cancelled_before_its_first_step_has_ended():
-    async def test(at):
-        started = start(at)
-        assert (await at.operations.cancel(started.id)).state == "cancelled"
+    async def test(context):
+        started = start(context)
+        assert (await context.operations.cancel(started.id)).state == "cancelled"
 
     run_test(test)
 
@@ -137,94 +140,97 @@ def test_an_operation_cancelled_before_its_first_step_has_ended():
     ("error", "code"), [(NoReply("No answer.", deadline_s=5), "no_reply"), (KeyError("x"), "error")]
 )
 def test_a_raised_exception_becomes_the_operations_error(error, code):
-    async def test(at):
+    async def test(context):
         async def work(report):
             raise error
 
-        started = start(at, work)
+        started = start(context, work)
         with pytest.raises(type(error) if isinstance(error, NoReply) else Exception):
-            await at.operations.wait(started.id)
-        ended = at.operations.get(started.id)
+            await context.operations.wait(started.id)
+        ended = context.operations.get(started.id)
         assert (ended.state, ended.error.code, ended.result) == ("failed", code, None)
 
     run_test(test)
 
 
 def test_a_too_large_result_fails_the_operation():
-    async def test(at):
+    async def test(context):
         async def work(report):
             return {"all": "x" * MAX_RESULT_LENGTH}
 
-        started = start(at, work)
+        started = start(context, work)
         await asyncio.sleep(0.1)
-        assert (at.operations.get(started.id).state, at.operations.get(started.id).result) == ("failed", None)
+        assert (context.operations.get(started.id).state, context.operations.get(started.id).result) == (
+            "failed",
+            None,
+        )
 
     run_test(test)
 
 
 def test_a_lost_vehicle_ends_only_operations_that_need_it():
-    async def test(at):
-        upload = start(at, kind="upload", vehicle="1", needs_vehicle=True)
-        dry_run = start(at, kind="dry_run", vehicle="1")
-        other = start(at, kind="upload", vehicle="2", needs_vehicle=True)
+    async def test(context):
+        upload = start(context, kind="upload", vehicle="1", needs_vehicle=True)
+        dry_run = start(context, kind="dry_run", vehicle="1")
+        other = start(context, kind="upload", vehicle="2", needs_vehicle=True)
         await asyncio.sleep(1)
-        at.operations.vehicle_lost("1", "silent for 5 s")
+        context.operations.vehicle_lost("1", "silent for 5 s")
         await asyncio.sleep(LINK_GRACE_S + 0.01)
-        lost = at.operations.get(upload.id)
+        lost = context.operations.get(upload.id)
         assert (lost.state, lost.text) == ("failed", "Vehicle 1 was lost: silent for 5 s")
         assert isinstance(lost.error, Disconnected)
-        assert [at.operations.get(o.id).state for o in (dry_run, other)] == ["running", "running"]
+        assert [context.operations.get(o.id).state for o in (dry_run, other)] == ["running", "running"]
 
     run_test(test)
 
 
 def test_work_that_detects_the_loss_fails_with_its_own_error():
-    async def test(at):
+    async def test(context):
         async def work(report):
             await asyncio.sleep(1.5)
             raise NoReply("It sent 12 of 929 parameters.", deadline_s=1)
 
-        started = start(at, work, vehicle="1", needs_vehicle=True)
+        started = start(context, work, vehicle="1", needs_vehicle=True)
         await asyncio.sleep(1)
-        at.operations.vehicle_lost("1", "its link was closed")
+        context.operations.vehicle_lost("1", "its link was closed")
         await asyncio.sleep(5)
-        assert at.operations.get(started.id).text == "It sent 12 of 929 parameters."
+        assert context.operations.get(started.id).text == "It sent 12 of 929 parameters."
 
     run_test(test)
 
 
-def test_a_server_stop_cancels_all_operations_and_starts_none():
-    async def test(at):
-        started = [start(at, vehicle=str(n)) for n in range(3)]
+def test_a_server_stop_cancels_all_operations_and_no_operation_starts():
+    async def test(context):
+        started = [start(context, vehicle=str(n)) for n in range(3)]
         await asyncio.sleep(1)
-        await at.operations.close()
-        assert {at.operations.get(o.id).state for o in started} == {"cancelled"}
-        assert at.operations.get(started[0].id).text == "The server stopped."
+        await context.operations.close()
+        assert {context.operations.get(o.id).state for o in started} == {"cancelled"}
+        assert context.operations.get(started[0].id).text == "The server stopped."
         with pytest.raises(Refused, match="shutting down"):
-            start(at)
+            start(context)
 
     run_test(test)
 
 
 def test_running_operations_are_limited_and_the_oldest_ended_are_dropped():
-    async def test(at):
+    async def test(context):
         async def short(report):
             await asyncio.sleep(0.01)
 
-        running = [start(at, kind="dry_run", vehicle=str(n)) for n in range(MAX_RUNNING)]
+        running = [start(context, kind="dry_run", vehicle=str(n)) for n in range(MAX_RUNNING)]
         with pytest.raises(Refused, match="which is the limit"):
-            start(at, short)
-        await at.operations.cancel(running[0].id)
+            start(context, short)
+        await context.operations.cancel(running[0].id)
         ended = []
         for _ in range(MAX_ENDED + 10):
-            ended.append(start(at, short).id)
+            ended.append(start(context, short).id)
             await asyncio.sleep(0.02)
-        assert len(at.operations.all()) == MAX_RUNNING - 1 + MAX_ENDED
+        assert len(context.operations.all()) == MAX_RUNNING - 1 + MAX_ENDED
         with pytest.raises(UnknownOperation):
-            at.operations.get(running[0].id)
+            context.operations.get(running[0].id)
         with pytest.raises(UnknownOperation):
-            at.operations.get(ended[9])
-        assert at.operations.get(ended[10]).state == "succeeded"
-        assert at.operations.get(running[1].id).state == "running"
+            context.operations.get(ended[9])
+        assert context.operations.get(ended[10]).state == "succeeded"
+        assert context.operations.get(running[1].id).state == "running"
 
     run_test(test)

@@ -1,8 +1,8 @@
 """When the page applies a fix, the finding disappears, and no new error appears.
 
-The plans and their findings are made here; `web/src/features/plan/editor/fixes.test.ts` fixes them. Both
-files in `tests/data/plan_fixes` are compared with the output of this test and of `fixes.test.ts`. After a
-change: `python -m tests.unit.gcs_server.plans.test_fixes`, then
+This module makes the plans and their findings (`cases.json`); `web/src/features/plan/editor/fixes.test.ts`
+applies the fixes (`fixed.json`). The tests compare their output with these files in `tests/data/plan_fixes`.
+After a change run `python -m tests.unit.gcs_server.plans.test_fixes`, then
 `npx vitest run -u src/features/plan/editor/fixes.test.ts`.
 """
 
@@ -23,7 +23,7 @@ from missions.plan import Plan
 
 FOLDER = Path(__file__).resolve().parents[3] / "data" / "plan_fixes"
 HOME = {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480.0}
-HERE = {"lat_deg": 47.4, "lon_deg": 8.5}
+HOME_DEG = {"lat_deg": 47.4, "lon_deg": 8.5}
 
 
 def altitude(value_m: float, reference: str = "home") -> dict[str, Any]:
@@ -34,8 +34,8 @@ def waypoint(value_m: float, lat_deg: float = 47.401) -> dict[str, Any]:
     return {"kind": "waypoint", "lat_deg": lat_deg, "lon_deg": 8.5, **altitude(value_m)}
 
 
-TAKEOFF = {"kind": "takeoff", **HERE, **altitude(20)}
-LAND = {"kind": "land", **HERE, **altitude(0)}
+TAKEOFF = {"kind": "takeoff", **HOME_DEG, **altitude(20)}
+LAND = {"kind": "land", **HOME_DEG, **altitude(0)}
 ENDLESS = {"kind": "jump", "target_index": 1, "repeat": -1}
 CROSSED = {
     "shape": "polygon",
@@ -74,38 +74,41 @@ HIGH = "{step: fly, points: [{offset_ned_m: [20, 0, -150]}, {offset_ned_m: [40, 
 AWAY = "{step: fly, points: [{lat_deg: 47.4002, lon_deg: 8.5, alt_amsl_m: 500}]}"
 MISSIONS: dict[str, tuple[list[str], dict[str, Any]]] = {
     "takeoff_missing": ([FLY + "}", "{step: land}"], {}),
-    "takeoff_in_air": (["UP", "{step: take_off, height_m: 8}", "{step: land}"], {}),
-    "landing_missing": (["UP", FLY + "}"], {}),
-    "estimate_missing": (["UP", AWAY, "{step: land}"], {}),
-    "speed_too_high": (["UP", FLY + ", speed_m_s: 9}", "{step: land}"], {"MPC_XY_VEL_MAX": 8.0}),
-    "speed_too_high of the mission": (["UP", FLY + "}", "{step: land}"], {"limits": {"speed_m_s": 14.0}}),
+    "takeoff_in_air": (["TAKE_OFF", "{step: take_off, height_m: 8}", "{step: land}"], {}),
+    "landing_missing": (["TAKE_OFF", FLY + "}"], {}),
+    "estimate_missing": (["TAKE_OFF", AWAY, "{step: land}"], {}),
+    "speed_too_high": (["TAKE_OFF", FLY + ", speed_m_s: 9}", "{step: land}"], {"MPC_XY_VEL_MAX": 8.0}),
+    "speed_too_high of the mission": (
+        ["TAKE_OFF", FLY + "}", "{step: land}"],
+        {"limits": {"speed_m_s": 14.0}},
+    ),
     "tilt_exceeded": (
-        ["UP", "{step: attitude, roll_rad: 1.2, pitch_rad: 1.2, thrust: 0.5, duration_s: 1}"],
+        ["TAKE_OFF", "{step: attitude, roll_rad: 1.2, pitch_rad: 1.2, thrust: 0.5, duration_s: 1}"],
         {},
     ),
-    "duration_too_short": (["UP", "{step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1}"], {}),
-    "altitude_too_high": (["UP", HIGH], {}),
+    "duration_too_short": (["TAKE_OFF", "{step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1}"], {}),
+    "altitude_too_high": (["TAKE_OFF", HIGH], {}),
     "altitude_too_high of the take-off": (["{step: take_off, height_m: 130}", "{step: land}"], {}),
-    "altitude_fence": (["UP", HIGH], {"GF_MAX_VER_DIST": 80.0}),
-    "limit_exceeded": (["UP", HIGH], {"height_max_m": 40.0}),
-    "altitude_below_home": (["UP", "{step: fly, points: [{offset_ned_m: [20, 0, 3]}]}"], {}),
-    "gimbal_steep": (["UP", "{step: gimbal, track: fixed, pitch_rad: 2}", FLY + "}"], {}),
+    "altitude_fence": (["TAKE_OFF", HIGH], {"GF_MAX_VER_DIST": 80.0}),
+    "limit_exceeded": (["TAKE_OFF", HIGH], {"height_max_m": 40.0}),
+    "altitude_below_home": (["TAKE_OFF", "{step: fly, points: [{offset_ned_m: [20, 0, 3]}]}"], {}),
+    "gimbal_steep": (["TAKE_OFF", "{step: gimbal, track: fixed, pitch_rad: 2}", FLY + "}"], {}),
     "gimbal_steep of a sweep": (
-        ["UP", "{step: gimbal, track: sweep, pitch_rad: -1.2, sweep_pitch_rad: 0.6}"],
+        ["TAKE_OFF", "{step: gimbal, track: sweep, pitch_rad: -1.2, sweep_pitch_rad: 0.6}"],
         {},
     ),
 }
 OTHER_FIELDS = {"planned_home", "hover_speed_m_s", "fence", "limits"}
 
 
-def a_plan(items: list[dict[str, Any]], more: dict[str, Any]) -> Plan:
+def make_plan(items: list[dict[str, Any]], more: dict[str, Any]) -> Plan:
     fields = {name: value for name, value in more.items() if name in OTHER_FIELDS}
     text = json.dumps({"planned_home": HOME, "items": items, **fields})
     return Plan.model_validate_json(text)
 
 
-def a_mission(steps: list[str], more: dict[str, Any]) -> OffboardMission:
-    lines = "".join(f"- {step.replace('UP', '{step: take_off, height_m: 10}')}\n" for step in steps)
+def make_mission(steps: list[str], more: dict[str, Any]) -> OffboardMission:
+    lines = "".join(f"- {step.replace('TAKE_OFF', '{step: take_off, height_m: 10}')}\n" for step in steps)
     extra = f"limits: {json.dumps(more['limits'])}\n" if "limits" in more else ""
     return read(f"name: Test\n{extra}steps:\n{lines}")
 
@@ -113,7 +116,7 @@ def a_mission(steps: list[str], more: dict[str, Any]) -> OffboardMission:
 def check(
     document: dict[str, Any], more: dict[str, Any], home: dict[str, float] | None
 ) -> list[dict[str, Any]]:
-    """Findings as the API answers them."""
+    """Findings as the API returns them."""
     arguments = {
         "plan": json.dumps(document),
         "parameters": {name: value for name, value in more.items() if name.isupper()},
@@ -130,14 +133,14 @@ def check(
 
 def cases() -> dict[str, dict[str, Any]]:
     """The plans and the finding that is to be fixed, by name."""
-    made: dict[str, dict[str, Any]] = {}
-    for kind, table, make in (("plan", PLANS, a_plan), ("mission", MISSIONS, a_mission)):
+    by_name: dict[str, dict[str, Any]] = {}
+    for kind, table, make in (("plan", PLANS, make_plan), ("mission", MISSIONS, make_mission)):
         for name, (parts, more) in table.items():
             document = json.loads(documents.write(make(parts, more)))  # type: ignore[operator]
             findings = check(document, more, None)
             found = next(each for each in findings if each["code"] == name.split()[0])
-            made[f"{kind}: {name}"] = {"more": more, "document": document, "finding": found}
-    return made
+            by_name[f"{kind}: {name}"] = {"more": more, "document": document, "finding": found}
+    return by_name
 
 
 def stored(name: str) -> dict[str, Any]:
@@ -153,12 +156,12 @@ def test_the_stored_cases_are_up_to_date() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_after_the_fix_its_finding_is_gone_and_no_error_is_new(name: str) -> None:
+def test_the_fix_removes_the_finding_and_adds_no_error(name: str) -> None:
     case, fixed = stored("cases.json")[name], stored("fixed.json")[name]
     before = check(case["document"], case["more"], None)
     after = check(fixed, case["more"], None)
-    where = (case["finding"]["code"], json.dumps(case["finding"]["place"]))
-    assert where not in {(each["code"], json.dumps(each["place"])) for each in after}
+    fixed_finding = (case["finding"]["code"], json.dumps(case["finding"]["place"]))
+    assert fixed_finding not in {(each["code"], json.dumps(each["place"])) for each in after}
     errors = {each["code"] for each in before if each["severity"] == "error"}
     assert {each["code"] for each in after if each["severity"] == "error"} <= errors
 

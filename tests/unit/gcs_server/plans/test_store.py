@@ -44,84 +44,84 @@ def run_with_store(tmp_path, work):
 
 
 def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
-    async def work(at):
-        first = await at.store.create("Tower", plan(count=3), by=ANNA)
+    async def work(context):
+        first = await context.store.create("Tower", plan(count=3), by=ANNA)
         assert (first.version, first.changed_by, first.item_count) == (1, "anna", 3)
-        second = await at.store.save(first.id, "Old tower", plan(7.0), base_version=1, by=BOB)
+        second = await context.store.save(first.id, "Old tower", plan(7.0), base_version=1, by=BOB)
         assert (second.id, second.name, second.version) == (first.id, "Old tower", 2)
-        await at.store.create("barn", plan(), by=ANNA)
-        again = PlanStore(at.folder, Clock())
-        assert [head.name for head in await again.all()] == ["barn", "Old tower"]
-        assert [head.version for head in await again.versions(first.id)] == [2, 1]
-        head, document = await again.get(first.id)
+        await context.store.create("barn", plan(), by=ANNA)
+        reopened = PlanStore(context.folder, Clock())
+        assert [head.name for head in await reopened.all()] == ["barn", "Old tower"]
+        assert [head.version for head in await reopened.versions(first.id)] == [2, 1]
+        head, document = await reopened.get(first.id)
         assert (head, plan_document.read(document)) == (second, plan(7.0))
-        head, document = await again.get(first.id, 1)
+        head, document = await reopened.get(first.id, 1)
         assert (head, plan_document.read(document)) == (first, plan(count=3))
-        again.close()
+        reopened.close()
 
     run_with_store(tmp_path, work)
 
 
-def test_a_save_on_an_older_version_is_refused_with_the_other_client(tmp_path):
-    async def work(at):
-        first = await at.store.create("Tower", plan(), by=ANNA)
-        second = await at.store.save(first.id, "Tower", plan(6.0), base_version=1, by=BOB)
+def test_a_save_on_an_older_version_is_refused_and_the_error_names_the_other_client(tmp_path):
+    async def work(context):
+        first = await context.store.create("Tower", plan(), by=ANNA)
+        second = await context.store.save(first.id, "Tower", plan(6.0), base_version=1, by=BOB)
         for change in (
-            at.store.save(first.id, "Tower", plan(9.0), base_version=1, by=ANNA),
-            at.store.delete(first.id, base_version=1, by=ANNA),
+            context.store.save(first.id, "Tower", plan(9.0), base_version=1, by=ANNA),
+            context.store.delete(first.id, base_version=1, by=ANNA),
         ):
             with pytest.raises(PlanConflict, match="version 2, saved by bob") as raised:
                 await change
             details = raised.value.details()
             assert (details["version"], details["changed_unix_s"]) == (2, second.changed_unix_s)
-        assert plan_document.read((await at.store.get(first.id))[1]) == plan(6.0)
+        assert plan_document.read((await context.store.get(first.id))[1]) == plan(6.0)
 
     run_with_store(tmp_path, work)
 
 
 def test_of_two_concurrent_saves_one_is_refused(tmp_path):
-    async def work(at):
-        first = await at.store.create("Tower", plan(), by=ANNA)
+    async def work(context):
+        first = await context.store.create("Tower", plan(), by=ANNA)
         saves = [
-            at.store.save(first.id, "Tower", plan(speed), base_version=1, by=BOB) for speed in (2.0, 3.0)
+            context.store.save(first.id, "Tower", plan(speed), base_version=1, by=BOB) for speed in (2.0, 3.0)
         ]
         results = await asyncio.gather(*saves, return_exceptions=True)
         assert sorted(type(result).__name__ for result in results) == ["PlanConflict", "PlanVersion"]
-        assert len(await at.store.versions(first.id)) == 2
+        assert len(await context.store.versions(first.id)) == 2
 
     run_with_store(tmp_path, work)
 
 
 def test_a_save_with_a_cancelled_caller_is_complete_or_absent(tmp_path):
-    async def work(at):
-        first = await at.store.create("Tower", plan(), by=ANNA)
-        saving = asyncio.ensure_future(at.store.save(first.id, "T", plan(2.0), base_version=1, by=BOB))
+    async def work(context):
+        first = await context.store.create("Tower", plan(), by=ANNA)
+        saving = asyncio.ensure_future(context.store.save(first.id, "T", plan(2.0), base_version=1, by=BOB))
         await asyncio.sleep(0)
         saving.cancel()
-        head, document = await at.store.get(first.id)  # waits for the save: one thread
+        head, document = await context.store.get(first.id)  # waits for the save: one thread
         saved = head.version == 2
         assert plan_document.read(document) == (plan(2.0) if saved else plan())
-        await at.store.all()
-        assert [change.action for change in at.published] == ["created", "saved"][: head.version]
+        await context.store.all()
+        assert [change.action for change in context.published] == ["created", "saved"][: head.version]
 
     run_with_store(tmp_path, work)
 
 
 def test_every_change_is_published_with_its_client(tmp_path):
-    async def work(at):
-        first = await at.store.create("Tower", plan(), by=ANNA)
-        await at.store.save(first.id, "Tower", plan(), base_version=1, by=BOB)
-        await at.store.delete(first.id, base_version=2, by=ANNA)
-        await at.store.all()
-        assert [(each.action, each.plan.version, each.by) for each in at.published] == [
+    async def work(context):
+        first = await context.store.create("Tower", plan(), by=ANNA)
+        await context.store.save(first.id, "Tower", plan(), base_version=1, by=BOB)
+        await context.store.delete(first.id, base_version=2, by=ANNA)
+        await context.store.all()
+        assert [(each.action, each.plan.version, each.by) for each in context.published] == [
             ("created", 1, "anna"),
             ("saved", 2, "bob"),
             ("deleted", 2, "anna"),
         ]
-        assert await at.store.all() == []
-        assert list(at.folder.iterdir()) == []
+        assert await context.store.all() == []
+        assert list(context.folder.iterdir()) == []
         with pytest.raises(UnknownPlan):
-            await at.store.get(first.id)
+            await context.store.get(first.id)
 
     run_with_store(tmp_path, work)
 
@@ -129,69 +129,69 @@ def test_every_change_is_published_with_its_client(tmp_path):
 def test_only_the_newest_versions_are_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(plan_store, "MAX_VERSIONS", 3)
 
-    async def work(at):
-        head = await at.store.create("Tower", plan(), by=ANNA)
+    async def work(context):
+        head = await context.store.create("Tower", plan(), by=ANNA)
         for base in range(1, 6):
-            head = await at.store.save(head.id, "Tower", plan(), base_version=base, by=ANNA)
-        assert [each.version for each in await at.store.versions(head.id)] == [6, 5, 4]
+            head = await context.store.save(head.id, "Tower", plan(), base_version=base, by=ANNA)
+        assert [each.version for each in await context.store.versions(head.id)] == [6, 5, 4]
         with pytest.raises(UnknownPlan, match="has no version 3"):
-            await at.store.get(head.id, 3)
+            await context.store.get(head.id, 3)
 
     run_with_store(tmp_path, work)
 
 
-def test_number_and_size_of_plans_are_limited_and_deleting_makes_room(tmp_path, monkeypatch):
+def test_number_and_size_of_plans_are_limited_and_deleted_plans_do_not_count(tmp_path, monkeypatch):
     monkeypatch.setattr(plan_store, "MAX_PLANS", 2)
 
-    async def work(at):
-        first = await at.store.create("a", plan(), by=ANNA)
-        await at.store.create("b", plan(), by=ANNA)
+    async def work(context):
+        first = await context.store.create("a", plan(), by=ANNA)
+        await context.store.create("b", plan(), by=ANNA)
         with pytest.raises(Refused, match="2 plans are stored"):
-            await at.store.create("c", plan(), by=ANNA)
-        await at.store.delete(first.id, base_version=1, by=ANNA)
-        third = await at.store.create("c", plan(), by=ANNA)
+            await context.store.create("c", plan(), by=ANNA)
+        await context.store.delete(first.id, base_version=1, by=ANNA)
+        third = await context.store.create("c", plan(), by=ANNA)
         monkeypatch.setattr(plan_store, "MAX_TOTAL_BYTES", 1000)
         with pytest.raises(Refused, match="MB, which is the limit"):
-            await at.store.save(third.id, "c", plan(count=50), base_version=1, by=ANNA)
+            await context.store.save(third.id, "c", plan(count=50), base_version=1, by=ANNA)
 
     run_with_store(tmp_path, work)
 
 
 def test_a_damaged_file_causes_a_warning_and_other_plans_stay_usable(tmp_path):
-    async def work(at):
-        good = await at.store.create("good", plan(), by=ANNA)
-        bad = await at.store.create("bad", plan(), by=ANNA)
-        (at.folder / bad.id / "00000001.plan").write_bytes(b"\x00 damaged")
-        again = PlanStore(at.folder, Clock())
-        assert [head.id for head in await again.all()] == [good.id]
-        assert bad.id in again.warnings()[0]
+    async def work(context):
+        intact = await context.store.create("good", plan(), by=ANNA)
+        damaged = await context.store.create("bad", plan(), by=ANNA)
+        (context.folder / damaged.id / "00000001.plan").write_bytes(b"\x00 damaged")
+        reopened = PlanStore(context.folder, Clock())
+        assert [head.id for head in await reopened.all()] == [intact.id]
+        assert damaged.id in reopened.warnings()[0]
         with pytest.raises(UnknownPlan):
-            await again.save(bad.id, "bad", plan(), base_version=1, by=BOB)
-        again.close()
+            await reopened.save(damaged.id, "bad", plan(), base_version=1, by=BOB)
+        reopened.close()
 
     run_with_store(tmp_path, work)
 
 
-def test_a_folder_that_cannot_be_created_causes_an_error_with_a_text(tmp_path):
+def test_a_folder_that_cannot_be_created_causes_a_readable_error(tmp_path):
     (tmp_path / "plans").write_text("a file")
 
-    async def work(at):
+    async def work(context):
         with pytest.raises(StorageError, match="cannot be used"):
-            await at.store.create("Tower", plan(), by=ANNA)
+            await context.store.create("Tower", plan(), by=ANNA)
 
     run_with_store(tmp_path, work)
 
 
 def test_a_version_without_a_kind_is_a_waypoint_plan(tmp_path):
-    async def work(at):
-        kept = await at.store.create("Tower", plan(), by=ANNA)
-        file = at.folder / kept.id / "00000001.plan"
+    async def work(context):
+        created = await context.store.create("Tower", plan(), by=ANNA)
+        file = context.folder / created.id / "00000001.plan"
         head, _, document = file.read_bytes().partition(b"\n")
         fields = json.loads(head)
         assert fields.pop("kind") == "waypoint_plan"
         file.write_bytes(json.dumps(fields).encode() + b"\n" + document)
-        again = PlanStore(at.folder, Clock())
-        assert [head.kind for head in await again.all()] == ["waypoint_plan"]
-        again.close()
+        reopened = PlanStore(context.folder, Clock())
+        assert [head.kind for head in await reopened.all()] == ["waypoint_plan"]
+        reopened.close()
 
     run_with_store(tmp_path, work)

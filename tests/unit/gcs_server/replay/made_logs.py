@@ -32,7 +32,7 @@ def heartbeat(mode, *, armed=False, autopilot=12, kind=2):
 
 def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
     """(time, raw) of each record of a random flight, in the order of a log."""
-    chance = random.Random(seed)
+    rng = random.Random(seed)
     out = []
     station = FrameSource(255, 190)
     for system_id in systems:
@@ -53,18 +53,18 @@ def flight(seed=1, seconds=40, systems=(1, 7), begin_us=BEGIN_US):
                         )
                     )
                 )
-            if chance.random() < 0.02:
-                mode, armed = chance.choice((HOLD, OFFBOARD, RTL)), chance.random() < 0.7
+            if rng.random() < 0.02:
+                mode, armed = rng.choice((HOLD, OFFBOARD, RTL)), rng.random() < 0.7
                 frames.append(autopilot.frame(sim.MAVLink_current_mode_message(0, mode, mode)))
-            if chance.random() < 0.03:
+            if rng.random() < 0.03:
                 text = f"note {system_id} at {step}".encode()
                 frames.append(
-                    autopilot.frame(sim.MAVLink_statustext_message(chance.randrange(3, 7), text, 0, 0))
+                    autopilot.frame(sim.MAVLink_statustext_message(rng.randrange(3, 7), text, 0, 0))
                 )
             frames.append(
                 autopilot.frame(
                     sim.MAVLink_attitude_quaternion_message(
-                        boot_ms, 1.0, 0.0, 0.0, chance.random(), 0.0, 0.0, 0.1
+                        boot_ms, 1.0, 0.0, 0.0, rng.random(), 0.0, 0.0, 0.1
                     )
                 )
             )

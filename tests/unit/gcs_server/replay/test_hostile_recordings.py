@@ -23,7 +23,7 @@ from tests.unit.gcs_server.replay.made_logs import BEGIN_US, FrameSource, flight
 
 
 def many_kinds(count, step_us=100):
-    """A log in which each record is of another (system, component, message)."""
+    """Bytes of records, each with another combination of system, component and message."""
     return b"".join(
         record(BEGIN_US + i * step_us, frame(1 + i % 250, i // 250 % 255, 500 + i // 63_750))
         for i in range(count)
@@ -36,7 +36,7 @@ def frame(system_id, component_id, message_id):
 
 
 @pytest.fixture
-def log(tmp_path):
+def write_log(tmp_path):
     def write(data, name="made.tlog"):
         path = tmp_path / name
         path.write_bytes(data)
@@ -50,33 +50,33 @@ def index_of(path):
         return make_index(file)
 
 
-def test_too_many_message_kinds_are_left_out_and_counted(log):
-    index = index_of(log(many_kinds(index_module.MAX_KINDS + 2000)))
+def test_message_kinds_beyond_the_limit_are_omitted_and_counted(write_log):
+    index = index_of(write_log(many_kinds(index_module.MAX_KINDS + 2000)))
     assert index.left_out == 2000
     assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KINDS
 
 
-def test_too_many_events_are_cut_and_counted(log, monkeypatch):
+def test_too_many_events_are_cut_and_counted(write_log, monkeypatch):
     monkeypatch.setattr(index_module, "MAX_EVENT_RECORDS", 30)
     autopilot = FrameSource(1)
     switching = [(BEGIN_US + i, autopilot.frame(heartbeat(i % 2 << 16))) for i in range(100)]
-    index = index_of(log(log_bytes(switching)))
+    index = index_of(write_log(log_bytes(switching)))
     assert len(index.changes) == 60
     assert index.left_out == 70
 
 
-def test_checkpoints_are_limited_and_a_jump_restores_every_state(log, monkeypatch):
+def test_checkpoints_are_limited_and_a_jump_restores_every_state(write_log, monkeypatch):
     monkeypatch.setattr(records, "BATCH_BYTES", 8192)
-    path = log(log_bytes(flight(seconds=120)))
-    whole = index_of(path)
+    path = write_log(log_bytes(flight(seconds=120)))
+    full = index_of(path)
     monkeypatch.setattr(index_module, "MAX_CHECKPOINT_NUMBERS", 200)
     thinned = index_of(path)
-    assert len(thinned.checkpoints) < len(whole.checkpoints) / 2
+    assert len(thinned.checkpoints) < len(full.checkpoints) / 2
     assert sum(len(c.newest) for c in thinned.checkpoints) <= 200
     with open_log(path) as file:
-        for share in (0.0, 0.3, 0.7, 1.0):
-            at_us = int(whole.begin_us + share * (whole.end_us - whole.begin_us))
-            assert newest(state_at(file, thinned, at_us)) == newest(state_at(file, whole, at_us))
+        for fraction in (0.0, 0.3, 0.7, 1.0):
+            at_us = int(full.begin_us + fraction * (full.end_us - full.begin_us))
+            assert newest(state_at(file, thinned, at_us)) == newest(state_at(file, full, at_us))
 
 
 def newest(state):
@@ -84,12 +84,12 @@ def newest(state):
     return {raw[5:10]: raw for raw in (r.raw for r in state.records)}
 
 
-def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(log, monkeypatch):
+def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(write_log, monkeypatch):
     monkeypatch.setattr("gcs_server.replay.playback.CHANGES_RESTORED", 5)
     monkeypatch.setattr("gcs_server.replay.playback.TEXTS_RESTORED", 5)
     autopilot = FrameSource(1)
     beats = (autopilot.frame(heartbeat(i % 2 << 16, armed=i % 2 > 0)) for i in range(500))
-    path = log(log_bytes([(BEGIN_US + i, raw) for i, raw in enumerate(beats)]))
+    path = write_log(log_bytes([(BEGIN_US + i, raw) for i, raw in enumerate(beats)]))
     index = index_of(path)
     with open_log(path) as file:
         state = state_at(file, index, index.end_us)
@@ -97,33 +97,33 @@ def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(log, monkeypatch
     assert state.records[-1].time_us == index.end_us
 
 
-def test_an_index_is_complete_after_its_process(log):
-    index = index_of(log(log_bytes(flight(seconds=60))))
+def test_an_index_is_unchanged_after_its_conversion_to_bytes(write_log):
+    index = index_of(write_log(log_bytes(flight(seconds=60))))
     assert from_bytes(to_bytes(index)) == index
 
 
-def test_too_much_memory_is_reported_as_text(log, monkeypatch):
-    def greedy(file):
+def test_too_much_memory_is_reported_as_text(write_log, monkeypatch):
+    def use_too_much_memory(file):
         raise MemoryError
 
-    monkeypatch.setattr(index_process, "make_index", greedy)
+    monkeypatch.setattr(index_process, "make_index", use_too_much_memory)
     with pytest.raises(index_module.UnreadableRecording, match="more memory or time"):
-        from_bytes(index_process._output(log(b"any")))
+        from_bytes(index_process._output(write_log(b"any")))
 
 
-def test_a_gzip_bomb_is_refused_in_the_list_and_when_opened(log, monkeypatch):
+def test_a_gzip_bomb_is_refused_in_the_list_and_when_opened(write_log, monkeypatch):
     monkeypatch.setattr(records, "MAX_UNPACKED_BYTES", 1_000_000)
-    path = log(gzip.compress(bytes(3_000_000)), "bomb.tlog.gz")
+    path = write_log(gzip.compress(bytes(3_000_000)), "bomb.tlog.gz")
     with pytest.raises(OSError, match="unpacks to more than"):
         open_log(path)
     listed = Catalogue(path.parent).all(frozenset())
     assert "unpacks to more than" in listed[0].problem
 
 
-def test_unpacking_leaves_free_disk_space(log, monkeypatch):
+def test_unpacking_leaves_free_disk_space(write_log, monkeypatch):
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=records.KEEP_FREE_BYTES - 1))
     with pytest.raises(OSError, match="too little free disk space"):
-        open_log(log(gzip.compress(log_bytes(flight(seconds=2))), "packed.tlog.gz"))
+        open_log(write_log(gzip.compress(log_bytes(flight(seconds=2))), "packed.tlog.gz"))
 
 
 @pytest.mark.parametrize("name", ["a" * 300 + ".tlog", "half \ud800.tlog", "new\0line.tlog", "..", ""])
@@ -139,31 +139,31 @@ def test_a_file_name_that_is_not_text_is_not_listed(tmp_path):
     assert [info.name for info in Catalogue(tmp_path).all(frozenset())] == ["whole.tlog"]
 
 
-@pytest.mark.parametrize("how", ["fast", "jump"])
-def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
+@pytest.mark.parametrize("playing", ["fast", "jump"])
+def test_the_number_of_records_per_turn_is_limited(write_log, monkeypatch, playing):
     """A recording with thousands of senders at the same time must not delay real vehicles."""
     monkeypatch.setattr(tlog, "RECORDS_PER_TICK", 50)
-    path = log(many_kinds(3000, step_us=10))
+    path = write_log(many_kinds(3000, step_us=10))
     records_per_turn = []
 
     async def scenario():
         link = TlogLink("made", "tlog:made", path, 50.0, index=index_of(path))
-        fed = io.StringIO()  # one dot per record, one bar per iteration of the loop
-        link.start(lambda data, peer, at_s: fed.write("."), lambda peer: None, lambda: None)
+        trace = io.StringIO()  # one dot per record, one bar per iteration of the loop
+        link.start(lambda data, peer, at_s: trace.write("."), lambda peer: None, lambda: None)
         await link.opened()
-        ticking = asyncio.get_running_loop()
+        loop = asyncio.get_running_loop()
 
         enough = asyncio.Event()
 
         def turn():
             nonlocal handle
-            fed.write("|")
-            if fed.getvalue().count(".") >= 1000:
+            trace.write("|")
+            if trace.getvalue().count(".") >= 1000:
                 enough.set()
-            handle = ticking.call_soon(turn)
+            handle = loop.call_soon(turn)
 
-        handle = ticking.call_soon(turn)
-        if how == "jump":
+        handle = loop.call_soon(turn)
+        if playing == "jump":
             link.pause()
             await link.seek(BEGIN_US + 30_000)
         else:
@@ -171,7 +171,7 @@ def test_the_number_of_records_per_turn_is_limited(log, monkeypatch, how):
                 await enough.wait()
         handle.cancel()
         await link.close()
-        records_per_turn.extend(len(part) for part in fed.getvalue().split("|"))
+        records_per_turn.extend(len(part) for part in trace.getvalue().split("|"))
 
     asyncio.run(scenario())
     assert sum(records_per_turn) >= 1000

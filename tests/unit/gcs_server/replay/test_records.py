@@ -24,12 +24,12 @@ FLIGHT = flight(seconds=6)
 DATA = log_bytes(FLIGHT)
 
 
-def whole(data):
+def parse_all(data):
     return parse(data, Cursor(), is_last=True)
 
 
 def test_every_record_is_read_with_its_sender():
-    found = whole(DATA)
+    found = parse_all(DATA)
     assert [(r.time_us, r.raw) for r in found.records] == FLIGHT
     assert found.bytes_skipped == 0
     assert {system_id(r.key) for r in found.records} == {1, 7, 255}
@@ -51,8 +51,8 @@ def test_records_are_equal_for_any_read_size(cuts):
 
 @settings(deadline=None)
 @given(st.integers(0, len(DATA)), st.binary(min_size=1, max_size=60))
-def test_damage_affects_only_the_records_that_it_touches(at, garbage):
-    found = whole(DATA[:at] + garbage + DATA[at:])
+def test_garbage_affects_only_the_records_around_it(index, garbage):
+    found = parse_all(DATA[:index] + garbage + DATA[index:])
     lost = Counter(raw for _, raw in FLIGHT) - Counter(r.raw for r in found.records)
     assert lost.total() <= 8  # the damaged record, and up to 290 bytes after a false header
     times = [r.time_us for r in found.records]
@@ -64,7 +64,7 @@ def test_damage_affects_only_the_records_that_it_touches(at, garbage):
 @settings(deadline=None)
 @given(st.binary(max_size=4000))
 def test_noise_never_raises(noise):
-    found = whole(noise)
+    found = parse_all(noise)
     assert found.after.offset == len(noise)
     assert found.bytes_skipped + sum(len(r.raw) + 8 for r in found.records) == len(noise)
 
@@ -73,7 +73,7 @@ def test_noise_never_raises(noise):
 def test_a_clock_change_in_flight_does_not_change_durations(jump_us):
     half = len(FLIGHT) // 2
     changed = FLIGHT[:half] + [(time_us + jump_us, raw) for time_us, raw in FLIGHT[half:]]
-    found = whole(log_bytes(changed))
+    found = parse_all(log_bytes(changed))
     assert [r.raw for r in found.records] == [raw for _, raw in FLIGHT]
     times = [r.time_us for r in found.records]
     assert times == sorted(times)
@@ -83,7 +83,7 @@ def test_a_clock_change_in_flight_does_not_change_durations(jump_us):
 def test_a_pause_of_hours_is_kept_and_jitter_is_smoothed():
     raw = FLIGHT[0][1]
     times = [BEGIN_US, BEGIN_US + 50, BEGIN_US + 20, BEGIN_US + 7_200_000_000]
-    found = whole(b"".join(record(t, raw) for t in times))
+    found = parse_all(b"".join(record(t, raw) for t in times))
     assert [r.time_us - BEGIN_US for r in found.records] == [0, 50, 50, 7_200_000_000]
 
 

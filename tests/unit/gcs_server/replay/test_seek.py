@@ -1,4 +1,4 @@
-"""After a jump in a log the state of a vehicle is the same as after playing the log up to there."""
+"""After a jump in a log, the state of a vehicle is the same as after playing the log up to that time."""
 
 import asyncio
 
@@ -65,7 +65,7 @@ def fleet_after(records, until_us, begin_us, *, ticks):
 def state_of(vehicle):
     topics = {name: vehicle.topic(name) for name in TOPICS}
     events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
-    # After a jump, links and components connect at the first record that it feeds.
+    # After a jump, links and components connect at the first record that the jump feeds.
     texts = sorted(e for e in events if e[1] not in ("link", "component"))
     return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, texts
 
@@ -78,54 +78,59 @@ def all_records(file):
     return records
 
 
-def compare(path, share):
+def compare(path, fraction):
+    """Compares a jump to this fraction of the log with playing up to the same time.
+
+    Returns:
+        The states of the vehicles, the number of played records, and of records that the jump feeds.
+    """
     with open_log(path) as file:
         index = make_index(file)
-        until_us = index.begin_us + int((index.end_us - index.begin_us) * share)
+        until_us = index.begin_us + int((index.end_us - index.begin_us) * fraction)
         records = all_records(file)
-        before = [r for r in records if r.time_us <= until_us]
+        played_records = [r for r in records if r.time_us <= until_us]
         state = state_at(file, index, until_us)
         jumped = fleet_after(state.records, until_us, index.begin_us, ticks=False)
-        played = fleet_after(before, until_us, index.begin_us, ticks=True)
+        played = fleet_after(played_records, until_us, index.begin_us, ticks=True)
         assert jumped == played
-        # playing continues with the next record
+        # after the jump, playing continues with the next record
         rest = list(state.following)
         batch = Batch([], state.after, at_end=state.at_end, bytes_skipped=0)
         while not batch.at_end:
             batch = read_batch(file, batch.after)
             rest += batch.records
-        assert rest == records[len(before) :]
-        return jumped, len(before), len(state.records)
+        assert rest == records[len(played_records) :]
+        return jumped, len(played_records), len(state.records)
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(seed=st.integers(0, 1000), share=st.floats(0, 1))
-def test_a_jump_equals_playing_in_generated_flights(tmp_path, seed, share):
+@given(seed=st.integers(0, 1000), fraction=st.floats(0, 1))
+def test_a_jump_equals_playing_in_generated_flights(tmp_path, seed, fraction):
     path = tmp_path / "made.tlog"
     path.write_bytes(log_bytes(flight(seed, seconds=30)))
-    compare(path, share)
+    compare(path, fraction)
 
 
 @pytest.mark.parametrize(
-    "share", [0.31, 1.0, *(pytest.param(s, marks=pytest.mark.broad) for s in (0.0, 0.77))]
+    "fraction", [0.31, 1.0, *(pytest.param(s, marks=pytest.mark.broad) for s in (0.0, 0.77))]
 )
-def test_a_jump_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, share):
+def test_a_jump_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, fraction):
     path = tmp_path / "long.tlog"
     path.write_bytes(log_bytes(flight(3, seconds=500)))
-    vehicles, before, fed = compare(path, share)
-    assert share == 0.0 or set(vehicles) == {"1", "7"}
-    assert fed <= 1000, f"{fed} of {before} frames were needed"
+    vehicles, played_count, fed_count = compare(path, fraction)
+    assert fraction == 0.0 or set(vehicles) == {"1", "7"}
+    assert fed_count <= 1000, f"{fed_count} of {played_count} frames were needed"
 
 
 @pytest.mark.parametrize(
     "name",
     ["flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz", "failsafe-battery.tlog", "offboard-api.tlog.gz"],
 )
-@pytest.mark.parametrize("share", [0.2, pytest.param(0.5, marks=pytest.mark.broad), 0.9])
-def test_a_jump_equals_playing_in_flights_of_a_real_px4(shared, name, share):
-    vehicles, before, fed = compare(shared / "px4" / "tlogs" / name, share)
+@pytest.mark.parametrize("fraction", [0.2, pytest.param(0.5, marks=pytest.mark.broad), 0.9])
+def test_a_jump_equals_playing_in_flights_of_a_real_px4(shared, name, fraction):
+    vehicles, played_count, fed_count = compare(shared / "px4" / "tlogs" / name, fraction)
     assert len(vehicles) == 1
-    assert before > 10 * fed
+    assert played_count > 10 * fed_count
     ((identity, flight_state, _, topics, events),) = vehicles.values()
     assert identity.replayed
     assert flight_state.custom_mode
@@ -143,9 +148,9 @@ def test_condensed_playing_restores_the_same_state(tmp_path):
         condensed += condense(records[i : i + 400])
     assert len(condensed) < len(records) / 3
     end_us = records[-1].time_us
-    whole = fleet_after(records, end_us, records[0].time_us, ticks=False)
-    assert fleet_after(condensed, end_us, records[0].time_us, ticks=False) == whole
+    state = fleet_after(records, end_us, records[0].time_us, ticks=False)
+    assert fleet_after(condensed, end_us, records[0].time_us, ticks=False) == state
 
 
-def test_indexed_acknowledgements_are_those_of_mode_commands():
+def test_the_index_has_the_acknowledgements_of_mode_commands():
     assert MODE_COMMANDS == mode_cause.MODE_COMMANDS

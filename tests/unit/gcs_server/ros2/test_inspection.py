@@ -65,18 +65,18 @@ class InspectionSetup:
 
 
 @pytest.fixture
-def inspected() -> InspectionSetup:
+def setup() -> InspectionSetup:
     return InspectionSetup()
 
 
-def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(inspected: InspectionSetup) -> None:
+def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(setup: InspectionSetup) -> None:
     key = status_key()
-    inspected.port.announce(key)
-    inspected.port.announce(key, publishes=False)
+    setup.port.announce(key)
+    setup.port.announce(key, publishes=False)
     for _ in range(50):
-        inspected.read("px4_1", messages={key: [recorded()[STATUS]] * 2})
-    inspected.read("px4_1")
-    topic = inspected.topics()[f"/px4_1{STATUS}"]
+        setup.read("px4_1", messages={key: [recorded()[STATUS]] * 2})
+    setup.read("px4_1")
+    topic = setup.topics()[f"/px4_1{STATUS}"]
     assert (topic.type, topic.publishers, topic.subscribers) == ("px4_msgs/msg/VehicleStatus", 1, 1)
     assert topic.rate_hz == pytest.approx(20.0, rel=0.02)
     assert topic.age_s == pytest.approx(READ_EVERY_S)
@@ -86,90 +86,94 @@ def test_a_topic_has_type_rate_age_and_the_fields_of_its_last_message(inspected:
     assert topic.problem is None
 
 
-def test_a_topic_of_unknown_type_is_listed_without_being_read(inspected: InspectionSetup) -> None:
+def test_a_topic_of_unknown_type_is_listed_without_being_read(setup: InspectionSetup) -> None:
     key = TopicKey("rt/camera/image", "sensor_msgs::msg::dds_::Image_")
-    inspected.port.announce(key)
-    inspected.read("px4_1")
-    topic = inspected.topics()["/camera/image"]
+    setup.port.announce(key)
+    setup.read("px4_1")
+    topic = setup.topics()["/camera/image"]
     assert (topic.type, topic.type_known, topic.rate_hz) == ("sensor_msgs/msg/Image", False, None)
-    assert inspected.port.read == set()
+    assert setup.port.read == set()
 
 
-def test_one_topic_with_two_types_is_shown_twice(inspected: InspectionSetup) -> None:
+def test_one_topic_with_two_types_is_shown_twice(setup: InspectionSetup) -> None:
     wrong = TopicKey(status_key().name, "px4_msgs::msg::dds_::VehicleAttitude_")
-    inspected.port.announce(status_key(), wrong)
-    inspected.read("px4_1")
-    shown = inspected.session.inspection("px4_1", inspected.now_s).topics
+    setup.port.announce(status_key(), wrong)
+    setup.read("px4_1")
+    shown = setup.session.inspection("px4_1", setup.now_s).topics
     assert [topic.type for topic in shown] == ["px4_msgs/msg/VehicleAttitude", "px4_msgs/msg/VehicleStatus"]
 
 
-def test_a_malformed_message_is_reported_until_a_valid_one_arrives(inspected: InspectionSetup) -> None:
+def test_a_malformed_message_is_reported_until_a_valid_message_arrives(setup: InspectionSetup) -> None:
     key = status_key()
-    inspected.port.announce(key)
-    inspected.read("px4_1", messages={key: [HEADER + bytes(5)]})
-    topic = inspected.topics()[f"/px4_1{STATUS}"]
+    setup.port.announce(key)
+    setup.read("px4_1", messages={key: [HEADER + bytes(5)]})
+    topic = setup.topics()[f"/px4_1{STATUS}"]
     assert topic.value is None
     assert topic.problem == "The last message is malformed: 9 bytes instead of the 84 of VehicleStatus."
-    inspected.read("px4_1", messages={key: [recorded()[STATUS]]})
-    assert inspected.topics()[f"/px4_1{STATUS}"].problem is None
+    setup.read("px4_1", messages={key: [recorded()[STATUS]]})
+    assert setup.topics()[f"/px4_1{STATUS}"].problem is None
 
 
-def test_topics_of_other_vehicles_are_neither_read_nor_shown(inspected: InspectionSetup) -> None:
-    own, other, nobodys = status_key(), status_key("px4_2"), TopicKey("rt/clock", "x::msg::dds_::Clock_")
-    inspected.port.announce(other, own, nobodys)
-    inspected.read("px4_1")
-    assert list(inspected.topics()) == [f"/px4_1{STATUS}", "/clock"]
-    assert inspected.port.read == {own}
+def test_topics_of_other_vehicles_are_neither_read_nor_shown(setup: InspectionSetup) -> None:
+    of_vehicle, of_other_vehicle, shared = (
+        status_key(),
+        status_key("px4_2"),
+        TopicKey("rt/clock", "x::msg::dds_::Clock_"),
+    )
+    setup.port.announce(of_other_vehicle, of_vehicle, shared)
+    setup.read("px4_1")
+    assert list(setup.topics()) == [f"/px4_1{STATUS}", "/clock"]
+    assert setup.port.read == {of_vehicle}
 
 
-def test_a_vehicle_without_a_namespace_owns_the_topics_under_fmu(inspected: InspectionSetup) -> None:
-    inspected.port.announce(status_key(""), status_key("px4_1"), TopicKey("rt/fmu/in/x", "x"))
-    inspected.read("")
-    assert list(inspected.topics("")) == ["/fmu/in/x", STATUS]
-    assert list(inspected.topics("px4_1")) == [f"/px4_1{STATUS}"]
+def test_a_vehicle_without_a_namespace_owns_the_topics_under_fmu(setup: InspectionSetup) -> None:
+    setup.port.announce(status_key(""), status_key("px4_1"), TopicKey("rt/fmu/in/x", "x"))
+    setup.read("")
+    assert list(setup.topics("")) == ["/fmu/in/x", STATUS]
+    assert list(setup.topics("px4_1")) == [f"/px4_1{STATUS}"]
 
 
-def test_reading_ends_when_no_client_inspects_or_the_topic_ends(inspected: InspectionSetup) -> None:
+def test_reading_ends_when_no_client_inspects_or_the_topic_ends(setup: InspectionSetup) -> None:
     first, second = status_key(), status_key("px4_2")
-    inspected.port.announce(first, second)
-    inspected.read("px4_1", "px4_2")
-    assert inspected.port.read == {first, second}
-    inspected.read("px4_2")
-    assert inspected.port.read == {second}
-    inspected.port.announced = [Announcement(f"{second} True", True, None)]
-    inspected.read("px4_2")
-    assert inspected.port.read == set()
-    assert inspected.topics("px4_2") == {}
+    setup.port.announce(first, second)
+    setup.read("px4_1", "px4_2")
+    assert setup.port.read == {first, second}
+    setup.read("px4_2")
+    assert setup.port.read == {second}
+    setup.port.announced = [Announcement(f"{second} True", True, None)]
+    setup.read("px4_2")
+    assert setup.port.read == set()
+    assert setup.topics("px4_2") == {}
 
 
-def test_a_topic_that_dds_cannot_read_states_the_reason(inspected: InspectionSetup) -> None:
-    inspected.port.refused = "DDS cannot read this topic (out of resources)."
-    inspected.port.announce(status_key())
-    inspected.read("px4_1")
-    assert inspected.topics()[f"/px4_1{STATUS}"].problem == "DDS cannot read this topic (out of resources)."
+def test_a_topic_that_dds_cannot_read_states_the_reason(setup: InspectionSetup) -> None:
+    setup.port.refused = "DDS cannot read this topic (out of resources)."
+    setup.port.announce(status_key())
+    setup.read("px4_1")
+    assert setup.topics()[f"/px4_1{STATUS}"].problem == "DDS cannot read this topic (out of resources)."
 
 
-def test_a_flood_gives_a_lower_limit_of_the_rate(inspected: InspectionSetup) -> None:
+def test_during_a_flood_the_rate_is_a_lower_limit(setup: InspectionSetup) -> None:
     key = status_key()
-    inspected.port.announce(key)
-    inspected.port.overflowed = True
+    setup.port.announce(key)
+    setup.port.overflowed = True
     for _ in range(5):
-        inspected.read("px4_1", messages={key: [recorded()[STATUS]] * 128})
-    topic = inspected.topics()[f"/px4_1{STATUS}"]
+        setup.read("px4_1", messages={key: [recorded()[STATUS]] * 128})
+    topic = setup.topics()[f"/px4_1{STATUS}"]
     assert topic.rate_is_minimum
     assert topic.rate_hz == pytest.approx(1280, rel=0.05)
 
 
 def test_endpoints_topics_and_names_are_limited(
-    monkeypatch: pytest.MonkeyPatch, inspected: InspectionSetup
+    monkeypatch: pytest.MonkeyPatch, setup: InspectionSetup
 ) -> None:
     monkeypatch.setattr(inspection, "MAX_ENDPOINTS", 300)
-    inspected.port.announce(TopicKey("rt/" + "x" * 300, "y"))
-    inspected.port.announce(*(TopicKey(f"rt/hostile_{n:03}", STATUS_TYPE) for n in range(400)))
-    inspected.read("px4_1")
-    shown = inspected.session.inspection("px4_1", inspected.now_s)
+    setup.port.announce(TopicKey("rt/" + "x" * 300, "y"))
+    setup.port.announce(*(TopicKey(f"rt/hostile_{n:03}", STATUS_TYPE) for n in range(400)))
+    setup.read("px4_1")
+    shown = setup.session.inspection("px4_1", setup.now_s)
     assert (len(shown.topics), shown.left_out) == (200, 100)
-    assert len(inspected.port.read) == 200
+    assert len(setup.port.read) == 200
 
 
 def test_the_rate_falls_when_a_topic_stops() -> None:
@@ -182,7 +186,7 @@ def test_the_rate_falls_when_a_topic_stops() -> None:
     assert rate.hz(30.0) is None
 
 
-def test_counts_follow_writers_and_readers() -> None:
+def test_announcements_change_the_counts_of_publishers_and_subscribers() -> None:
     domain, key = DomainTopics(), status_key()
     domain.apply([Announcement("a", True, key), Announcement("b", False, key), Announcement("a", True, key)])
     assert domain.count(key) == (1, 1)

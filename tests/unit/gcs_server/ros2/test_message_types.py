@@ -1,4 +1,4 @@
-"""The server's own ROS 2 message types are those of PX4 v1.16."""
+"""The server's own ROS 2 message types equal the types of PX4 v1.16."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gcs_server.ros2.message_types import HEADER, MESSAGES, SHOWN, MalformedMess
 from tests.support.dds_samples import recorded
 
 
-def test_layouts_are_those_of_the_published_types(shared: Path) -> None:
+def test_layouts_match_the_published_types(shared: Path) -> None:
     published = json.loads((shared / "px4" / "dds" / "types.json").read_text())["types"]
     for name, message in SHOWN.items():
         if name not in published:  # nested in a bridged type
@@ -52,9 +52,9 @@ def test_a_decoded_message_is_encoded_with_the_same_fields_and_its_full_size(top
 
 
 @pytest.mark.parametrize(
-    ("data", "why"),
+    ("data", "reason"),
     [(b"", "missing"), (b"\x00\x00\x00\x00" + bytes(200), "little-endian"), (HEADER + bytes(7), "11 bytes")],
 )
-def test_bytes_that_are_not_a_message_are_refused_with_the_reason(data: bytes, why: str) -> None:
-    with pytest.raises(MalformedMessage, match=why):
+def test_bytes_that_are_not_a_message_are_refused_with_the_reason(data: bytes, reason: str) -> None:
+    with pytest.raises(MalformedMessage, match=reason):
         MESSAGES["VehicleStatus"].decode(data)

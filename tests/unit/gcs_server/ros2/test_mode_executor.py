@@ -1,4 +1,4 @@
-"""Commands of the executor of an external mode, with the answers that a real PX4 gave in recordings."""
+"""Commands of the executor of an external mode, with acknowledgements as a real PX4 sends them."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def ack(result: int, *, command: int = SET_NAV_STATE, component: int = 1001) -> 
 
 def executor(**changes: Any) -> ModeExecutor:
     """Executor 1, in charge of an armed vehicle in its own mode."""
-    made = ModeExecutor(1)
-    made.on_status(status(**changes))
-    return made
+    mode_executor = ModeExecutor(1)
+    mode_executor.on_status(status(**changes))
+    return mode_executor
 
 
 def fields(messages: list[Message]) -> dict[str, Any]:
@@ -50,75 +50,77 @@ def test_a_command_has_the_executors_component_as_its_source() -> None:
 
 
 @pytest.mark.parametrize(("result", "outcome"), [(0, "accepted"), (1, "rejected"), (4, "rejected")])
-def test_the_answer_of_px4_ends_the_command(result: int, outcome: str) -> None:
-    made = executor()
-    made.execute(LAND_COMMAND, 0.0)
-    made.on_ack(ack(result))
-    assert (made.state.command, made.state.outcome) == (1, outcome)
-    assert made.step(10.0) == []
+def test_an_acknowledgement_ends_the_command(result: int, outcome: str) -> None:
+    mode_executor = executor()
+    mode_executor.execute(LAND_COMMAND, 0.0)
+    mode_executor.on_ack(ack(result))
+    assert (mode_executor.state.command, mode_executor.state.outcome) == (1, outcome)
+    assert mode_executor.step(10.0) == []
 
 
 @pytest.mark.parametrize("other", [ack(0, command=22), ack(0, component=1002), ack(5)])
-def test_an_answer_to_another_command_or_executor_and_progress_are_no_answer(other: dict[str, int]) -> None:
-    made = executor()
-    made.execute(LAND_COMMAND, 0.0)
-    made.on_ack(other)
-    assert made.state.outcome == "pending"
+def test_a_command_stays_pending_after_other_acknowledgements_and_after_progress(
+    other: dict[str, int],
+) -> None:
+    mode_executor = executor()
+    mode_executor.execute(LAND_COMMAND, 0.0)
+    mode_executor.on_ack(other)
+    assert mode_executor.state.outcome == "pending"
 
 
-def test_a_command_without_an_answer_is_sent_three_times() -> None:
-    made, now_s = executor(), 0.0
-    sent = len(made.execute(LAND_COMMAND, now_s))
-    while made.state.outcome == "pending" and now_s < 5.0:
+def test_a_command_without_an_acknowledgement_is_sent_three_times() -> None:
+    mode_executor, now_s = executor(), 0.0
+    sent = len(mode_executor.execute(LAND_COMMAND, now_s))
+    while mode_executor.state.outcome == "pending" and now_s < 5.0:
         now_s += 0.02
-        sent += len(made.step(now_s))
+        sent += len(mode_executor.step(now_s))
     assert sent == ATTEMPTS
-    assert made.state.outcome == "no_answer"
+    assert mode_executor.state.outcome == "no_answer"
     assert now_s == pytest.approx(ATTEMPTS * ATTEMPT_EVERY_S, abs=0.05)
 
 
 @pytest.mark.parametrize(
-    "not_allowed", [{"in_charge": 0}, {"in_charge": 2}, {"armed": False}, {"nav_state": 5, "in_charge": 0}]
+    "status_changes", [{"in_charge": 0}, {"in_charge": 2}, {"armed": False}, {"nav_state": 5, "in_charge": 0}]
 )
 def test_the_executor_sends_nothing_while_it_is_not_in_charge_or_the_vehicle_is_disarmed(
-    not_allowed: dict[str, Any],
+    status_changes: dict[str, Any],
 ) -> None:
-    made = executor(**not_allowed)
-    assert made.execute(LAND_COMMAND, 0.0) == []
-    assert made.state.outcome == "rejected"
+    mode_executor = executor(**status_changes)
+    assert mode_executor.execute(LAND_COMMAND, 0.0) == []
+    assert mode_executor.state.outcome == "rejected"
     pending = executor()
     pending.execute(LAND_COMMAND, 0.0)
-    pending.on_status(status(**not_allowed))
+    pending.on_status(status(**status_changes))
     assert pending.step(ATTEMPT_EVERY_S + 0.01) == []
     assert pending.state.outcome == "rejected"
 
 
-def test_a_new_command_replaces_one_without_an_answer() -> None:
-    made = executor()
-    made.execute(LAND_COMMAND, 0.0)
-    made.execute(ExecutorCommand(2, 22, (*UNUSED, 500.0)), 0.1)
-    made.on_ack(ack(0))
-    assert (made.state.command, made.state.outcome) == (2, "pending")
-    made.on_ack(ack(0, command=22))
-    assert made.state.outcome == "accepted"
+def test_a_new_command_replaces_a_pending_command() -> None:
+    mode_executor = executor()
+    mode_executor.execute(LAND_COMMAND, 0.0)
+    mode_executor.execute(ExecutorCommand(2, 22, (*UNUSED, 500.0)), 0.1)
+    mode_executor.on_ack(ack(0))
+    assert (mode_executor.state.command, mode_executor.state.outcome) == (2, "pending")
+    mode_executor.on_ack(ack(0, command=22))
+    assert mode_executor.state.outcome == "accepted"
 
 
-def test_the_executor_is_in_charge_as_px4_reports_also_while_disarmed() -> None:
-    made = ModeExecutor(1)
-    assert not made.state.in_charge
-    made.on_status(status(armed=False))
-    assert made.state.in_charge
-    made.on_status(status(5, in_charge=0))
-    assert not made.state.in_charge
+def test_the_executor_is_in_charge_if_px4_reports_it_also_while_disarmed() -> None:
+    mode_executor = ModeExecutor(1)
+    assert not mode_executor.state.in_charge
+    mode_executor.on_status(status(armed=False))
+    assert mode_executor.state.in_charge
+    mode_executor.on_status(status(5, in_charge=0))
+    assert not mode_executor.state.in_charge
 
 
 def test_a_completed_mode_is_reported_until_the_mode_changes() -> None:
-    made = executor(nav_state=TAKE_OFF)
-    made.on_completed({"result": 0, "nav_state": LAND})
-    made.on_completed({"result": 100, "nav_state": TAKE_OFF})
-    assert made.state.completed_nav_state is None
-    made.on_completed({"result": 0, "nav_state": TAKE_OFF})
-    made.on_status(status(TAKE_OFF))
-    assert made.state.completed_nav_state == TAKE_OFF
-    made.on_status(status(23))
-    assert made.state.completed_nav_state is None
+    mode_executor = executor(nav_state=TAKE_OFF)
+    mode_executor.on_completed({"result": 0, "nav_state": LAND})
+    mode_executor.on_completed({"result": 100, "nav_state": TAKE_OFF})
+    assert mode_executor.state.completed_nav_state is None
+    mode_executor.on_completed({"result": 0, "nav_state": TAKE_OFF})
+    mode_executor.on_status(status(TAKE_OFF))
+    assert mode_executor.state.completed_nav_state == TAKE_OFF
+    mode_executor.on_status(status(23))
+    assert mode_executor.state.completed_nav_state is None

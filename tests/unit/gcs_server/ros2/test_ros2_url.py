@@ -37,7 +37,7 @@ def test_a_url_gives_domain_namespace_and_interface(
 
 
 @pytest.mark.parametrize(
-    ("url", "why"),
+    ("url", "reason"),
     [
         ("ros2://", "domain must be a number"),
         ("ros2://233", "domain must be a number from 0 to 232"),
@@ -52,16 +52,16 @@ def test_a_url_gives_domain_namespace_and_interface(
         ("ros2://0?interface=<x/>", "interface must be the name"),
     ],
 )
-def test_a_wrong_url_is_refused_with_the_reason(url: str, why: str) -> None:
-    with pytest.raises(InvalidRequest, match=why):
+def test_a_wrong_url_is_refused_with_the_reason(url: str, reason: str) -> None:
+    with pytest.raises(InvalidRequest, match=reason):
         _link(url)
 
 
 def test_without_cyclone_dds_the_error_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(_name: str) -> None:
+    def find_nothing(_name: str) -> None:
         return
 
-    monkeypatch.setattr(importlib.util, "find_spec", none)
+    monkeypatch.setattr(importlib.util, "find_spec", find_nothing)
     with pytest.raises(LinkError) as caught:
         _link("ros2://0")
     assert "pip install '.[ros2]'" in (caught.value.remedy or "")

@@ -1,4 +1,4 @@
-"""Recorded ROS 2 messages of a real PX4 converted to MAVLink messages."""
+"""Recorded ROS 2 messages of a real PX4, converted to MAVLink messages."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ def _values(topic: str, **changes: Any) -> dict[str, Any]:
     return TYPES[topic].decode(recorded()[topic]) | changes
 
 
-class Converted:
+class ConverterSetup:
     """A converter with its newest MAVLink messages by name."""
 
     def __init__(self) -> None:
         self.converter = MavlinkConverter()
         self.by_name: dict[str, Any] = {}
-        self.give("/fmu/out/timesync_status")
-        self.give(STATUS)
+        self.convert("/fmu/out/timesync_status")
+        self.convert(STATUS)
 
-    def give(self, topic: str, *, now_s: float = 0.0, **changes: Any) -> list[Any]:
-        made = self.converter.convert(topic, _values(topic, **changes), now_s)
-        self.by_name |= {message.get_type(): message for message in made}
-        return made
+    def convert(self, topic: str, *, now_s: float = 0.0, **changes: Any) -> list[Any]:
+        messages = self.converter.convert(topic, _values(topic, **changes), now_s)
+        self.by_name |= {message.get_type(): message for message in messages}
+        return messages
 
     def sample(self, name: str, decoder: Decoder) -> tuple[Any, float | None]:
         message = self.by_name[name]
@@ -47,8 +47,8 @@ class Converted:
 
 
 @pytest.fixture
-def converted() -> Converted:
-    return Converted()
+def setup() -> ConverterSetup:
+    return ConverterSetup()
 
 
 @pytest.mark.parametrize(
@@ -63,12 +63,12 @@ def converted() -> Converted:
         (200, 0),
     ],
 )
-def test_a_status_gives_the_mode_as_px4_does_over_mavlink(
-    converted: Converted, nav_state: int, custom_mode: int
+def test_a_status_has_the_mode_that_px4_would_send_over_mavlink(
+    setup: ConverterSetup, nav_state: int, custom_mode: int
 ) -> None:
-    converted.give(STATUS, nav_state=nav_state, nav_state_user_intention=4)
-    assert converted.by_name["HEARTBEAT"].custom_mode == custom_mode
-    assert converted.by_name["CURRENT_MODE"].intended_custom_mode == 0x03040000
+    setup.convert(STATUS, nav_state=nav_state, nav_state_user_intention=4)
+    assert setup.by_name["HEARTBEAT"].custom_mode == custom_mode
+    assert setup.by_name["CURRENT_MODE"].intended_custom_mode == 0x03040000
 
 
 @pytest.mark.parametrize(
@@ -79,14 +79,18 @@ def test_a_status_gives_the_mode_as_px4_does_over_mavlink(
         (2, True, True, d.MAV_STATE_CRITICAL),
     ],
 )
-def test_a_status_gives_arming_and_failsafe(
-    converted: Converted, arming_state: int, failsafe: bool, armed: bool, state: int
+def test_a_status_has_arming_and_failsafe(
+    setup: ConverterSetup, arming_state: int, failsafe: bool, armed: bool, state: int
 ) -> None:
-    converted.give(STATUS, arming_state=arming_state, failsafe=failsafe)
-    payload = encode_payload(converted.by_name["HEARTBEAT"])
-    after = reducers.heartbeat(reducers.FlightState(), payload, 1.0)
-    assert (after.armed, after.system_status, after.autopilot) == (armed, state, d.MAV_AUTOPILOT_PX4)
-    assert not after.hil
+    setup.convert(STATUS, arming_state=arming_state, failsafe=failsafe)
+    payload = encode_payload(setup.by_name["HEARTBEAT"])
+    flight_state = reducers.heartbeat(reducers.FlightState(), payload, 1.0)
+    assert (flight_state.armed, flight_state.system_status, flight_state.autopilot) == (
+        armed,
+        state,
+        d.MAV_AUTOPILOT_PX4,
+    )
+    assert not flight_state.hil
 
 
 @pytest.mark.parametrize(
@@ -94,99 +98,101 @@ def test_a_status_gives_arming_and_failsafe(
     [(True, 4, "on_ground"), (False, 17, "taking_off"), (False, 18, "landing"), (False, 14, "in_air")],
 )
 def test_the_landed_state_depends_on_the_mode(
-    converted: Converted, landed: bool, nav_state: int, state: str
+    setup: ConverterSetup, landed: bool, nav_state: int, state: str
 ) -> None:
-    converted.give(LANDED, landed=landed)
-    converted.give(STATUS, nav_state=nav_state)
-    payload = encode_payload(converted.by_name["EXTENDED_SYS_STATE"])
+    setup.convert(LANDED, landed=landed)
+    setup.convert(STATUS, nav_state=nav_state)
+    payload = encode_payload(setup.by_name["EXTENDED_SYS_STATE"])
     assert reducers.extended_sys_state(reducers.FlightState(), payload, 1.0).landed_state == state
 
 
-def test_positions_velocity_and_time_since_boot_are_converted_unchanged(converted: Converted) -> None:
+def test_positions_velocity_and_time_since_boot_are_converted_unchanged(setup: ConverterSetup) -> None:
     local, position = _values(LOCAL), _values(GLOBAL)
     offset_us = _values("/fmu/out/timesync_status")["estimated_offset"]
-    converted.give(LOCAL)
-    value, boot_s = converted.sample("LOCAL_POSITION_NED", decoders.local_position)
+    setup.convert(LOCAL)
+    value, boot_s = setup.sample("LOCAL_POSITION_NED", decoders.local_position)
     assert value.position_ned_m == (local["x"], local["y"], local["z"])
     assert value.velocity_ned_m_s == (local["vx"], local["vy"], local["vz"])
     assert boot_s == pytest.approx((local["timestamp"] + offset_us) / 1e6, abs=1e-3)
-    converted.give(HOME)
-    converted.give(GLOBAL)
-    value, _ = converted.sample("GLOBAL_POSITION_INT", decoders.global_position)
+    setup.convert(HOME)
+    setup.convert(GLOBAL)
+    value, _ = setup.sample("GLOBAL_POSITION_INT", decoders.global_position)
     assert (value.lat_deg, value.lon_deg) == pytest.approx((position["lat"], position["lon"]), abs=1e-7)
     assert value.alt_home_m == pytest.approx(position["alt"] - _values(HOME)["alt"], abs=2e-3)
     assert value.heading_deg == pytest.approx(math.degrees(local["heading"]) % 360, abs=0.01)
 
 
-def test_attitude_battery_gps_and_home_are_converted(converted: Converted) -> None:
-    converted.give("/fmu/out/vehicle_odometry")
-    converted.give("/fmu/out/vehicle_attitude")
-    value, _ = converted.sample("ATTITUDE_QUATERNION", decoders.attitude_quaternion)
+def test_attitude_battery_gps_and_home_are_converted(setup: ConverterSetup) -> None:
+    setup.convert("/fmu/out/vehicle_odometry")
+    setup.convert("/fmu/out/vehicle_attitude")
+    value, _ = setup.sample("ATTITUDE_QUATERNION", decoders.attitude_quaternion)
     assert value.q_ned_frd == _values("/fmu/out/vehicle_attitude")["q"]
     assert value.rates_frd_rad_s == _values("/fmu/out/vehicle_odometry")["angular_velocity"]
-    converted.give("/fmu/out/battery_status", remaining=0.42, current_a=3.5, voltage_v=15.8)
-    value, _ = converted.sample("BATTERY_STATUS", decoders.battery)
+    setup.convert("/fmu/out/battery_status", remaining=0.42, current_a=3.5, voltage_v=15.8)
+    value, _ = setup.sample("BATTERY_STATUS", decoders.battery)
     assert (value.remaining_percent, value.current_a, value.voltage_v) == (42, 3.5, 15.8)
-    converted.give("/fmu/out/vehicle_gps_position")
-    value, _ = converted.sample("GPS_RAW_INT", decoders.gps)
+    setup.convert("/fmu/out/vehicle_gps_position")
+    value, _ = setup.sample("GPS_RAW_INT", decoders.gps)
     assert (value.fix_type, value.satellites, value.hdop) == (3, 10, 0.7)
-    converted.give(HOME)
-    value, _ = converted.sample("HOME_POSITION", decoders.home)
+    setup.convert(HOME)
+    value, _ = setup.sample("HOME_POSITION", decoders.home)
     assert value.alt_amsl_m == pytest.approx(_values(HOME)["alt"], abs=1e-3)
 
 
 @pytest.mark.parametrize("invalid", ["xy_valid", "z_valid", "v_xy_valid", "v_z_valid"])
-def test_an_invalid_estimate_is_not_shown_and_its_flag_is_cleared(converted: Converted, invalid: str) -> None:
-    converted.give(LOCAL)
-    before = converted.by_name["ESTIMATOR_STATUS"].flags
-    made = converted.give(LOCAL, **{invalid: False})
-    assert [each.get_type() for each in made] == ["ESTIMATOR_STATUS"]
-    assert before & ~made[0].flags
+def test_an_invalid_estimate_is_not_shown_and_its_flag_is_cleared(
+    setup: ConverterSetup, invalid: str
+) -> None:
+    setup.convert(LOCAL)
+    flags_before = setup.by_name["ESTIMATOR_STATUS"].flags
+    messages = setup.convert(LOCAL, **{invalid: False})
+    assert [each.get_type() for each in messages] == ["ESTIMATOR_STATUS"]
+    assert flags_before & ~messages[0].flags
 
 
-def test_health_has_the_prearm_check_and_manual_control(converted: Converted) -> None:
-    converted.give(FLAGS, attitude_invalid=False, manual_control_signal_lost=True)
-    value, _ = converted.sample("SYS_STATUS", decoders.health)
+def test_health_has_the_prearm_check_and_manual_control(setup: ConverterSetup) -> None:
+    setup.convert(FLAGS, attitude_invalid=False, manual_control_signal_lost=True)
+    value, _ = setup.sample("SYS_STATUS", decoders.health)
     assert value.ready_to_arm is True
     assert not value.sensors_present & d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-    converted.give(FLAGS, manual_control_signal_lost=False)
-    converted.give(STATUS, pre_flight_checks_pass=False)
-    value, _ = converted.sample("SYS_STATUS", decoders.health)
+    setup.convert(FLAGS, manual_control_signal_lost=False)
+    setup.convert(STATUS, pre_flight_checks_pass=False)
+    value, _ = setup.sample("SYS_STATUS", decoders.health)
     assert value.ready_to_arm is False
     assert value.sensors_healthy & d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
 
 def test_the_home_of_a_disarmed_vehicle_is_its_position_until_px4_sends_it(
-    converted: Converted,
+    setup: ConverterSetup,
 ) -> None:
-    converted.give(LOCAL)
-    assert not [each for each in converted.give(GLOBAL) if each.get_type() == "HOME_POSITION"]
-    converted.give(LANDED, landed=True)
-    converted.give(GLOBAL)
-    assumed = converted.by_name["HOME_POSITION"]
+    setup.convert(LOCAL)
+    assert not [each for each in setup.convert(GLOBAL) if each.get_type() == "HOME_POSITION"]
+    setup.convert(LANDED, landed=True)
+    setup.convert(GLOBAL)
+    assumed = setup.by_name["HOME_POSITION"]
     assert assumed.altitude == round(_values(GLOBAL)["alt"] * 1000)
-    converted.give(HOME, alt=500.0)
-    converted.give(GLOBAL)
-    assert converted.by_name["HOME_POSITION"].altitude == 500_000
-    assert converted.converter.latched(d.MAVLINK_MSG_ID_HOME_POSITION) is converted.by_name["HOME_POSITION"]
+    setup.convert(HOME, alt=500.0)
+    setup.convert(GLOBAL)
+    assert setup.by_name["HOME_POSITION"].altitude == 500_000
+    assert setup.converter.latched(d.MAVLINK_MSG_ID_HOME_POSITION) is setup.by_name["HOME_POSITION"]
 
 
-def test_in_flight_no_home_is_assumed(converted: Converted) -> None:
-    converted.give(STATUS, arming_state=2)
-    converted.give(LANDED, landed=False)
-    converted.give(LOCAL)
-    converted.give(GLOBAL)
-    assert "HOME_POSITION" not in converted.by_name
+def test_in_flight_no_home_is_assumed(setup: ConverterSetup) -> None:
+    setup.convert(STATUS, arming_state=2)
+    setup.convert(LANDED, landed=False)
+    setup.convert(LOCAL)
+    setup.convert(GLOBAL)
+    assert "HOME_POSITION" not in setup.by_name
 
 
-def test_a_target_of_the_navigator_is_the_goto_target(converted: Converted) -> None:
-    converted.give(
+def test_a_target_of_the_navigator_is_the_goto_target(setup: ConverterSetup) -> None:
+    setup.convert(
         "/fmu/out/position_setpoint_triplet",
         **{"current.valid": True, "current.lat": 47.4, "current.lon": 8.5, "current.alt": 500.0},
     )
-    target = converted.by_name["POSITION_TARGET_GLOBAL_INT"]
+    target = setup.by_name["POSITION_TARGET_GLOBAL_INT"]
     assert (target.lat_int, target.lon_int, target.alt) == (474_000_000, 85_000_000, 500.0)
-    assert not converted.give("/fmu/out/position_setpoint_triplet", **{"current.valid": False})
+    assert not setup.convert("/fmu/out/position_setpoint_triplet", **{"current.valid": False})
 
 
 @pytest.mark.parametrize("changes", [{"system_id": 0}, {"system_id": 255}, {"component_id": 0}])
@@ -196,25 +202,25 @@ def test_an_address_that_no_vehicle_has_is_malformed(changes: dict[str, int]) ->
 
 
 @pytest.mark.parametrize("lat", [math.nan, math.inf, 91.0, -1e300])
-def test_a_position_off_the_earth_is_malformed(converted: Converted, lat: float) -> None:
-    converted.give(LOCAL)
+def test_a_position_off_the_earth_is_malformed(setup: ConverterSetup, lat: float) -> None:
+    setup.convert(LOCAL)
     with pytest.raises(MalformedMessage, match="not a position"):
-        converted.give(GLOBAL, lat=lat)
+        setup.convert(GLOBAL, lat=lat)
 
 
 @pytest.mark.parametrize("topic", [each.name for each in SUBSCRIPTIONS if each.type != "VehicleCommandAck"])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38, -3e38])
 def test_extreme_numbers_are_converted_or_refused_as_malformed(topic: str, value: float) -> None:
-    converted = Converted()
-    converted.give(LOCAL)
-    converted.give(LANDED, landed=True)
+    setup = ConverterSetup()
+    setup.convert(LOCAL)
+    setup.convert(LANDED, landed=True)
     floats = [each for each in TYPES[topic].flat if each.type.startswith("float")]
     hostile: dict[str, Any] = {each.name: (value,) * each.length if each.length else value for each in floats}
     try:
-        made = converted.give(topic, **hostile)
+        messages = setup.convert(topic, **hostile)
     except MalformedMessage:
         return
-    for message in made:
+    for message in messages:
         encode_payload(message)
 
 
@@ -224,12 +230,12 @@ def test_before_the_first_status_no_message_is_converted() -> None:
     assert converter.address is None
 
 
-def test_texts_name_the_missing_requirements_of_a_mode(converted: Converted) -> None:
+def test_texts_name_the_missing_requirements_of_a_mode(setup: ConverterSetup) -> None:
     flags = {
         "global_position_invalid": True,
         "mode_req_global_position": 1 << 5,
         "mode_req_prevent_arming": 1,
     }
-    converted.give(FLAGS, **flags, battery_unhealthy=True)
-    assert converted.converter.problems(5) == ["no valid global position estimate", "battery unhealthy"]
-    assert "no valid global position estimate" not in converted.converter.problems(4)
+    setup.convert(FLAGS, **flags, battery_unhealthy=True)
+    assert setup.converter.problems(5) == ["no valid global position estimate", "battery unhealthy"]
+    assert "no valid global position estimate" not in setup.converter.problems(4)

@@ -1,4 +1,4 @@
-"""One vehicle of a ROS 2 link: commands and their answers, and messages that cannot be used."""
+"""One vehicle of a ROS 2 link: commands and their acknowledgements, and messages that cannot be used."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ UNIX_US = 1_795_000_000_000_000
 
 
 class Vehicle:
-    """A vehicle link, and what it sends."""
+    """A vehicle link; `sent` has the topic and the fields of each VehicleCommand that it sends."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
@@ -37,7 +37,7 @@ class Vehicle:
     def command(self, message: d.MAVLink_message, sender: tuple[int, int] = (255, 190)) -> None:
         self.link.send(encode_frame(message.get_msgId(), encode_payload(message), 0, *sender), UNIX_US)
 
-    def answer(self, **values: int) -> list[Any]:
+    def acknowledge(self, **values: int) -> list[Any]:
         return self.receive((ACK, MESSAGES["VehicleCommandAck"].encode(values)))
 
 
@@ -70,20 +70,22 @@ def test_a_position_of_a_command_int_is_sent_in_degrees(vehicle: Vehicle) -> Non
     assert math.isnan(sent["param4"])
 
 
-def test_the_answer_to_our_command_has_our_mavlink_address(vehicle: Vehicle) -> None:
-    (ack,) = vehicle.answer(command=400, result=1, target_system=255, target_component=192)
+def test_the_acknowledgement_of_our_command_has_our_mavlink_address(vehicle: Vehicle) -> None:
+    (ack,) = vehicle.acknowledge(command=400, result=1, target_system=255, target_component=192)
     assert (ack.command, ack.result, ack.target_system, ack.target_component) == (400, 1, 255, 190)
     assert (ack.get_srcSystem(), ack.get_srcComponent()) == (1, 1)
 
 
-def test_the_answer_to_our_mavlink_command_is_not_repeated(vehicle: Vehicle) -> None:
-    assert vehicle.answer(command=400, result=0, target_system=255, target_component=190) == []
+def test_the_acknowledgement_of_our_mavlink_command_is_not_repeated(vehicle: Vehicle) -> None:
+    assert vehicle.acknowledge(command=400, result=0, target_system=255, target_component=190) == []
 
 
-def test_the_answer_to_another_station_arrives_and_that_to_a_mode_executor_does_not(vehicle: Vehicle) -> None:
-    (ack,) = vehicle.answer(command=176, result=0, target_system=254, target_component=190)
+def test_acknowledgements_to_other_stations_are_received_and_acknowledgements_to_mode_executors_are_not(
+    vehicle: Vehicle,
+) -> None:
+    (ack,) = vehicle.acknowledge(command=176, result=0, target_system=254, target_component=190)
     assert (ack.target_system, ack.target_component) == (254, 190)
-    assert vehicle.answer(command=176, result=0, target_system=1, target_component=1001) == []
+    assert vehicle.acknowledge(command=176, result=0, target_system=1, target_component=1001) == []
 
 
 def test_a_refusal_is_explained_by_the_flags_of_the_requested_mode(vehicle: Vehicle) -> None:
@@ -91,11 +93,11 @@ def test_a_refusal_is_explained_by_the_flags_of_the_requested_mode(vehicle: Vehi
     flags |= {"auto_mission_missing": True, "mode_req_mission": 1 << 3, "offboard_control_signal_lost": True}
     vehicle.receive((FLAGS, TYPES[FLAGS].encode(flags)))
     vehicle.command(_long(176, 1.0, 4.0, 4.0))
-    text, ack = vehicle.answer(command=176, result=1, target_system=255, target_component=192)
+    text, ack = vehicle.acknowledge(command=176, result=1, target_system=255, target_component=192)
     assert text.text == "no mission on the vehicle"
     assert ack.result == 1
     vehicle.command(_long(400, 0.0))
-    (ack,) = vehicle.answer(command=400, result=1, target_system=255, target_component=192)
+    (ack,) = vehicle.acknowledge(command=400, result=1, target_system=255, target_component=192)
     assert ack.get_type() == "COMMAND_ACK"
 
 
@@ -105,7 +107,7 @@ def test_a_heartbeat_and_a_request_for_a_message_are_not_sent(vehicle: Vehicle) 
     assert not vehicle.sent
 
 
-def test_a_request_for_home_is_answered_from_the_newest_one(vehicle: Vehicle) -> None:
+def test_a_request_for_home_returns_the_newest_received_home(vehicle: Vehicle) -> None:
     vehicle.receive(("/fmu/out/home_position", recorded()["/fmu/out/home_position"]))
     vehicle.command(_long(512, 242.0))
     assert [message.get_type() for message in vehicle.receive()] == ["HOME_POSITION"]
@@ -117,10 +119,12 @@ def test_a_command_that_ros_2_does_not_carry_is_refused(vehicle: Vehicle) -> Non
         vehicle.command(d.MAVLink_param_request_list_message(1, 1))
 
 
-def test_a_malformed_sample_affects_only_itself_and_is_reported_for_a_minute(vehicle: Vehicle) -> None:
+def test_a_malformed_sample_is_reported_for_a_minute_and_other_samples_are_used(
+    vehicle: Vehicle,
+) -> None:
     status = recorded()[STATUS]
-    made = vehicle.receive((STATUS, status[:20]), (STATUS, b""), (STATUS, status), now_s=5.0)
-    assert made[0].get_type() == "HEARTBEAT"
+    messages = vehicle.receive((STATUS, status[:20]), (STATUS, b""), (STATUS, status), now_s=5.0)
+    assert messages[0].get_type() == "HEARTBEAT"
     problems = vehicle.link.problems(6.0)
     assert "/px4_1/fmu/out/vehicle_status_v1" in problems[0]
     assert "PX4 v1.16" in problems[-1]

@@ -1,4 +1,4 @@
-"""Versions of a vehicle's topics that the server does not know."""
+"""Topics of a vehicle whose version the server does not know."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_topics_of_the_known_versions_cause_no_problem() -> None:
 
 
 @pytest.mark.parametrize("topic", sorted(USE_OF_TOPIC))
-def test_an_unknown_version_of_any_topic_is_named_with_what_is_missing(topic: str) -> None:
+def test_an_unknown_version_of_any_topic_is_reported_with_the_missing_function(topic: str) -> None:
     versions = TopicVersions()
     known = 1 if topic.endswith("_v1") else 0
     other = f"{topic.removesuffix('_v1')}_v7"
@@ -42,7 +42,7 @@ def test_an_unknown_version_of_any_topic_is_named_with_what_is_missing(topic: st
     )
 
 
-def test_a_known_version_beside_another_one_causes_no_problem() -> None:
+def test_a_known_version_beside_another_version_causes_no_problem() -> None:
     versions = TopicVersions()
     announce(versions, "/fmu/out/vehicle_status", "/fmu/out/vehicle_status_v1", "/fmu/in/vehicle_command_v1")
     announce(versions, COMMAND)
@@ -57,7 +57,7 @@ def test_programs_at_the_other_end_of_a_topic_are_ignored() -> None:
     assert versions.problems() == []
 
 
-def test_each_vehicle_has_one_text_and_many_topics_are_counted() -> None:
+def test_each_vehicle_has_one_text_that_counts_further_topics() -> None:
     versions = TopicVersions()
     announce(versions, "/fmu/out/vehicle_attitude_v1", namespace="")
     announce(versions, *(f"{topic}_v9" for topic in sorted(SENT)[:5]))

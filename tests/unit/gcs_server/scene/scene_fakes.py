@@ -50,13 +50,13 @@ class FakeVehicle:
     received_monotonic_s: float = 0.0
     clock: Clock = field(default_factory=SystemClock)
     past: list[Sample] = field(default_factory=list)
-    asked: int = 0
+    history_requests: int = 0
     """Number of requests for the history."""
-    looked_at: int = 0
+    topic_reads: int = 0
     """Number of reads of a topic."""
 
     def topic(self, name: str) -> Sample | None:
-        self.looked_at += 1
+        self.topic_reads += 1
         value = self.values.get(name)
         return None if value is None else Sample(name, None, 0.0, self.received_monotonic_s, value)
 
@@ -64,7 +64,7 @@ class FakeVehicle:
         return None if self.values.get(name) is None else self.received_monotonic_s
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
-        self.asked += 1
+        self.history_requests += 1
         return [s for s in self.past if s.topic in topics and s.received_unix_s >= since_unix_s]
 
 
@@ -103,11 +103,11 @@ def attitude(roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0) -> Attitud
     return Attitude(roll, pitch, yaw, q_from_euler(roll, pitch, yaw), (0.0, 0.0, 0.0))
 
 
-def local(n: float, e: float, d: float) -> LocalPosition:
+def local_position(n: float, e: float, d: float) -> LocalPosition:
     return LocalPosition((n, e, d), (0.0, 0.0, 0.0))
 
 
-def glob(lat: float, lon: float, alt_amsl_m: float) -> GlobalPosition:
+def global_position(lat: float, lon: float, alt_amsl_m: float) -> GlobalPosition:
     return GlobalPosition(lat, lon, alt_amsl_m, 0.0, (0.0, 0.0, 0.0), None)
 
 
@@ -131,8 +131,8 @@ def flying(vehicle_id: str = "1") -> FakeVehicle:
         {
             "status": status(),
             "attitude": attitude(),
-            "local_position": local(0.0, 0.0, -10.0),
-            "global_position": glob(47.397742, 8.545594, 498.0),
+            "local_position": local_position(0.0, 0.0, -10.0),
+            "global_position": global_position(47.397742, 8.545594, 498.0),
             "home": home(47.397742, 8.545594, 488.0, (0.0, 0.0, 0.0)),
             "gimbal": gimbal(q_from_euler(0.0, -0.5, 0.0), earth=False),
             "motors": motors(1500, 1500, 1500, 1500),

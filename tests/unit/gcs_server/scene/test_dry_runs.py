@@ -1,4 +1,4 @@
-"""A dry run in the 3D view: the position of its vehicle, its corridor, and the views that show it."""
+"""A dry run in the 3D view: the position of its vehicle, its corridor, and the times that the views show."""
 
 import math
 
@@ -52,15 +52,15 @@ def test_the_dry_runs_vehicle_is_interpolated_and_stays_at_the_ends():
     assert pose_at(path(), 0.0, START).position_enu_m == pytest.approx(START)
 
 
-@pytest.mark.parametrize(("t_s", "looks_enu"), [(0.0, (0, 1, 0)), (10.0, (0, 0, -1)), (20.0, (0, -1, 0))])
-def test_the_gimbal_points_as_in_the_dry_run(t_s, looks_enu):
+@pytest.mark.parametrize(("t_s", "direction_enu"), [(0.0, (0, 1, 0)), (10.0, (0, 0, -1)), (20.0, (0, -1, 0))])
+def test_the_gimbal_points_as_in_the_dry_run(t_s, direction_enu):
     pose = pose_at(path(), t_s, START)
     assert pose.q_body_camera is not None
     ahead = rotate(pose.q_enu_flu, rotate(pose.q_body_camera, (1.0, 0.0, 0.0)))
-    assert ahead == pytest.approx(looks_enu, abs=1e-6)
+    assert ahead == pytest.approx(direction_enu, abs=1e-6)
 
 
-def test_the_corridor_is_as_wide_and_high_as_the_flights_were():
+def test_the_corridor_has_the_width_and_height_of_the_simulated_flights():
     corners = path().corridor_enu_m
     assert corners is not None
     np.testing.assert_allclose(corners[2], [(40, 3, 8), (40, -3, 8), (40, -3, 11), (40, 3, 11)])
@@ -88,9 +88,9 @@ def test_each_role_has_its_own_corridor():
 
 
 def test_a_single_flight_has_no_corridor_and_a_flight_without_samples_has_no_path():
-    (alone,) = paths_of({**RESULT, "monte_carlo": None})
-    assert corridor_mesh(alone) is None
-    assert corridor_edges(alone) is None
+    (single_flight,) = paths_of({**RESULT, "monte_carlo": None})
+    assert corridor_mesh(single_flight) is None
+    assert corridor_edges(single_flight) is None
     assert paths_of(NOT_FLOWN) == ()
 
 
@@ -102,33 +102,33 @@ def test_each_of_several_vehicles_has_a_path_labelled_with_its_role():
     assert pose_at(found[1], 15.0, START).label == "right · 10.0 m"
 
 
-def shown(scene, **asked):
-    return scene.set_view("page", ViewRequest.model_validate(asked)).dry_run
+def dry_run_after(scene, **request):
+    return scene.set_view("page", ViewRequest.model_validate(request)).dry_run
 
 
 def test_a_view_keeps_the_shown_time_until_a_new_request():
-    asked: list[str] = []
+    requested_ids: list[str] = []
 
     def results(dry_run: str):
-        asked.append(dry_run)
+        requested_ids.append(dry_run)
         if dry_run not in ("1", "2"):
             raise UnknownDryRun(f"There is no result of a dry run {dry_run!r}.")
         return paths_of(RESULT if dry_run == "1" else NOT_FLOWN)
 
     scene = Scene(FakeFleet([flying("1")]), StillClock(), dry_runs=results)
-    first = shown(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
-    later = shown(scene, dry_run={"id": "1", "t_s": 4.0})
+    first = dry_run_after(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
+    later = dry_run_after(scene, dry_run={"id": "1", "t_s": 4.0})
     assert (first.t_s, first.follow, later.t_s, later.follow) == (3.0, True, 4.0, False)
     assert first.paths is later.paths
-    assert asked == ["1"]
-    assert shown(scene, mode="free") is later
-    assert shown(scene, dry_run={"id": "1", "t_s": None}).t_s is None
-    later = shown(scene, dry_run={"id": "1", "t_s": 4.0})
+    assert requested_ids == ["1"]
+    assert dry_run_after(scene, mode="free") is later
+    assert dry_run_after(scene, dry_run={"id": "1", "t_s": None}).t_s is None
+    later = dry_run_after(scene, dry_run={"id": "1", "t_s": 4.0})
     with pytest.raises(UnknownDryRun):
-        shown(scene, dry_run={"id": "9", "t_s": 0.0})
-    assert shown(scene, mode="chase") is later
-    assert shown(scene, dry_run={"id": "2", "t_s": 0.0}) is None
-    assert shown(scene, dry_run=None) is None
+        dry_run_after(scene, dry_run={"id": "9", "t_s": 0.0})
+    assert dry_run_after(scene, mode="chase") is later
+    assert dry_run_after(scene, dry_run={"id": "2", "t_s": 0.0}) is None
+    assert dry_run_after(scene, dry_run=None) is None
 
 
 @pytest.mark.parametrize("t_s", [-1.0, math.nan, math.inf])

@@ -41,7 +41,8 @@ def test_rotors_have_px4s_numbering():
     assert front_right[0] > 0 > front_right[1]
     assert rear_left[0] < 0 < rear_left[1]
     assert min(front_left[:2]) > 0 > max(rear_right[:2])
-    # Diagonal rotors turn in the same direction, neighbours in opposite ones; motor 1 turns anticlockwise.
+    # Diagonal rotors turn in the same direction, neighbours in opposite directions; motor 1 turns
+    # anticlockwise.
     assert model.ROTOR_SPINS == (1, 1, -1, -1)
 
 
@@ -135,9 +136,9 @@ def test_rotors_turn_in_their_directions_and_stop_when_disarmed():
         math.remainder(b - a, 2 * math.pi) for a, b in zip(before, smoother.rotor_angles_rad, strict=True)
     ]
     assert [math.copysign(1, t) for t in turned] == list(model.ROTOR_SPINS)
-    still = smoother.rotor_angles_rad
+    stopped_angles = smoother.rotor_angles_rad
     smoother.step(replace(measured, motors=(0.0, 0.0, 0.0, 0.0)), 0.02)
-    assert smoother.rotor_angles_rad == still
+    assert smoother.rotor_angles_rad == stopped_angles
 
 
 def test_the_chase_heading_follows_smoothly_by_the_shorter_rotation():
@@ -185,7 +186,7 @@ def test_the_free_view_does_not_move_the_scene():
     assert world_pose("chase", None, 1.0) == WorldPose()
 
 
-def test_identity_colours_are_those_of_the_page(shared):
+def test_vehicles_have_the_colours_of_the_page(shared):
     tokens = (shared / "design" / "tokens.css").read_text()
     dark, light = tokens.split('[data-theme="light"]')
     for css, palette in ((dark, PALETTES["dark"]), (light, PALETTES["light"])):

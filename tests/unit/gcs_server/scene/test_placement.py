@@ -6,7 +6,14 @@ import pytest
 
 from gcs_server.scene.labels import origin_text
 from gcs_server.scene.placement import STANDING_HEIGHT_M, Placement
-from tests.unit.gcs_server.scene.scene_fakes import FakeVehicle, flying, glob, home, local, status
+from tests.unit.gcs_server.scene.scene_fakes import (
+    FakeVehicle,
+    flying,
+    global_position,
+    home,
+    local_position,
+    status,
+)
 
 LAT, LON = 47.397742, 8.545594
 NORTH_100_M = LAT + 100.0 / 111177.0
@@ -19,7 +26,7 @@ def test_the_first_home_is_the_origin():
     assert place.home_enu_m == (0.0, 0.0, 0.0)
 
 
-def test_the_page_knows_the_origin_once_a_vehicle_has_reported_a_position():
+def test_the_page_gets_the_origin_once_a_vehicle_has_reported_a_position():
     placement = Placement()
     placement.place(FakeVehicle())
     assert origin_text(placement.origin_deg_m) == ""
@@ -31,7 +38,7 @@ def test_two_vehicles_with_different_local_frames_are_placed_correctly():
     placement = Placement()
     placement.place(flying("1"))
     second = flying("2")
-    second.values["global_position"] = glob(NORTH_100_M, LON, 493.0)
+    second.values["global_position"] = global_position(NORTH_100_M, LON, 493.0)
     second.values["home"] = home(NORTH_100_M, LON, 483.0, (0.0, 0.0, 0.0))
     place = placement.place(second)
     assert place.position_enu_m == pytest.approx((0.0, 100.0, 5.0), abs=0.1)
@@ -42,19 +49,21 @@ def test_two_vehicles_with_different_local_frames_are_placed_correctly():
 def test_a_global_position_alone_places_a_vehicle():
     placement = Placement()
     placement.place(flying("1"))
-    place = placement.place(FakeVehicle("2", values={"global_position": glob(NORTH_100_M, LON, 490.0)}))
+    place = placement.place(
+        FakeVehicle("2", values={"global_position": global_position(NORTH_100_M, LON, 490.0)})
+    )
     assert place.position_enu_m == pytest.approx((0.0, 100.0, 2.0), abs=0.1)
     assert place.position_known
     assert place.local_origin_enu_m is None
 
 
 def test_a_local_position_alone_places_a_vehicle():
-    place = Placement().place(FakeVehicle(values={"local_position": local(3.0, 4.0, -5.0)}))
+    place = Placement().place(FakeVehicle(values={"local_position": local_position(3.0, 4.0, -5.0)}))
     assert place.position_enu_m == (4.0, 3.0, 5.0)
     assert place.position_known
 
 
-def test_without_a_position_the_vehicle_is_drawn_with_a_note():
+def test_a_vehicle_without_a_position_is_drawn_at_the_origin():
     place = Placement().place(FakeVehicle())
     assert place.position_enu_m == (0.0, 0.0, 0.0)
     assert not place.position_known
@@ -63,25 +72,25 @@ def test_without_a_position_the_vehicle_is_drawn_with_a_note():
 def test_a_difference_between_local_and_global_position_does_not_move_the_frame():
     placement, vehicle = Placement(), flying()
     first = placement.place(vehicle).local_origin_enu_m
-    vehicle.values["global_position"] = glob(LAT + 1e-5, LON, 498.5)  # a metre off
+    vehicle.values["global_position"] = global_position(LAT + 1e-5, LON, 498.5)  # a metre off
     assert placement.place(vehicle).local_origin_enu_m == first
 
 
-def test_a_reset_of_the_estimator_moves_the_frame_and_not_the_vehicle():
+def test_a_reset_of_the_estimator_moves_the_local_frame_and_not_the_vehicle():
     placement, vehicle = Placement(), flying()
     before = placement.place(vehicle).position_enu_m
-    vehicle.values["local_position"] = local(500.0, 0.0, -10.0)
+    vehicle.values["local_position"] = local_position(500.0, 0.0, -10.0)
     vehicle.values["home"] = home(LAT, LON, 488.0, None)
     assert placement.place(vehicle).position_enu_m == pytest.approx(before, abs=1e-6)
 
 
-@pytest.mark.parametrize("bad", [glob(math.nan, LON, 0.0), glob(0.0, 0.0, 0.0)])
-def test_an_invalid_position_is_not_used(bad):
-    vehicle = FakeVehicle(values={"global_position": bad})
+@pytest.mark.parametrize("invalid", [global_position(math.nan, LON, 0.0), global_position(0.0, 0.0, 0.0)])
+def test_an_invalid_position_is_not_used(invalid):
+    vehicle = FakeVehicle(values={"global_position": invalid})
     assert not Placement().place(vehicle).position_known
 
 
-def test_after_the_last_vehicle_the_next_one_sets_the_origin():
+def test_after_a_reset_the_next_vehicle_sets_the_origin():
     placement = Placement()
     placement.place(flying())
     placement.reset()
@@ -89,13 +98,13 @@ def test_after_the_last_vehicle_the_next_one_sets_the_origin():
     assert placement.place(elsewhere).home_enu_m == (0.0, 0.0, 0.0)
 
 
-def test_height_above_home_is_the_vehicles_own_after_its_estimate_has_drifted():
-    """Values of a real PX4 after landing: PX4's own value was -0.618 m."""
+def test_the_altitude_above_home_is_the_vehicles_own_value_after_its_estimate_has_drifted():
+    """Values that a real PX4 sent after landing; it reported -0.618 m above home."""
     vehicle = flying()
     placement = Placement()
     placement.place(vehicle)
-    vehicle.values["local_position"] = local(-0.364, -0.137, 1.1064453125)
-    vehicle.values["global_position"] = glob(47.3977434, 8.545592, 488.98)
+    vehicle.values["local_position"] = local_position(-0.364, -0.137, 1.1064453125)
+    vehicle.values["global_position"] = global_position(47.3977434, 8.545592, 488.98)
     vehicle.values["home"] = home(47.3977425, 8.5455933, 489.599, (-0.467, -0.037, 0.4874267578125))
     assert placement.place(vehicle).height_m == pytest.approx(-0.618, abs=0.002)
 
@@ -103,14 +112,14 @@ def test_height_above_home_is_the_vehicles_own_after_its_estimate_has_drifted():
 def test_a_landed_vehicle_is_drawn_on_the_ground_for_any_estimate():
     vehicle = flying()
     vehicle.values["status"] = status(landed="on_ground")
-    vehicle.values["local_position"] = local(0.0, 0.0, 0.6)
-    vehicle.values["global_position"] = glob(LAT, LON, 487.4)
+    vehicle.values["local_position"] = local_position(0.0, 0.0, 0.6)
+    vehicle.values["global_position"] = global_position(LAT, LON, 487.4)
     place = Placement().place(vehicle)
     assert place.position_enu_m[2] == pytest.approx(place.ground_z_m + STANDING_HEIGHT_M)
     assert place.height_m == pytest.approx(-0.6)
 
 
-def test_a_vehicle_landed_on_a_roof_is_drawn_there():
+def test_a_vehicle_landed_on_a_roof_is_drawn_on_the_roof():
     vehicle = flying()
     vehicle.values["status"] = status(landed="on_ground")
     assert Placement().place(vehicle).position_enu_m[2] == pytest.approx(10.0)

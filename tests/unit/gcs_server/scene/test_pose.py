@@ -16,8 +16,8 @@ from tests.unit.gcs_server.scene.scene_fakes import (
     attitude,
     flying,
     gimbal,
-    glob,
-    local,
+    global_position,
+    local_position,
     motors,
     q_from_euler,
     status,
@@ -47,7 +47,7 @@ def test_a_camera_yawed_right_points_right():
     assert rotate(q, (1, 0, 0)) == pytest.approx((0, -1, 0), abs=1e-9)
 
 
-def test_a_camera_locked_to_north_stays_there_while_the_vehicle_turns():
+def test_a_camera_locked_to_north_points_north_while_the_vehicle_turns():
     q = gimbal_in_body(
         gimbal(q_from_euler(0, 0, 0), earth=True), q_from_euler(0, 0, math.pi / 2), math.pi / 2
     )
@@ -105,15 +105,15 @@ def test_an_incomplete_target_is_not_drawn(position):
     assert drawn_pose(vehicle).target is None
 
 
-def test_labels_show_height_and_notes():
+def test_labels_show_the_altitude_above_home_and_notes():
     vehicle = flying()
     pose = drawn_pose(vehicle)
     assert (pose.label, pose.note) == ("1 · 10.0 m", "simulated")
-    vehicle.values["local_position"] = local(0.0, 0.0, 0.04)
-    vehicle.values["global_position"] = glob(47.397742, 8.545594, 487.96)
+    vehicle.values["local_position"] = local_position(0.0, 0.0, 0.04)
+    vehicle.values["global_position"] = global_position(47.397742, 8.545594, 487.96)
     assert drawn_pose(vehicle).label == "1 · 0.0 m"
-    vehicle.values["local_position"] = local(0.0, 0.0, 0.3)
-    vehicle.values["global_position"] = glob(47.397742, 8.545594, 487.7)
+    vehicle.values["local_position"] = local_position(0.0, 0.0, 0.3)
+    vehicle.values["global_position"] = global_position(47.397742, 8.545594, 487.7)
     assert drawn_pose(vehicle).label == "1 · \N{MINUS SIGN}0.3 m"
 
 
@@ -126,7 +126,7 @@ def test_a_lost_vehicle_is_labelled_and_has_no_target():
     assert pose.note == "lost, simulated"
 
 
-def test_a_vehicle_without_telemetry_has_a_label_without_height():
+def test_a_vehicle_without_telemetry_has_a_label_without_altitude():
     pose = drawn_pose(FakeVehicle("7", FakeIdentity(replayed=True)))
     assert (pose.label, pose.note) == ("7", "no position, replayed")
 
@@ -139,9 +139,12 @@ def test_measured_points_are_drawn_for_a_limited_time():
     down = DistanceSensor(0, (0.0, 0.0, 1.0), 2.0, 0.1, 20.0, None, 0.0)
     vehicle.values["distance_sensors"] = DistanceSensors((ahead, down))
     vehicle.values["obstacle_distance"] = ObstacleDistance("north", 0.0, 5.0, (3.0, 20.01, None), 0.1, 20.0)
-    seen = drawn_pose(vehicle)
-    x, y, z = seen.position_enu_m
-    assert seen.measured_points_enu_m == (pytest.approx((x + 4.0, y, z)), pytest.approx((x, y + 3.0, z)))
-    assert upright_lines(seen.measured_points_enu_m).shape == (2, 2, 3)
+    with_sensors = drawn_pose(vehicle)
+    x, y, z = with_sensors.position_enu_m
+    assert with_sensors.measured_points_enu_m == (
+        pytest.approx((x + 4.0, y, z)),
+        pytest.approx((x, y + 3.0, z)),
+    )
+    assert upright_lines(with_sensors.measured_points_enu_m).shape == (2, 2, 3)
     assert upright_lines(((1.0, 2.0, 3.0),))[0, 1, 2] == pytest.approx(3.0 + HALF_HEIGHT_M)
     assert drawn_pose(vehicle, now_s=DRAWN_FOR_S + 0.1).measured_points_enu_m == ()

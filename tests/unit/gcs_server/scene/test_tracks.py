@@ -9,7 +9,14 @@ from gcs_server.scene.host import ViserHost
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.tracks import Track, Tracks
 from gcs_server.vehicle.samples import Sample
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, StillClock, flying, glob, local
+from tests.unit.gcs_server.scene.scene_fakes import (
+    FakeFleet,
+    FakeVehicle,
+    StillClock,
+    flying,
+    global_position,
+    local_position,
+)
 
 
 def points(track: Track) -> list[tuple[float, float, float]]:
@@ -19,8 +26,8 @@ def points(track: Track) -> list[tuple[float, float, float]]:
 def add_flight_north(vehicle: FakeVehicle, clock: StillClock, seconds: int) -> None:
     """Adds a history: 1 m/s to the north, ending at the origin now, 10 m high."""
     for ago_s in range(seconds, 0, -1):
-        unix_s, at = clock.unix_s() - ago_s, local(-float(ago_s), 0.0, -10.0)
-        vehicle.past.append(Sample("local_position", None, unix_s, clock.monotonic_s() - ago_s, at))
+        unix_s, position = clock.unix_s() - ago_s, local_position(-float(ago_s), 0.0, -10.0)
+        vehicle.past.append(Sample("local_position", None, unix_s, clock.monotonic_s() - ago_s, position))
 
 
 def test_without_a_view_no_vehicle_is_read(monkeypatch):
@@ -29,7 +36,7 @@ def test_without_a_view_no_vehicle_is_read(monkeypatch):
     scene = Scene(FakeFleet([vehicle]), StillClock())
     for i in range(100):
         scene._step(i * 0.25, 0.25)
-    assert (vehicle.looked_at, vehicle.asked) == (0, 0)
+    assert (vehicle.topic_reads, vehicle.history_requests) == (0, 0)
 
 
 def test_the_trail_is_complete_when_a_view_opens():
@@ -39,10 +46,10 @@ def test_the_trail_is_complete_when_a_view_opens():
     add_flight_north(vehicle, clock, 100)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
-    assert points(track) == [pytest.approx((0.0, -float(ago), 10.0)) for ago in range(100, 0, -1)]
+    assert points(track) == [pytest.approx((0.0, -float(ago_s), 10.0)) for ago_s in range(100, 0, -1)]
     tracks.update(clock.monotonic_s() + 0.03, 0.03)
     assert points(track)[-1] == pytest.approx((0.0, 0.0, 10.0))
-    assert vehicle.asked == 1
+    assert vehicle.history_requests == 1
 
 
 def test_a_gap_is_filled_without_duplicates():
@@ -50,16 +57,16 @@ def test_a_gap_is_filled_without_duplicates():
     vehicle = flying()
     vehicle.clock = clock
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
-    vehicle.values["local_position"] = local(-60.0, 0.0, -10.0)
+    vehicle.values["local_position"] = local_position(-60.0, 0.0, -10.0)
     vehicle.values["global_position"] = None
     for _ in range(2):
         (track,) = tracks.update(clock.monotonic_s(), 0.03).values()
     clock.now_s += 30.0
     add_flight_north(vehicle, clock, 29)
-    vehicle.values["local_position"] = local(0.0, 0.0, -10.0)
+    vehicle.values["local_position"] = local_position(0.0, 0.0, -10.0)
     for _ in range(2):
-        (again,) = tracks.update(clock.monotonic_s(), 0.03).values()
-    assert again is track
+        (same_track,) = tracks.update(clock.monotonic_s(), 0.03).values()
+    assert same_track is track
     assert [p[1] for p in points(track)] == pytest.approx([-60.0, *range(-29, 1)])
 
 
@@ -81,10 +88,10 @@ def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
     vehicles = [flying(str(i)) for i in range(1, 6)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     tracks.update(clock.monotonic_s(), 0.03, {"4"})
-    assert [v.asked for v in vehicles] == [0, 0, 0, 1, 0]
+    assert [v.history_requests for v in vehicles] == [0, 0, 0, 1, 0]
     for _ in range(6):
         tracks.update(clock.monotonic_s(), 0.03, {"4"})
-    assert [v.asked for v in vehicles] == [1, 1, 1, 1, 1]
+    assert [v.history_requests for v in vehicles] == [1, 1, 1, 1, 1]
 
 
 def test_vehicles_that_no_view_follows_are_updated_every_third_time():
@@ -93,7 +100,7 @@ def test_vehicles_that_no_view_follows_are_updated_every_third_time():
     tracks.update(0.0, 0.03, {"4"})  # the first update covers all vehicles
     poses = {v: track.smoother.pose for v, track in tracks.update(0.03, 0.03, {"4"}).items()}
     for vehicle in vehicles:
-        vehicle.values["local_position"] = local(1.0, 0.0, -10.0)
+        vehicle.values["local_position"] = local_position(1.0, 0.0, -10.0)
     changed = []
     for index in range(2, 5):
         now = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03, {"4"}).items()}
@@ -103,7 +110,7 @@ def test_vehicles_that_no_view_follows_are_updated_every_third_time():
     assert all("4" in each for each in changed)
     assert set.union(*changed) == {v.id for v in vehicles}
     norths = {v: pose.position_enu_m[1] for v, pose in poses.items()}
-    last = changed[-1]  # a vehicle updated after three periods has moved as far as the followed one
+    last = changed[-1]  # a vehicle updated after three periods has moved as far as the followed vehicle
     assert [norths[v] for v in last] == pytest.approx([norths["4"]] * len(last))
 
 
@@ -113,59 +120,71 @@ def test_a_few_vehicles_are_all_updated_each_time():
     for index in range(3):
         before = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03).items()}
         for vehicle in vehicles:
-            vehicle.values["local_position"] = local(float(index), 0.0, -10.0)
+            vehicle.values["local_position"] = local_position(float(index), 0.0, -10.0)
     after = {v: track.smoother.pose for v, track in tracks.update(0.2, 0.03).items()}
     assert all(after[v] is not before[v] for v in ("1", "2", "3"))
 
 
-def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first():
+def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first_vehicle():
     clock, fleet = StillClock(), FakeFleet([flying("1")])
     tracks = Tracks(fleet, None, SystemClock())
     for _ in range(2):
         tracks.update(clock.monotonic_s(), 0.03)
-    far = flying("1")
-    far.values = {"global_position": glob(-33.0, 151.0, 50.0)}
-    fleet.vehicles = [far]
+    other = flying("1")
+    other.values = {"global_position": global_position(-33.0, 151.0, 50.0)}
+    fleet.vehicles = [other]
     (track,) = tracks.update(clock.monotonic_s() + 5, 0.03).values()
     assert points(track) == []
-    # It is the only vehicle, so its position is the origin of the scene.
+    # There is only one vehicle, so its position is the origin of the scene.
     assert track.smoother.pose.position_enu_m == pytest.approx((0.0, 0.0, 0.0))
 
 
-def test_global_positions_make_the_trail_if_there_are_no_local_positions():
+def test_global_positions_are_used_for_the_trail_if_there_are_no_local_positions():
     clock = StillClock()
-    vehicle = FakeVehicle(clock=clock, values={"global_position": glob(47.0, 8.0, 500.0)})
+    vehicle = FakeVehicle(clock=clock, values={"global_position": global_position(47.0, 8.0, 500.0)})
     vehicle.past = [
-        Sample("global_position", None, clock.unix_s() - ago, 0.0, glob(47.0 - ago * 1e-5, 8.0, 500.0))
-        for ago in (3, 2, 1)
+        Sample(
+            "global_position",
+            None,
+            clock.unix_s() - ago_s,
+            0.0,
+            global_position(47.0 - ago_s * 1e-5, 8.0, 500.0),
+        )
+        for ago_s in (3, 2, 1)
     ]
     (track,) = Tracks(FakeFleet([vehicle]), None, SystemClock()).update(clock.monotonic_s(), 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-3.335, -2.223, -1.112], abs=0.01)
 
 
 def test_a_replayed_vehicles_trail_uses_the_recordings_time():
-    long_ago, vehicle = StillClock(5.0), flying()
-    vehicle.clock = long_ago
-    add_flight_north(vehicle, long_ago, 4)
+    replay_clock, vehicle = StillClock(5.0), flying()
+    vehicle.clock = replay_clock
+    add_flight_north(vehicle, replay_clock, 4)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.update(9e5, 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])
-    long_ago.now_s += 2.0  # played at half speed, without a view
+    replay_clock.now_s += 2.0  # played at half speed, without a view
     vehicle.past.append(
-        Sample("local_position", None, long_ago.unix_s() - 1, long_ago.now_s - 1, local(1.0, 0.0, -10.0))
+        Sample(
+            "local_position",
+            None,
+            replay_clock.unix_s() - 1,
+            replay_clock.now_s - 1,
+            local_position(1.0, 0.0, -10.0),
+        )
     )
     tracks.update(9e5 + 4.0, 0.03)
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1, 1])
 
 
-def test_a_vehicle_that_cannot_be_placed_is_left_out_and_the_others_are_drawn() -> None:
-    bad, good = flying("1"), flying("2")
-    tracks = Tracks(FakeFleet([bad, good]), None, SystemClock())
-    bad.values["local_position"] = local("north", 0.0, -10.0)  # not a number
+def test_a_vehicle_with_an_invalid_position_is_not_drawn_and_the_other_vehicles_are() -> None:
+    broken, intact = flying("1"), flying("2")
+    tracks = Tracks(FakeFleet([broken, intact]), None, SystemClock())
+    broken.values["local_position"] = local_position("north", 0.0, -10.0)  # not a number
     assert list(tracks.update(1.0, 0.03)) == ["2"]
-    assert good.asked == 1, "its trail is also built"
+    assert intact.history_requests == 1, "the trail of the other vehicle was not built"
     (fault,) = tracks.isolation.faults
     assert "vehicle 1" in fault
-    bad.values["local_position"] = local(0.0, 0.0, -10.0)
+    broken.values["local_position"] = local_position(0.0, 0.0, -10.0)
     assert list(tracks.update(1.1, 0.03)) == ["1", "2"]
     assert tracks.isolation.faults == []

@@ -18,7 +18,7 @@ from gcs_server.streamer.missions.preparation import (
 from gcs_server.streamer.missions.start import Start
 
 FIRST, SECOND = cast(Start, object()), cast(Start, object())
-HERE = Conditions((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
+CONDITIONS = Conditions((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
 
 
 @pytest.mark.parametrize(
@@ -37,36 +37,36 @@ HERE = Conditions((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
 def test_a_mission_is_compiled_again_after_a_change(
     change: dict[str, Any], compiles: bool, ready: bool
 ) -> None:
-    prepared = Preparation(FIRST, HERE)
-    assert prepared.update(5.0, replace(HERE, **change)) == compiles
-    assert prepared.ready == ready
-    assert prepared.reason == ("" if ready else COMPILING)
+    preparation = Preparation(FIRST, CONDITIONS)
+    assert preparation.update(5.0, replace(CONDITIONS, **change)) == compiles
+    assert preparation.ready == ready
+    assert preparation.reason == ("" if ready else COMPILING)
 
 
 def test_without_a_position_the_mission_is_not_ready() -> None:
-    prepared = Preparation(FIRST, HERE)
-    assert prepared.update(5.0, None)
-    assert not prepared.ready
+    preparation = Preparation(FIRST, CONDITIONS)
+    assert preparation.update(5.0, None)
+    assert not preparation.ready
 
 
 def test_a_mission_is_compiled_once_at_a_time_and_not_continuously() -> None:
-    prepared, moved = Preparation(FIRST, HERE), replace(HERE, position_ned_m=(30.0, 0.0, 0.0))
-    assert prepared.update(5.0, moved)
-    assert not prepared.update(9.0, moved)
-    prepared.succeeded(SECOND, moved, 10.0)
-    assert not prepared.update(10.1, HERE)
-    assert prepared.update(10.0 + MIN_INTERVAL_S, HERE)
-    prepared.succeeded(SECOND, HERE, 12.0)
-    assert not prepared.update(20.0, HERE)
-    assert prepared.start is SECOND
+    preparation, moved = Preparation(FIRST, CONDITIONS), replace(CONDITIONS, position_ned_m=(30.0, 0.0, 0.0))
+    assert preparation.update(5.0, moved)
+    assert not preparation.update(9.0, moved)
+    preparation.succeeded(SECOND, moved, 10.0)
+    assert not preparation.update(10.1, CONDITIONS)
+    assert preparation.update(10.0 + MIN_INTERVAL_S, CONDITIONS)
+    preparation.succeeded(SECOND, CONDITIONS, 12.0)
+    assert not preparation.update(20.0, CONDITIONS)
+    assert preparation.start is SECOND
 
 
 def test_a_mission_that_cannot_be_compiled_does_not_begin_and_is_tried_again() -> None:
-    prepared = Preparation(FIRST, HERE)
-    assert prepared.update(5.0, replace(HERE, settings={}))
-    prepared.failed("The path leaves the geofence.", 6.0)
-    assert not prepared.update(6.1, HERE)
-    assert not prepared.ready
-    assert prepared.start is None
-    assert prepared.reason == "The path leaves the geofence."
-    assert prepared.update(6.0 + RETRY_S, HERE)
+    preparation = Preparation(FIRST, CONDITIONS)
+    assert preparation.update(5.0, replace(CONDITIONS, settings={}))
+    preparation.failed("The path leaves the geofence.", 6.0)
+    assert not preparation.update(6.1, CONDITIONS)
+    assert not preparation.ready
+    assert preparation.start is None
+    assert preparation.reason == "The path leaves the geofence."
+    assert preparation.update(6.0 + RETRY_S, CONDITIONS)

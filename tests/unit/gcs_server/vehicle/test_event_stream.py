@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 from gcs_server.vehicle.event_stream import MAX_GAP, MAX_REQUESTS, REQUEST_PERIOD_S, EventStream
 
 
-def started(at):
+def started_stream(sequence):
     stream = EventStream()
-    assert stream.take(at, at) == [at]
+    assert stream.take(sequence, sequence) == [sequence]
     return stream
 
 
@@ -17,21 +17,23 @@ def started(at):
     st.lists(st.integers(0, 30), min_size=1, max_size=80).map(lambda steps: [1, *steps]),
 )
 def test_events_received_in_any_order_and_repeatedly_are_passed_on_once_and_in_order(first, offsets):
-    stream, out = started(first), []
+    stream, out = started_stream(first), []
     for offset in offsets:
         sequence = (first + offset) & 0xFFFF
         out += stream.take(sequence, sequence)
-    present = set(offsets) | {0}
-    run = next(n for n in range(32) if n not in present)
-    assert out == [(first + n) & 0xFFFF for n in range(1, run)]
+    received = set(offsets) | {0}
+    first_missing = next(n for n in range(32) if n not in received)
+    assert out == [(first + n) & 0xFFFF for n in range(1, first_missing)]
     assert stream.lost == 0
     missing = stream.next_request(0.0)
-    later = [n for n in present if n > run]
-    assert missing == (None if not later else ((first + run) & 0xFFFF, (first + min(later) - 1) & 0xFFFF))
+    after_gap = [n for n in received if n > first_missing]
+    assert missing == (
+        None if not after_gap else ((first + first_missing) & 0xFFFF, (first + min(after_gap) - 1) & 0xFFFF)
+    )
 
 
 def test_a_gap_is_requested_again_and_finally_skipped():
-    stream = started(65534)
+    stream = started_stream(65534)
     assert stream.take(1, 1) == []
     now_s, requests = 0.0, 0
     for _ in range(200):
@@ -48,8 +50,8 @@ def test_a_gap_is_requested_again_and_finally_skipped():
     assert (stream.lost, stream.expected) == (2, 2)
 
 
-def test_a_recovered_event_releases_the_later_ones():
-    stream = started(5)
+def test_a_recovered_event_releases_the_later_events():
+    stream = started_stream(5)
     assert stream.take(7, 7) == []
     assert stream.next_request(0.0) == (6, 6)
     assert stream.is_missing(6)
@@ -69,9 +71,9 @@ def test_the_current_sequence_number_reveals_missing_events_at_the_end():
 
 
 def test_events_that_the_vehicle_no_longer_has_are_skipped():
-    stream = started(10)
+    stream = started_stream(10)
     assert stream.take(20, 20) == []
-    assert stream.skip_unavailable(14, 15) == []  # not the expected one
+    assert stream.skip_unavailable(14, 15) == []  # not the expected event
     assert stream.skip_unavailable(11, 18) == []
     assert (stream.expected, stream.lost) == (18, 7)
     assert stream.skip_unavailable(18, 65000) == []  # implausible: only the expected event is skipped
@@ -79,7 +81,7 @@ def test_events_that_the_vehicle_no_longer_has_are_skipped():
 
 
 def test_a_large_jump_or_a_reset_restarts_the_sequence():
-    stream = started(1000)
+    stream = started_stream(1000)
     assert stream.take(1000 + MAX_GAP + 2, "far") == ["far"]
     assert stream.take(3, "restarted") == ["restarted"]
     assert stream.lost == 2

@@ -67,13 +67,13 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
     lines = (shared / "px4/dialogues/ftp.jsonl").read_text().splitlines()
     dialogues = {d["id"]: d for d in map(json.loads, lines)}
 
-    def answer(name):
+    def reply(name):
         fields = dialogues[name]["received"][0]["fields"]["payload"]
         data = bytes.fromhex(fields["data_hex"])
         head = {"sequence": fields["seq_number"], "requested": fields["req_opcode"]}
         return codec.Packet(opcode=fields["opcode"], size=len(data), data=data, **head)
 
-    entries, count = codec.parse_listing(answer("ftp_list_dot").data)
+    entries, count = codec.parse_listing(reply("ftp_list_dot").data)
     assert count == 9
     assert [e.name for e in entries] == [
         "log",
@@ -84,15 +84,15 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
     ]
     assert entries[0].bytes is None
     assert entries[1].bytes == 1208528
-    extras, _ = codec.parse_listing(answer("ftp_list_etc_extras").data)
+    extras, _ = codec.parse_listing(reply("ftp_list_etc_extras").data)
     assert {"parameters.json.xz", "component_general.json.xz"} <= {e.name for e in extras}
-    for name, words in (
+    for name, expected in (
         ("ftp_open_missing", "no such file"),
         ("ftp_unknown_opcode", "does not support this request"),
         ("ftp_open_no_session_free_slash", "another file is open"),
         ("ftp_rmdir_not_empty", "not empty"),
     ):
-        assert words in str(codec.refusal(answer(name), "p", "Doing")), name
+        assert expected in str(codec.refusal(reply(name), "p", "Doing")), name
 
 
 @pytest.mark.parametrize("path", ["x" * 239, "a\0b"])
@@ -107,8 +107,10 @@ def put_every_second_byte(pieces):
 
 
 def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
-    few, many = (count_lines_run(lambda n=n: put_every_second_byte(Pieces(n))) for n in (1_000, 4_000))
-    assert many < 5 * few
+    few_lines, many_lines = (
+        count_lines_run(lambda n=n: put_every_second_byte(Pieces(n))) for n in (1_000, 4_000)
+    )
+    assert many_lines < 5 * few_lines
 
 
 def test_the_number_of_missing_parts_is_limited():

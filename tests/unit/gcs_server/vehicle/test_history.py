@@ -19,25 +19,25 @@ def frame(msg_id: int, at_s: float) -> Frame:
 
 def test_a_frame_is_stored_once_and_returned_unchanged():
     history = History([ATTITUDE])
-    one = frame(ATTITUDE, 1.0)
-    history.store({ATTITUDE: one, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
-    history.store({ATTITUDE: one}, 1.35)
+    attitude = frame(ATTITUDE, 1.0)
+    history.store({ATTITUDE: attitude, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
+    history.store({ATTITUDE: attitude}, 1.35)
     ((kept_s, (stored,)),) = history.frames((ATTITUDE,))
     assert kept_s == 1.1
     assert stored is not None
-    assert (stored.raw, stored.payload, stored.received_monotonic_s) == (one.raw, one.payload, 1.0)
+    assert (stored.raw, stored.payload, stored.received_monotonic_s) == (attitude.raw, attitude.payload, 1.0)
     assert (stored.system_id, stored.component_id, stored.seq) == (1, 2, 7)
 
 
 def test_a_frame_is_repeated_at_each_time_until_the_message_is_received_again():
     history = History([ATTITUDE, HEARTBEAT])
-    beat = frame(HEARTBEAT, 1.0)
+    heartbeat = frame(HEARTBEAT, 1.0)
     for step in range(4):
-        history.store({HEARTBEAT: beat, ATTITUDE: frame(ATTITUDE, 1.0 + step)}, 1.0 + step)
-    seen = list(history.frames((HEARTBEAT, ATTITUDE)))
-    assert [kept_s for kept_s, _ in seen] == [1.0, 2.0, 3.0, 4.0]
-    assert all(frames[0] is not None and frames[0].raw == beat.raw for _, frames in seen)
-    assert [f[1].received_monotonic_s for _, f in seen if f[1] is not None] == [1.0, 2.0, 3.0, 4.0]
+        history.store({HEARTBEAT: heartbeat, ATTITUDE: frame(ATTITUDE, 1.0 + step)}, 1.0 + step)
+    history_frames = list(history.frames((HEARTBEAT, ATTITUDE)))
+    assert [kept_s for kept_s, _ in history_frames] == [1.0, 2.0, 3.0, 4.0]
+    assert all(frames[0] is not None and frames[0].raw == heartbeat.raw for _, frames in history_frames)
+    assert [f[1].received_monotonic_s for _, f in history_frames if f[1] is not None] == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_the_history_has_a_limited_length():

@@ -30,7 +30,7 @@ def events(enums=None, **event):
 
 
 @pytest.mark.parametrize(
-    ("entry", "words"),
+    ("entry", "expected"),
     [
         ({"bitmask": [{"index": 8_000_000_000}]}, "<= 31"),
         ({"bitmask": [{"index": -1}]}, ">= 0"),
@@ -45,10 +45,10 @@ def events(enums=None, **event):
         ({"shortDesc": ["deep"]}, "Expected `str"),
     ],
 )
-def test_invalid_metadata_of_a_parameter_is_omitted_with_the_reason(entry, words):
+def test_invalid_metadata_of_a_parameter_is_omitted_with_the_reason(entry, expected):
     found = param_document.parse(parameters({"name": "BAD", "type": "Int32", **entry}))
     assert list(found) == ["GOOD"]
-    assert any(word in found.omission_text for word in words.split("|")), found.omission_text
+    assert any(text in found.omission_text for text in expected.split("|")), found.omission_text
     assert "Left out 1 parameter" in found.omission_text
 
 
@@ -68,9 +68,9 @@ def test_long_texts_of_parameters_are_cut():
         "longDesc": "d" * 99_999,
         "units": "u" * 999,
     }
-    facts = param_document.parse(parameters(entry))["A"]
-    assert (len(facts.title), len(facts.details), len(facts.unit)) == (300, 3000, 60)
-    assert facts.title.endswith("…")
+    metadata = param_document.parse(parameters(entry))["A"]
+    assert (len(metadata.title), len(metadata.details), len(metadata.unit)) == (300, 3000, 60)
+    assert metadata.title.endswith("…")
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_a_too_large_precision_shows_few_decimals():
 
 
 @pytest.mark.parametrize(
-    "bad",
+    "invalid",
     [
         {"arguments": [{"type": "float"}] * 1000},
         {"arguments": 3},
@@ -112,8 +112,8 @@ def test_a_too_large_precision_shows_few_decimals():
         {"name": None},
     ],
 )
-def test_an_invalid_event_is_omitted_with_the_reason(bad):
-    found = event_document.parse(events(**bad))
+def test_an_invalid_event_is_omitted_with_the_reason(invalid):
+    found = event_document.parse(events(**invalid))
     assert [d.name for d in found.values()] == ["good"]
     assert "Left out 1 entry: event 7" in found.omission_text
 
@@ -126,11 +126,11 @@ def test_only_the_labels_of_a_too_long_enum_are_omitted():
 
 
 @pytest.mark.parametrize(
-    "bad",
+    "invalid",
     [{"type": "matrix", "entries": {}}, {"type": "uint8_t", "entries": {"x": {}}}, 3, {"type": "uint8_t"}],
 )
-def test_an_invalid_enum_is_omitted_with_the_reason(bad):
-    assert "enum e" in event_document.parse(events({"e": bad})).omission_text
+def test_an_invalid_enum_is_omitted_with_the_reason(invalid):
+    assert "enum e" in event_document.parse(events({"e": invalid})).omission_text
 
 
 @given(
@@ -162,7 +162,7 @@ def test_any_json_is_parsed_or_refused_with_a_text(value):
     assert all(0 < len(problem) <= metadata_files.MAX_PROBLEM_LENGTH for problem in problems)
 
 
-def test_a_damaged_file_and_an_invalid_one_have_different_errors():
+def test_a_damaged_file_and_an_invalid_file_have_different_errors():
     packed = lzma.compress(parameters())
     for damaged, crc in ((packed[:-20], 0), (packed, 1234)):
         with pytest.raises(Damaged):
@@ -170,7 +170,7 @@ def test_a_damaged_file_and_an_invalid_one_have_different_errors():
     assert metadata_files.unpacked(packed, metadata_files.crc32(packed)) == parameters()
 
 
-def test_valid_entries_of_a_general_file_are_kept():
+def test_valid_entries_of_a_general_file_are_used():
     lines = [
         3,
         {"type": "1", "uri": "a"},
@@ -194,7 +194,7 @@ def test_the_total_size_of_the_cache_is_limited(monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["uavcan.pubp-pres", "gnss.dyn_model", "COM_OF_LOSS_T"])
-def test_parameter_names_like_those_of_px4_are_accepted(name):
+def test_parameter_names_like_px4s_are_accepted(name):
     assert name in param_document.parse(parameters({"name": name, "type": "Int32"}))
 
 

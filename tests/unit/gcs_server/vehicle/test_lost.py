@@ -31,6 +31,7 @@ class ReceivingState:
         self.state.take(Frame(message.get_msgId(), 1, component_id, 0, raw, self.clock.now_s))
 
     def lost_after_s(self, *messages, component_id=AUTOPILOT, within_s=30.0):
+        """Receives these messages every 0.5 s; returns after which time the vehicle was lost, or None."""
         began_s = self.clock.now_s
         while self.clock.now_s < began_s + within_s:
             self.clock.now_s += 0.5
@@ -43,16 +44,16 @@ class ReceivingState:
 
 @pytest.fixture
 def state_under_test():
-    one = ReceivingState()
-    one.take(HEARTBEAT)
-    return one
+    receiving = ReceivingState()
+    receiving.take(HEARTBEAT)
+    return receiving
 
 
 HEARTBEAT = d.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
 
 
-def test_a_silent_vehicle_is_lost_after_three_and_a_half_seconds(state_under_test):
+def test_a_vehicle_that_sends_nothing_is_lost_after_three_and_a_half_seconds(state_under_test):
     assert state_under_test.lost_after_s() == 4.0
     assert state_under_test.state.reason_lost() == "no messages for 4.0 s"
 
@@ -66,7 +67,7 @@ def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(state_under_tes
     assert "no heartbeat for 10 s" in state_under_test.state.reason_lost()
 
 
-def test_messages_of_the_camera_do_not_count_for_the_autopilot(state_under_test):
+def test_messages_of_a_camera_do_not_count_as_messages_of_the_autopilot(state_under_test):
     assert state_under_test.lost_after_s(ATTITUDE, component_id=CAMERA) == 4.0
 
 

@@ -1,4 +1,4 @@
-"""The list of a vehicle's modes: when it is requested, and which names it gives."""
+"""The list of a vehicle's modes: when the server requests it, and which names the modes get from it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gcs_server.vehicle.reducers import FlightState
 from gcs_server.vehicle.services.mode_list import ATTEMPT_EVERY_S, ATTEMPTS, EXTERNAL, ModeList
 
 SELECTABLE, NOT_SELECTABLE = 0, d.MAV_MODE_PROPERTY_NOT_USER_SELECTABLE
-entry = d.MAVLink_available_modes_message.unpacker
+MODE_ENTRY = d.MAVLink_available_modes_message.unpacker
 
 
 class Vehicle:
-    """A vehicle with its list; records what is sent to it."""
+    """A vehicle with its mode list; `sent` has the messages to the vehicle."""
 
     def __init__(self) -> None:
         self.now_s, self.sent = 100.0, list[Any]()
@@ -33,7 +33,7 @@ class Vehicle:
         return True
 
     def announce(self, mode: str, name: bytes, properties: int = SELECTABLE) -> None:
-        self.list.take(entry.pack(BY_NAME[mode].custom_mode, properties, 25, 18, 0, name))
+        self.list.take(MODE_ENTRY.pack(BY_NAME[mode].custom_mode, properties, 25, 18, 0, name))
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds * 4)):
@@ -79,7 +79,7 @@ def test_the_list_is_requested_only_a_few_times_if_the_vehicle_does_not_send_it(
     assert len(vehicle.sent) == ATTEMPTS
 
 
-def test_a_mode_of_this_server_needs_no_list_and_keeps_its_name() -> None:
+def test_a_mode_that_this_server_registered_keeps_its_name_and_needs_no_list() -> None:
     vehicle = Vehicle()
     vehicle.mode_names.external["external_3"] = "Ours"
     vehicle.list.entered(state("hold"), state("external_3"))
@@ -116,7 +116,7 @@ def test_a_hostile_name_is_shown_without_control_characters(sent: bytes, shown: 
     assert vehicle.mode_names.announced.get("external_1") == shown
 
 
-def test_only_external_modes_are_named_and_a_removed_one_loses_its_name() -> None:
+def test_only_external_modes_are_named_and_a_removed_mode_loses_its_name() -> None:
     vehicle = Vehicle()
     vehicle.announce("hold", b"Land")
     vehicle.announce("external_1", b"Line")

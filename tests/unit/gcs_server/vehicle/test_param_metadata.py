@@ -22,38 +22,40 @@ def packed(name, bits, index=0, count=2, kind=REAL32):
 
 
 @pytest.fixture(scope="module")
-def facts(shared):
+def metadata(shared):
     return param_document.parse(lzma.decompress((shared / "px4/parameters.json.xz").read_bytes()))
 
 
 @pytest.fixture(scope="module")
-def live(shared):
+def recorded_parameters(shared):
     content = json.loads((shared / "px4/parameters-live.json").read_text())
     return content.get("parameters", content)
 
 
-def test_every_parameter_of_the_recorded_vehicle_is_decoded_and_has_metadata(facts, live):
-    assert len(live) == 929
+def test_every_parameter_of_the_recorded_vehicle_is_decoded_and_has_metadata(metadata, recorded_parameters):
+    assert len(recorded_parameters) == 929
     table = ParamTable()
-    for name, one in live.items():
-        is_integer = one["type"] == "int32"
-        bits = struct.pack("<i", one["value"]) if is_integer else struct.pack("<f", one["value"])
-        report = read_report(packed(name, bits, one["index"], len(live), INT32 if is_integer else REAL32))
+    for name, recorded in recorded_parameters.items():
+        is_integer = recorded["type"] == "int32"
+        bits = struct.pack("<i", recorded["value"]) if is_integer else struct.pack("<f", recorded["value"])
+        report = read_report(
+            packed(name, bits, recorded["index"], len(recorded_parameters), INT32 if is_integer else REAL32)
+        )
         assert report is not None
         assert table.put(report)
         assert report.param == Param(
-            name, one["value"] if is_integer else struct.unpack("<f", bits)[0], is_integer
+            name, recorded["value"] if is_integer else struct.unpack("<f", bits)[0], is_integer
         )
-        metadata = facts[name]
-        assert metadata.is_integer == is_integer, name
-        assert metadata.group, name
-        assert metadata.title, name
-        default = param_metadata.is_default(metadata, metadata.default)
+        entry = metadata[name]
+        assert entry.is_integer == is_integer, name
+        assert entry.group, name
+        assert entry.title, name
+        default = param_metadata.is_default(entry, entry.default)
         assert default is True, name
     assert table.complete
     assert table.missing(5) == []
-    kept = ParamTable.load(table_with_hash(table, 77).dump(), 77, 929)
-    assert kept.all() == table.all()
+    loaded = ParamTable.load(table_with_hash(table, 77).dump(), 77, 929)
+    assert loaded.all() == table.all()
 
 
 def table_with_hash(table, value):
@@ -61,12 +63,12 @@ def table_with_hash(table, value):
     return table
 
 
-def test_nearly_all_recorded_values_are_within_their_ranges(facts, live):
+def test_nearly_all_recorded_values_are_within_their_ranges(metadata, recorded_parameters):
     """The exceptions are values that the server's check would refuse without `force`."""
     out_of_range = set()
-    for name, one in live.items():
+    for name, recorded in recorded_parameters.items():
         try:
-            facts[name].check(one["value"])
+            metadata[name].check(recorded["value"])
         except InvalidRequest as error:
             out_of_range.add((name, name in str(error), "force" in (error.remedy or "")))
     assert len(out_of_range) < 10, sorted(out_of_range)
@@ -74,7 +76,7 @@ def test_nearly_all_recorded_values_are_within_their_ranges(facts, live):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "words"),
+    ("name", "value", "expected"),
     [
         ("MPC_XY_VEL_MAX", 500.0, "from 0 to 20 m/s"),
         ("COM_OBL_RC_ACT", 77, "one of"),
@@ -82,24 +84,24 @@ def test_nearly_all_recorded_values_are_within_their_ranges(facts, live):
         ("COM_OF_LOSS_T", -1.0, "from 0 to 60 s"),
     ],
 )
-def test_a_value_out_of_range_is_refused_with_the_range(facts, name, value, words):
-    with pytest.raises(InvalidRequest, match=words) as caught:
-        facts[name].check(value)
+def test_a_value_out_of_range_is_refused_with_the_range(metadata, name, value, expected):
+    with pytest.raises(InvalidRequest, match=expected) as caught:
+        metadata[name].check(value)
     assert caught.value.field == "value"
-    facts["MPC_XY_VEL_MAX"].check(20)
-    facts["COM_OF_LOSS_T"].check(struct.unpack("<f", struct.pack("<f", 0.1))[0])
+    metadata["MPC_XY_VEL_MAX"].check(20)
+    metadata["COM_OF_LOSS_T"].check(struct.unpack("<f", struct.pack("<f", 0.1))[0])
 
 
-def test_the_error_about_a_range_with_one_limit_names_it():
-    one = param_metadata.ParamMetadata("A", False, "G", "Standard", min=1.5)
+def test_the_error_about_a_range_with_one_limit_names_the_limit():
+    minimum_only = param_metadata.ParamMetadata("A", False, "G", "Standard", min=1.5)
     with pytest.raises(InvalidRequest, match=r"at least 1\.5"):
-        one.check(1)
-    other = param_metadata.ParamMetadata("A", False, "G", "Standard", max=2, unit="s")
+        minimum_only.check(1)
+    maximum_only = param_metadata.ParamMetadata("A", False, "G", "Standard", max=2, unit="s")
     with pytest.raises(InvalidRequest, match="at most 2 s"):
-        other.check(3)
-    for bad in (b"[]", b'{"version": 2, "parameters": []}', b"x"):
+        maximum_only.check(3)
+    for invalid in (b"[]", b'{"version": 2, "parameters": []}', b"x"):
         with pytest.raises(ValueError, match=r"."):
-            param_document.parse(bad)
+            param_document.parse(invalid)
 
 
 @given(st.binary(min_size=4, max_size=4), st.sampled_from([1, 2, 3, 4, 5, 6, 9, 10]))
@@ -115,12 +117,12 @@ def test_the_bits_of_a_value_are_unchanged_in_report_and_cache(bits, kind):
     table = ParamTable()
     table.put(report)
     table.put(ParamReport(Param("Z", math.inf, False), 1, 2))
-    kept = ParamTable.load(table_with_hash(table, 5).dump(), 5, 2).get("ABCDEFGHIJKLMNOP")
-    assert kept.is_integer == report.param.is_integer
-    assert kept.value == report.param.value or (math.isnan(kept.value) and math.isnan(report.param.value))
+    loaded = ParamTable.load(table_with_hash(table, 5).dump(), 5, 2).get("ABCDEFGHIJKLMNOP")
+    assert loaded.is_integer == report.param.is_integer
+    assert loaded.value == report.param.value or (math.isnan(loaded.value) and math.isnan(report.param.value))
 
 
-def test_a_cache_of_another_state_or_damaged_is_not_used():
+def test_a_damaged_cache_and_a_cache_of_other_parameters_are_not_used():
     table = ParamTable()
     table.put(ParamReport(Param("A", 1, True), 0, 1))
     content = table_with_hash(table, 9).dump()
@@ -154,18 +156,18 @@ def test_the_cache_keeps_the_newest_files_and_never_fails(tmp_path):
     Cache(tmp_path / "file").write("a", b"x")
 
 
-def test_a_refusal_names_a_limited_number_of_choices():
+def test_a_refusal_lists_a_limited_number_of_choices():
     choices = tuple(param_metadata.Choice(n, "x" * 300) for n in range(256))
-    for facts in (
+    for metadata in (
         param_metadata.ParamMetadata("A", True, "G", "Standard", choices=choices),
         param_metadata.ParamMetadata("A", True, "G", "Standard", bits=choices[:31]),
     ):
         with pytest.raises(InvalidRequest, match=r"and \d+ more") as caught:
-            facts.check(-1)
+            metadata.check(-1)
         assert len(str(caught.value)) < 2000
 
 
-def test_a_checksum_that_is_not_a_number_is_none():
+def test_a_checksum_that_is_not_a_finite_number_is_ignored():
     table = ParamTable()
     for value in (math.nan, math.inf, -math.inf):
         assert table.put(ParamReport(Param("_HASH_CHECK", value, False), 65535, 3))

@@ -40,7 +40,7 @@ def test_altitude_cruise_is_a_manual_mode_and_cannot_be_requested() -> None:
     assert name in PILOT_MODES
     mode = modes.BY_NAME[name]
     assert STICK_MODES >> mode.nav_state & 1
-    assert not mode.settable, "v1.16 would accept it and stay in its mode"
+    assert not mode.settable, "v1.16 would accept the request and stay in its current mode"
 
 
 def test_the_firmware_version_is_decoded() -> None:
@@ -49,10 +49,10 @@ def test_the_firmware_version_is_decoded() -> None:
 
 
 def test_a_message_unknown_to_the_dialect_does_not_affect_other_frames() -> None:
-    beat = encode_frame(0, encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)), 7, 1, 1)
+    heartbeat = encode_frame(0, encode_payload(d.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)), 7, 1, 1)
     payload = bytes(range(40))
     head = struct.pack("<BBBBBBB", 0xFD, len(payload), 0, 0, 8, 1, 1) + GLOBAL_POSITION.to_bytes(3, "little")
     parser = FrameParser()
-    frames = parser.feed(beat + head + payload + b"\x12\x34" + beat, 0.0)
+    frames = parser.feed(heartbeat + head + payload + b"\x12\x34" + heartbeat, 0.0)
     assert [frame.msg_id for frame in frames] == [0, GLOBAL_POSITION, 0]
     assert (parser.frames_unknown, parser.bytes_skipped, parser.crc_errors) == (1, 0, 0)

@@ -58,7 +58,7 @@ def payload(event_id, level, arguments=b""):
 
 
 def recorded(shared, group):
-    """(dialogue's id, its EVENT payloads)."""
+    """(id, EVENT payloads) of each recorded dialogue with events."""
     for line in (shared / "px4/dialogues" / f"{group}.jsonl").read_text().splitlines():
         dialogue = json.loads(line)
         events = [r["fields"] for r in dialogue["received"] if r["msg"] == "EVENT" and "link" not in r]
@@ -99,6 +99,7 @@ ARMING = {
     "air_flight_termination": {"hold": {"the flight was terminated"}},
     "offboard_disarmed_with_stream": {"offboard": set(), "hold": set(), "mission": {MISSION}},
 }  # fmt: skip
+"""For each dialogue and mode: the causes that prevent arming."""
 RUNNING = {
     "nogps_prearm_checks": {
         "hold": {POSITION, GPS},
@@ -109,6 +110,7 @@ RUNNING = {
     "air_flight_termination": {"hold": set(), "mission": {MISSION}},
     "setmode_disarmed_auto_external1": {"external_1": {"the external mode is not registered"}},
 }
+"""For each dialogue and mode: the causes that prevent flying in the mode."""
 
 
 @pytest.mark.parametrize(("expected", "running"), [(ARMING, False), (RUNNING, True)])
@@ -166,9 +168,9 @@ def test_the_vehicles_texts_are_preferred_and_filled_with_values(shared, px4_def
 
 
 def test_check_names_match_px4(px4_definitions):
-    assert {i: words.name for i, words in CHECKS.items()} == {i: px4_definitions[i].name for i in CHECKS}
-    named = {i for i, e in px4_definitions.items() if e.is_check and e.name.startswith("check_modes_")}
-    assert named - set(MODE_NEEDS) == {18648929}  # take-off is denied, but the mode can be flown
+    assert {i: check.name for i, check in CHECKS.items()} == {i: px4_definitions[i].name for i in CHECKS}
+    mode_checks = {i for i, e in px4_definitions.items() if e.is_check and e.name.startswith("check_modes_")}
+    assert mode_checks - set(MODE_NEEDS) == {18648929}  # take-off is denied, but the mode can be flown
 
 
 def test_event_texts_are_filled_in_by_their_format():
@@ -190,15 +192,15 @@ def test_event_texts_are_filled_in_by_their_format():
                      {"name": "b", "type": "float"}]}}}}},
         },
     }  # fmt: skip
-    words = event_document.parse(json.dumps(document))
+    definitions = event_document.parse(json.dumps(document))
     arguments = struct.pack("<fhBB", 12.345, -3, 5, 1).ljust(40, b"\0")
-    check = words[1 << 24 | 7]
+    check = definitions[1 << 24 | 7]
     assert check.text(arguments) == "At 12.3 m of -3 m/s, {x} Left, r: Land now! –"
     assert check.remedy(arguments) == "See A_B. Or this."
-    assert words[1 << 24 | 8].text(arguments) == "– –"
-    for bad in ('{"version": 1}', "[]", "no json"):
+    assert definitions[1 << 24 | 8].text(arguments) == "– –"
+    for invalid in ('{"version": 1}', "[]", "no json"):
         with pytest.raises(ValueError, match=r"."):
-            event_document.parse(bad)
+            event_document.parse(invalid)
 
 
 def test_restrictions_of_chunks_add_up_and_a_missing_chunk_drops_the_report():
@@ -252,12 +254,12 @@ def test_every_event_of_recorded_flights_has_a_text(shared, px4_definitions):
 
 
 def records(content):
-    """Frames of a telemetry log: eight bytes of time before each."""
-    at = 0
-    while at + 8 + 12 <= len(content):
-        size = content[at + 9] + 12
-        yield content[at + 8 : at + 8 + size]
-        at += 8 + size
+    """Frames of a telemetry log; eight bytes of time before each frame are skipped."""
+    offset = 0
+    while offset + 8 + 12 <= len(content):
+        size = content[offset + 9] + 12
+        yield content[offset + 8 : offset + 8 + size]
+        offset += 8 + size
 
 
 def long_finding(n):

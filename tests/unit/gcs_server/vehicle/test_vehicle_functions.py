@@ -34,17 +34,17 @@ def test_unknown_values_are_decoded_as_none():
     assert (value.heading_deg, value.velocity_ned_m_s, boot_s) == (None, (1.0, -2.0, 3.0), 1.5)
 
 
-def test_battery_comes_from_the_system_status_until_its_own_message():
+def test_battery_values_come_from_sys_status_until_battery_status_is_received():
     system = d.MAVLink_sys_status_message(0, 0, 0, 250, 16200, 1234, 77, 0, 0, 0, 0, 0, 0)
     value, _ = decoders.battery(payloads(system))
     assert value == samples.Battery(77, 16.2, 12.34, None, None)
-    own = d.MAVLink_battery_status_message(0, 0, 0, 2500, [16100, *[65535] * 9], 500, 120, -1, 66, 300)
-    value, _ = decoders.battery(payloads(system, own))
+    status = d.MAVLink_battery_status_message(0, 0, 0, 2500, [16100, *[65535] * 9], 500, 120, -1, 66, 300)
+    value, _ = decoders.battery(payloads(system, status))
     assert value == samples.Battery(66, 16.1, 5.0, 120, 300, battery_id=0)
 
 
 @pytest.mark.parametrize(
-    ("voltages", "more", "sum_v", "cells"),
+    ("voltages", "extra_voltages", "sum_v", "cells"),
     [
         ([16100, *[65535] * 9], [0] * 4, 16.1, None),
         ([4020, 4010, 4030, 4000, *[65535] * 6], [0] * 4, 16.06, (4.02, 4.01, 4.03, 4.0)),
@@ -52,9 +52,9 @@ def test_battery_comes_from_the_system_status_until_its_own_message():
         ([65534, 4000, *[65535] * 8], [0] * 4, 69.534, None),
     ],
 )
-def test_cell_voltages_are_shown_if_reported(voltages, more, sum_v, cells):
+def test_cell_voltages_are_shown_if_reported(voltages, extra_voltages, sum_v, cells):
     message = d.MAVLink_battery_status_message(
-        0, 0, 0, 2500, voltages, 500, 120, -1, 66, 300, voltages_ext=more
+        0, 0, 0, 2500, voltages, 500, 120, -1, 66, 300, voltages_ext=extra_voltages
     )
     value, _ = decoders.battery(payloads(message))
     assert value.voltage_v == pytest.approx(sum_v)
@@ -76,16 +76,19 @@ def test_ignored_target_axes_are_none():
     value, boot_s = decoders.target_local(payloads(target))
     assert value == samples.TargetLocal((1, 2, None), (None, 4, 5), (6, 7, None), None, 0.5)
     assert boot_s == 2.0
-    nothing = d.MAVLink_attitude_target_message(1, 0, [math.nan] * 4, 0, 0, 0, 0)
-    assert decoders.target_attitude(payloads(nothing)) is None
+    all_nan = d.MAVLink_attitude_target_message(1, 0, [math.nan] * 4, 0, 0, 0, 0)
+    assert decoders.target_attitude(payloads(all_nan)) is None
 
 
 def test_attitude_agrees_between_quaternion_and_angles():
     q = q_from_euler(0.1, -0.4, 2.5)
-    one, _ = decoders.attitude_quaternion(payloads(d.MAVLink_attitude_quaternion_message(1, *q, 1, 2, 3)))
-    two, _ = decoders.attitude(payloads(d.MAVLink_attitude_message(1, 0.1, -0.4, 2.5, 1, 2, 3)))
-    assert one.q_ned_frd == pytest.approx(two.q_ned_frd, abs=1e-6)
-    assert (one.roll_rad, one.pitch_rad, one.yaw_ned_rad) == pytest.approx((0.1, -0.4, 2.5), abs=1e-6)
+    from_quaternion, _ = decoders.attitude_quaternion(
+        payloads(d.MAVLink_attitude_quaternion_message(1, *q, 1, 2, 3))
+    )
+    from_angles, _ = decoders.attitude(payloads(d.MAVLink_attitude_message(1, 0.1, -0.4, 2.5, 1, 2, 3)))
+    assert from_quaternion.q_ned_frd == pytest.approx(from_angles.q_ned_frd, abs=1e-6)
+    angles = (from_quaternion.roll_rad, from_quaternion.pitch_rad, from_quaternion.yaw_ned_rad)
+    assert angles == pytest.approx((0.1, -0.4, 2.5), abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -103,8 +106,8 @@ def test_the_gimbals_yaw_is_converted_to_both_frames(flags, earth):
         (1.0, 0.75) if earth else (1.25, 1.0), abs=1e-6
     )
     assert value.yaw_in_earth_frame == earth
-    alone, _ = gimbal(payloads(device), 1, 1)
-    assert (alone.yaw_frd_rad if earth else alone.yaw_ned_rad) is None
+    without_heading, _ = gimbal(payloads(device), 1, 1)
+    assert (without_heading.yaw_frd_rad if earth else without_heading.yaw_ned_rad) is None
 
 
 def test_px4s_gimbal_limits_are_in_degrees_and_its_roll_limit_is_unknown():
@@ -145,8 +148,13 @@ def test_the_event_ids_are_px4s(shared):
     for component, content in metadata["components"].items():
         for group in content.get("event_groups", {}).values():
             known |= {int(component) << 24 | int(event) for event in group["events"]}
-    ours = {*px4_events.CHECKS, *px4_events.TEXTS, px4_events.ARMING_SUMMARY_ID, px4_events.HEALTH_SUMMARY_ID}
-    assert ours - known == set()
+    events_in_code = {
+        *px4_events.CHECKS,
+        *px4_events.TEXTS,
+        px4_events.ARMING_SUMMARY_ID,
+        px4_events.HEALTH_SUMMARY_ID,
+    }
+    assert events_in_code - known == set()
 
 
 def test_each_mode_has_one_number():
@@ -157,7 +165,7 @@ def test_each_mode_has_one_number():
     assert modes.name_and_label(5, 3) == ("custom_5", "Mode 5")
 
 
-def test_the_modes_are_those_that_px4_lists(shared):
+def test_the_modes_match_the_list_of_px4(shared):
     listed = set()
     for line in (shared / "px4" / "dialogues" / "request_message.jsonl").read_text().splitlines():
         for received in json.loads(line)["received"]:

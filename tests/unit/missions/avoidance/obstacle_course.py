@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 
 STEP_S = 0.05
 SCAN_EVERY = 4
-"""5 Hz."""
+"""Steps from one scan to the next: 5 Hz."""
 VELOCITY_LAG_S, MAX_ACCELERATION_M_S2 = 0.5, 3.0
-"""The time constant with which a velocity is followed, and the greatest acceleration."""
+"""The time constant with which the vehicle follows a velocity, and its greatest acceleration."""
 RANGE_M = 20.0
 SECTORS = 72
 _turns = np.arange(8) * math.pi / 4
@@ -42,21 +42,21 @@ class BoxObstacle:
     east_m: tuple[float, float]
     height_m: float
 
-    def distance_m(self, at_ned_m: Array) -> float:
+    def distance_m(self, position_ned_m: Array) -> float:
         """Distance from a position to its nearest surface; zero inside."""
-        n, e, d = at_ned_m
+        n, e, d = position_ned_m
         return math.hypot(
             max(self.north_m[0] - n, 0.0, n - self.north_m[1]),
             max(self.east_m[0] - e, 0.0, e - self.east_m[1]),
             max(-d - self.height_m, 0.0),
         )
 
-    def ray_distance_m(self, at_ned_m: Array, directions: Array) -> Array:
+    def ray_distance_m(self, position_ned_m: Array, directions: Array) -> Array:
         """Distance (R,) along rays (R, 3) to the box; infinite for rays that miss it."""
         low = np.array([self.north_m[0], self.east_m[0], -self.height_m])
         high = np.array([self.north_m[1], self.east_m[1], 0.0])
         with np.errstate(divide="ignore", invalid="ignore"):
-            first, second = (low - at_ned_m) / directions, (high - at_ned_m) / directions
+            first, second = (low - position_ned_m) / directions, (high - position_ned_m) / directions
         near = np.nanmax(np.minimum(first, second), axis=1)
         far = np.nanmin(np.maximum(first, second), axis=1)
         return np.where((far >= near) & (far >= 0.0), np.maximum(near, 0.0), np.inf)
@@ -68,13 +68,13 @@ def _vector(array: Array) -> Vector3:
 
 
 class Course:
-    """One flight.
+    """One flight among obstacles.
 
     Args:
-        blocks: obstacles; the ground is at height zero.
-        around: whether the lidar measures in 72 directions; otherwise only straight ahead.
+        blocks: obstacles; the ground is at down 0.
+        all_directions: whether the lidar measures in 72 directions; otherwise only straight ahead.
         down: whether there is a downward sensor.
-        drift_ned_m_s: error of the vehicle's velocity estimate: the vehicle moves by this in addition.
+        drift_ned_m_s: error of the velocity estimate: true minus estimated velocity.
     """
 
     def __init__(
@@ -82,35 +82,35 @@ class Course:
         blocks: Iterable[BoxObstacle],
         *,
         start: Vector3 = (0.0, 0.0, -2.0),
-        around: bool = True,
+        all_directions: bool = True,
         down: bool = True,
         way: AvoidanceWay = "over",
-        allowed: DetourLimits | None = None,
+        limits: DetourLimits | None = None,
         drift_ned_m_s: Vector3 = (0.0, 0.0, 0.0),
     ) -> None:
         self.blocks = tuple(blocks)
         self.avoider = Avoider(way)
-        self.allowed = allowed or DetourLimits()
+        self.limits = limits or DetourLimits()
         self.drift = np.array(drift_ned_m_s)
-        self.at, self.velocity, self.yaw = np.array(start, float), np.zeros(3), 0.0
+        self.position_ned_m, self.velocity, self.yaw = np.array(start, float), np.zeros(3), 0.0
         self.now_s, self.steps = 100.0, 0
-        self.around, self.down, self.blind = around, down, False
+        self.all_directions, self.down, self.blind = all_directions, down, False
         self.scans: tuple[Scan, ...] = ()
         self.nearest_m, self.highest_m = math.inf, -math.inf
         self.states: list[str] = []
         self.adjusted = AdjustedMotion("clear")
 
     def _measure(self, directions: Array) -> tuple[float | None, ...]:
-        found = np.full(len(directions), np.inf)
+        distances_m = np.full(len(directions), np.inf)
         for block in self.blocks:
-            found = np.minimum(found, block.ray_distance_m(self.at, directions))
+            distances_m = np.minimum(distances_m, block.ray_distance_m(self.position_ned_m, directions))
         with np.errstate(divide="ignore"):
-            ground = np.where(directions[:, 2] > 1e-9, -self.at[2] / directions[:, 2], np.inf)
-        found = np.minimum(found, ground)
-        return tuple(float(m) if m <= RANGE_M else None for m in found)
+            ground = np.where(directions[:, 2] > 1e-9, -self.position_ned_m[2] / directions[:, 2], np.inf)
+        distances_m = np.minimum(distances_m, ground)
+        return tuple(float(m) if m <= RANGE_M else None for m in distances_m)
 
     def _scan(self) -> None:
-        headings = self.yaw + np.arange(SECTORS if self.around else 1) * 2 * math.pi / SECTORS
+        headings = self.yaw + np.arange(SECTORS if self.all_directions else 1) * 2 * math.pi / SECTORS
         level = np.stack([np.cos(headings), np.sin(headings), np.zeros(len(headings))], axis=1)
         self.scans = (self._scan_of(level, math.radians(2.5)),)
         if self.down:
@@ -120,17 +120,17 @@ class Course:
         rays = tuple((float(n), float(e), float(d)) for n, e, d in directions)
         return Scan(self.now_s, rays, self._measure(directions), RANGE_M, half_angle_rad)
 
-    def step(self, wanted: WantedMotion) -> None:
+    def step(self, requested: WantedMotion) -> None:
         """Flies one step."""
         if self.steps % SCAN_EVERY == 0 and not self.blind:
             self._scan()
-        here = MotionState(_vector(self.at), _vector(self.velocity), self.yaw)
-        self.adjusted = self.avoider.adjust(self.now_s, here, wanted, self.scans, self.allowed)
-        motion = self.adjusted.motion or Position(wanted.position_ned_m)
+        state = MotionState(_vector(self.position_ned_m), _vector(self.velocity), self.yaw)
+        self.adjusted = self.avoider.adjust(self.now_s, state, requested, self.scans, self.limits)
+        motion = self.adjusted.motion or Position(requested.position_ned_m)
         if isinstance(motion, Position):
-            velocity_setpoint = 0.95 * (np.array(motion.position_ned_m) - self.at)
+            velocity_setpoint = 0.95 * (np.array(motion.position_ned_m) - self.position_ned_m)
             if self.adjusted.motion is None:
-                velocity_setpoint += np.array(wanted.velocity_ned_m_s)
+                velocity_setpoint += np.array(requested.velocity_ned_m_s)
             size = math.hypot(velocity_setpoint[0], velocity_setpoint[1])
             velocity_setpoint[:2] *= min(1.0, 5.0 / size) if size else 1.0
             velocity_setpoint[2] = min(1.5, max(-3.0, velocity_setpoint[2]))
@@ -139,12 +139,14 @@ class Course:
         change = (velocity_setpoint - self.velocity) / VELOCITY_LAG_S
         change *= min(1.0, MAX_ACCELERATION_M_S2 / max(float(np.linalg.norm(change)), 1e-9))
         self.velocity = self.velocity + change * STEP_S
-        self.at = self.at + (self.velocity + self.drift) * STEP_S
-        yaw = wanted.yaw_ned_rad if self.adjusted.yaw_ned_rad is None else self.adjusted.yaw_ned_rad
+        self.position_ned_m = self.position_ned_m + (self.velocity + self.drift) * STEP_S
+        yaw = requested.yaw_ned_rad if self.adjusted.yaw_ned_rad is None else self.adjusted.yaw_ned_rad
         turn = 0.0 if yaw is None else (yaw - self.yaw + math.pi) % (2 * math.pi) - math.pi
         self.yaw += max(-1.0 * STEP_S, min(1.0 * STEP_S, turn))
-        self.nearest_m = min([self.nearest_m, *(block.distance_m(self.at) for block in self.blocks)])
-        self.highest_m = max(self.highest_m, -float(self.at[2]))
+        self.nearest_m = min(
+            [self.nearest_m, *(block.distance_m(self.position_ned_m) for block in self.blocks)]
+        )
+        self.highest_m = max(self.highest_m, -float(self.position_ned_m[2]))
         if not self.states or self.states[-1] != self.adjusted.state:
             self.states.append(self.adjusted.state)
         self.now_s += STEP_S
@@ -154,9 +156,9 @@ class Course:
         """Flies to a position until it is reached or the time is over."""
         for _ in range(round(seconds / STEP_S)):
             self.step(WantedMotion(goal, yaw_ned_rad=yaw))
-            if self.adjusted.state == "clear" and math.dist(self.at, goal) < 0.3:
+            if self.adjusted.state == "clear" and math.dist(self.position_ned_m, goal) < 0.3:
                 return
 
     def reached(self, goal: Vector3) -> bool:
-        """Whether the goal is reached."""
-        return math.dist(self.at, goal) < 0.5
+        """Whether the vehicle is within 0.5 m of the goal."""
+        return math.dist(self.position_ned_m, goal) < 0.5

@@ -76,20 +76,20 @@ def test_memory_is_limited_and_the_oldest_points_are_dropped():
 def test_columns_have_positions_along_and_beside_a_line():
     memory = ObstacleMemory()
     memory.add(AHEAD, (0.0, 1.0, -1.0), 0.0)
-    seen = along_line(memory.columns_above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
-    assert seen.along_m.tolist() == [5.0]
-    assert seen.across_m.tolist() == [1.0]
-    assert seen.from_start_m[0] == pytest.approx(math.sqrt(26.0))
-    assert seen.from_end_m[0] == pytest.approx(math.sqrt(10.0))
+    columns = along_line(memory.columns_above(0.0, 10.0), (0.0, 0.0), (8.0, 0.0))
+    assert columns.along_m.tolist() == [5.0]
+    assert columns.across_m.tolist() == [1.0]
+    assert columns.from_start_m[0] == pytest.approx(math.sqrt(26.0))
+    assert columns.from_end_m[0] == pytest.approx(math.sqrt(10.0))
 
 
 @pytest.mark.parametrize(
     ("end", "first_m"),
     [
         ((9.0, 0.0, -2.0), 5.0),
-        ((4.0, 0.0, -2.0), None),  # it ends before the obstacle
-        ((9.0, 9.0, -2.0), None),  # it passes beside the obstacle
-        ((9.0, 0.0, -8.0), 5.0),  # it climbs, starting at the obstacle's height
+        ((4.0, 0.0, -2.0), None),  # the line ends before the obstacle
+        ((9.0, 9.0, -2.0), None),  # the line passes beside the obstacle
+        ((9.0, 0.0, -8.0), 5.0),  # the line climbs; it starts at the obstacle's altitude
         ((-9.0, 0.0, -2.0), None),
     ],
 )

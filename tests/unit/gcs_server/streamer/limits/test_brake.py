@@ -27,42 +27,42 @@ from missions.setpoints import (
 
 NOW_S = 50.0
 STILL = (0.0, 0.0, 0.0)
-HERE = VehicleMotion((0.0, 0.0, -5.0), STILL, 0.0)
+HOVERING = VehicleMotion((0.0, 0.0, -5.0), STILL, 0.0)
 
 
-def seen(distance_m, direction=(1.0, 0.0, 0.0), *, range_m=20.0, velocity=STILL, age_s=0.0):
+def obstacle_at(distance_m, direction=(1.0, 0.0, 0.0), *, range_m=20.0, velocity=STILL, age_s=0.0):
     scan = Scan(NOW_S - age_s, (direction,), (distance_m,), range_m)
-    return BrakeMemory().update(NOW_S, (scan,), HERE.position_ned_m, velocity)
+    return BrakeMemory().update(NOW_S, (scan,), HOVERING.position_ned_m, velocity)
 
 
 UNLIMITED = Bounds()
 
 
-def limited(wanted, surroundings, here=HERE, bounds=UNLIMITED):
-    return apply_limits(wanted, bounds, here, surroundings=surroundings)
+def limited(requested, surroundings, motion=HOVERING, bounds=UNLIMITED):
+    return apply_limits(requested, bounds, motion, surroundings=surroundings)
 
 
 def test_a_velocity_towards_an_obstacle_is_limited_to_the_braking_speed():
-    result = limited(Velocity((8.0, 0.0, 0.0)), seen(6.0))
+    result = limited(Velocity((8.0, 0.0, 0.0)), obstacle_at(6.0))
     speed = result.setpoint.velocity_ned_m_s[0]
     assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(6.0 - MARGIN_M)
     assert result.notes == ("speed reduced to stop before an obstacle",)
-    at_the_line = limited(Velocity((8.0, 0.0, 0.0)), seen(1.0)).setpoint
-    assert at_the_line.velocity_ned_m_s == pytest.approx((0.0, 0.0, 0.0))
+    at_the_margin = limited(Velocity((8.0, 0.0, 0.0)), obstacle_at(1.0)).setpoint
+    assert at_the_margin.velocity_ned_m_s == pytest.approx((0.0, 0.0, 0.0))
 
 
 def test_body_velocities_are_limited_and_slow_velocities_or_other_directions_are_not():
-    body = limited(VelocityBody((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_frd_m_s
+    body = limited(VelocityBody((8.0, 0.0, 0.0)), obstacle_at(6.0)).setpoint.velocity_frd_m_s
     assert body[0] == pytest.approx(
-        limited(Velocity((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_ned_m_s[0]
+        limited(Velocity((8.0, 0.0, 0.0)), obstacle_at(6.0)).setpoint.velocity_ned_m_s[0]
     )
     for free in (Velocity((1.0, 0.0, 0.0)), Velocity((-5.0, 0.0, 0.0)), Velocity((0.0, 5.0, 0.0))):
-        result = limited(free, seen(6.0))
+        result = limited(free, obstacle_at(6.0))
         assert (result.setpoint, result.notes) == (free, ())
 
 
 def test_a_target_behind_an_obstacle_is_moved_in_front_of_it():
-    result = limited(Position((30.0, 0.0, -5.0)), seen(4.0))
+    result = limited(Position((30.0, 0.0, -5.0)), obstacle_at(4.0))
     north, east, down = result.setpoint.position_ned_m
     assert 0.0 < north <= 4.0 - MARGIN_M
     assert (east, down) == (0.0, -5.0)
@@ -70,15 +70,15 @@ def test_a_target_behind_an_obstacle_is_moved_in_front_of_it():
     assert result.notes == ("position limited to stop before an obstacle",)
 
 
-def test_within_the_margin_the_vehicle_is_moved_back_if_there_is_room():
-    assert limited(Position((30.0, 0.0, -5.0)), seen(0.8)).setpoint.position_ned_m == pytest.approx(
+def test_within_the_margin_the_vehicle_is_moved_back_unless_an_obstacle_is_behind_it():
+    assert limited(Position((30.0, 0.0, -5.0)), obstacle_at(0.8)).setpoint.position_ned_m == pytest.approx(
         (-0.2, 0.0, -5.0)
     )
-    assert limited(Velocity((8.0, 0.0, 1.0)), seen(0.8)).setpoint.velocity_ned_m_s == pytest.approx(
+    assert limited(Velocity((8.0, 0.0, 1.0)), obstacle_at(0.8)).setpoint.velocity_ned_m_s == pytest.approx(
         (-0.2, 0.0, 1.0)
     )
-    both = Scan(NOW_S, ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), (0.8, 0.9), 20.0)
-    surroundings = BrakeMemory().update(NOW_S, (both,), HERE.position_ned_m, STILL)
+    front_and_back = Scan(NOW_S, ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0)), (0.8, 0.9), 20.0)
+    surroundings = BrakeMemory().update(NOW_S, (front_and_back,), HOVERING.position_ned_m, STILL)
     assert limited(Velocity((8.0, 0.0, 0.0)), surroundings).setpoint.velocity_ned_m_s == (0.0, 0.0, 0.0)
     assert limited(Position((30.0, 0.0, -5.0)), surroundings).setpoint.position_ned_m == (0.0, 0.0, -5.0)
 
@@ -86,14 +86,14 @@ def test_within_the_margin_the_vehicle_is_moved_back_if_there_is_room():
 def test_a_limited_global_position_becomes_a_local_position():
     origin = LocalOrigin(47.4, 8.5, 480.0)
     result = limited(
-        PositionGlobal(47.4 + 30.0 / 111_195.0, 8.5, 485.0), seen(4.0), bounds=Bounds(origin=origin)
+        PositionGlobal(47.4 + 30.0 / 111_195.0, 8.5, 485.0), obstacle_at(4.0), bounds=Bounds(origin=origin)
     )
     assert isinstance(result.setpoint, Position)
     assert result.setpoint.position_ned_m[0] < 3.0
 
 
 def test_a_trajectory_is_slowed_with_its_feed_forward():
-    result = limited(Trajectory((2.0, 0.0, -5.0), (5.0, 0.0, 0.0)), seen(5.0))
+    result = limited(Trajectory((2.0, 0.0, -5.0), (5.0, 0.0, 0.0)), obstacle_at(5.0))
     north, speed = result.setpoint.position_ned_m[0], result.setpoint.velocity_ned_m_s[0]
     assert 0.95 * north + speed <= 2.5
     assert north > 0.0
@@ -101,44 +101,50 @@ def test_a_trajectory_is_slowed_with_its_feed_forward():
 
 
 def test_the_sensor_range_counts_as_an_obstacle():
-    result = limited(Velocity((12.0, 0.0, 0.0)), seen(None, range_m=10.0))
+    result = limited(Velocity((12.0, 0.0, 0.0)), obstacle_at(None, range_m=10.0))
     speed = result.setpoint.velocity_ned_m_s[0]
     assert 0.8 * speed + speed**2 / 2.4 == pytest.approx(10.0 - MARGIN_M)
     assert result.notes == ("speed reduced to the range of the obstacle sensor",)
     sideways = Velocity((0.0, 12.0, 0.0))
-    assert limited(sideways, seen(None, range_m=10.0)).setpoint == sideways, "no sensor measures there"
+    assert limited(sideways, obstacle_at(None, range_m=10.0)).setpoint == sideways, (
+        "limited in a direction without sensor"
+    )
 
 
 def test_measured_ground_stops_neither_landing_nor_take_off():
-    down = seen(0.3, (0.0, 0.0, 1.0))
-    for wanted in (
+    down = obstacle_at(0.3, (0.0, 0.0, 1.0))
+    for requested in (
         Velocity((0.0, 0.0, 1.0)),
         Velocity((0.0, 0.0, -2.0)),
         Velocity((3.0, 0.0, 0.5)),
         Position((0.0, 0.0, 0.0)),
         Position((0.0, 0.0, -20.0)),
     ):
-        result = limited(wanted, down)
-        assert (result.setpoint, result.notes) == (wanted, ())
+        result = limited(requested, down)
+        assert (result.setpoint, result.notes) == (requested, ())
 
 
 def test_a_wall_is_detected_while_the_vehicle_pitches_forward():
     tilt = math.radians(15.0)
-    foot = seen(6.0 / math.cos(tilt), (math.cos(tilt), 0.0, math.sin(tilt)))
-    level = limited(Velocity((8.0, 0.0, 0.0)), seen(6.0)).setpoint.velocity_ned_m_s[0]
-    assert limited(Velocity((8.0, 0.0, 0.0)), foot).setpoint.velocity_ned_m_s[0] == pytest.approx(level)
-    ground = seen(1.0 / math.sin(tilt), (math.cos(tilt), 0.0, math.sin(tilt)))
-    assert limited(Velocity((8.0, 0.0, 0.0)), ground).setpoint.velocity_ned_m_s[0] > 1.5, "from 1 m height"
+    foot_of_wall = obstacle_at(6.0 / math.cos(tilt), (math.cos(tilt), 0.0, math.sin(tilt)))
+    level = limited(Velocity((8.0, 0.0, 0.0)), obstacle_at(6.0)).setpoint.velocity_ned_m_s[0]
+    assert limited(Velocity((8.0, 0.0, 0.0)), foot_of_wall).setpoint.velocity_ned_m_s[0] == pytest.approx(
+        level
+    )
+    ground = obstacle_at(1.0 / math.sin(tilt), (math.cos(tilt), 0.0, math.sin(tilt)))
+    assert limited(Velocity((8.0, 0.0, 0.0)), ground).setpoint.velocity_ned_m_s[0] > 1.5, (
+        "the ground was taken for a wall"
+    )
 
 
-def test_measurements_are_used_for_two_seconds_at_the_same_height():
-    ahead, over = ((1.0, 0.0, 0.0),), ((math.cos(0.5), 0.0, -math.sin(0.5)),)
-    for since_s, climbed_m, kept in ((1.0, 0.0, True), (2.5, 0.0, False), (1.0, 1.5, False)):
+def test_measurements_are_used_for_two_seconds_at_the_same_altitude():
+    ahead, above = ((1.0, 0.0, 0.0),), ((math.cos(0.5), 0.0, -math.sin(0.5)),)
+    for since_s, climbed_m, used in ((1.0, 0.0, True), (2.5, 0.0, False), (1.0, 1.5, False)):
         memory = BrakeMemory()
-        memory.update(NOW_S, (Scan(NOW_S, ahead, (4.0,), 20.0),), HERE.position_ned_m, STILL)
-        later_s, at = NOW_S + since_s, (0.5, 0.0, -5.0 - climbed_m)
-        surroundings = memory.update(later_s, (Scan(later_s, over, (None,), 20.0),), at, STILL)
-        assert surroundings.points_ne_m.tolist() == ([[3.5, 0.0]] if kept else [])
+        memory.update(NOW_S, (Scan(NOW_S, ahead, (4.0,), 20.0),), HOVERING.position_ned_m, STILL)
+        later_s, position = NOW_S + since_s, (0.5, 0.0, -5.0 - climbed_m)
+        surroundings = memory.update(later_s, (Scan(later_s, above, (None,), 20.0),), position, STILL)
+        assert surroundings.points_ne_m.tolist() == ([[3.5, 0.0]] if used else [])
 
 
 def test_without_a_position_only_the_newest_measurements_are_used():
@@ -148,38 +154,40 @@ def test_without_a_position_only_the_newest_measurements_are_used():
 
 
 def test_a_climb_stops_below_an_obstacle_measured_above():
-    up = seen(3.0, (0.0, 0.0, -1.0))
-    assert -1.8 < limited(Velocity((0.0, 0.0, -5.0)), up).setpoint.velocity_ned_m_s[2] < -1.0
-    assert limited(Position((0.0, 0.0, -20.0)), up).setpoint.position_ned_m[2] == pytest.approx(-7.5)
-    assert limited(Position((0.0, 0.0, -2.0)), up).notes == ()
+    above = obstacle_at(3.0, (0.0, 0.0, -1.0))
+    assert -1.8 < limited(Velocity((0.0, 0.0, -5.0)), above).setpoint.velocity_ned_m_s[2] < -1.0
+    assert limited(Position((0.0, 0.0, -20.0)), above).setpoint.position_ned_m[2] == pytest.approx(-7.5)
+    assert limited(Position((0.0, 0.0, -2.0)), above).notes == ()
 
 
-def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_then_forgotten():
+def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_is_finally_discarded():
     fast = (4.0, 0.0, 0.0)
-    fresh = limited(Velocity(fast), seen(8.0, velocity=fast)).setpoint.velocity_ned_m_s[0]
-    older = limited(Velocity(fast), seen(8.0, velocity=fast, age_s=1.0)).setpoint.velocity_ned_m_s[0]
-    assert older == pytest.approx(limited(Velocity(fast), seen(4.0)).setpoint.velocity_ned_m_s[0])
+    fresh = limited(Velocity(fast), obstacle_at(8.0, velocity=fast)).setpoint.velocity_ned_m_s[0]
+    older = limited(Velocity(fast), obstacle_at(8.0, velocity=fast, age_s=1.0)).setpoint.velocity_ned_m_s[0]
+    assert older == pytest.approx(limited(Velocity(fast), obstacle_at(4.0)).setpoint.velocity_ned_m_s[0])
     assert older < fresh
-    assert limited(Velocity(fast), seen(1.0, age_s=SCAN_VALID_S + 0.1)).notes == ()
+    assert limited(Velocity(fast), obstacle_at(1.0, age_s=SCAN_VALID_S + 0.1)).notes == ()
 
 
 @pytest.mark.parametrize(
-    "wanted", [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates(STILL, 0.5), Acceleration((0.0, 0.0, 0.0))]
+    "requested", [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates(STILL, 0.5), Acceleration((0.0, 0.0, 0.0))]
 )
-def test_setpoints_without_position_control_are_stopped_before_an_obstacle(wanted):
+def test_setpoints_without_position_control_are_stopped_before_an_obstacle(requested):
     fast = VehicleMotion((0.0, 0.0, -5.0), (4.0, 0.0, 0.0), 0.0)
-    near = seen(5.0, velocity=fast.velocity_ned_m_s)
-    assert "hit an obstacle" in limited(wanted, near, fast).stop
-    assert limited(wanted, seen(15.0, velocity=fast.velocity_ned_m_s), fast).stop is None
-    assert limited(wanted, seen(0.5)).stop is None, "the vehicle has stopped"
-    assert limited(wanted, None, fast).stop is None
+    near = obstacle_at(5.0, velocity=fast.velocity_ned_m_s)
+    assert "hit an obstacle" in limited(requested, near, fast).stop
+    assert limited(requested, obstacle_at(15.0, velocity=fast.velocity_ned_m_s), fast).stop is None
+    assert limited(requested, obstacle_at(0.5)).stop is None, "the vehicle had already stopped"
+    assert limited(requested, None, fast).stop is None
 
 
 def test_flight_along_a_near_wall_is_allowed():
     headings = [math.radians(5.0 * k) for k in range(72)]
     rays = tuple((math.cos(a), math.sin(a), 0.0) for a in headings)
     wall = tuple(0.6 / ray[1] if ray[1] > 0.05 else None for ray in rays)  # 0.6 m to the east
-    surroundings = BrakeMemory().update(NOW_S, (Scan(NOW_S, rays, wall, 20.0),), HERE.position_ned_m, STILL)
+    surroundings = BrakeMemory().update(
+        NOW_S, (Scan(NOW_S, rays, wall, 20.0),), HOVERING.position_ned_m, STILL
+    )
     assert limited(Velocity((1.0, 0.0, 0.0)), surroundings).setpoint.velocity_ned_m_s[0] > 0.0
     assert limited(Velocity((0.0, 1.0, 0.0)), surroundings).setpoint.velocity_ned_m_s[1] < 0.0
     away = Velocity((0.0, -1.0, 0.0))
@@ -189,27 +197,29 @@ def test_flight_along_a_near_wall_is_allowed():
 @settings(max_examples=25, deadline=None, phases=[Phase.generate])
 @given(st.floats(3.0, 18.0), st.floats(1.0, 12.0), st.floats(-0.6, 0.6), st.booleans())
 def test_the_braked_vehicle_always_stops_before_a_wall(wall_m, speed, course, by_position):
-    """The setpoints are followed with PX4's lag; measurements come at 5 Hz."""
+    """The vehicle follows the setpoints with PX4's lag; the sensor measures at 5 Hz."""
     rays = tuple((math.cos(a), math.sin(a), 0.0) for a in (math.radians(5.0 * k) for k in range(72)))
     n, e, vn, ve = 0.0, 0.0, 0.0, 0.0
-    wanted = Velocity((speed * math.cos(course), speed * math.sin(course), 0.0))
+    requested = Velocity((speed * math.cos(course), speed * math.sin(course), 0.0))
     if by_position:
-        wanted = Position((100.0 * math.cos(course), 100.0 * math.sin(course), -5.0))
+        requested = Position((100.0 * math.cos(course), 100.0 * math.sin(course), -5.0))
     scan, memory = Scan(0.0, rays, (None,) * 72, 20.0), BrakeMemory()
     for step in range(300):
         now_s = step * 0.05
         if step % 4 == 0:
-            met = tuple(d if ray[0] > 0.05 and (d := (wall_m - n) / ray[0]) < 20.0 else None for ray in rays)
-            scan = Scan(now_s, rays, met, 20.0)
-        here = VehicleMotion((n, e, -5.0), (vn, ve, 0.0), 0.0)
-        surroundings = memory.update(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
-        sent = apply_limits(wanted, Bounds(), here, surroundings=surroundings).setpoint
+            distances_m = tuple(
+                d if ray[0] > 0.05 and (d := (wall_m - n) / ray[0]) < 20.0 else None for ray in rays
+            )
+            scan = Scan(now_s, rays, distances_m, 20.0)
+        motion = VehicleMotion((n, e, -5.0), (vn, ve, 0.0), 0.0)
+        surroundings = memory.update(now_s, (scan,), motion.position_ned_m, motion.velocity_ned_m_s)
+        sent = apply_limits(requested, Bounds(), motion, surroundings=surroundings).setpoint
         if isinstance(sent, Position):
-            asked = (0.95 * (sent.position_ned_m[0] - n), 0.95 * (sent.position_ned_m[1] - e))
+            velocity_ne_m_s = (0.95 * (sent.position_ned_m[0] - n), 0.95 * (sent.position_ned_m[1] - e))
         else:
-            asked = sent.velocity_ned_m_s
-        vn += max(-3.0, min(3.0, (asked[0] - vn) / 0.5)) * 0.05
-        ve += max(-3.0, min(3.0, (asked[1] - ve) / 0.5)) * 0.05
+            velocity_ne_m_s = sent.velocity_ned_m_s
+        vn += max(-3.0, min(3.0, (velocity_ne_m_s[0] - vn) / 0.5)) * 0.05
+        ve += max(-3.0, min(3.0, (velocity_ne_m_s[1] - ve) / 0.5)) * 0.05
         n, e = n + vn * 0.05, e + ve * 0.05
         assert n < wall_m - 0.5
 
@@ -224,11 +234,11 @@ def distance_to_the_box(ray, north_m, east_m):
     return far_m if far_m < 20.0 and abs(east_m + far_m * ray[1]) < BOX_HALF_WIDTH_M else None
 
 
-def fly_braked(wanted, seed, wind_m_s, seconds=60.0):
-    """Flies towards a box with side wind and a position estimate that drifts; yields the true positions.
+def fly_braked(requested, seed, wind_m_s, seconds=60.0):
+    """Flies towards a box with side wind and a drifting position estimate; yields the true (north, east) [m].
 
     PX4's position controller is approximated: a velocity proportional to the distance, reached with a lag.
-    The wind moves the vehicle, as before PX4's integrator compensates it.
+    The wind moves the vehicle, as it does until PX4's integrator compensates it.
     """
     random = Random(seed)
     n = e = vn = ve = drift_n = drift_e = 0.0
@@ -239,35 +249,40 @@ def fly_braked(wanted, seed, wind_m_s, seconds=60.0):
         drift_e += 0.05 * (random.gauss(0.0, 0.4) - drift_e / 4.0)
         if step % 4 == 0:
             scan = Scan(now_s, RAYS, tuple(distance_to_the_box(ray, n, e) for ray in RAYS), 20.0)
-        here = VehicleMotion((n + drift_n, e + drift_e, -5.0), (vn, ve, 0.0), 0.0)
-        surroundings = memory.update(now_s, (scan,), here.position_ned_m, here.velocity_ned_m_s)
-        result = limited(wanted, surroundings, here)
+        motion = VehicleMotion((n + drift_n, e + drift_e, -5.0), (vn, ve, 0.0), 0.0)
+        surroundings = memory.update(now_s, (scan,), motion.position_ned_m, motion.velocity_ned_m_s)
+        result = limited(requested, surroundings, motion)
         memory.track_ne = result.track_ne
-        to_n, to_e = result.setpoint.position_ned_m[:2]
+        target_n, target_e = result.setpoint.position_ned_m[:2]
         feed_n, feed_e, _ = getattr(result.setpoint, "velocity_ned_m_s", STILL)
-        asked_n, asked_e = feed_n + 0.95 * (to_n - n - drift_n), feed_e + 0.95 * (to_e - e - drift_e)
-        vn += max(-3.0, min(3.0, (asked_n - vn) / 0.5)) * 0.05
-        ve += max(-3.0, min(3.0, (asked_e + wind_m_s - ve) / 0.5)) * 0.05
+        setpoint_n, setpoint_e = (
+            feed_n + 0.95 * (target_n - n - drift_n),
+            feed_e + 0.95 * (target_e - e - drift_e),
+        )
+        vn += max(-3.0, min(3.0, (setpoint_n - vn) / 0.5)) * 0.05
+        ve += max(-3.0, min(3.0, (setpoint_e + wind_m_s - ve) / 0.5)) * 0.05
         n, e = n + vn * 0.05, e + ve * 0.05
         yield n, e
 
 
 @pytest.mark.parametrize(("seed", "wind_m_s"), [(1, 0.0), (2, 0.0), (3, 0.2), (4, -0.4)])
 @pytest.mark.parametrize(
-    "wanted", [Position((9.0, 0.0, -5.0)), Trajectory((30.0, 0.0, -5.0), (1.0, 0.0, 0.0))]
+    "requested", [Position((9.0, 0.0, -5.0)), Trajectory((30.0, 0.0, -5.0), (1.0, 0.0, 0.0))]
 )
-def test_a_braked_vehicle_stands_before_the_obstacle_and_does_not_drift_around_it(wanted, seed, wind_m_s):
-    track = list(fly_braked(wanted, seed, wind_m_s))
+def test_a_braked_vehicle_stays_in_front_of_the_obstacle_and_does_not_drift_around_it(
+    requested, seed, wind_m_s
+):
+    track = list(fly_braked(requested, seed, wind_m_s))
     assert max(n for n, _ in track) < BOX_NORTH_M - 0.5
     assert max(abs(e) for _, e in track) < 1.0
     assert min(n for n, _ in track[len(track) // 2 :]) > BOX_NORTH_M - 2.5
 
 
 def braked_twice(first, second, aside_m, surroundings=None):
-    """The position of the second setpoint, sent to a vehicle that was braked and then moved to the east."""
+    """The limited position of the second setpoint; the vehicle was braked and then moved to the east."""
     memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
     memory.track_ne = limited(
-        Position(first), memory.update(NOW_S, (scan,), HERE.position_ned_m, STILL)
+        Position(first), memory.update(NOW_S, (scan,), HOVERING.position_ned_m, STILL)
     ).track_ne
     moved = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
     later = memory.update(NOW_S, surroundings or (scan,), moved.position_ned_m, STILL)
@@ -281,7 +296,7 @@ def test_a_braked_vehicle_returns_to_its_track_without_going_nearer_to_an_obstac
     assert east == pytest.approx(0.0)
     walled = Scan(NOW_S, ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)), (4.0, 1.2), 20.0)
     _, east, _ = braked_twice(ahead, ahead, 0.6, (walled,))
-    assert 0.4 - 1e-9 <= east < 0.6, "the margin of the wall in the west begins 0.2 m beside it"
+    assert 0.4 - 1e-9 <= east < 0.6, "the vehicle was moved into the margin of the wall"
 
 
 def test_the_track_follows_a_new_target_and_ends_where_the_brake_does_not_act():
@@ -289,22 +304,22 @@ def test_the_track_follows_a_new_target_and_ends_where_the_brake_does_not_act():
     assert (north > 0.0, east > 0.3) == (True, True)
     free = (-10.0, 5.0, -5.0)
     assert braked_twice((30.0, 0.0, -5.0), free, 0.3) == free
-    assert limited(Position(free), seen(4.0)).track_ne is None
+    assert limited(Position(free), obstacle_at(4.0)).track_ne is None
 
 
-def test_a_vehicle_that_was_moved_far_away_is_held_on_a_new_track():
+def test_a_vehicle_that_was_moved_far_away_is_kept_on_a_new_track():
     wall = Scan(NOW_S, ((1.0, 0.0, 0.0),), (4.0,), 10.0)
     north, east, _ = braked_twice((30.0, 0.0, -5.0), (30.0, 0.0, -5.0), 5.0, (wall,))
-    assert (5.0 - east) / north == pytest.approx(5.0 / 30.0), "on the straight line from its new position"
+    assert (5.0 - east) / north == pytest.approx(5.0 / 30.0), "not on the line from the new position"
 
 
 def test_the_speed_limit_does_not_release_the_vehicle_from_its_track():
     slow = Bounds(approach_m_s=1.0)
     memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (1.6,), 20.0)
     for aside_m in (0.0, 0.5):
-        here = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
-        surroundings = memory.update(NOW_S, (scan,), here.position_ned_m, STILL)
-        result = limited(Position((30.0, 0.0, -5.0)), surroundings, here, slow)
+        motion = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
+        surroundings = memory.update(NOW_S, (scan,), motion.position_ned_m, STILL)
+        result = limited(Position((30.0, 0.0, -5.0)), surroundings, motion, slow)
         memory.track_ne = result.track_ne
     north, east, _ = result.setpoint.position_ned_m
     assert east == pytest.approx(0.0, abs=1e-6)

@@ -67,7 +67,7 @@ well_inside = inside.filter(
 )
 vehicle_motions = st.builds(VehicleMotion, inside, st.tuples(*[st.floats(-12, 12)] * 3), angle)
 unit = st.builds(q_from_euler, angle, st.floats(-1.5, 1.5), angle)
-orders = st.one_of(
+setpoints = st.one_of(
     st.builds(lambda p, y: Position(p, **y), vector, yaws),
     st.builds(lambda v, y: Velocity(v, **y), vector, yaws),
     st.builds(lambda v, y: VelocityBody(v, **y), vector, yaws),
@@ -93,9 +93,9 @@ def at_most(value, maximum):
 ROUNDING_STEPS = ((0.0, 0.0), (1e-6, 0.0), (-1e-6, 0.0), (0.0, 1e-6), (0.0, -1e-6))
 
 
-def inside_fence(place, limits):
-    """Whether a position is inside, or on the edge within rounding errors."""
-    n, e = place
+def inside_fence(position_ned, limits):
+    """Whether a position is inside the region, or on its edge within rounding errors."""
+    n, e = position_ned
     return any(limits.region.breach((n + dn, e + de)) is None for dn, de in ROUNDING_STEPS)
 
 
@@ -108,22 +108,25 @@ def assert_speeds_within(velocity, limits):
         assert at_most(-d, limits.climb_m_s)
 
 
-def assert_stops_inside(velocity, here, limits):
-    """Checks that a vehicle with this velocity, braked after the delay, stops inside."""
+def assert_stops_inside(velocity, motion, limits):
+    """Checks that a vehicle with this velocity, braked after the delay, stops inside the region."""
     n, e, d = (axis or 0.0 for axis in velocity)
-    at, speed = here.position_ned_m, math.hypot(n, e)
+    position, speed = motion.position_ned_m, math.hypot(n, e)
     if speed > 1e-6:
         stop_m = speed * BRAKE_DELAY_S + speed**2 / (2 * BRAKE_M_S2)
-        assert stop_m <= limits.region.distance_to_edge_m((at[0], at[1]), (n / speed, e / speed)) + 1e-6
+        assert (
+            stop_m
+            <= limits.region.distance_to_edge_m((position[0], position[1]), (n / speed, e / speed)) + 1e-6
+        )
     stop_m = abs(d) * 0.6 + d**2 / 2
-    left_m = (limits.region.down_max_m - at[2]) if d > 0 else (at[2] - limits.region.down_min_m)
+    left_m = (limits.region.down_max_m - position[2]) if d > 0 else (position[2] - limits.region.down_min_m)
     assert stop_m <= left_m + 1e-6
 
 
 @settings(max_examples=400)
-@given(orders, bounds(), vehicle_motions, st.none() | orders, st.floats(0.005, 1.0))
-def test_any_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt_s):
-    result = apply_limits(wanted, limits, here, before, dt_s)
+@given(setpoints, bounds(), vehicle_motions, st.none() | setpoints, st.floats(0.005, 1.0))
+def test_any_setpoint_is_sent_within_the_limits(requested, limits, motion, previous, dt_s):
+    result = apply_limits(requested, limits, motion, previous, dt_s)
     sent = result.setpoint
     assert sent is not None
     assert is_finite(sent)
@@ -137,11 +140,11 @@ def test_any_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt
             assert limits.region.down_min_m - 1e-9 <= d <= limits.region.down_max_m + 1e-9
     if isinstance(sent, Velocity | Trajectory):
         assert_speeds_within(sent.velocity_ned_m_s, limits)
-        assert_stops_inside(sent.velocity_ned_m_s, here, limits)
+        assert_stops_inside(sent.velocity_ned_m_s, motion, limits)
     if isinstance(sent, VelocityBody):
-        ned = ned_from_heading(sent.velocity_frd_m_s, here.yaw_ned_rad)
+        ned = ned_from_heading(sent.velocity_frd_m_s, motion.yaw_ned_rad)
         assert_speeds_within(ned, limits)
-        assert_stops_inside(ned, here, limits)
+        assert_stops_inside(ned, motion, limits)
     if isinstance(sent, Acceleration):
         n, e, d = sent.acceleration_ned_m_s2
         assert at_most(math.hypot(n, e), min(limits.acceleration_m_s2, 9.80665 * math.tan(limits.tilt_rad)))
@@ -155,24 +158,24 @@ def test_any_setpoint_is_sent_within_the_limits(wanted, limits, here, before, dt
         for value, maximum in zip(sent.rates_frd_rad_s, limits.rates_rad_s, strict=True):
             assert at_most(abs(value), maximum)
     if isinstance(sent, PositionGlobal):
-        place = ORIGIN.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m)
-        assert inside_fence(place[:2], limits)
-        assert limits.region.clamp_down_m(place[2]) == place[2]
-    unchanged = sent == wanted
-    assert unchanged or result.notes or result.stop, "each change is reported"
+        position_ned = ORIGIN.to_ned(sent.lat_deg, sent.lon_deg, sent.alt_amsl_m)
+        assert inside_fence(position_ned[:2], limits)
+        assert limits.region.clamp_down_m(position_ned[2]) == position_ned[2]
+    unchanged = sent == requested
+    assert unchanged or result.notes or result.stop, "a change was not reported"
 
 
-@given(orders, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
-def test_values_that_are_not_finite_are_never_sent(wanted, limits, poison):
+@given(setpoints, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
+def test_values_that_are_not_finite_are_never_sent(requested, limits, not_finite):
     broken = None
-    if isinstance(wanted, Velocity):
-        broken = Velocity((poison, 0.0, 0.0))
-    elif isinstance(wanted, Rates):
-        broken = Rates((0.0, poison, 0.0), 0.5)
-    elif isinstance(wanted, Attitude):
-        broken = Attitude((1.0, 0.0, 0.0, 0.0), poison)
+    if isinstance(requested, Velocity):
+        broken = Velocity((not_finite, 0.0, 0.0))
+    elif isinstance(requested, Rates):
+        broken = Rates((0.0, not_finite, 0.0), 0.5)
+    elif isinstance(requested, Attitude):
+        broken = Attitude((1.0, 0.0, 0.0, 0.0), not_finite)
     else:
-        broken = Position((0.0, 0.0, poison))
+        broken = Position((0.0, 0.0, not_finite))
     result = apply_limits(broken, limits, None)
     assert result.setpoint is None
     assert "not a finite number" in result.stop
@@ -180,34 +183,34 @@ def test_values_that_are_not_finite_are_never_sent(wanted, limits, poison):
 
 @given(vector, bounds())
 def test_without_a_position_no_velocity_is_sent_inside_a_fence(velocity, limits):
-    for wanted in (Velocity(velocity), VelocityBody(velocity)):
-        sent = apply_limits(wanted, limits, None).setpoint
+    for requested in (Velocity(velocity), VelocityBody(velocity)):
+        sent = apply_limits(requested, limits, None).setpoint
         values = getattr(sent, "velocity_ned_m_s", None) or getattr(sent, "velocity_frd_m_s", None)
         assert values == (0.0, 0.0, 0.0)
 
 
-def flight(wanted, limits, here, seconds, tau_s=0.5, dt_s=0.05):
+def flight(requested, limits, motion, seconds, tau_s=0.5, dt_s=0.05):
     """A vehicle that follows velocity setpoints as PX4 does: with a lag and at most 5 m/s²."""
-    position, velocity = list(here.position_ned_m), list(here.velocity_ned_m_s)
-    before = None
+    position, velocity = list(motion.position_ned_m), list(motion.velocity_ned_m_s)
+    previous = None
     for _ in range(int(seconds / dt_s)):
-        now = VehicleMotion(tuple(position), tuple(velocity), here.yaw_ned_rad)
-        before = apply_limits(wanted, limits, now, before, dt_s).setpoint
-        asked = before.velocity_ned_m_s
+        current = VehicleMotion(tuple(position), tuple(velocity), motion.yaw_ned_rad)
+        previous = apply_limits(requested, limits, current, previous, dt_s).setpoint
+        setpoint_velocity = previous.velocity_ned_m_s
         for axis in range(3):
-            acceleration = max(-5.0, min(5.0, (asked[axis] - velocity[axis]) / tau_s))
+            acceleration = max(-5.0, min(5.0, (setpoint_velocity[axis] - velocity[axis]) / tau_s))
             velocity[axis] += acceleration * dt_s
             position[axis] += velocity[axis] * dt_s
-        yield now
+        yield current
 
 
 @settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would take minutes
 @given(well_inside, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0)))
 def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, velocity_down_m_s):
     limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, descent_m_s=4.0, region=FENCED)
-    wanted = Velocity((speed * math.cos(course), speed * math.sin(course), velocity_down_m_s))
-    for now in flight(wanted, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), 50):
-        n, e, d = now.position_ned_m
+    requested = Velocity((speed * math.cos(course), speed * math.sin(course), velocity_down_m_s))
+    for current in flight(requested, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), 50):
+        n, e, d = current.position_ned_m
         assert FENCED.breach((n, e)) is None
         assert -40.0 <= d <= 0.0  # in 50 s it would fly farther than the width of the fence
 
@@ -215,20 +218,20 @@ def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, velocit
 def test_turning_away_at_full_speed_in_front_of_the_fence_brakes_first():
     """The new direction is along the fence, but the vehicle still moves towards it."""
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
-    here = VehicleMotion((40.0, 0.0, -10.0), (8.0, 0.0, 0.0))
-    sent = apply_limits(Velocity((0.0, 5.0, 0.0)), limits, here).setpoint
+    motion = VehicleMotion((40.0, 0.0, -10.0), (8.0, 0.0, 0.0))
+    sent = apply_limits(Velocity((0.0, 5.0, 0.0)), limits, motion).setpoint
     assert sent.velocity_ned_m_s[:2] == (0.0, 0.0)
 
 
 def test_from_outside_only_velocities_back_inside_are_sent():
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
-    here = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
-    assert apply_limits(Velocity((-3.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s == (
+    motion = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
+    assert apply_limits(Velocity((-3.0, 0.0, 0.0)), limits, motion).setpoint.velocity_ned_m_s == (
         -3.0,
         0.0,
         0.0,
     )
-    stopped = apply_limits(Velocity((3.0, 0.0, 0.0)), limits, here)
+    stopped = apply_limits(Velocity((3.0, 0.0, 0.0)), limits, motion)
     assert stopped.setpoint.velocity_ned_m_s == (-1.0, 0.0, 0.0)
     assert "only a velocity back inside" in stopped.notes[0]
 
@@ -236,40 +239,44 @@ def test_from_outside_only_velocities_back_inside_are_sent():
 def test_near_the_edge_the_vehicle_is_moved_back():
     """PX4's integrator moves the vehicle for seconds after the setpoint has become zero."""
     limits = Bounds(region=Region(-20.0, math.inf, (Circle((0.0, 0.0), 50.0, "50 m"),)))
-    here = VehicleMotion((0.0, 49.6, -19.8), (0.0, 0.4, 0.0))
-    sent = apply_limits(Velocity((0.0, 0.0, 0.0)), limits, here).setpoint.velocity_ned_m_s
+    motion = VehicleMotion((0.0, 49.6, -19.8), (0.0, 0.4, 0.0))
+    sent = apply_limits(Velocity((0.0, 0.0, 0.0)), limits, motion).setpoint.velocity_ned_m_s
     assert sent == pytest.approx((0.0, -0.6, 0.3))
 
 
 def test_from_outside_a_target_beyond_the_fence_is_moved_inside():
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
-    here = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
-    (n, e, _) = apply_limits(Position((90.0, 0.0, -10.0)), limits, here).setpoint.position_ned_m
+    motion = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
+    (n, e, _) = apply_limits(Position((90.0, 0.0, -10.0)), limits, motion).setpoint.position_ned_m
     assert math.hypot(n, e) < 50
 
 
 @pytest.mark.parametrize(
-    "wanted",
+    "requested",
     [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates((0.0, 0.0, 0.0), 0.5), Acceleration((0.0, 0.0, 0.0))],
 )
-def test_setpoints_without_position_control_are_stopped_before_the_fence(wanted):
+def test_setpoints_without_position_control_are_stopped_before_the_fence(requested):
     limits = Bounds(region=FENCED)
-    assert apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop is None
-    assert "leave" in apply_limits(wanted, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop
-    assert "leave" in apply_limits(wanted, limits, VehicleMotion((50.0, 10.0, -20.0), (0.0, 0.0, 0.0))).stop
+    assert apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop is None
+    assert (
+        "leave" in apply_limits(requested, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop
+    )
+    assert (
+        "leave" in apply_limits(requested, limits, VehicleMotion((50.0, 10.0, -20.0), (0.0, 0.0, 0.0))).stop
+    )
     assert (
         "altitude"
-        in apply_limits(wanted, limits, VehicleMotion((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop
+        in apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop
     )
-    assert "No valid position" in apply_limits(wanted, limits, None).stop
-    assert apply_limits(wanted, Bounds(), None).stop is None
+    assert "No valid position" in apply_limits(requested, limits, None).stop
+    assert apply_limits(requested, Bounds(), None).stop is None
 
 
 def test_a_far_target_is_approached_at_the_operators_speed():
     """PX4 would use its own speed, so the sent position is a short distance ahead of the vehicle."""
     limits = Bounds(approach_m_s=3.0, position_gain=0.95)
-    here = VehicleMotion((0.0, 0.0, -10.0), (3.0, 0.0, 0.0))
-    result = apply_limits(Position((100.0, 0.0, -10.0)), limits, here)
+    motion = VehicleMotion((0.0, 0.0, -10.0), (3.0, 0.0, 0.0))
+    result = apply_limits(Position((100.0, 0.0, -10.0)), limits, motion)
     assert result.setpoint.position_ned_m[0] == pytest.approx(3.0 / 0.95)
     assert result.notes == ("speed limited to 3 m/s",)
     close = Position((102.0, 0.0, -10.0))

@@ -1,4 +1,4 @@
-"""The text about the vehicle's failsafe when the stream stops."""
+"""The text that describes what the vehicle's failsafe does when the stream stops."""
 
 import pytest
 

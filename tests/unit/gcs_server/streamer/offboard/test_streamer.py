@@ -37,12 +37,12 @@ class Vehicle:
         self.clock = clock
         self.command = self.params = self
         self.offboard = None
-        self.located = True
-        self.refuses = None
-        self.own_command = None
-        self.hangs = False
+        self.has_position = True
+        self.mode_error = None
+        self.latest_command = None
+        self.mode_request_hangs = False
         self.sent = []
-        self.asked = []
+        self.mode_requests = []
 
     def require_commandable(self):
         pass
@@ -54,15 +54,19 @@ class Vehicle:
         pass
 
     async def set_mode(self, name):
-        self.asked.append((name, len(self.sent)))
-        if self.hangs:
+        self.mode_requests.append((name, len(self.sent)))
+        if self.mode_request_hangs:
             await asyncio.sleep(30)
-        if self.refuses:
-            raise self.refuses
+        if self.mode_error:
+            raise self.mode_error
         self.status.mode = name
 
     def recent_command(self, mode):
-        return self.own_command if self.own_command is not None and self.own_command.mode == mode else None
+        return (
+            self.latest_command
+            if self.latest_command is not None and self.latest_command.mode == mode
+            else None
+        )
 
     def known(self, name):
         return None
@@ -75,7 +79,7 @@ class Vehicle:
     def topic(self, name):
         now_s = self.clock.monotonic_s()
         values = {"attitude": Attitude(0, 0, 0.5, (1, 0, 0, 0), (0, 0, 0))}
-        if self.located:
+        if self.has_position:
             values["local_position"] = LocalPosition((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
         return Sample(name, None, 0.0, now_s, values[name]) if name in values else None
 
@@ -84,7 +88,7 @@ class Vehicle:
         return True
 
 
-def streaming(clock, stalls=()):
+def make_streamer(clock, stalls=()):
     """A streamer whose scheduler runs in the loop, except from `stalls[n][0]` to `stalls[n][1]` [s]."""
     supervisor, streams = Supervisor(clock), LoopStreams(clock)
     began_s = clock.monotonic_s()
@@ -104,7 +108,7 @@ def run_test(scenario, stalls=()):
     async def run():
         clock = LoopClock(asyncio.get_running_loop())
         vehicle = Vehicle(clock)
-        supervisor, streamer = streaming(clock, stalls)
+        supervisor, streamer = make_streamer(clock, stalls)
         streamer.attach(vehicle)
         streamer.start(supervisor)
         try:
@@ -119,8 +123,8 @@ def run_test(scenario, stalls=()):
 def test_setpoints_are_streamed_before_offboard_is_requested_and_the_failsafe_is_reported():
     async def scenario(vehicle):
         status = await vehicle.offboard.start(StreamRequest(UP, 60.0, client="me"))
-        assert vehicle.asked == [("offboard", vehicle.asked[0][1])]
-        assert vehicle.asked[0][1] == pytest.approx(60, abs=2), "1.2 s at 50 Hz"
+        assert vehicle.mode_requests == [("offboard", vehicle.mode_requests[0][1])]
+        assert vehicle.mode_requests[0][1] == pytest.approx(60, abs=2)  # 1.2 s at 50 Hz
         assert (status.state, status.client) == ("streaming", "me")
         assert "lands at its current position" in status.if_stream_stops
         with pytest.raises(Refused, match="already"):
@@ -135,11 +139,12 @@ def test_setpoints_are_streamed_before_offboard_is_requested_and_the_failsafe_is
 
 
 def test_unsent_setpoints_do_not_count_as_streamed():
-    """On a machine that stalls during the start, Offboard must not be requested after a single setpoint."""
+    """If the machine stalls during the start, the server must not request Offboard after a single
+    setpoint."""
 
     async def scenario(vehicle):
         await vehicle.offboard.start(StreamRequest(UP, 60.0))
-        assert vehicle.asked[0][1] >= 60
+        assert vehicle.mode_requests[0][1] >= 60
 
     run_test(scenario, stalls=[(0.01, 1.3)])
 
@@ -148,7 +153,7 @@ def test_offboard_is_not_requested_without_a_steady_stream():
     async def scenario(vehicle):
         with pytest.raises(Refused, match="too busy"):
             await vehicle.offboard.start(StreamRequest(UP, 60.0))
-        assert vehicle.asked == []
+        assert vehicle.mode_requests == []
         assert not vehicle.offboard.status().streaming
 
     run_test(scenario, stalls=[(n + 0.1, n + 1.0) for n in range(10)])
@@ -156,7 +161,7 @@ def test_offboard_is_not_requested_without_a_steady_stream():
 
 def test_a_refusal_stops_the_stream_and_is_raised():
     async def scenario(vehicle):
-        vehicle.refuses = Rejected("Offboard is not available", reasons=("no",))
+        vehicle.mode_error = Rejected("Offboard is not available", reasons=("no",))
         with pytest.raises(Rejected, match="not available"):
             await vehicle.offboard.start(StreamRequest(UP, 60.0))
         assert not vehicle.offboard.status().streaming
@@ -168,10 +173,10 @@ def test_a_refusal_stops_the_stream_and_is_raised():
 
 def test_a_refused_start_explains_the_missing_prerequisite():
     async def scenario(vehicle):
-        vehicle.located = False
+        vehicle.has_position = False
         with pytest.raises(Refused, match="estimate"):
             await vehicle.offboard.start(StreamRequest(UP))
-        vehicle.located = True
+        vehicle.has_position = True
         with pytest.raises(Refused, match="2000 m"):
             await vehicle.offboard.start(StreamRequest(Position(position_ned_m=(2000.0, 0.0, 0.0))))
         vehicle.status.mode = "offboard"
@@ -193,10 +198,10 @@ def test_leaving_offboard_ends_the_stream_with_an_event():
     run_test(scenario)
 
 
-def test_a_mode_commanded_here_ends_the_stream_without_a_warning():
+def test_a_mode_commanded_by_a_client_ends_the_stream_without_a_warning():
     async def scenario(vehicle):
         await vehicle.offboard.start(StreamRequest(UP, 60.0))
-        vehicle.own_command = ModeCommand("Land", "land", "page", 0.0)
+        vehicle.latest_command = ModeCommand("Land", "land", "page", 0.0)
         vehicle.status.mode = "land"
         await asyncio.sleep(0.35)
         (event,) = vehicle.events.since()
@@ -214,7 +219,7 @@ def test_shutdown_stops_all_streams_at_once_within_the_deadline(
 
     async def run():
         clock = LoopClock(asyncio.get_running_loop())
-        supervisor, streamer = streaming(clock)
+        supervisor, streamer = make_streamer(clock)
         fleet = [Vehicle(clock) for _ in range(3)]
         for number, vehicle in enumerate(fleet, 1):
             vehicle.id = str(number)
@@ -222,12 +227,12 @@ def test_shutdown_stops_all_streams_at_once_within_the_deadline(
         streamer.start(supervisor)
         try:
             await asyncio.gather(*(v.offboard.start(StreamRequest(UP, 60.0)) for v in fleet))
-            fleet[1].hangs = fleet[2].hangs = True
+            fleet[1].mode_request_hangs = fleet[2].mode_request_hangs = True
             began_s = clock.monotonic_s()
-            done = {s.vehicle: s for s in await streamer.stop_all()}
+            results = {s.vehicle: s for s in await streamer.stop_all()}
             assert clock.monotonic_s() - began_s < 0.5
-            assert done["1"].error is None
-            assert [type(done[v].error) for v in "23"] == [NoReply, NoReply]
+            assert results["1"].error is None
+            assert [type(results[v].error) for v in "23"] == [NoReply, NoReply]
             assert [v.status.mode for v in fleet] == ["hold", "offboard", "offboard"]
             assert [e.severity for e in fleet[1].events.since()] == [4]
         finally:

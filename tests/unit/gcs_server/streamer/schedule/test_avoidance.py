@@ -10,7 +10,7 @@ from missions.fence import Region
 from missions.geodesy import LocalOrigin
 from missions.runner.script import Script
 from missions.setpoints import Path, PathPoint, Position, PositionGlobal, Trajectory, Velocity
-from tests.support.offboard_missions import flight_of, timeline
+from tests.support.offboard_missions import flight_steps, timeline
 
 GOAL = Position((10.0, 0.0, -2.0), 0.0)
 ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
@@ -22,7 +22,7 @@ class Stream:
 
     def __init__(self):
         self.pipeline, self.now_s = SetpointPipeline(self), 100.0
-        self.ahead_m, self.avoidance, self.bounds, self.silent_s = 3.0, None, Bounds(), 0.0
+        self.ahead_m, self.avoidance, self.bounds, self.scan_age_s = 3.0, None, Bounds(), 0.0
         self.mission_avoidance = None
         self.position = (0.0, 0.0, -2.0)
         self.report_codes = []
@@ -31,7 +31,7 @@ class Stream:
         pass
 
     def snapshot(self):
-        received_s = self.now_s - self.silent_s
+        received_s = self.now_s - self.scan_age_s
         scans = (
             Scan(received_s, ((1.0, 0.0, 0.0),), (self.ahead_m,), 20.0),
             Scan(received_s, ((0.0, 0.0, 1.0),), (2.0,), 30.0),
@@ -43,7 +43,7 @@ class Stream:
         )  # fmt: skip
 
     def send(self, setpoint, steps=1):
-        """Sets a setpoint; returns the one that is sent after this number of steps."""
+        """Sets a setpoint; returns the setpoint that is sent after this number of steps."""
         self.pipeline.accept(self.now_s, setpoint, self.snapshot())
         return self.continue_sending(steps)
 
@@ -67,7 +67,7 @@ def test_with_avoidance_off_only_the_brake_acts(stream):
     assert stream.report_codes == ["limited"]
 
 
-def test_the_operator_can_switch_the_brake_off_and_avoidance_keeps_it_on(stream):
+def test_the_operator_can_switch_the_brake_off_but_avoidance_keeps_the_brake_on(stream):
     stream.bounds = Bounds(obstacle_brake=False)
     assert stream.send(GOAL) == GOAL
     stream.avoidance, stream.ahead_m = "over", 0.8
@@ -76,28 +76,28 @@ def test_the_operator_can_switch_the_brake_off_and_avoidance_keeps_it_on(stream)
 
 
 @pytest.mark.parametrize(
-    "wanted",
+    "requested",
     [
         GOAL,
         Trajectory((10.0, 0.0, -2.0), (1.0, 0.0, 0.0), yaw_ned_rad=0.0),
         PositionGlobal(47.4 + 10.0 / 111_195.0, 8.5, 482.0, yaw_ned_rad=0.0),
         Path((PathPoint(0.0, (0.0, 0.0, -2.0), 0.0), PathPoint(5.0, (10.0, 0.0, -2.0), 0.0))),
     ],
-    ids=lambda wanted: wanted.type,
+    ids=lambda requested: requested.type,
 )
-def test_with_avoidance_every_position_setpoint_climbs_over_the_obstacle(stream, wanted):
+def test_with_avoidance_every_position_setpoint_climbs_over_the_obstacle(stream, requested):
     stream.avoidance, stream.bounds = "over", Bounds(origin=ORIGIN)
-    sent = stream.send(wanted, 3)
+    sent = stream.send(requested, 3)
     assert isinstance(sent, Velocity)
     assert sent.velocity_ned_m_s[2] < -0.5
     assert stream.pipeline.avoiding.state == "over"
-    assert stream.report_codes == ["avoidance"], "reported once"
+    assert stream.report_codes == ["avoidance"]
 
 
 def test_avoidance_reports_that_it_ignores_velocities(stream):
     stream.avoidance = "over"
     sent = stream.send(Velocity((3.0, 0.0, 0.0)), 2)
-    assert 0.0 < sent.velocity_ned_m_s[0] < 3.0, "braked"
+    assert 0.0 < sent.velocity_ned_m_s[0] < 3.0  # braked
     assert "does not apply" in stream.pipeline.avoiding.text
 
 
@@ -110,33 +110,33 @@ def test_avoidance_can_be_switched_between_two_setpoints(stream):
     assert stream.pipeline.avoiding is None
 
 
-def test_without_a_position_or_with_silent_sensors_the_vehicle_is_stopped(stream):
+def test_without_a_position_or_without_sensor_data_the_vehicle_is_stopped(stream):
     stream.avoidance = "over"
-    stream.silent_s = 1.5
+    stream.scan_age_s = 1.5
     assert stream.send(GOAL).position_ned_m == (0.0, 0.0, -2.0)
     assert stream.pipeline.avoiding.state == "stopped"
-    stream.silent_s, stream.position = 0.0, None
+    stream.scan_age_s, stream.position = 0.0, None
     assert stream.continue_sending().velocity_ned_m_s == STILL
     assert "position estimate" in stream.pipeline.avoiding.text
     assert stream.report_codes.count("avoidance_stopped") == 1
 
 
-def test_a_silent_sensor_is_reported_once_and_the_stream_continues(stream):
+def test_a_sensor_that_stops_sending_is_reported_once_and_the_stream_continues(stream):
     stream.ahead_m = None
     stream.send(Position((3.0, 0.0, -2.0), 0.0), 2)
-    stream.silent_s = 2.5
+    stream.scan_age_s = 2.5
     assert stream.continue_sending(5) == Position((3.0, 0.0, -2.0), 0.0)
     assert stream.report_codes == ["obstacle_sensor_lost"]
 
 
-@pytest.mark.parametrize("wanted", [GOAL, Velocity((5.0, 0.0, 0.0))], ids=lambda wanted: wanted.type)
-def test_a_sensor_that_stops_sending_does_not_release_a_braked_vehicle(stream, wanted):
-    stream.send(wanted, 2)
-    stream.silent_s = 2.5
+@pytest.mark.parametrize("requested", [GOAL, Velocity((5.0, 0.0, 0.0))], ids=lambda requested: requested.type)
+def test_a_sensor_that_stops_sending_does_not_release_a_braked_vehicle(stream, requested):
+    stream.send(requested, 2)
+    stream.scan_age_s = 2.5
     assert stream.continue_sending(5) == Position((0.0, 0.0, -2.0), 0.0)
     assert stream.report_codes == ["limited", "obstacle_sensor_lost"]
-    assert stream.send(GOAL) == GOAL, "a new setpoint is flown, since the silent sensor was reported"
-    stream.silent_s = 0.0
+    assert stream.send(GOAL) == GOAL, "the setpoint after the report was limited"
+    stream.scan_age_s = 0.0
     assert stream.continue_sending().position_ned_m[0] < 2.0
 
 
@@ -156,9 +156,9 @@ def test_the_fence_limits_a_detour_like_any_other_setpoint(stream):
     assert isinstance(sent, Position)
 
 
-def script(step):
-    """A mission that flies 10 m north through the position of the box."""
-    return Script("Test", timeline(flight_of(step)).segments[1:-1])
+def mission_script(step):
+    """The script of a mission with one step, which flies 10 m north through the measured obstacle."""
+    return Script("Test", timeline(flight_steps(step)).segments[1:-1])
 
 
 AVOIDING, NOT_AVOIDING, AROUND = (
@@ -169,30 +169,30 @@ AVOIDING, NOT_AVOIDING, AROUND = (
 
 def test_each_step_of_a_mission_states_what_avoidance_tries_first(stream):
     stream.position, stream.mission_avoidance, stream.ahead_m = (0.0, 0.0, -10.0), "over", 15.0
-    for step, way in ((AVOIDING, "over"), (AROUND, "around"), (AVOIDING, "over")):
-        stream.send(script(step))
-        assert stream.pipeline.avoiding.way == way
+    for step, direction in ((AVOIDING, "over"), (AROUND, "around"), (AVOIDING, "over")):
+        stream.send(mission_script(step))
+        assert stream.pipeline.avoiding.way == direction
     stream.avoidance = "around"
-    stream.send(script(AVOIDING))
-    assert stream.pipeline.avoiding.way == "around", "the operator's choice has priority"
+    stream.send(mission_script(AVOIDING))
+    assert stream.pipeline.avoiding.way == "around", "the mission overrode the operator's choice"
 
 
-def test_a_missions_avoidance_acts_only_in_its_steps_and_while_it_is_enabled(stream):
+def test_a_missions_avoidance_acts_only_in_steps_with_avoidance_and_while_it_is_enabled(stream):
     stream.position, stream.mission_avoidance, stream.ahead_m = (0.0, 0.0, -10.0), "over", 15.0
-    for step, on in ((AVOIDING, True), (NOT_AVOIDING, False)):
-        stream.send(script(step))
-        assert (stream.pipeline.avoiding is not None) == on
+    for step, active in ((AVOIDING, True), (NOT_AVOIDING, False)):
+        stream.send(mission_script(step))
+        assert (stream.pipeline.avoiding is not None) == active
     stream.mission_avoidance = None
-    stream.send(script(AVOIDING))
+    stream.send(mission_script(AVOIDING))
     assert stream.pipeline.avoiding is None
     stream.avoidance = "around"
-    stream.send(script(NOT_AVOIDING))
+    stream.send(mission_script(NOT_AVOIDING))
     assert stream.pipeline.avoiding.state == "clear"
 
 
 def test_a_detour_continues_into_a_step_without_avoidance(stream):
     stream.position, stream.mission_avoidance = (0.0, 0.0, -10.0), "over"
-    stream.send(script(AVOIDING), 3)
+    stream.send(mission_script(AVOIDING), 3)
     assert stream.pipeline.avoiding.state == "over"
-    stream.send(script(NOT_AVOIDING), 3)
+    stream.send(mission_script(NOT_AVOIDING), 3)
     assert stream.pipeline.avoiding.state == "over"

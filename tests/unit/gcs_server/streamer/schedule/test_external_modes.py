@@ -47,7 +47,7 @@ class Px4:
 
     def __init__(self) -> None:
         self.sent: list[tuple[str, dict[str, Any]]] = []
-        self.open, self.answers, self.next_check_s = True, True, 0.0
+        self.open, self.replies, self.next_check_s = True, True, 0.0
         self.modes: dict[int, str] = {}
         self._to_server: list[tuple[str, bytes]] = []
 
@@ -58,35 +58,37 @@ class Px4:
         values = dict(MESSAGES[kind].decode(data))
         assert values["timestamp"] >= 1_700_000_000_000_000
         self.sent.append((topic, values))
-        if topic == REGISTER and self.answers:
+        if topic == REGISTER and self.replies:
             number = 23 + len(self.modes)
             self.modes[number] = bytes(values["name"]).rstrip(b"\0").decode()
-            known = MESSAGES[READ_TYPES[REPLY]].decode(RECORDED[REPLY])
+            recorded_reply = MESSAGES[READ_TYPES[REPLY]].decode(RECORDED[REPLY])
             executor = 1 if values["register_mode_executor"] else -1
             changed = {
                 "request_id": values["request_id"], "name": values["name"], "mode_executor_id": executor,
             }  # fmt: skip
-            self.give(REPLY, {**known, **changed, "arming_check_id": number - 23, "mode_id": number})
+            self.publish(
+                REPLY, {**recorded_reply, **changed, "arming_check_id": number - 23, "mode_id": number}
+            )
 
     def take(self) -> list[tuple[str, bytes]]:
-        taken, self._to_server = self._to_server, []
-        return taken
+        messages, self._to_server = self._to_server, []
+        return messages
 
-    def give(self, topic: str, fields: dict[str, Any]) -> None:
+    def publish(self, topic: str, fields: dict[str, Any]) -> None:
         self._to_server.append((topic, MESSAGES[READ_TYPES[topic]].encode(fields)))
 
-    def give_bytes(self, topic: str, data: bytes) -> None:
+    def publish_bytes(self, topic: str, data: bytes) -> None:
         self._to_server.append((topic, data))
 
     def send_check_request(self, now_s: float) -> None:
         if self.modes and now_s >= self.next_check_s:
             self.next_check_s = now_s + 0.312
-            self.give(CHECK_REQUEST, {"request_id": int(now_s * 10) % 256})
+            self.publish(CHECK_REQUEST, {"request_id": int(now_s * 10) % 256})
 
     def report_status(self, nav_state: int, *, armed: bool = True) -> None:
-        mask = sum(1 << each for each in self.modes)
+        mask = sum(1 << number for number in self.modes)
         fields = {"nav_state": nav_state, "arming_state": 2 if armed else 1, "can_set_nav_states_mask": mask}
-        self.give(STATUS, fields)
+        self.publish(STATUS, fields)
 
     def topics(self) -> list[str]:
         """Topics sent since the last call."""
@@ -100,7 +102,7 @@ class ModesSetup:
     def __init__(self) -> None:
         self.clock, self.px4 = Clock(), Px4()
         self.modes = ExternalModes(self.clock, lambda _: self.px4)
-        self.alive, self.flown = True, False
+        self.alive, self.has_stream = True, False
 
     def register(self, name: str = "Line", vehicle: str = "1", address: DdsAddress = ADDRESS) -> None:
         self.modes.register(vehicle, address, ModeDeclaration(name, frozenset({"attitude"})))
@@ -109,172 +111,172 @@ class ModesSetup:
         until_s = self.clock.now_s + seconds
         while self.clock.now_s < until_s:
             self.px4.send_check_request(self.clock.now_s)
-            self.modes.step(self.clock.now_s, server_alive=self.alive, flown=lambda _: self.flown)
+            self.modes.step(self.clock.now_s, server_alive=self.alive, flown=lambda _: self.has_stream)
             self.clock.now_s = round(self.clock.now_s + 0.01, 3)
 
     def states(self) -> list[tuple[str, str]]:
-        return [(each.name, each.state) for each in self.modes.states().get("1", ())]
+        return [(mode.name, mode.state) for mode in self.modes.states().get("1", ())]
 
-    def answers(self) -> list[bool]:
-        """For each answer sent so far, whether the mode can run."""
+    def check_replies(self) -> list[bool]:
+        """For each check reply that was sent, whether the mode can run."""
         return [values["can_arm_and_run"] for topic, values in self.px4.sent if topic == CHECK_REPLY]
 
 
 @pytest.fixture
-def bench() -> ModesSetup:
-    made = ModesSetup()
-    made.register()
-    made.run(1.0)
-    assert made.states() == [("Line", "registered")]
-    made.px4.sent.clear()
-    return made
+def setup() -> ModesSetup:
+    setup = ModesSetup()
+    setup.register()
+    setup.run(1.0)
+    assert setup.states() == [("Line", "registered")]
+    setup.px4.sent.clear()
+    return setup
 
 
 def test_without_modes_no_step_is_due() -> None:
     assert ModesSetup().modes.step(10.0, server_alive=True, flown=lambda _: False) == float("inf")
 
 
-def test_every_request_is_answered_within_a_tenth_of_a_second(bench: ModesSetup) -> None:
-    bench.run(5.0)
-    assert len(bench.answers()) == pytest.approx(5.0 / 0.312, abs=1.5)
-    bench.px4.sent.clear()
-    bench.px4.next_check_s = float("inf")
-    bench.px4.give(CHECK_REQUEST, {"request_id": 3})
-    bench.run(0.03)
-    assert bench.answers() == [True]
+def test_every_check_request_gets_a_reply_within_a_tenth_of_a_second(setup: ModesSetup) -> None:
+    setup.run(5.0)
+    assert len(setup.check_replies()) == pytest.approx(5.0 / 0.312, abs=1.5)
+    setup.px4.sent.clear()
+    setup.px4.next_check_s = float("inf")
+    setup.px4.publish(CHECK_REQUEST, {"request_id": 3})
+    setup.run(0.03)
+    assert setup.check_replies() == [True]
 
 
-def test_while_the_event_loop_does_not_respond_the_answers_report_that_the_mode_cannot_run(
-    bench: ModesSetup,
+def test_while_the_event_loop_is_blocked_the_replies_report_that_the_mode_cannot_run(
+    setup: ModesSetup,
 ) -> None:
-    bench.alive = False
-    bench.run(1.0)
-    assert set(bench.answers()) == {False}
-    bench.px4.sent.clear()
-    bench.alive = True
-    bench.run(1.0)
-    assert set(bench.answers()) == {True}
+    setup.alive = False
+    setup.run(1.0)
+    assert set(setup.check_replies()) == {False}
+    setup.px4.sent.clear()
+    setup.alive = True
+    setup.run(1.0)
+    assert set(setup.check_replies()) == {True}
 
 
-def test_without_a_stream_the_vehicle_is_stopped_in_the_mode(bench: ModesSetup) -> None:
-    bench.px4.report_status(23)
-    bench.run(0.2)
-    assert {CONTROLLERS, TRAJECTORY} <= set(bench.px4.topics())
-    bench.flown = True
-    bench.px4.report_status(23)
-    bench.run(1.0)
-    assert set(bench.px4.topics()) == {CHECK_REPLY}
+def test_without_a_stream_the_vehicle_is_stopped_in_the_mode(setup: ModesSetup) -> None:
+    setup.px4.report_status(23)
+    setup.run(0.2)
+    assert {CONTROLLERS, TRAJECTORY} <= set(setup.px4.topics())
+    setup.has_stream = True
+    setup.px4.report_status(23)
+    setup.run(1.0)
+    assert set(setup.px4.topics()) == {CHECK_REPLY}
 
 
 @pytest.mark.parametrize(("nav_state", "armed"), [(4, True), (23, False), (24, True)])
-def test_in_other_modes_and_disarmed_no_setpoint_is_sent(
-    bench: ModesSetup, nav_state: int, armed: bool
+def test_in_other_modes_or_while_disarmed_no_setpoint_is_sent(
+    setup: ModesSetup, nav_state: int, armed: bool
 ) -> None:
-    bench.px4.report_status(nav_state, armed=armed)
-    bench.run(1.0)
-    assert set(bench.px4.topics()) == {CHECK_REPLY}
+    setup.px4.report_status(nav_state, armed=armed)
+    setup.run(1.0)
+    assert set(setup.px4.topics()) == {CHECK_REPLY}
 
 
-def test_two_modes_are_registered_one_after_the_other_and_removed_one_after_the_other(
-    bench: ModesSetup,
+def test_modes_are_registered_and_removed_in_sequence(
+    setup: ModesSetup,
 ) -> None:
-    bench.register("Square")
-    bench.register("Circle")
-    bench.run(3.0)
-    assert [state for _, state in bench.states()] == ["registered"] * 3
-    bench.px4.sent.clear()
+    setup.register("Square")
+    setup.register("Circle")
+    setup.run(3.0)
+    assert [state for _, state in setup.states()] == ["registered"] * 3
+    setup.px4.sent.clear()
     for name in ("Line", "Square", "Circle"):
-        bench.modes.unregister("1", name)
-    bench.run(0.02)
-    assert bench.px4.topics().count(UNREGISTER) == 1
-    bench.run(1.0)
-    assert bench.px4.topics().count(UNREGISTER) == 2
-    assert bench.modes.states() == {}
+        setup.modes.unregister("1", name)
+    setup.run(0.02)
+    assert setup.px4.topics().count(UNREGISTER) == 1
+    setup.run(1.0)
+    assert setup.px4.topics().count(UNREGISTER) == 2
+    assert setup.modes.states() == {}
 
 
-def test_registrations_beyond_the_limits_are_refused(bench: ModesSetup) -> None:
+def test_registrations_beyond_the_limits_are_refused(setup: ModesSetup) -> None:
     with pytest.raises(ValueError, match="already registered"):
-        bench.register()
+        setup.register()
     with pytest.raises(ValueError, match="another ROS 2 link"):
-        bench.register("Other", address=DdsAddress(1, None, ""))
+        setup.register("Other", address=DdsAddress(1, None, ""))
     for n in range(MAX_MODES - 1):
-        bench.register(f"Mode {n}")
+        setup.register(f"Mode {n}")
     with pytest.raises(ValueError, match="4 modes"):
-        bench.register("One more")
+        setup.register("One more")
 
 
-def test_a_lost_mode_can_be_registered_again(bench: ModesSetup) -> None:
-    bench.px4.modes.clear()
-    bench.run(2.0)
-    assert bench.states() == [("Line", "lost")]
-    bench.register()
-    bench.run(1.0)
-    assert bench.states() == [("Line", "registered")]
+def test_a_lost_mode_can_be_registered_again(setup: ModesSetup) -> None:
+    setup.px4.modes.clear()
+    setup.run(2.0)
+    assert setup.states() == [("Line", "lost")]
+    setup.register()
+    setup.run(1.0)
+    assert setup.states() == [("Line", "registered")]
 
 
-def test_a_registration_waits_for_dds_and_is_refused_without_an_answer() -> None:
-    bench = ModesSetup()
-    bench.px4.open = bench.px4.answers = False
-    bench.register()
-    bench.run(2.0)
-    bench.px4.open = True
-    bench.run(1.5)
-    assert bench.states() == [("Line", "registering")]
-    bench.run(3.0)
-    assert bench.states() == [("Line", "refused")]
+def test_a_registration_waits_for_dds_and_is_refused_without_a_reply() -> None:
+    setup = ModesSetup()
+    setup.px4.open = setup.px4.replies = False
+    setup.register()
+    setup.run(2.0)
+    setup.px4.open = True
+    setup.run(1.5)
+    assert setup.states() == [("Line", "registering")]
+    setup.run(3.0)
+    assert setup.states() == [("Line", "refused")]
 
 
-def test_the_completion_of_a_mode_is_reported_by_the_name_of_its_slot(bench: ModesSetup) -> None:
-    bench.modes.complete("1", "external_2", success=True)
-    bench.modes.complete("2", "external_1", success=True)
-    assert bench.px4.topics() == []
-    bench.modes.complete("1", "external_1", success=False)
-    assert [(topic, each["result"]) for topic, each in bench.px4.sent] == [(COMPLETED, 100)]
+def test_the_completion_of_a_mode_is_reported_by_the_name_of_its_slot(setup: ModesSetup) -> None:
+    setup.modes.complete("1", "external_2", success=True)
+    setup.modes.complete("2", "external_1", success=True)
+    assert setup.px4.topics() == []
+    setup.modes.complete("1", "external_1", success=False)
+    assert [(topic, fields["result"]) for topic, fields in setup.px4.sent] == [(COMPLETED, 100)]
 
 
-def test_a_malformed_message_is_skipped(bench: ModesSetup) -> None:
-    bench.px4.give_bytes(CHECK_REQUEST, b"\0\1")
-    bench.px4.give_bytes(STATUS, b"")
-    bench.run(1.0)
-    assert bench.states() == [("Line", "registered")]
+def test_a_malformed_message_is_skipped(setup: ModesSetup) -> None:
+    setup.px4.publish_bytes(CHECK_REQUEST, b"\0\1")
+    setup.px4.publish_bytes(STATUS, b"")
+    setup.run(1.0)
+    assert setup.states() == [("Line", "registered")]
 
 
-def test_a_fault_of_one_vehicle_does_not_affect_the_others(
-    bench: ModesSetup, caplog: pytest.LogCaptureFixture
+def test_a_fault_of_one_vehicle_does_not_affect_the_other_vehicles(
+    setup: ModesSetup, caplog: pytest.LogCaptureFixture
 ) -> None:
     class Broken(Px4):
         def take(self) -> list[tuple[str, bytes]]:
             raise RuntimeError("broken")
 
     broken = Broken()
-    bench.modes._open_port = lambda _: broken
-    bench.register("Other", vehicle="2", address=DdsAddress(0, None, "px4_2"))
-    bench.run(2.0)
-    assert bench.modes.states().keys() == {"1"}
+    setup.modes._open_port = lambda _: broken
+    setup.register("Other", vehicle="2", address=DdsAddress(0, None, "px4_2"))
+    setup.run(2.0)
+    assert setup.modes.states().keys() == {"1"}
     assert "the modes of vehicle 2 failed" in caplog.text
-    assert len(bench.answers()) >= 5
+    assert len(setup.check_replies()) >= 5
 
 
-def test_closing_unregisters_all_modes(bench: ModesSetup) -> None:
-    bench.modes.close()
-    assert bench.px4.topics() == [UNREGISTER]
-    assert bench.modes.states() == {}
+def test_closing_unregisters_all_modes(setup: ModesSetup) -> None:
+    setup.modes.close()
+    assert setup.px4.topics() == [UNREGISTER]
+    assert setup.modes.states() == {}
 
 
-def test_the_modes_of_a_forgotten_vehicle_are_unregistered(bench: ModesSetup) -> None:
-    bench.modes.forget("1")
-    bench.modes.forget("unknown")
-    bench.run(0.5)
-    assert bench.px4.topics() == [UNREGISTER]
+def test_the_modes_of_a_forgotten_vehicle_are_unregistered(setup: ModesSetup) -> None:
+    setup.modes.forget("1")
+    setup.modes.forget("unknown")
+    setup.run(0.5)
+    assert setup.px4.topics() == [UNREGISTER]
 
 
 def test_the_command_of_an_executor_is_sent_and_its_outcome_reported() -> None:
-    bench = ModesSetup()
-    bench.modes.forget("1")
-    bench.px4.modes.clear()
-    bench.run(0.5)
-    bench.modes.register("1", ADDRESS, ModeDeclaration("Line", frozenset(), executor=True))
-    bench.run(1.0)
+    setup = ModesSetup()
+    setup.modes.forget("1")
+    setup.px4.modes.clear()
+    setup.run(0.5)
+    setup.modes.register("1", ADDRESS, ModeDeclaration("Line", frozenset(), executor=True))
+    setup.run(1.0)
     land = ExecutorCommand(7, 100_001, (18.0, *(float("nan"),) * 6))
     in_charge = {
         "nav_state": 23,
@@ -282,21 +284,21 @@ def test_the_command_of_an_executor_is_sent_and_its_outcome_reported() -> None:
         "executor_in_charge": 1,
         "can_set_nav_states_mask": 1 << 23,
     }
-    bench.px4.give(STATUS, in_charge)
-    bench.run(0.1)
-    bench.px4.sent.clear()
-    bench.modes.execute("1", "external_1", land)
-    bench.modes.execute("1", "external_2", land)
-    bench.modes.execute("2", "external_1", land)
-    bench.run(0.35)
-    commands = [fields for topic, fields in bench.px4.sent if topic == COMMAND]
-    assert [each["source_component"] for each in commands] == [1001, 1001]
-    bench.px4.give(COMMAND_ACK, {"command": 100_001, "target_component": 1001})
-    bench.px4.give(STATUS, {**in_charge, "nav_state": 18})
-    bench.px4.give(MODE_COMPLETED, {"nav_state": 18})
-    bench.run(0.1)
-    bench.px4.sent.clear()
-    bench.run(1.0)
-    (registration,) = bench.modes.states()["1"]
+    setup.px4.publish(STATUS, in_charge)
+    setup.run(0.1)
+    setup.px4.sent.clear()
+    setup.modes.execute("1", "external_1", land)
+    setup.modes.execute("1", "external_2", land)
+    setup.modes.execute("2", "external_1", land)
+    setup.run(0.35)
+    commands = [fields for topic, fields in setup.px4.sent if topic == COMMAND]
+    assert [fields["source_component"] for fields in commands] == [1001, 1001]
+    setup.px4.publish(COMMAND_ACK, {"command": 100_001, "target_component": 1001})
+    setup.px4.publish(STATUS, {**in_charge, "nav_state": 18})
+    setup.px4.publish(MODE_COMPLETED, {"nav_state": 18})
+    setup.run(0.1)
+    setup.px4.sent.clear()
+    setup.run(1.0)
+    (registration,) = setup.modes.states()["1"]
     assert registration.executor == ExecutorState(True, 18, 7, "accepted")
-    assert COMMAND not in bench.px4.topics()
+    assert COMMAND not in setup.px4.topics()

@@ -56,50 +56,50 @@ class SchedulerSetup:
             if server_alive:
                 self.update_snapshots()
             if steps:
-                assert self.streams.step() > self.clock.now_s  # otherwise it would never wait
+                assert self.streams.step() > self.clock.now_s  # otherwise the scheduler would never wait
 
     def codes(self):
         return [report.code for _, report in self.streams.take_reports()]
 
 
 def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
-    bench = SchedulerSetup()
-    bench.run(1.0, server_alive=True)
-    bench.run(0.4, server_alive=False)
-    bench.run(1.0, server_alive=True)
-    assert max(b - a for a, b in zip(bench.sent, bench.sent[1:], strict=False)) < 0.045
-    assert bench.codes() == []
+    setup = SchedulerSetup()
+    setup.run(1.0, server_alive=True)
+    setup.run(0.4, server_alive=False)
+    setup.run(1.0, server_alive=True)
+    assert max(b - a for a, b in zip(setup.sent, setup.sent[1:], strict=False)) < 0.045
+    assert setup.codes() == []
 
 
 def test_a_stall_of_3_s_ends_the_stream_with_an_event():
-    bench = SchedulerSetup()
-    bench.run(1.0, server_alive=True)
-    stalled_s = bench.clock.now_s
-    bench.run(3.0, server_alive=False)
-    assert bench.sent[-1] - stalled_s == pytest.approx(1.5, abs=0.03)
-    count = len(bench.sent)
-    bench.run(5.0, server_alive=True)
-    assert len(bench.sent) == count
-    assert bench.codes() == ["server_silent"]
-    assert not bench.streams.change("1", StreamRequest(HOVER, 60.0), bench.snapshot())
-    assert bench.streams.state("1").last_end.code == "server_silent"
+    setup = SchedulerSetup()
+    setup.run(1.0, server_alive=True)
+    stalled_s = setup.clock.now_s
+    setup.run(3.0, server_alive=False)
+    assert setup.sent[-1] - stalled_s == pytest.approx(1.5, abs=0.03)
+    count = len(setup.sent)
+    setup.run(5.0, server_alive=True)
+    assert len(setup.sent) == count
+    assert setup.codes() == ["server_silent"]
+    assert not setup.streams.change("1", StreamRequest(HOVER, 60.0), setup.snapshot())
+    assert setup.streams.state("1").last_end.code == "server_silent"
 
 
 @pytest.mark.parametrize("first", ["update_snapshots", "begin of another vehicle"])
 def test_a_resumed_process_sends_no_old_setpoints(first):
-    bench = SchedulerSetup()
-    bench.run(1.0, server_alive=True)
-    bench.clock.now_s += 3.0  # neither loop nor scheduler ran
-    count = len(bench.sent)
+    setup = SchedulerSetup()
+    setup.run(1.0, server_alive=True)
+    setup.clock.now_s += 3.0  # neither loop nor scheduler ran
+    count = len(setup.sent)
     if first == "update_snapshots":
-        bench.update_snapshots()
+        setup.update_snapshots()
     else:
-        bench.streams.attach("2", bench, (2, 1))
-        bench.streams.begin("2", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
-        bench.streams.end("2", "stopped", "")
-    bench.run(1.0, server_alive=True)
-    assert len(bench.sent) == count
-    assert bench.codes() == ["server_silent"]
+        setup.streams.attach("2", setup, (2, 1))
+        setup.streams.begin("2", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
+        setup.streams.end("2", "stopped", "")
+    setup.run(1.0, server_alive=True)
+    assert len(setup.sent) == count
+    assert setup.codes() == ["server_silent"]
 
 
 class Broken:
@@ -108,151 +108,151 @@ class Broken:
 
 
 def test_one_vehicles_fault_does_not_affect_other_streams():
-    bench = SchedulerSetup()
-    bench.streams.attach("bad", Broken(), (2, 1))
-    assert bench.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
-    count = len(bench.sent)
-    bench.run(1.0, server_alive=True)
-    assert bench.streams.active() == ["1"]
-    reports = bench.streams.take_reports()
-    assert [(who, report.code) for who, report in reports] == [("bad", "fault")]
-    assert len(bench.sent) - count == pytest.approx(50, abs=2)
+    setup = SchedulerSetup()
+    setup.streams.attach("bad", Broken(), (2, 1))
+    assert setup.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
+    count = len(setup.sent)
+    setup.run(1.0, server_alive=True)
+    assert setup.streams.active() == ["1"]
+    reports = setup.streams.take_reports()
+    assert [(vehicle, report.code) for vehicle, report in reports] == [("bad", "fault")]
+    assert len(setup.sent) - count == pytest.approx(50, abs=2)
 
 
 def setup_with_two():
     """A scheduler with a second stream, to vehicle "bad"."""
-    bench = SchedulerSetup()
-    bench.streams.attach("bad", bench, (2, 1))
-    assert bench.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, bench.snapshot())
-    assert bench.streams.engage("bad", bench.snapshot())
-    return bench
+    setup = SchedulerSetup()
+    setup.streams.attach("bad", setup, (2, 1))
+    assert setup.streams.begin("bad", StreamRequest(HOVER, 60.0), 50.0, setup.snapshot())
+    assert setup.streams.engage("bad", setup.snapshot())
+    return setup
 
 
 @pytest.mark.parametrize(
-    "bad",
+    "changes",
     [
         {"position_ned_m": ("north", 0.0, 0.0)},
         {"velocity_ned_m_s": 5},
         {"yaw_ned_rad": "east"},
     ],
 )
-def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(bad):
-    bench = setup_with_two()
-    bench.streams.update_snapshots({"bad": replace(bench.snapshot(), **bad), "1": bench.snapshot()})
-    bench.run(1.0, server_alive=True)
-    assert bench.streams.active() == ["1"]
-    assert [(who, report.code) for who, report in bench.streams.take_reports()] == [("bad", "fault")]
+def test_one_vehicles_invalid_snapshot_does_not_affect_other_streams(changes):
+    setup = setup_with_two()
+    setup.streams.update_snapshots({"bad": replace(setup.snapshot(), **changes), "1": setup.snapshot()})
+    setup.run(1.0, server_alive=True)
+    assert setup.streams.active() == ["1"]
+    assert [(vehicle, report.code) for vehicle, report in setup.streams.take_reports()] == [("bad", "fault")]
 
 
 def test_a_fault_after_a_stall_does_not_affect_other_streams(monkeypatch):
     """After a stall of the loop all streams end, even if one of them has a fault."""
-    bench = setup_with_two()
-    bench.run(0.5, server_alive=True)
-    core = bench.streams._streams["bad"].machine
+    setup = setup_with_two()
+    setup.run(0.5, server_alive=True)
+    machine = setup.streams._streams["bad"].machine
 
     def broken(*_):
         raise ValueError("broken")
 
-    monkeypatch.setattr(core, "tick", broken)
-    bench.clock.now_s += 3.0
-    bench.update_snapshots()
-    reports = dict(bench.streams.take_reports())
+    monkeypatch.setattr(machine, "tick", broken)
+    setup.clock.now_s += 3.0
+    setup.update_snapshots()
+    reports = dict(setup.streams.take_reports())
     assert (reports["1"].code, reports["bad"].code) == ("server_silent", "fault")
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf, 1e38, 1e300])
-def test_implausible_numbers_count_as_unknown_and_are_never_sent(wrong):
-    """The setpoint expires while the estimate is implausible: no position can be held, so Land is
-    requested, and all sent setpoints are finite."""
-    bench = SchedulerSetup()
+@pytest.mark.parametrize("invalid_number", [math.nan, math.inf, -math.inf, 1e38, 1e300])
+def test_implausible_numbers_count_as_unknown_and_are_never_sent(invalid_number):
+    """When the setpoint expires there is no valid position to hold, so the stream requests Land; all sent
+    setpoints are finite."""
+    setup = SchedulerSetup()
     frames = []
-    bench.send_payload = lambda msg_id, payload: frames.append((msg_id, payload)) or True
+    setup.send_payload = lambda msg_id, payload: frames.append((msg_id, payload)) or True
     request = StreamRequest(Velocity((1.0, 0.0, 0.0)), 0.5, OnExpiry("hold"))
-    assert bench.streams.change("1", request, bench.snapshot())
+    assert setup.streams.change("1", request, setup.snapshot())
     for field in ("position_ned_m", "velocity_ned_m_s"):
-        now = replace(bench.snapshot(), **{field: (0.0, wrong, 0.0)})
+        now = replace(setup.snapshot(), **{field: (0.0, invalid_number, 0.0)})
         assert getattr(now.plausible(), field) is None
-        assert now.plausible().position_at(bench.clock.now_s) is None
+        assert now.plausible().position_at(setup.clock.now_s) is None
     for _ in range(100):
-        bench.clock.now_s += 0.01
-        nonsense = replace(bench.snapshot(), position_ned_m=(0.0, wrong, 0.0), yaw_ned_rad=0.0)
-        bench.streams.update_snapshots({"1": nonsense})
-        bench.streams.step()
-    assert bench.streams.state("1").phase == "landing"
+        setup.clock.now_s += 0.01
+        implausible = replace(setup.snapshot(), position_ned_m=(0.0, invalid_number, 0.0), yaw_ned_rad=0.0)
+        setup.streams.update_snapshots({"1": implausible})
+        setup.streams.step()
+    assert setup.streams.state("1").phase == "landing"
     sent = [payload for msg_id, payload in frames if msg_id == MSG_SET_POSITION_TARGET_LOCAL_NED]
     assert all(abs(value) < 100 for payload in sent for value in struct.unpack_from("<9f", payload, 4))
 
 
-def in_group(bench, *ids):
-    """Puts these vehicles into a group, 10 m apart; returns their bounds."""
-    now_s = bench.clock.now_s
+def start_group(setup, *ids):
+    """Starts a group of these vehicles; returns bounds with local origins 10 m apart."""
+    now_s = setup.clock.now_s
     requests = dict.fromkeys(ids, StreamRequest(HOVER, 60.0))
     guard = GroupGuard(
         "g", requests, {v: StreamRequest(Velocity((1.0, 0.0, 0.0)), 60.0) for v in ids}, minimum_m=3.0,
         start_s=now_s, duration_s=60.0,
     )  # fmt: skip
-    bench.streams.watch(guard)
+    setup.streams.watch(guard)
     return {v: Bounds(origin=LocalOrigin(47.0, 8.0 + i * 1.3e-4, 500.0)) for i, v in enumerate(ids)}
 
 
-def test_a_member_that_cannot_be_held_does_not_stop_the_others_from_holding(monkeypatch):
-    bench = setup_with_two()
-    bounds = in_group(bench, "bad", "1")
+def test_a_fault_of_a_member_does_not_prevent_the_others_from_holding(monkeypatch):
+    setup = setup_with_two()
+    bounds = start_group(setup, "bad", "1")
 
     def update_snapshots(**more):
-        bench.clock.now_s += 0.05
-        bench.streams.update_snapshots(
-            {v: replace(bench.snapshot(), bounds=b, **more) for v, b in bounds.items()}
+        setup.clock.now_s += 0.05
+        setup.streams.update_snapshots(
+            {v: replace(setup.snapshot(), bounds=b, **more) for v, b in bounds.items()}
         )
-        bench.streams.step()
+        setup.streams.step()
 
     update_snapshots()
     update_snapshots()
-    assert bench.streams.guard("g").phase == "flying"
+    assert setup.streams.guard("g").phase == "flying"
 
     def broken(*_):
         raise ValueError("broken")
 
-    monkeypatch.setattr(bench.streams._streams["bad"].machine, "force_hold", broken)
+    monkeypatch.setattr(setup.streams._streams["bad"].machine, "force_hold", broken)
     update_snapshots(position_ned_m=None)
-    assert bench.streams.guard("g").held == {"bad", "1"}
-    assert bench.streams.state("bad").phase == "idle"
-    assert bench.streams.state("1").phase in ("to_hold", "landing")
+    assert setup.streams.guard("g").held == {"bad", "1"}
+    assert setup.streams.state("bad").phase == "idle"
+    assert setup.streams.state("1").phase in ("to_hold", "landing")
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e300])
-def test_a_member_with_implausible_numbers_holds_only_its_group(wrong):
-    bench = setup_with_two()
-    bounds = in_group(bench, "bad")
+@pytest.mark.parametrize("invalid_number", [math.nan, math.inf, 1e300])
+def test_a_member_with_implausible_numbers_holds_only_its_group(invalid_number):
+    setup = setup_with_two()
+    bounds = start_group(setup, "bad")
     for _ in range(3):
-        bench.clock.now_s += 0.05
-        lost = replace(bench.snapshot(), position_ned_m=(wrong, 0.0, 0.0), bounds=bounds["bad"])
-        bench.streams.update_snapshots({"bad": lost, "1": bench.snapshot()})
-        bench.streams.step()
-    assert [(name, finding.code) for name, finding in bench.streams.take_findings()] == [
+        setup.clock.now_s += 0.05
+        lost = replace(setup.snapshot(), position_ned_m=(invalid_number, 0.0, 0.0), bounds=bounds["bad"])
+        setup.streams.update_snapshots({"bad": lost, "1": setup.snapshot()})
+        setup.streams.step()
+    assert [(name, finding.code) for name, finding in setup.streams.take_findings()] == [
         ("g", "place_unknown")
     ]
-    assert bench.streams.state("1").phase == "streaming"
+    assert setup.streams.state("1").phase == "streaming"
 
 
 def test_a_failing_guard_holds_its_group_and_other_streams_continue(monkeypatch):
-    bench = setup_with_two()
-    bounds = in_group(bench, "bad")
+    setup = setup_with_two()
+    bounds = start_group(setup, "bad")
 
     def broken(*_):
         raise ZeroDivisionError("broken")
 
-    monkeypatch.setattr(bench.streams._guards["g"], "check", broken)
+    monkeypatch.setattr(setup.streams._guards["g"], "check", broken)
     for _ in range(10):
-        bench.clock.now_s += 0.05
-        bench.streams.update_snapshots(
-            {"bad": replace(bench.snapshot(), bounds=bounds["bad"]), "1": bench.snapshot()}
+        setup.clock.now_s += 0.05
+        setup.streams.update_snapshots(
+            {"bad": replace(setup.snapshot(), bounds=bounds["bad"]), "1": setup.snapshot()}
         )
-        assert bench.streams.step() > bench.clock.now_s
-    findings = bench.streams.take_findings()
+        assert setup.streams.step() > setup.clock.now_s
+    findings = setup.streams.take_findings()
     assert [(name, finding.code) for name, finding in findings] == [("g", "fault")]
-    assert bench.streams.state("bad").phase == "to_hold"
-    assert bench.streams.state("1").phase == "streaming"
+    assert setup.streams.state("bad").phase == "to_hold"
+    assert setup.streams.state("1").phase == "streaming"
 
 
 def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
@@ -278,13 +278,13 @@ def test_all_threads_share_a_links_sequence_without_duplicates_or_gaps():
 
 
 @pytest.mark.parametrize(("stall_s", "continues"), [(0.4, True), (2.0, False)])
-def test_a_stall_of_0_4_s_does_not_end_the_stream_and_one_of_2_s_does(stall_s, continues):
-    bench = SchedulerSetup()
-    bench.run(1.0, server_alive=True)
-    bench.run(stall_s, server_alive=False)
-    bench.run(3.0, server_alive=True)
-    sending = bench.clock.now_s - bench.sent[-1] < 0.05
+def test_a_stall_of_0_4_s_does_not_end_the_stream_and_a_stall_of_2_s_does(stall_s, continues):
+    setup = SchedulerSetup()
+    setup.run(1.0, server_alive=True)
+    setup.run(stall_s, server_alive=False)
+    setup.run(3.0, server_alive=True)
+    sending = setup.clock.now_s - setup.sent[-1] < 0.05
     assert sending == continues
-    assert bench.codes() == ([] if continues else ["server_silent"])
-    if not continues:  # it stopped within the limit, so PX4's own failsafe acts
-        assert bench.clock.now_s - bench.sent[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)
+    assert setup.codes() == ([] if continues else ["server_silent"])
+    if not continues:  # the stream ended within 1.5 s, so PX4's own failsafe acts
+        assert setup.clock.now_s - setup.sent[-1] == pytest.approx(stall_s - 1.5 + 3.0, abs=0.05)

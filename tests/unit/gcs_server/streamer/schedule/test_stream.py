@@ -22,7 +22,7 @@ class Flight:
     def __init__(self, rate_hz=50.0):
         self.now_s = 100.0
         self.transport = MavlinkTransport(self, (7, 1))
-        self.core = VehicleStream(self.transport)
+        self.stream = VehicleStream(self.transport)
         self.rate_hz = rate_hz
         self.mode = "hold"
         self.position = (1.0, 2.0, -5.0)
@@ -43,18 +43,18 @@ class Flight:
         return True
 
     def begin(self, setpoint, **validity):
-        self.core.begin(
+        self.stream.begin(
             self.now_s, StreamRequest(setpoint, client="test", **validity), self.rate_hz, self.snapshot()
         )
 
     def change(self, setpoint, **validity):
-        return self.core.change(
+        return self.stream.change(
             self.now_s, StreamRequest(setpoint, client="test", **validity), self.snapshot()
         )
 
     def engage(self):
         self.mode = "offboard"
-        assert self.core.engage(self.now_s)
+        assert self.stream.engage(self.now_s)
 
     def run(self, seconds):
         """Runs the stream at its due times; returns the sent messages as (time, id, fields)."""
@@ -63,16 +63,16 @@ class Flight:
         while self.now_s < end_s - 1e-9:
             if self.loop_alive:
                 self.loop_message_s = self.now_s
-            for item in self.core.tick(self.now_s, self.snapshot(), self.loop_message_s):
+            for item in self.stream.tick(self.now_s, self.snapshot(), self.loop_message_s):
                 self.transport.send(item)
             out += self.sending
             self.sending.clear()
-            self.now_s = min(end_s, max(self.now_s + 0.001, self.core.due_s(self.loop_message_s)))
+            self.now_s = min(end_s, max(self.now_s + 0.001, self.stream.due_s(self.loop_message_s)))
         self.sent += out
         return out
 
     def report_codes(self):
-        return [report.code for report in self.core.reports]
+        return [report.code for report in self.stream.reports]
 
 
 def fields(msg_id, payload):
@@ -86,12 +86,12 @@ def fields(msg_id, payload):
         "yaw": v[10],
         "yaw_rate": v[11],
         "mask": v[12],
-        "to": v[13:15],
+        "target": v[13:15],
         "frame": v[15],
     }
 
 
-def started(setpoint, **validity):
+def start_flight(setpoint, **validity):
     flight = Flight()
     flight.begin(setpoint, **validity)
     flight.run(1.2)
@@ -100,16 +100,16 @@ def started(setpoint, **validity):
 
 
 def test_setpoints_are_streamed_at_50_hz_in_local_ned():
-    flight = started(HOVER, valid_for_s=60)
+    flight = start_flight(HOVER, valid_for_s=60)
     out = flight.run(2.0)
     assert 99 <= len(out) <= 101
     _, msg_id, sent = out[0]
     assert msg_id == SETPOINT
-    assert sent["to"] == (7, 1)
+    assert sent["target"] == (7, 1)
     assert sent["frame"] == 1
     assert sent["position"] == (0.0, 0.0, -5.0)
     assert sent["yaw"] == pytest.approx(0.5)
-    assert flight.core.cadence.achieved_hz(flight.now_s) == pytest.approx(50, rel=0.03)
+    assert flight.stream.cadence.achieved_hz(flight.now_s) == pytest.approx(50, rel=0.03)
 
 
 def test_a_changed_setpoint_is_sent_at_once():
@@ -123,8 +123,8 @@ def test_a_changed_setpoint_is_sent_at_once():
     assert [sent["mask"] for _, _, sent in out] == [2503]
 
 
-def test_without_yaw_the_first_heading_is_kept():
-    flight = started(Velocity(velocity_ned_m_s=(1.0, 0.0, 0.0)), valid_for_s=60)
+def test_setpoints_without_yaw_keep_the_heading_from_the_start():
+    flight = start_flight(Velocity(velocity_ned_m_s=(1.0, 0.0, 0.0)), valid_for_s=60)
     flight.change(Velocity(velocity_ned_m_s=(2.0, 0.0, 0.0)), valid_for_s=60)
     _, _, sent = flight.run(0.02)[0]
     assert sent["mask"] == 2503
@@ -132,19 +132,19 @@ def test_without_yaw_the_first_heading_is_kept():
 
 
 def test_after_a_client_is_killed_its_velocity_stream_holds_the_position_and_then_requests_hold():
-    flight = started(NORTH, valid_for_s=0.5, on_expiry=OnExpiry("hold", 2.0))
+    flight = start_flight(NORTH, valid_for_s=0.5, on_expiry=OnExpiry("hold", 2.0))
     flight.velocity = (3.0, 0.0, 0.0)
     assert all(sent["velocity"][0] == 3.0 for _, _, sent in flight.run(0.49))
     flight.position = (10.0, 2.0, -5.0)
     flight.run(0.02)
-    held = flight.run(1.9)
-    assert {sent["mask"] for _, _, sent in held} == {2552}
-    assert held[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
+    holding = flight.run(1.9)
+    assert {sent["mask"] for _, _, sent in holding} == {2552}
+    assert holding[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
     assert flight.report_codes() == ["expired"]
     requests = [sent for _, msg_id, sent in flight.run(0.2) if msg_id == COMMAND]
     assert [(a["command"], a["p1"], a["main"], a["sub"]) for a in requests] == [(176, 1.0, 4.0, 3.0)]
     assert [m for _, m, _ in flight.run(0.1)].count(SETPOINT) >= 4, (
-        "the stream continues until the vehicle is in Hold"
+        "the stream ended before the vehicle was in Hold"
     )
     flight.mode = "hold"
     assert flight.run(1.0) == []
@@ -154,16 +154,16 @@ def test_after_a_client_is_killed_its_velocity_stream_holds_the_position_and_the
 
 
 def test_a_new_setpoint_while_holding_resumes_the_stream():
-    flight = started(NORTH, valid_for_s=0.5)
+    flight = start_flight(NORTH, valid_for_s=0.5)
     flight.run(1.0)
-    assert flight.core.phase == "holding"
+    assert flight.stream.phase == "holding"
     assert flight.change(HOVER, valid_for_s=60)
     flight.run(10.0)
-    assert flight.core.phase == "streaming"
+    assert flight.stream.phase == "streaming"
 
 
 def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
-    flight = started(NORTH, valid_for_s=0.1, on_expiry=OnExpiry("hold", 0.0))
+    flight = start_flight(NORTH, valid_for_s=0.1, on_expiry=OnExpiry("hold", 0.0))
     out = flight.run(MAX_MODE_REQUESTS + 2.0)
     requests = [sent["try"] for _, msg_id, sent in out if msg_id == COMMAND]
     assert requests == list(range(MAX_MODE_REQUESTS))
@@ -172,7 +172,7 @@ def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
 
 
 def test_expiry_without_a_position_estimate_lands():
-    flight = started(NORTH, valid_for_s=0.5)
+    flight = start_flight(NORTH, valid_for_s=0.5)
     flight.position = None
     out = flight.run(1.0)
     assert [(s["main"], s["sub"]) for _, m, s in out if m == COMMAND] == [(4.0, 6.0)]
@@ -184,15 +184,15 @@ def test_expiry_without_a_position_estimate_lands():
 
 
 def test_on_expiry_the_stream_requests_land_or_stops():
-    flight = started(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("land"))
+    flight = start_flight(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("land"))
     assert COMMAND in [m for _, m, _ in flight.run(0.6)]
-    flight = started(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("stop_stream"))
+    flight = start_flight(HOVER, valid_for_s=0.5, on_expiry=OnExpiry("stop_stream"))
     assert flight.run(3.0)[-1][0] < 100.0 + 1.2 + 0.52
     assert flight.report_codes() == ["expired"]
 
 
-def test_a_stall_of_the_loop_leaves_no_gap_and_a_silent_loop_ends_the_stream():
-    flight = started(HOVER, valid_for_s=60)
+def test_a_stall_of_the_loop_leaves_no_gap_and_a_loop_that_stays_blocked_ends_the_stream():
+    flight = start_flight(HOVER, valid_for_s=60)
     flight.run(0.1)
     flight.loop_alive = False
     assert len(flight.run(0.4)) >= 19
@@ -205,7 +205,7 @@ def test_a_stall_of_the_loop_leaves_no_gap_and_a_silent_loop_ends_the_stream():
 
 
 def test_expiry_during_a_stall_holds_the_vehicles_current_position():
-    flight = started(NORTH, valid_for_s=0.5)
+    flight = start_flight(NORTH, valid_for_s=0.5)
     flight.velocity = (4.0, 0.0, 0.0)
     flight.run(0.4)
     flight.loop_alive = False
@@ -217,7 +217,7 @@ def test_expiry_during_a_stall_holds_the_vehicles_current_position():
 
 @pytest.mark.parametrize("mode", ["position", "rtl", "mission"])
 def test_leaving_offboard_ends_the_stream(mode):
-    flight = started(HOVER, valid_for_s=60)
+    flight = start_flight(HOVER, valid_for_s=60)
     flight.run(0.5)
     flight.mode = mode
     assert flight.run(2.0) == []
@@ -226,12 +226,12 @@ def test_leaving_offboard_ends_the_stream(mode):
 
 
 def test_stop_holds_the_position_and_sends_nothing_afterwards():
-    flight = started(NORTH, valid_for_s=60)
+    flight = start_flight(NORTH, valid_for_s=60)
     flight.run(0.3)
-    flight.core.request_stop(flight.now_s, flight.snapshot())
+    flight.stream.request_stop(flight.now_s, flight.snapshot())
     assert {sent["mask"] for _, _, sent in flight.run(0.2)} == {2552}
-    assert not flight.change(NORTH, valid_for_s=60), "a late setpoint does not cancel the stop"
-    flight.core.end("stopped", "asked")
+    assert not flight.change(NORTH, valid_for_s=60), "a late setpoint cancelled the stop"
+    flight.stream.end("stopped", "asked")
     assert flight.run(5.0) == []
 
 
@@ -244,11 +244,11 @@ def test_setpoints_do_not_expire_while_starting_but_the_start_has_a_deadline():
     assert flight.report_codes() == ["not_confirmed"]
 
 
-def test_a_late_thread_sends_once_and_keeps_the_time_grid():
-    flight = started(HOVER, valid_for_s=60)
+def test_a_late_thread_sends_one_setpoint_and_keeps_the_schedule():
+    flight = start_flight(HOVER, valid_for_s=60)
     flight.run(0.1)
     flight.now_s += 0.3
     flight.loop_message_s = flight.now_s
-    assert len(flight.core.tick(flight.now_s, flight.snapshot(), flight.loop_message_s)) == 1
-    assert flight.core.tick(flight.now_s, flight.snapshot(), flight.loop_message_s) == []
-    assert flight.now_s < flight.core.due_s(flight.loop_message_s) <= flight.now_s + 0.02 + 1e-9
+    assert len(flight.stream.tick(flight.now_s, flight.snapshot(), flight.loop_message_s)) == 1
+    assert flight.stream.tick(flight.now_s, flight.snapshot(), flight.loop_message_s) == []
+    assert flight.now_s < flight.stream.due_s(flight.loop_message_s) <= flight.now_s + 0.02 + 1e-9

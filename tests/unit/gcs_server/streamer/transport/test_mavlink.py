@@ -1,4 +1,4 @@
-"""Each setpoint type as PX4 reads it, decoded by an independent decoder."""
+"""Each setpoint type as a MAVLink message, decoded by pymavlink, which shares no code with the encoder."""
 
 import math
 import struct
@@ -31,7 +31,7 @@ partial = st.tuples(axis, axis, axis)
 TARGET = (7, 1)
 
 
-def read(setpoint, now_s=12.5):
+def encode_and_decode(setpoint, now_s=12.5):
     """Encodes a setpoint and decodes it with pymavlink."""
     msg_id, payload = mavlink.encode(setpoint, TARGET)
     raw = encode_frame(msg_id, mavlink.with_time(payload, now_s), 3, 255, 190)
@@ -42,12 +42,12 @@ def read(setpoint, now_s=12.5):
 
 
 def ignored(values, bits, mask):
-    """The values, with None for those that the mask ignores."""
+    """The values, with None for values that the mask ignores."""
     return tuple(None if mask & bit else value for value, bit in zip(values, bits, strict=True))
 
 
-# Setpoints with the type masks of PX4's documentation.
-ROWS = [
+# Setpoint, message id, frame and type mask, as PX4's documentation has them.
+DOCUMENTED_MASKS = [
     (Position((1.0, 2.0, -3.0), yaw_ned_rad=0.5), 84, 1, 2552),
     (Position((1.0, 2.0, -3.0), yaw_rate_ned_rad_s=0.5), 84, 1, 1528),
     (Velocity((1.0, 2.0, -3.0), yaw_rate_ned_rad_s=0.5), 84, 1, 1479),
@@ -63,9 +63,9 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize(("setpoint", "msg_id", "frame", "mask"), ROWS)
+@pytest.mark.parametrize(("setpoint", "msg_id", "frame", "mask"), DOCUMENTED_MASKS)
 def test_message_frame_and_mask_match_px4s_documentation(setpoint, msg_id, frame, mask):
-    message = read(setpoint)
+    message = encode_and_decode(setpoint)
     assert message.get_msgId() == msg_id
     assert message.type_mask == mask
     assert getattr(message, "coordinate_frame", None) == frame
@@ -76,7 +76,7 @@ POSITION, VELOCITY, ACCELERATION = (1, 2, 4), (8, 16, 32), (64, 128, 256)
 
 @given(partial, partial, partial, axis, axis)
 def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, acceleration, yaw, rate):
-    m = read(Trajectory(position, velocity, acceleration, yaw, rate))
+    m = encode_and_decode(Trajectory(position, velocity, acceleration, yaw, rate))
     assert ignored((m.x, m.y, m.z), POSITION, m.type_mask) == position
     assert ignored((m.vx, m.vy, m.vz), VELOCITY, m.type_mask) == velocity
     assert ignored((m.afx, m.afy, m.afz), ACCELERATION, m.type_mask) == acceleration
@@ -93,14 +93,14 @@ def test_none_sets_the_ignore_bit_and_other_values_arrive(position, velocity, ac
 @given(vector, angle)
 def test_a_body_velocity_never_has_an_ignore_bit_of_velocity(velocity, yaw):
     """PX4 would ignore the whole message."""
-    m = read(VelocityBody(velocity, yaw_ned_rad=yaw))
+    m = encode_and_decode(VelocityBody(velocity, yaw_ned_rad=yaw))
     assert m.type_mask & 0b111111111 == 0b111000111
     assert (m.vx, m.vy, m.vz) == velocity
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-500, 9000, width=32))
 def test_a_global_position_is_encoded_within_two_centimetres(lat, lon, alt):
-    m = read(PositionGlobal(lat, lon, alt_amsl_m=alt, yaw_ned_rad=0.0))
+    m = encode_and_decode(PositionGlobal(lat, lon, alt_amsl_m=alt, yaw_ned_rad=0.0))
     assert m.lat_int == pytest.approx(lat * 1e7, abs=0.51)
     assert m.lon_int == pytest.approx(lon * 1e7, abs=0.51)
     assert m.alt == alt
@@ -108,7 +108,7 @@ def test_a_global_position_is_encoded_within_two_centimetres(lat, lon, alt):
 
 @given(st.tuples(angle, angle, angle, angle), axis, st.floats(0, 1, width=32))
 def test_attitude_and_thrust_arrive(q, rate, thrust):
-    m = read(Attitude(q, thrust, yaw_rate_ned_rad_s=rate))
+    m = encode_and_decode(Attitude(q, thrust, yaw_rate_ned_rad_s=rate))
     assert tuple(m.q) == q
     assert m.thrust == thrust
     assert m.type_mask & 128 == 0  # the attitude is used
@@ -117,8 +117,8 @@ def test_attitude_and_thrust_arrive(q, rate, thrust):
 
 
 @given(vector, st.floats(0, 1, width=32))
-def test_body_rates_and_thrust_arrive_and_none_is_ignored(rates, thrust):
-    m = read(Rates(rates, thrust))
+def test_body_rates_and_thrust_arrive_and_no_axis_is_ignored(rates, thrust):
+    m = encode_and_decode(Rates(rates, thrust))
     assert (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate) == rates
     assert m.type_mask & (1 | 2 | 4 | 64) == 0
     assert tuple(m.q) == (1.0, 0.0, 0.0, 0.0)

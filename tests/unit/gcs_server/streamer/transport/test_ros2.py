@@ -37,6 +37,7 @@ from missions.setpoints import (
 
 NOW_US = 1_795_000_000_000_000
 HALF = (0.0, 0.0, -0.5)
+"""Half thrust, upwards in FRD."""
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 KINDS: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
     (
@@ -105,10 +106,10 @@ def _transport() -> Ros2Transport:
     return Ros2Transport((1, 1), (255, 191), lambda: NOW_US)
 
 
-def _equal_or_both_nan(ours: Any, expected: Any) -> bool:
+def _equal_or_both_nan(sent: Any, expected: Any) -> bool:
     if isinstance(expected, tuple):
-        return len(ours) == len(expected) and all(map(_equal_or_both_nan, ours, expected))
-    return ours == expected or (math.isnan(ours) and math.isnan(expected))
+        return len(sent) == len(expected) and all(map(_equal_or_both_nan, sent, expected))
+    return sent == expected or (math.isnan(sent) and math.isnan(expected))
 
 
 @pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
@@ -129,7 +130,7 @@ def test_each_setpoint_type_is_sent_with_its_control_mode_and_topics(
 
 
 @pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
-def test_the_topics_of_a_setpoint_type_include_those_of_its_messages(
+def test_the_topics_of_a_setpoint_type_include_the_topics_of_its_messages(
     setpoint: DirectSetpoint, flag: str, expected: dict[str, Any]
 ) -> None:
     assert flag
@@ -173,19 +174,19 @@ class Mavlink(NoSender):
         return True
 
 
-def test_a_stream_continues_on_the_other_link_if_that_carries_the_setpoint() -> None:
+def test_a_stream_continues_over_mavlink_only_if_mavlink_has_a_message_for_the_setpoint() -> None:
     mavlink, topics = Mavlink(), Topics()
-    reached: list[Topics | None] = [topics]
-    transport = VehicleTransport(mavlink, (1, 1), lambda: reached[0], _transport())
+    ros2_link: list[Topics | None] = [topics]
+    transport = VehicleTransport(mavlink, (1, 1), lambda: ros2_link[0], _transport())
     transport.load(Position((0.0, 0.0, -5.0)))
     assert transport.send(SetpointDue(0.0))
-    reached[0] = None
+    ros2_link[0] = None
     assert transport.send(SetpointDue(0.02))
     assert (len(topics.sent), mavlink.ids) == (2, [84])
-    reached[0] = topics
+    ros2_link[0] = topics
     transport.load(Actuators((0.5,)))
     assert transport.send(SetpointDue(0.04))
-    reached[0] = None
+    ros2_link[0] = None
     assert not transport.send(SetpointDue(0.06))
     assert mavlink.ids == [84]
 
@@ -227,7 +228,7 @@ def test_a_global_position_is_sent_in_the_local_frame() -> None:
 
 
 @pytest.mark.parametrize("setpoint", [ThrustTorque((0.0, 0.0, -0.5), (0.0, 0.0, 0.0)), Actuators((0.5,))])
-def test_thrust_and_motor_setpoints_stop_if_a_fence_is_set_and_no_position_is_known(
+def test_thrust_and_motor_setpoints_stop_without_a_position_if_a_fence_is_set(
     setpoint: DirectSetpoint,
 ) -> None:
     fenced = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))

@@ -18,7 +18,7 @@ def test_each_setpoint_type_has_a_request_body() -> None:
     assert {get_args(body.model_fields["type"].annotation)[0] for body in get_args(union)} == set(KINDS)
 
 
-def test_answers_list_each_setpoint_type() -> None:
+def test_responses_can_name_each_setpoint_type() -> None:
     assert set(get_args(SetpointType)) == set(KINDS)
 
 
@@ -30,6 +30,6 @@ def test_a_ros_2_link_carries_every_setpoint_type(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_setpoint_type_is_encoded_resolved_or_refused_with_a_reason(kind: str) -> None:
-    why_not = why_not_carried(kind, "MAVLink")
-    assert (why_not is None) == (kind in MAVLINK_KINDS | RESOLVED_KINDS)
-    assert why_not is None or kind in why_not
+    reason = why_not_carried(kind, "MAVLink")
+    assert (reason is None) == (kind in MAVLINK_KINDS | RESOLVED_KINDS)
+    assert reason is None or kind in reason

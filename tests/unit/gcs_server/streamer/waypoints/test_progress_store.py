@@ -1,4 +1,4 @@
-"""The data folder keeps how far a plan was flown; invalid files do not prevent the server's start."""
+"""The data folder stores how far a vehicle flew its plan; invalid files do not prevent the server's start."""
 
 import asyncio
 import json
@@ -28,12 +28,12 @@ def test_progress_is_available_after_a_restart_for_the_same_vehicle_only(tmp_pat
     store = store_in(tmp_path / "flights")
     store.save(KEY, PROGRESS)
     store.close()
-    again = store_in(tmp_path / "flights")
-    assert (again.find(KEY), again.find(OTHER)) == (PROGRESS, None)
-    again.save(KEY, replace(PROGRESS, finished=True, name=None, home=None))
-    again.close()
+    reopened = store_in(tmp_path / "flights")
+    assert (reopened.find(KEY), reopened.find(OTHER)) == (PROGRESS, None)
+    reopened.save(KEY, replace(PROGRESS, finished=True, name=None, home=None))
+    reopened.close()
     assert store_in(tmp_path / "flights").find(KEY).finished
-    assert again.warnings() == []
+    assert reopened.warnings() == []
 
 
 @pytest.mark.parametrize(
@@ -59,16 +59,16 @@ def test_an_unreadable_file_causes_a_warning_and_the_next_flight_replaces_it(tmp
     store.close()
     file = tmp_path / "system-1.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), field: value}))
-    again = store_in(tmp_path)
-    assert (again.find(KEY), again.find(OTHER)) == (None, PROGRESS)
-    (warning,) = again.warnings()
+    reopened = store_in(tmp_path)
+    assert (reopened.find(KEY), reopened.find(OTHER)) == (None, PROGRESS)
+    (warning,) = reopened.warnings()
     assert "system-1.json cannot be read" in warning
-    again.save(KEY, PROGRESS)
-    again.close()
-    assert again.warnings() == []
+    reopened.save(KEY, PROGRESS)
+    reopened.close()
+    assert reopened.warnings() == []
 
 
-def test_a_file_that_cannot_be_written_causes_a_warning_and_the_progress_is_known_until_the_restart(tmp_path):
+def test_a_file_that_cannot_be_written_causes_a_warning_and_the_progress_stays_in_memory(tmp_path):
     (tmp_path / "flights").write_text("a file in the place of the folder")
     store = ProgressStore(Records(tmp_path / "flights"))
     store.save(KEY, PROGRESS)
