@@ -106,7 +106,11 @@ def test_a_mission_that_ends_in_flight_switches_to_hold():
 
 @pytest.mark.parametrize(("battery_share", "east"), [(0.8, 20.0), (0.3, -20.0), (None, -20.0)])
 def test_a_branch_is_decided_when_it_is_reached(battery_share, east):
-    branch = "step: branch, condition: {value: battery_share, above: 0.5}, then: [{step: fly, points: [{offset_ned_m: [0, 20, -10]}]}], otherwise: [{step: fly, points: [{offset_ned_m: [0, -20, -10]}]}]"
+    branch = (
+        "step: branch, condition: {value: battery_share, above: 0.5}, "
+        "then: [{step: fly, points: [{offset_ned_m: [0, 20, -10]}]}], "
+        "otherwise: [{step: fly, points: [{offset_ned_m: [0, -20, -10]}]}]"
+    )
     fake = FakeFlight(mission(flight_steps(FLY, branch, "step: hold, duration_s: 1"))).start()
     fake.set_reading(battery_share=battery_share)
     fake.in_state("done")

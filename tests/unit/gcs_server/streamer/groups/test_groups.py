@@ -343,7 +343,7 @@ def test_two_members_that_come_too_close_hold_and_the_finding_has_their_distance
 
 def test_an_accelerating_member_is_stopped_in_time():
     drift = StreamRequest(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
-    acceleration_m_s2, delay_s, braking_decel_m_s2 = 6.0, 0.3, 1.5
+    gain_m_s2, delay_s, decel_m_s2 = 6.0, 0.3, 1.5
     group_guard = GroupGuard(
         "7",
         dict.fromkeys("12", HOVER),
@@ -354,8 +354,8 @@ def test_an_accelerating_member_is_stopped_in_time():
     )
     group_guard.check(101.0, views(snapshot(60.0)))
     for step in range(1, 100):
-        now_s, speed_m_s = 101.0 + 0.05 * step, acceleration_m_s2 * 0.05 * step
-        apart_m = 60.0 - 0.5 * acceleration_m_s2 * (0.05 * step) ** 2
+        now_s, speed_m_s = 101.0 + 0.05 * step, gain_m_s2 * 0.05 * step
+        apart_m = 60.0 - 0.5 * gain_m_s2 * (0.05 * step) ** 2
         approaching = replace(snapshot(apart_m, velocity=(0.0, -speed_m_s, 0.0)), taken_s=now_s)
         hovering = MemberView("streaming", drift, replace(snapshot(), taken_s=now_s), None)
         if group_guard.check(
@@ -364,12 +364,8 @@ def test_an_accelerating_member_is_stopped_in_time():
             break
     else:
         pytest.fail("the accelerating member was not stopped")
-    fastest_m_s = speed_m_s + acceleration_m_s2 * delay_s
-    stop_m = (
-        speed_m_s * delay_s
-        + 0.5 * acceleration_m_s2 * delay_s**2
-        + fastest_m_s**2 / (2.0 * braking_decel_m_s2)
-    )
+    fastest_m_s = speed_m_s + gain_m_s2 * delay_s
+    stop_m = speed_m_s * delay_s + 0.5 * gain_m_s2 * delay_s**2 + fastest_m_s**2 / (2.0 * decel_m_s2)
     assert apart_m - stop_m >= 3.0, (apart_m, speed_m_s)
 
 
