@@ -122,11 +122,11 @@ class RequestGenerator:
             return schema["example"]
         kind = schema.get("type")
         if kind == "object":
-            needed = set(schema.get("required", []))
+            required = set(schema.get("required", []))
             return {
                 name: self.value(part, depth + 1)
                 for name, part in schema.get("properties", {}).items()
-                if name in needed or r.random() < 0.5
+                if name in required or r.random() < 0.5
             }
         if kind == "array":
             fewest = schema.get("minItems", 0)
@@ -163,6 +163,6 @@ class RequestGenerator:
                 return {**value, r.choice(["other", "é" * 500]): r.choice(JUNK)}
             return {**value, key: self._invalidated(value[key])}
         if isinstance(value, list) and value and r.random() < 0.6:
-            at = r.randrange(len(value))
-            return [*value[:at], self._invalidated(value[at]), *value[at + 1 :]]
+            index = r.randrange(len(value))
+            return [*value[:index], self._invalidated(value[index]), *value[index + 1 :]]
         return r.choice(JUNK)

@@ -41,22 +41,24 @@ def test_the_link_and_the_form_sign_a_browser_in(server):
     assert "HttpOnly" in opened.headers["set-cookie"]
     assert server.get("/docs?a=1", headers=HTML).status_code == 200
     server.cookies.clear()
-    own = {"Origin": URL}
-    wrong = server.post("/sign-in", data={"token": "guess", "next": "/docs"}, headers=own)
+    same_origin = {"Origin": URL}
+    wrong = server.post("/sign-in", data={"token": "guess", "next": "/docs"}, headers=same_origin)
     assert wrong.status_code == 401
     assert "set-cookie" not in wrong.headers
     assert 'role="alert"' in wrong.text
     assert 'name="next" value="/docs"' in wrong.text
-    right = server.post("/sign-in", data={"token": f" {server.token}\n", "next": "/docs"}, headers=own)
+    right = server.post(
+        "/sign-in", data={"token": f" {server.token}\n", "next": "/docs"}, headers=same_origin
+    )
     assert (right.status_code, right.headers["location"]) == (303, "/docs")
     assert server.get("/").text.endswith("page</title>")
-    assert server.post("/api/v1/vehicles/7/arm", headers=own).status_code == 404
+    assert server.post("/api/v1/vehicles/7/arm", headers=same_origin).status_code == 404
     assert server.post("/api/v1/vehicles/7/arm").json()["code"] == "origin_missing"
-    with server.websocket_connect("ws://gcs.field:8080/api/v1/telemetry", headers=own) as socket:
+    with server.websocket_connect("ws://gcs.field:8080/api/v1/telemetry", headers=same_origin) as socket:
         assert socket.receive_json()["type"] == "hello"
 
 
-def test_a_program_gets_an_answer_that_explains_the_token(server):
+def test_a_program_without_a_token_gets_an_error_that_explains_it(server):
     answer = server.get("/api/v1/vehicles")
     assert (answer.status_code, answer.json()["code"]) == (401, "token_missing")
     assert answer.headers["www-authenticate"] == "Bearer"
@@ -146,10 +148,10 @@ def test_an_invalid_token_is_refused_without_repeating_it(tmp_path, token):
     assert "GCS_TOKEN" in caught.value.message
     assert token not in caught.value.message
     (tmp_path / "token").write_text(token)
-    with pytest.raises(StorageError) as unusable:
+    with pytest.raises(StorageError) as refused:
         token_of(Settings(host="0.0.0.0", data=tmp_path))
-    assert str(tmp_path / "token") in unusable.value.message
-    assert token not in unusable.value.message
+    assert str(tmp_path / "token") in refused.value.message
+    assert token not in refused.value.message
 
 
 def test_a_folder_that_cannot_store_the_token_is_named_in_the_error(tmp_path):

@@ -96,7 +96,7 @@ BACKWARDS = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 0, -5]}
 
 
 @pytest.mark.parametrize(
-    ("path", "body", "field", "words"),
+    ("path", "body", "field", "text"),
     [
         ("", {}, "members", "required"),
         ("", {"members": MEMBERS[:1]}, "members", "at least 2"),
@@ -117,12 +117,12 @@ BACKWARDS = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 0, -5]}
         ("/1/setpoints", {"setpoints": [MEMBERS[0]] * 2}, "body", "setpoints: vehicle 1 is named twice"),
     ],
 )
-def test_a_bad_group_is_422_and_names_the_field(client, path, body, field, words):
+def test_a_bad_group_is_422_and_names_the_field(client, path, body, field, text):
     answer = client.post(f"/api/v1/groups{path}", json=body)
     assert answer.status_code == 422
     problem = answer.json()
     assert (problem["code"], problem["field"]) == ("invalid_request", field)
-    assert words in problem["detail"]
+    assert text in problem["detail"]
 
 
 def test_a_group_of_unknown_vehicles_is_404_and_lists_each_vehicle(client):
@@ -139,7 +139,7 @@ def test_a_group_of_unknown_vehicles_is_404_and_lists_each_vehicle(client):
         assert (unknown.status_code, unknown.json()["code"]) == (404, "unknown_group")
 
 
-def test_changes_of_a_group_are_events_of_the_server(client):
+def test_changes_of_a_group_are_sent_as_events(client):
     groups = client.app.state.station.groups
     status = GroupStatus("4", "flying", "anna", "key", 5.0, 1.6, False, 1.0, 2.0, 3.0, (), None, (), None)
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as socket:
@@ -162,8 +162,8 @@ def test_links_are_added_and_removed_and_a_bad_url_is_refused(client):
 def test_other_origins_and_host_names_are_refused(client):
     foreign = {"Origin": "http://evil.example"}
     assert client.post("/api/v1/vehicles/1/arm", headers=foreign).json()["code"] == "foreign_origin"
-    own = client.post("/api/v1/vehicles/1/arm", headers={"Origin": "http://localhost"})
-    assert own.status_code == 404
+    same_origin = client.post("/api/v1/vehicles/1/arm", headers={"Origin": "http://localhost"})
+    assert same_origin.status_code == 404
     assert client.get("/api/v1/health", headers={"Host": "rebound.example"}).status_code == 403
     with (
         pytest.raises(WebSocketDisconnect) as closed,
@@ -191,17 +191,17 @@ def test_telemetry_sends_hello_and_explains_an_invalid_subscription(client):
 
 def test_every_model_and_field_of_the_schema_is_described():
     schemas = description()["components"]["schemas"]
-    ours = {n: s for n, s in schemas.items() if n not in ("HTTPValidationError", "ValidationError")}
-    bare = [name for name, schema in ours.items() if not schema.get("description")]
-    bare += [
+    own_schemas = {n: s for n, s in schemas.items() if n not in ("HTTPValidationError", "ValidationError")}
+    undescribed = [name for name, schema in own_schemas.items() if not schema.get("description")]
+    undescribed += [
         f"{name}.{key}"
-        for name, schema in ours.items()
+        for name, schema in own_schemas.items()
         for key, field in schema.get("properties", {}).items()
         if not field.get("description") and "const" not in field and "$ref" not in field
         if "discriminator" not in field
     ]
-    assert bare == []
-    assert responses.VehicleModel.__name__ in ours
+    assert undescribed == []
+    assert responses.VehicleModel.__name__ in own_schemas
 
 
 def test_dependencies_of_routes_run_in_the_event_loop(client, monkeypatch):

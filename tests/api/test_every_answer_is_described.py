@@ -1,4 +1,4 @@
-"""Generated requests: the OpenAPI description lists the status and content type of each answer."""
+"""Generated requests: the OpenAPI description lists the status and content type of each response."""
 
 import asyncio
 import os
@@ -27,18 +27,19 @@ VEHICLE_STATUSES = {"503", "504"}
 
 
 class WorkInThread(PlanWork):
-    """All work in this process: simulated time would advance in a busy loop while another process works."""
+    """Does all work in this process: while another process works, simulated time would advance in a busy
+    loop."""
 
     async def run(self, task, arguments, *, small=True, **more):
         return await super().run(task, arguments, small=True, **more)
 
 
 def operations():
-    """(method, path, description) of every operation."""
+    """Method, path and description of each operation."""
     return [(m, p, o) for p, methods in description()["paths"].items() for m, o in methods.items()]
 
 
-def described_answer(operation, status):
+def described_response(operation, status):
     """The operation's description of a status; None: it has none."""
     response = operation["responses"].get(status)
     if response is not None and "$ref" in response:
@@ -46,20 +47,20 @@ def described_answer(operation, status):
     return response
 
 
-def undescribed(operation, answer):
-    """What is missing in the description; None: nothing."""
-    described = described_answer(operation, str(answer.status_code))
+def undescribed(operation, received):
+    """What the description of the operation lacks for a received response; None: nothing."""
+    described = described_response(operation, str(received.status_code))
     if described is None:
-        return f"status {answer.status_code}"
-    if answer.status_code >= 500 and str(answer.status_code) not in VEHICLE_STATUSES:
-        return f"{answer.status_code}: {answer.text[:200]}"
-    given = answer.headers.get("content-type", "").partition(";")[0]
-    if answer.content and given not in described.get("content", {}):
-        return f"{answer.status_code} as {given!r}, not {sorted(described.get('content', {}))}"
+        return f"status {received.status_code}"
+    if received.status_code >= 500 and str(received.status_code) not in VEHICLE_STATUSES:
+        return f"{received.status_code}: {received.text[:200]}"
+    given = received.headers.get("content-type", "").partition(";")[0]
+    if received.content and given not in described.get("content", {}):
+        return f"{received.status_code} as {given!r}, not {sorted(described.get('content', {}))}"
     return None
 
 
-async def with_a_vehicle(data, scenario):
+async def run_with_vehicle(data, scenario):
     """Runs the application in memory with a scripted vehicle on simulated time, without processes and
     sockets."""
     (data / "maps").mkdir()
@@ -91,7 +92,7 @@ async def with_a_vehicle(data, scenario):
 
 
 @pytest.mark.parametrize("part", range(4))
-def test_each_answer_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
+def test_each_response_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
     generator = RequestGenerator(description(), SEED + part)
     found, statuses = {}, set()
 
@@ -100,21 +101,21 @@ def test_each_answer_to_a_generated_request_is_described_and_none_is_5xx(part, t
             for request in generator.requests(method, path, operation, COUNT):
                 headers = {name: value.encode() for name, value in request.headers.items()}
                 headers["X-Client-Id"] = b"generated"
-                answer = await client.request(
+                response = await client.request(
                     request.method, request.path, params=request.query, content=request.body, headers=headers
                 )
-                statuses.add(answer.status_code)
-                wrong = undescribed(operation, answer)
-                if wrong is not None:
-                    found[f"{request.method} {path}: {wrong}"] = request
+                statuses.add(response.status_code)
+                missing = undescribed(operation, response)
+                if missing is not None:
+                    found[f"{request.method} {path}: {missing}"] = request
 
-    in_jumps(lambda: with_a_vehicle(tmp_path, scenario))
+    in_jumps(lambda: run_with_vehicle(tmp_path, scenario))
     assert found == {}
     assert {200, 422} <= statuses, "no request passed the checks"
 
 
-def test_answers_of_access_control_and_limits_are_described_at_every_operation():
+def test_responses_of_access_control_and_limits_are_described_at_every_operation():
     for method, path, operation in operations():
         for status in ("400", "401", "403", "408", "413", "414", "422", "429", "431", "503"):
-            assert PROBLEM_JSON in described_answer(operation, status)["content"], (method, path, status)
+            assert PROBLEM_JSON in described_response(operation, status)["content"], (method, path, status)
     assert set(COMMON) >= {"401", "403", "408", "413", "414", "429", "431", "503"}

@@ -25,9 +25,9 @@ def test_the_pages_types_match_the_server(tmp_path: Path) -> None:
     command = [str(build_page.node_path() / "node"), "dev/types.mjs", str(fresh)]
     environment = os.environ | {"PYTHON": sys.executable}
     subprocess.run(command, cwd=REPOSITORY / "web", env=environment, check=True, timeout=60)
-    for made, kept in ((fresh, TYPES), (fresh.with_name("fields.ts"), TYPES.with_name("fields.ts"))):
-        assert made.read_text("utf-8") == kept.read_text("utf-8"), (
-            f"{kept.name} does not match the API: run `python -m tools.build_page npm run types`"
+    for generated, stored in ((fresh, TYPES), (fresh.with_name("fields.ts"), TYPES.with_name("fields.ts"))):
+        assert generated.read_text("utf-8") == stored.read_text("utf-8"), (
+            f"{stored.name} does not match the API: run `python -m tools.build_page npm run types`"
         )
 
 

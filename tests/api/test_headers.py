@@ -1,4 +1,4 @@
-"""The security headers of every answer: only this server's own files may run or load."""
+"""The security headers of every response: only this server's own files may run or load."""
 
 import re
 
@@ -42,7 +42,7 @@ def directives(answer):
         ("/broken", 500),
     ],
 )
-def test_every_answer_has_the_security_headers(client, path, status):
+def test_every_response_has_the_security_headers(client, path, status):
     answer = client.get(path)
     assert answer.status_code == status
     policy = directives(answer)

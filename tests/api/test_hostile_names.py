@@ -44,14 +44,14 @@ def client(tmp_path_factory):
 
 
 def calls(client):
-    """(method, path with one hostile part) of each route with a parameter in its path."""
+    """Method and path for each route and path parameter, with each hostile text as that parameter."""
     for path, methods in client.get("/api/v1/openapi.json").json()["paths"].items():
         parts = path.split("/")
-        holes = [n for n, part in enumerate(parts) if part.startswith("{")]
-        for hole, method in product(holes, methods):
+        parameters = [n for n, part in enumerate(parts) if part.startswith("{")]
+        for parameter, method in product(parameters, methods):
             for value in [*(quote(text, safe="") for text in HOSTILE.values()), *RAW]:
-                filled = ["1" if n in holes else part for n, part in enumerate(parts)]
-                filled[hole] = value
+                filled = ["1" if n in parameters else part for n, part in enumerate(parts)]
+                filled[parameter] = value
                 yield method.upper(), "/".join(filled)
 
 
@@ -75,8 +75,8 @@ def test_a_link_with_a_hostile_name_is_refused_and_the_error_names_the_field(cli
 @pytest.mark.parametrize("url", ["udpin://{}:14999", "tcp://{}:14999", "serial:///dev/{}", "tlog:///tmp/{}"])
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
 def test_a_link_with_a_hostile_address_is_refused_or_can_be_deleted(client, url, text):
-    for place in (text, quote(text, safe="")):
-        answer = client.post("/api/v1/links", json={"url": url.format(place)})
+    for address in (text, quote(text, safe="")):
+        answer = client.post("/api/v1/links", json={"url": url.format(address)})
         if answer.status_code != 201:
             assert answer.status_code in (409, 422), answer.text
             assert answer.json()["detail"]
@@ -131,7 +131,7 @@ def test_any_client_name_is_allowed(client, name):
     assert client.get("/api/v1/journal").status_code == 200
 
 
-def test_a_key_in_a_links_name_never_appears_in_answers_journal_log_or_files(client, caplog):
+def test_a_key_in_a_links_url_never_appears_in_responses_journal_log_or_warnings(client, caplog):
     secret = bytes(range(32)).hex()
     answer = client.post("/api/v1/links", json={"url": f"udpin://127.0.0.1:0?key={secret}"})
     assert (answer.status_code, answer.json()["field"]) == (422, "key")

@@ -23,13 +23,13 @@ def write_pmtiles(path, *, tile_type=2, metadata=None, bounds=(8.5, 47.3, 8.6, 4
 
 
 def write_mbtiles(path, *, metadata=None, tiles=((1, 0, 1, PICTURE),)):
-    with closing(sqlite3.connect(path)) as base:
-        base.execute("CREATE TABLE metadata (name text, value text)")
-        base.execute("CREATE TABLE tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE metadata (name text, value text)")
+        database.execute("CREATE TABLE tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
         rows = {"format": "png", "bounds": "8.5,47.3,8.6,47.4", **(metadata or {})}
-        base.executemany("INSERT INTO metadata VALUES (?, ?)", rows.items())
-        base.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", tiles)
-        base.commit()
+        database.executemany("INSERT INTO metadata VALUES (?, ?)", rows.items())
+        database.executemany("INSERT INTO tiles VALUES (?, ?, ?, ?)", tiles)
+        database.commit()
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ from tests.protocol.mission_world import MissionAutopilot
 from tests.support.api_client import settings_for
 
 AT_20_M = {"value_m": 20, "reference": "home"}
-PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
 HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
-PLAN = {"items": [{"kind": "takeoff", **PLACE}, {"kind": "waypoint", **PLACE}, {"kind": "return_home"}]}
+PLAN = {"items": [{"kind": "takeoff", **POSITION}, {"kind": "waypoint", **POSITION}, {"kind": "return_home"}]}
 
 
 def run(tmp_path, scenario):
@@ -53,7 +53,7 @@ def run(tmp_path, scenario):
 
 @pytest.mark.story
 def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
-    async def scenario(gcs, _pilot):
+    async def scenario(gcs, _autopilot):
         plans = gcs.plans()
         stored = await plans.create("Tower", PLAN)
         saved = await plans.save(stored["id"], "Old tower", stored["plan"], base_version=1)
@@ -73,12 +73,12 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
         assert b"step: take_off" in await plans.write_file(converted["plan"], "yaml")
         assert "OffboardMission" in (await plans.schema())["title"]
         center = {"lat_deg": 47.4, "lon_deg": 8.5}
-        around = await plans.pattern("orbit", center=center, radius_m=20, altitude=AT_20_M)
-        assert around["figures"]["lines_length_m"] > 50
-        circles = await plans.pattern(
+        orbit = await plans.pattern("orbit", center=center, radius_m=20, altitude=AT_20_M)
+        assert orbit["figures"]["lines_length_m"] > 50
+        orbit_steps = await plans.pattern(
             "orbit", document="offboard_mission", center=center, radius_m=20, altitude=AT_20_M
         )
-        assert [step["step"] for step in circles["plan"]["steps"]] == ["orbit"]
+        assert [step["step"] for step in orbit_steps["plan"]["steps"]] == ["orbit"]
         await plans.delete(stored["id"], base_version=2)
         with pytest.raises(Unknown):
             await plans.get(stored["id"])
@@ -91,15 +91,15 @@ def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
         vehicle = await gcs.wait_for_vehicle("1")
         mission = vehicle.mission
         stored = await gcs.plans().create("Tower", PLAN)
-        done = await mission.upload(plan_id=stored["id"])
-        assert done["items"]["mission"] == 3
+        uploaded = await mission.upload(plan_id=stored["id"])
+        assert uploaded["items"]["mission"] == 3
         assert (await mission.state())["holds"]["plan"]["id"] == stored["id"]
         assert (await mission.download())["plan_name"]["version"] == 1
         assert (await mission.compare(PLAN))["equal"]
         await mission.start(1)
         assert (autopilot.armed, autopilot.flight.current) == (True, 1)
         autopilot.landed = 2
-        await vehicle.until(lambda v: v["status"]["landed_state"] == "in_air", what="it to fly")
+        await vehicle.until(lambda v: v["status"]["landed_state"] == "in_air", what="in the air")
         await vehicle.hold()
         await mission.resume()
         await vehicle.hold()

@@ -25,7 +25,7 @@ SQUARE = [
 ]
 MISSION = {
     "format": "offboard-gcs-mission",
-    "name": "Its own name",
+    "name": "Name in the file",
     "home": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 488},
     "steps": [
         {"step": "take_off", "height_m": 10},
@@ -103,7 +103,7 @@ def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
 
 
 @pytest.mark.parametrize(
-    ("invalid", "words"),
+    ("invalid", "text"),
     [
         (
             {"items": [{"kind": "waypoint", "lat_deg": 95, "lon_deg": 8, "altitude": AT_20_M}]},
@@ -115,11 +115,11 @@ def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
         ([], "plan"),
     ],
 )
-def test_an_error_about_an_invalid_plan_names_item_and_fix_and_the_plan_is_not_stored(client, invalid, words):
+def test_an_error_about_an_invalid_plan_names_item_and_fix_and_the_plan_is_not_stored(client, invalid, text):
     refused = client.post("plans", json={"name": "x", "plan": invalid})
     assert refused.status_code == 422
     assert refused.json()["field"].startswith("plan")
-    assert words in refused.json()["detail"]
+    assert text in refused.json()["detail"]
     assert client.get("plans").json() == {"plans": []}
     assert client.post("plans/check", json={"plan": invalid}).status_code == 422
 
@@ -154,7 +154,7 @@ WALL = {
 
 
 @pytest.mark.parametrize(("plan", "row", "step"), [(PLAN, 1, None), (MISSION, None, "step 2")])
-def test_obstacles_are_stored_and_checked_with_their_place(client, plan, row, step):
+def test_obstacles_are_stored_and_a_finding_names_the_item_or_step(client, plan, row, step):
     stored = store(client, plan={**plan, "obstacles": [WALL]})
     assert stored["plan"]["obstacles"][0]["polygon"] == WALL["polygon"]
     found = client.post("plans/check", json={"plan": stored["plan"]}).json()["findings"]
@@ -214,8 +214,8 @@ def test_patterns_become_items(client):
     assert len(made.json()["lines"]) >= 2
     assert {each["altitude"]["value_m"] for each in made.json()["path"]} == {40}
     orbit = {"kind": "orbit", "center": SQUARE[0], "radius_m": 20, "altitude": AT_20_M}
-    around = client.post("plans/pattern", json=orbit).json()
-    assert around["figures"]["lines_length_m"] == pytest.approx(2 * math.pi * 20, rel=0.02)
+    circle = client.post("plans/pattern", json=orbit).json()
+    assert circle["figures"]["lines_length_m"] == pytest.approx(2 * math.pi * 20, rel=0.02)
     tower = {
         "kind": "structure",
         "outline": SQUARE,
@@ -231,10 +231,12 @@ def test_patterns_become_items(client):
     assert refused.status_code == 422
     assert "fewer than 3 corners" in refused.json()["detail"]
     assert refused.json()["field"] == "outer"
-    beyond = client.post("plans/pattern", json={**orbit, "radius_m": 20_000_000})
-    assert (beyond.status_code, beyond.json()["field"]) == (422, "radius_m")
-    cut = client.post("plans/pattern", json={**survey, "holes": [[{**SQUARE[0], "lat_deg": 47.41}] * 3]})
-    assert (cut.status_code, cut.json()["field"]) == (422, "holes")
+    too_large = client.post("plans/pattern", json={**orbit, "radius_m": 20_000_000})
+    assert (too_large.status_code, too_large.json()["field"]) == (422, "radius_m")
+    hole_outside = client.post(
+        "plans/pattern", json={**survey, "holes": [[{**SQUARE[0], "lat_deg": 47.41}] * 3]}
+    )
+    assert (hole_outside.status_code, hole_outside.json()["field"]) == (422, "holes")
 
     steps = client.post("plans/pattern", json=survey, params={"document": "offboard_mission"})
     assert steps.status_code == 200, steps.text
@@ -311,8 +313,8 @@ def test_a_stored_mission_is_inserted_into_another_one(client):
 
 def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
     mission, plan = store(client, "Tower", MISSION)["id"], store(client)["id"]
-    far = {**MISSION, "home": {**MISSION["home"], "lat_deg": 47.41}}
-    for changes, status, field, words in (
+    other_home = {**MISSION, "home": {**MISSION["home"], "lat_deg": 47.41}}
+    for changes, status, field, text in (
         ({"plan_id": plan}, 422, "plan_id", "POST /plans/convert"),
         ({"plan_id": "none"}, 404, None, "GET /plans"),
         ({"plan_id": None}, 422, "body", "exactly one of plan_id and mission"),
@@ -320,7 +322,7 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
         ({"at": ["steps", 9]}, 422, "at", "steps"),
         ({"at": ["steps", True]}, 422, "at.1", "whole numbers"),
         ({"at": ["steps"]}, 422, "at", "2 items"),
-        ({"plan": far}, 422, "positions", "from_start"),
+        ({"plan": other_home}, 422, "positions", "from_start"),
         ({"positions": "there"}, 422, "positions", "from_start"),
         ({"plan": PLAN}, 422, "plan", "waypoint plan"),
         (
@@ -336,17 +338,18 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
         )
         problem = answer.json()
         assert (answer.status_code, problem.get("field")) == (status, field), (changes, problem)
-        assert words in f"{problem['detail']} {problem.get('remedy')}", problem
+        assert text in f"{problem['detail']} {problem.get('remedy')}", problem
 
 
-def uses_a_table(length):
+def mission_with_table(length):
+    """A mission that flies a table of this many characters."""
     rows = "t_s,north_m,east_m,down_m\n0,0,0,-9\n9,9,0,-9"
     steps = [{"step": "take_off", "height_m": 9}, {"step": "table", "file": "long"}]
     return {**MISSION, "steps": steps, "tables": {"long": rows.ljust(length)}}
 
 
 def test_a_mission_that_could_not_be_saved_is_refused(client):
-    stored = store(client, "Long", uses_a_table(600_000))
+    stored = store(client, "Long", mission_with_table(600_000))
     huge = {**MISSION, "tables": {"other": "x" * 600_000}}
     answer = client.post("plans/insert", json={"plan": huge, "plan_id": stored["id"], "at": ["steps", 1]})
     assert (answer.status_code, answer.json()["field"]) == (422, "plan_id")
@@ -378,7 +381,7 @@ def test_a_mission_is_exported_to_yaml_and_imported_again(client):
     assert (read["format"], read["kind"], read["plan"]["name"]) == (
         "yaml",
         "offboard_mission",
-        "Its own name",
+        "Name in the file",
     )
     refused = client.post("plans/export", params={"format": "kml"}, json={"plan": MISSION})
     assert "Write it as yaml or json" in json.dumps(refused.json())

@@ -57,25 +57,25 @@ def vehicles(client):
 
 
 def test_recordings_are_listed_newest_first_and_errors_are_shown(client, folder):
-    whole = log_bytes(flight(seconds=20, begin_us=BEGIN_US + 86_400_000_000))
-    (folder / "mine.tlog.gz").write_bytes(gzip.compress(whole))
+    log = log_bytes(flight(seconds=20, begin_us=BEGIN_US + 86_400_000_000))
+    (folder / "mine.tlog.gz").write_bytes(gzip.compress(log))
     (folder / "empty.tlog").write_bytes(b"")
     (folder / "letter.tlog").write_bytes(b"Dear reader, this is not a telemetry log at all. " * 40)
-    (folder / "damaged.tlog").write_bytes(whole[:3000] + b"\x00" * 500 + whole[3000:])
-    (folder / "torn.tlog").write_bytes(whole[:-7])
-    (folder / "unpacked.tlog.gz").write_bytes(whole)
+    (folder / "damaged.tlog").write_bytes(log[:3000] + b"\x00" * 500 + log[3000:])
+    (folder / "torn.tlog").write_bytes(log[:-7])
+    (folder / "unpacked.tlog.gz").write_bytes(log)
     (folder / "notes.txt").write_bytes(b"no recording")
     listing = client.get(f"{API}/recordings")
     assert listing.status_code == 200, listing.text
     names = [r["name"] for r in listing.json()["recordings"]]
     assert names.index("mine.tlog.gz") < names.index(NAME) < names.index("empty.tlog")
     found = listed(client)
-    ours = found[NAME]
-    assert ours["link"] == "udpin-127.0.0.1-14550"
-    assert (ours["started_unix_s"], ours["vehicles"], ours["problem"]) == (BEGIN_S, [1, 7], None)
-    assert ours["duration_s"] == pytest.approx(29.9, abs=0.1)
-    assert ours["bytes"] == (folder / NAME).stat().st_size
-    assert not ours["running"]
+    entry = found[NAME]
+    assert entry["link"] == "udpin-127.0.0.1-14550"
+    assert (entry["started_unix_s"], entry["vehicles"], entry["problem"]) == (BEGIN_S, [1, 7], None)
+    assert entry["duration_s"] == pytest.approx(29.9, abs=0.1)
+    assert entry["bytes"] == (folder / NAME).stat().st_size
+    assert not entry["running"]
     assert found["mine.tlog.gz"]["link"] is None
     assert found["mine.tlog.gz"]["duration_s"] == pytest.approx(19.9, abs=0.1)
     problems = {name: r["problem"] for name, r in found.items() if r["problem"]}
@@ -130,10 +130,10 @@ def test_a_recording_is_downloaded_unchanged(client, folder):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "text"),
     [(b"", "empty"), (b"\xfd\x09 nothing of the kind" * 30, "not a telemetry log")],
 )
-def test_files_that_cannot_be_played_are_refused_with_the_reason(client, folder, content, words):
+def test_files_that_cannot_be_played_are_refused_with_the_reason(client, folder, content, text):
     (folder / "bad.tlog").write_bytes(content)
     for answer in (
         client.get(f"{API}/recordings/bad.tlog/index"),
@@ -141,7 +141,7 @@ def test_files_that_cannot_be_played_are_refused_with_the_reason(client, folder,
     ):
         assert (answer.status_code, answer.json()["code"]) == (409, "recording_unusable")
         assert "bad.tlog" in answer.json()["detail"]
-        assert words in answer.json()["detail"]
+        assert text in answer.json()["detail"]
     assert client.get(f"{API}/replays").json() == {"replays": []}
 
 
@@ -243,9 +243,9 @@ def test_a_replay_plays_to_its_end_and_again_from_the_start(client):
     played = vehicles(client)
     assert played["1"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(29.9)
     assert not played["1"]["status"]["link_lost"]
-    sought = control_replay(client, name, position_unix_s=BEGIN_S + 30)
+    at_end = control_replay(client, name, position_unix_s=BEGIN_S + 30)
     assert vehicles(client)["1"]["topics"]["attitude"] == played["1"]["topics"]["attitude"]
-    assert sought["position_unix_s"] == now["end_unix_s"]
+    assert at_end["position_unix_s"] == now["end_unix_s"]
     playing = control_replay(client, name, playing=True, speed=0.25)
     assert playing["playing"]
     assert playing["position_unix_s"] < BEGIN_S + 29

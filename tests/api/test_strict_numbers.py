@@ -95,7 +95,7 @@ def test_each_number_of_each_body_is_strict():
     assert [node for node in floats if node.get("allow_inf_nan") is not False] == []
 
 
-def leaves(value, path=()):
+def number_paths(value, path=()):
     """Paths of the numbers in an example."""
     if isinstance(value, bool):
         return
@@ -103,10 +103,10 @@ def leaves(value, path=()):
         yield path
     elif isinstance(value, dict):
         for key, part in value.items():
-            yield from leaves(part, (*path, key))
+            yield from number_paths(part, (*path, key))
     elif isinstance(value, list):
         for index, part in enumerate(value):
-            yield from leaves(part, (*path, index))
+            yield from number_paths(part, (*path, index))
 
 
 def examples():
@@ -117,31 +117,31 @@ def examples():
                 yield kind, example
 
 
-def put(example, path, value):
+def with_value(example, path, value):
     changed = copy.deepcopy(example)
-    at = changed
+    parent = changed
     for key in path[:-1]:
-        at = at[key]
-    at[path[-1]] = value
+        parent = parent[key]
+    parent[path[-1]] = value
     return changed
 
 
 @pytest.mark.parametrize("name", list(WRONG))
 def test_values_that_are_not_numbers_are_refused_in_every_field(name):
-    tried = 0
+    count = 0
     for kind, example in examples():
         kind.model_validate(example)
-        for path in leaves(example):
+        for path in number_paths(example):
             if "t_s" not in path:
-                kind.model_validate(put(example, path, example_number(example, path)))
-            tried += 1
+                kind.model_validate(with_value(example, path, example_number(example, path)))
+            count += 1
             with pytest.raises(ValidationError):
-                kind.model_validate(put(example, path, WRONG[name]))
-    assert tried > 40
+                kind.model_validate(with_value(example, path, WRONG[name]))
+    assert count > 40
 
 
 def example_number(example, path):
-    """The same number as a float; whole numbers are valid floats."""
+    """The number at this path as a float: a float field also accepts whole numbers."""
     value = example
     for key in path:
         value = value[key]

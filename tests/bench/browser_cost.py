@@ -33,13 +33,13 @@ WINDOW_S = 6.0
 ROUNDS = 5
 FEED_S = 3600.0
 
-OPENS: dict[str, tuple[Callable[[str], ClientConnection], ...]] = {
+CONNECTIONS: dict[str, tuple[Callable[[str], ClientConnection], ...]] = {
     "nothing": (),
     "telemetry of all at 20 Hz": (open_telemetry,),
     "the 3D view": (open_scene,),
     "both": (open_telemetry, open_scene),
 }
-"""What the browser has open; each is measured once per round."""
+"""Connections that the browser has open; each case is measured once per round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,12 +63,12 @@ def _start(stack: contextlib.ExitStack, name: str, python: str, tree: Path | Non
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Use of CPU and messages of one server in one window."""
+    """CPU time and messages of one server in one window."""
 
     share: float
-    """Of one core, with its processes."""
-    pictures_s: float
-    """Messages of the 3D view a second: a server that lacks the processor draws fewer pictures."""
+    """CPU share of one core, including the server's child processes."""
+    pictures_per_s: float
+    """Messages of the 3D view per second: a server with too little CPU time draws fewer pictures."""
 
 
 def _read(connection: ClientConnection, received: Counter[str], name: str) -> None:
@@ -78,14 +78,14 @@ def _read(connection: ClientConnection, received: Counter[str], name: str) -> No
 
 
 def _usage(versions: Sequence[Version], opened: str) -> dict[str, Usage]:
-    """By name, over one window."""
+    """Usage of each version by its name, over one window."""
     received: Counter[str] = Counter()
     with contextlib.ExitStack() as stack:
         for version in versions:
-            for opens in OPENS[opened]:
-                connection = opens(version.url)
+            for connect in CONNECTIONS[opened]:
+                connection = connect(version.url)
                 stack.callback(connection.socket.close)
-                name = version.name if opens is open_scene else "telemetry"
+                name = version.name if connect is open_scene else "telemetry"
                 threading.Thread(target=_read, args=(connection, received, name), daemon=True).start()
         time.sleep(WARM_UP_S)
         received.clear()
@@ -102,7 +102,7 @@ def _usage(versions: Sequence[Version], opened: str) -> dict[str, Usage]:
 
 
 def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Usage]]]:
-    """For each round and each case: what each version used."""
+    """Yields for each round the usage of each version, by case and version."""
     trees = {"now": (sys.executable, None)}
     if other is not None:
         trees = {"before": (str(other / ".venv/bin/python"), other), **trees}
@@ -117,19 +117,20 @@ def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Usa
         assert sending.stdout is not None
         sending.stdout.readline()  # the feed is encoded and starts
         for _ in range(rounds):
-            yield {opened: _usage(versions, opened) for opened in OPENS}
+            yield {opened: _usage(versions, opened) for opened in CONNECTIONS}
 
 
 def table(rounds: int = ROUNDS, other: Path | None = None) -> Iterator[str]:
-    """Rows of Markdown: medians over the rounds of what the browser adds, in points of one core."""
+    """Rows of Markdown: medians over the rounds of the CPU share that the browser adds, in percent of one
+    core."""
     added: dict[str, dict[str, list[float]]] = {}
     pictures: dict[str, dict[str, list[float]]] = {}
-    for one in measure(rounds, other):
-        for opened, used in one.items():
+    for usages in measure(rounds, other):
+        for opened, used in usages.items():
             for name, each in used.items():
-                plus = each.share - (one["nothing"][name].share if opened != "nothing" else 0.0)
-                added.setdefault(opened, {}).setdefault(name, []).append(plus * 100)
-                pictures.setdefault(opened, {}).setdefault(name, []).append(each.pictures_s)
+                added_share = each.share - (usages["nothing"][name].share if opened != "nothing" else 0.0)
+                added.setdefault(opened, {}).setdefault(name, []).append(added_share * 100)
+                pictures.setdefault(opened, {}).setdefault(name, []).append(each.pictures_per_s)
     yield f"{VEHICLES} × 100 msg/s, moving; {rounds} rounds of {WINDOW_S:.0f} s, load {load_average()}.\n"
     yield "| the browser has | before | now | ratio: median (range) | pictures a second: before, now |"
     yield "|---|---|---|---|---|"

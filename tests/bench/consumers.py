@@ -108,14 +108,14 @@ def table() -> Iterator[str]:
     """Rows of Markdown, as they are measured."""
     yield f"| consumer | CPU at 1 × {MESSAGES_PER_S} msg/s | 10 × | 50 × | dropped at 50 × | received |"
     yield "|---|---|---|---|---|---|"
-    at_most: dict[str, float] = {}
+    share_at_50: dict[str, float] = {}
     for name in CONSUMERS:
         measured = [measure(name, vehicles) for vehicles in (1, 10, 50)]
         last = measured[-1]
-        at_most[name] = last.share
-        shares = " | ".join(f"{one.share:.1%}" for one in measured)
+        share_at_50[name] = last.share
+        shares = " | ".join(f"{each.share:.1%}" for each in measured)
         counted = "not reported" if last.received is None else f"{last.received} of {last.sent}"
         yield f"| {name} | {shares} | {last.dropped} | {counted} |"
-    ours, *peers = at_most.items()
+    ours, *peers = share_at_50.items()
     ratios = ", ".join(f"{ours[1] / share:.2f} of {name}'s" for name, share in peers if share)
     yield f"\n{ours[0].capitalize()} at 50 ×: {ratios}."

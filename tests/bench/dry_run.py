@@ -1,4 +1,5 @@
-"""Dry runs: the speed of one and of a hundred, and their prediction compared with the flight afterwards."""
+"""Dry runs: the speed of one flight and of a hundred, and the prediction compared with the flight
+afterwards."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ from .simulator import flying_share
 HOME = {"lat_deg": 47.397742, "lon_deg": 8.545594, "alt_amsl_m": 488.0}
 WIND_NED_M_S, GUSTS_M_S = (0.0, 4.0, 0.0), 0.5
 FLOWN_COUNT = 5
-"""Vehicles that fly a plan after its dry run; the noise of each is its own."""
+"""Number of vehicles that fly the plan after its dry run, each with different noise."""
 VEHICLES = tuple(str(FIRST_TEST_INSTANCE + 1 + k) for k in range(FLOWN_COUNT))
 CORNERS_NE_M = ((100.0, 0.0), (100.0, 100.0), (0.0, 100.0), (0.0, 20.0))
 HEIGHT_M = 15.0
@@ -70,11 +71,11 @@ class Comparison:
     least_s: float
     greatest_s: float
     flown_s: tuple[float, ...]
-    """Of each vehicle."""
+    """Duration of each vehicle's flight."""
     predicted_m: float
     flown_m: tuple[float, ...]
     path_error_mean_m: float
-    """Of all vehicles."""
+    """Mean of all vehicles."""
     path_error_max_m: float
 
 
@@ -82,14 +83,14 @@ def plan_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) ->
     """A plan along these corners that lands at its start."""
     origin = LocalOrigin(**HOME)
 
-    def at(kind: str, north_m: float, east_m: float, height_m: float) -> dict[str, Any]:
+    def item(kind: str, north_m: float, east_m: float, height_m: float) -> dict[str, Any]:
         lat_deg, lon_deg, _ = origin.to_geodetic((north_m, east_m, 0.0))
         altitude = {"value_m": height_m, "reference": "home"}
         return {"kind": kind, "lat_deg": lat_deg, "lon_deg": lon_deg, "altitude": altitude}
 
-    items = [at("takeoff", 0.0, 0.0, HEIGHT_M)]
-    items += [at("waypoint", north_m, east_m, HEIGHT_M) for north_m, east_m in corners_ne_m]
-    items.append(at("land", 0.0, 0.0, 0.0))
+    items = [item("takeoff", 0.0, 0.0, HEIGHT_M)]
+    items += [item("waypoint", north_m, east_m, HEIGHT_M) for north_m, east_m in corners_ne_m]
+    items.append(item("land", 0.0, 0.0, 0.0))
     return {"planned_home": HOME, "items": items}
 
 
@@ -109,8 +110,8 @@ def speed(flights: int, plan: dict[str, Any]) -> tuple[float, float, float]:
     """Duration of the flight, and CPU time and elapsed time of its dry run [s].
 
     Args:
-        flights: of a Monte Carlo run; 0: once.
-        plan: what is flown.
+        flights: number of flights of a Monte Carlo run; 0: a single dry run.
+        plan: a waypoint plan or an offboard mission.
     """
     arguments = [json.dumps(plan), json.dumps(HOME), str(flights)]
     command = [sys.executable, "-c", _FLY, *arguments]
@@ -121,7 +122,7 @@ def speed(flights: int, plan: dict[str, Any]) -> tuple[float, float, float]:
 
 
 def compare(plan: dict[str, Any]) -> Comparison:
-    """Predicts a flight through the server, then flies it in real time with that vehicle in that wind.
+    """Predicts a flight through the server, then flies it in real time in the same wind.
 
     Args:
         plan: a waypoint plan or an offboard mission.
@@ -150,38 +151,38 @@ async def _compare(url: str, plan: dict[str, Any]) -> Comparison:
     return _compared(run, [flight.result() for flight in flights])
 
 
-async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> Flown:
+async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> RecordedFlight:
     drone = await gcs.wait_for_vehicle(vehicle_id, ready=True)
     is_mission = "steps" in plan
     if not is_mission:
         await drone.mission.upload(plan)
-    flown = Flown([], [])
+    flown = RecordedFlight([], [])
     async with asyncio.timeout(600.0), asyncio.TaskGroup() as group:
         group.create_task(_watch(gcs, vehicle_id, flown))
-        await flown.begun.wait()
+        await flown.receiving.wait()
         start = partial(drone.offboard_mission.start, plan) if is_mission else drone.mission.start
         await start(despite=SAME_PATH)
     return flown
 
 
 @dataclass(slots=True)
-class Flown:
+class RecordedFlight:
     """Positions that the vehicle reported while it was armed."""
 
     t_s: list[float]
-    """Its own clock."""
+    """Times of the vehicle's own clock."""
     positions_ned_m: list[list[float]]
-    begun: asyncio.Event = field(default_factory=asyncio.Event)
+    receiving: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when the first position is received."""
     armed_at_s: float = math.nan
     disarmed_at_s: float = math.nan
 
 
-async def _watch(gcs: Gcs, vehicle_id: str, flown: Flown) -> None:
+async def _watch(gcs: Gcs, vehicle_id: str, flown: RecordedFlight) -> None:
     """Records the next flight until the vehicle reports that it is disarmed."""
     async for sample in gcs.telemetry(vehicles=[vehicle_id], topics=["local_position"], rate_hz=10.0):
         if sample["type"] == "sample":
-            flown.begun.set()
+            flown.receiving.set()
             flown.t_s.append(sample["vehicle_time_boot_s"])
             flown.positions_ned_m.append(sample["value"]["position_ned_m"])
         elif sample["vehicle"] != vehicle_id:
@@ -193,22 +194,23 @@ async def _watch(gcs: Gcs, vehicle_id: str, flown: Flown) -> None:
             return
 
 
-def _compared(run: dict[str, Any], flights: Sequence[Flown]) -> Comparison:
-    """Times as the vehicle counts them; paths from 0.5 m above the ground to 0.5 m above it."""
+def _compared(run: dict[str, Any], flights: Sequence[RecordedFlight]) -> Comparison:
+    """Times by the vehicle's own clock; the paths are compared where they are more than 0.5 m above
+    ground."""
     path, duration_s = run["nominal"]["path"], run["monte_carlo"]["duration_s"]
     planned = _in_air(np.array(path["t_s"]), np.array(path["position_ned_m"]))
-    off_m: list[np.ndarray] = []
+    distances_m: list[np.ndarray] = []
     lengths_m: list[float] = []
     for flown in flights:
         positions_ned_m = np.array(flown.positions_ned_m)
         track = _in_air(np.array(flown.t_s), positions_ned_m - positions_ned_m[0])
-        off_m.append(_distance_m(track.position_ned_m, planned.position_ned_m))
+        distances_m.append(_distance_m(track.position_ned_m, planned.position_ned_m))
         lengths_m.append(track.length_m)
-    apart_m = np.concatenate(off_m)
+    all_distances_m = np.concatenate(distances_m)
     return Comparison(
         duration_s["p50"], duration_s["least"], duration_s["greatest"],
         tuple(each.disarmed_at_s - each.armed_at_s for each in flights), planned.length_m, tuple(lengths_m),
-        float(apart_m.mean()), float(apart_m.max()),
+        float(all_distances_m.mean()), float(all_distances_m.max()),
     )  # fmt: skip
 
 
@@ -218,8 +220,8 @@ def _distance_m(flown_ned_m: np.ndarray, planned_ned_m: np.ndarray) -> np.ndarra
 
 
 def _in_air(t_s: np.ndarray, positions_ned_m: np.ndarray) -> Track:
-    high = np.flatnonzero(positions_ned_m[:, 2] < -0.5)
-    part = slice(int(high[0]), int(high[-1]) + 1)
+    in_air = np.flatnonzero(positions_ned_m[:, 2] < -0.5)
+    part = slice(int(in_air[0]), int(in_air[-1]) + 1)
     count = part.stop - part.start
     return Track(t_s[part] - t_s[part.start], positions_ned_m[part], np.ones(count), np.full(count, -1), ())
 
@@ -240,16 +242,17 @@ def table() -> Iterator[str]:
 
 
 def _comparison(name: str, found: Comparison) -> Iterator[str]:
-    late = median(found.flown_s) / found.predicted_s - 1.0
-    longer = median(found.flown_m) / found.predicted_m - 1.0
+    time_error = median(found.flown_s) / found.predicted_s - 1.0
+    length_error = median(found.flown_m) / found.predicted_m - 1.0
     spread = f"{found.least_s:.1f} to {found.greatest_s:.1f} s, median {found.predicted_s:.1f} s"
     times = f"predicted {spread}, flown {_spread(found.flown_s)} s"
-    yield f"| {name}: time from arming to disarming, {times} | {late:+.1%} | 3 % |"
+    yield f"| {name}: time from arming to disarming, {times} | {time_error:+.1%} | 3 % |"
     lengths = f"predicted {found.predicted_m:.0f} m, flown {_spread(found.flown_m)} m"
-    yield f"| {name}: length, {lengths} | {longer:+.1%} | 3 % |"
+    yield f"| {name}: length, {lengths} | {length_error:+.1%} | 3 % |"
     share = found.path_error_max_m / found.predicted_m
-    off = f"mean {found.path_error_mean_m:.2f} m, greatest {found.path_error_max_m:.2f} m"
-    yield f"| {name}: distance of flown paths from the prediction | {off} ({share:.1%} of the length) | 3 % |"
+    distance = f"mean {found.path_error_mean_m:.2f} m, greatest {found.path_error_max_m:.2f} m"
+    title = f"{name}: distance of flown paths from the prediction"
+    yield f"| {title} | {distance} ({share:.1%} of the length) | 3 % |"
 
 
 def _spread(values: Sequence[float]) -> str:
@@ -267,4 +270,4 @@ SPEEDS = (
         5,
     ),
 )
-"""Title, number of further flights, plan, and goal (x real time)."""
+"""Title, number of Monte Carlo flights (0: a single dry run), plan, and goal (x real time)."""

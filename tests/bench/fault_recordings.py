@@ -47,8 +47,8 @@ EVENTS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
-    """Reports and errors of one flight after a fault, with the names of the recordings."""
+class FaultFlight:
+    """Reports and errors of one flight after a fault; the keys are the names in the recordings."""
 
     moments_s: dict[str, float]
     """Time of each flag change ("xy_valid=0"; "xy_valid=0 (2)" the second time), event and text."""
@@ -67,7 +67,8 @@ class Scenario:
     after_boot_s: float
     """Time of the fault; the mean of the runs."""
     ends_s: float
-    runs: tuple[Course, ...]
+    """Last compared time after the fault."""
+    runs: tuple[FaultFlight, ...]
 
 
 def load(name: str, folder: Path = FAULTS) -> Scenario:
@@ -82,18 +83,18 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
         bool(now[first["columns"].index("armed")]),
         sum(run["header"]["time_boot_s_at_t0"] for run in runs) / len(runs),
         min(MAX_TIME_S, *(float(run["rows"][-1][0]) for run in runs)),
-        tuple(map(_course, runs)),
+        tuple(map(_flight, runs)),
     )
 
 
 def load_reduced(name: str) -> Scenario:
     """Reads a fault from the reduced recordings in `tests/data`."""
-    kept = json.loads(REDUCED.read_text(encoding="utf-8"))[name]
+    reduced = json.loads(REDUCED.read_text(encoding="utf-8"))[name]
     runs = [
-        Course(run["moments_s"], {float(at): values for at, values in run["at"].items()})
-        for run in kept.pop("runs")
+        FaultFlight(run["moments_s"], {float(at): values for at, values in run["at"].items()})
+        for run in reduced.pop("runs")
     ]
-    return Scenario(**kept, runs=tuple(runs))
+    return Scenario(**reduced, runs=tuple(runs))
 
 
 def names(folder: Path = FAULTS) -> list[str]:
@@ -111,8 +112,8 @@ def record_change(moments: dict[str, float], what: str, t_s: float) -> None:
 
 
 def is_compared(text: str) -> bool:
-    """Whether a text is compared. Texts about the ground station are not: in the recordings its messages
-    had gaps."""
+    """Whether a text is compared. Texts about the ground station are not: in the recordings the ground
+    station's messages had gaps."""
     return not any(word in text.lower() for word in ("ground", "gcs"))
 
 
@@ -125,7 +126,7 @@ def _read(path: Path) -> dict[str, Any]:
     return json.loads(gzip.decompress(path.read_bytes()))
 
 
-def _course(run: dict[str, Any]) -> Course:
+def _flight(run: dict[str, Any]) -> FaultFlight:
     moments: dict[str, float] = {}
     for table, fields in FLAGS.items():
         for t_s, field, value in run["onboard"].get(table, {"changes": []})["changes"]:
@@ -145,4 +146,4 @@ def _course(run: dict[str, Any]) -> Course:
     for values in at.values():
         # The sign of the heading error is random.
         values["yaw_error_deg"] = abs(values["yaw_error_deg"])
-    return Course(moments, {t_s: values for t_s, values in at.items() if t_s in TIMES_S})
+    return FaultFlight(moments, {t_s: values for t_s, values in at.items() if t_s in TIMES_S})

@@ -23,13 +23,23 @@ from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.sensors.faults import Driver
 
-from .fault_recordings import EVENTS, TIMES_S, Course, Scenario, compared_text, is_compared, record_change
+from .fault_recordings import (
+    EVENTS,
+    TIMES_S,
+    FaultFlight,
+    Scenario,
+    compared_text,
+    is_compared,
+    record_change,
+)
 
 FloatArray = NDArray[np.float64]
 
 ARM_AT_S = 6.0
 HEIGHT_M = 10.0
-RETURN, AWAY_AT_S, AWAY_M = 20, 18.0, 60.0
+RETURN, TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 20, 22, 176, 192, 400
+"""Numbers of MAVLink commands."""
+AWAY_AT_S, AWAY_M = 18.0, 60.0
 RECORD_EVERY_STEPS = 5
 OFFBOARD, POSITION = 6, 3
 MODE_AFTER_S = 1.0
@@ -46,9 +56,9 @@ class _ScenarioPlayer:
         self._sequence = 0
         self._due: list[tuple[float, Callable[[], None]]] = []
         if scenario.flies:
-            self._at(ARM_AT_S, self._command, 400, 1)
+            self._at(ARM_AT_S, self._command, ARM_DISARM, 1)
             altitude_m = sim.simulation.home.alt_amsl_m + HEIGHT_M
-            self._at(ARM_AT_S + 0.5, self._command, 22, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
+            self._at(ARM_AT_S + 0.5, self._command, TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
         if any(entry["fields"].get("command") == RETURN for entry in scenario.stimulus):
             self._at(AWAY_AT_S, self._fly_north)
         for entry in scenario.stimulus:
@@ -65,7 +75,7 @@ class _ScenarioPlayer:
         """Flies 60 m to the north: the recorded vehicle returned from there."""
         home = self.sim.simulation.home
         lat, lon = to_global(np.asarray(AWAY_M), np.asarray(0.0), home.lat_deg, home.lon_deg)
-        self._command(192, -1.0, 1.0, 0.0, NAN, float(lat), float(lon), home.alt_amsl_m + HEIGHT_M)
+        self._command(DO_REPOSITION, -1.0, 1.0, 0.0, NAN, float(lat), float(lon), home.alt_amsl_m + HEIGHT_M)
 
     def _plan(self, entry: dict[str, Any]) -> None:
         name, fields = entry["message"], entry["fields"]
@@ -74,7 +84,7 @@ class _ScenarioPlayer:
             every_s = 1.0 / entry["streamed_hz"]
             for k in range(int((self.scenario.after_boot_s + self.scenario.ends_s - at_s) / every_s)):
                 self._at(at_s + k * every_s, self._send, name, {"coordinate_frame": 1} | fields)
-            self._at(at_s + MODE_AFTER_S, self._command, 176, 1, MODE_OF[name])
+            self._at(at_s + MODE_AFTER_S, self._command, DO_SET_MODE, 1, MODE_OF[name])
         elif name == "PARAM_SET":
             self._at(at_s, self.sim.set_parameter, self.row, fields["param_id"], fields["value"])
         elif name == "driver":
@@ -109,11 +119,11 @@ class _ScenarioPlayer:
 
     def _control_driver(self, command: str) -> None:
         """Stops or starts a sensor's driver, as a console command does."""
-        driver, what = command.split()
-        self.sim.simulation.set_driver(self.row, Driver(driver), what != "stop")
+        driver, action = command.split()
+        self.sim.simulation.set_driver(self.row, Driver(driver), action != "stop")
 
     def _set_world_faults(self, fields: dict[str, float]) -> None:
-        """Sets the faults of the simulated world; those not in `fields` end."""
+        """Sets the faults of the simulated world; faults not in `fields` are cleared."""
         simulation, i = self.sim.simulation, self.row
         faults = simulation.sensor_faults
         faults.clear(i)
@@ -130,7 +140,7 @@ class _ScenarioPlayer:
 
 
 class _FlightRecorder:
-    """Records one vehicle's flight, with the names of the recordings."""
+    """Records one vehicle's flight, by the names in the recordings."""
 
     def __init__(self, sim: VehicleSim, row: int, scenario: Scenario) -> None:
         self._sim, self._row = sim, row
@@ -226,11 +236,11 @@ class _FlightRecorder:
         }
 
 
-def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[Course]:
-    """Flies faults in one simulation; returns a course for each. Repeated scenarios have different noise.
+def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[FaultFlight]:
+    """Flies faults in one simulation; returns the flight of each. Repeated scenarios have different noise.
 
     Args:
-        scenarios: the faults; may contain one several times.
+        scenarios: the faults; a scenario may occur several times.
         seed: seed of the sensor noise.
     """
     count = len(scenarios)
@@ -253,4 +263,4 @@ def fly(scenarios: Sequence[Scenario], *, seed: int = 0) -> list[Course]:
             for recorder, scenario in zip(recorders, scenarios, strict=True):
                 if sim.time_s < scenario.after_boot_s + scenario.ends_s:
                     recorder.sample()
-    return [Course(recorder.moments_s, recorder.at) for recorder in recorders]
+    return [FaultFlight(recorder.moments_s, recorder.at) for recorder in recorders]

@@ -2,7 +2,8 @@
 
 Each fault is flown twice, with different noise. A number may lie outside the range of PX4's two runs by 1.5
 times their difference, or by its limit in this file, whichever is larger. A moment is a change of a flag or
-mode, a reset, an event or a text: a moment of both PX4 runs must occur in time, and one of neither must not.
+mode, a reset, an event or a text: a moment that is in both PX4 runs must occur in time, and a moment that
+is in neither must not occur.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from . import fault_recordings, fault_replay
-from .fault_recordings import Course, Scenario
+from .fault_recordings import FaultFlight, Scenario
 
-OWN_DIFFERENCE = 1.5
+RUN_DIFFERENCES = 1.5
+"""A number may lie this many differences of PX4's two runs outside their range."""
 SOON_S = 0.35
 """Limit for flags, failsafes and texts. PX4's two runs agree within 0.15 s (0.3 s after a driver stopped).
 Most of these moments depend on a GPS fix, which comes every 0.125 s."""
@@ -41,8 +43,9 @@ SLACK = {
     "epv": 0.05,
 }  # fmt: skip
 """Differences between flights without a fault: position and height drift with the GPS noise (the height by
-±1 m, always equally at the same time after PX4's boot), the heading by 18 degrees in one of ten flights."""
-ALIKE_FOR_S = {
+±1 m, always by the same value at the same time after PX4's boot), the heading by 18 degrees in one of ten
+flights."""
+SIMILAR_FOR_S = {
     "gps_stuck_hold": 8.0, "gps_stuck_offboard_vel": 8.0, "baro_step_p1200pa_gps_lost": 5.0,
     "gyro_bias_x_005": 8.0, "gps_lost_20s_hold": 15.0,
 }  # fmt: skip
@@ -76,31 +79,34 @@ class Comparison:
     numbers: int
     """Number of compared errors and accuracies."""
     late: tuple[Outside, ...]
+    """Moments outside their limits."""
     off: tuple[Outside, ...]
+    """Errors and accuracies outside their limits."""
 
 
-def compare(scenario: Scenario, flown: Course) -> Comparison:
+def compare(scenario: Scenario, flown: FaultFlight) -> Comparison:
     """Compares the simulated flight with PX4's runs."""
-    until_s = ALIKE_FOR_S.get(scenario.name, scenario.ends_s)
+    until_s = SIMILAR_FOR_S.get(scenario.name, scenario.ends_s)
     late, moments = _moments(scenario, flown, until_s)
     first, second = scenario.runs
-    until_s = min(until_s, *(_touched_s(course) for course in (first, second, flown)))
-    blind_s = max(course.moments_s.get("xy_valid=0", math.inf) for course in scenario.runs)
+    until_s = min(until_s, *(_touched_s(run) for run in (first, second, flown)))
+    position_lost_s = max(run.moments_s.get("xy_valid=0", math.inf) for run in scenario.runs)
     off: list[Outside] = []
     numbers = 0
     for t_s in sorted(at for at in set(first.at) & set(second.at) & set(flown.at) if at < until_s):
         for key, limit in SLACK.items():
             numbers += 1
             descent = DESCENT_DIFFERENCE_M_S if key == "true_height_above_ground" else 0.0
-            slack = limit + descent * max(0.0, t_s - blind_s)
+            slack = limit + descent * max(0.0, t_s - position_lost_s)
             pair = first.at[t_s][key], second.at[t_s][key]
             if not _near(flown.at[t_s][key], pair, slack, FACTOR.get(key, 1.0)):
                 off.append(Outside(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
     return Comparison(scenario.name, moments, numbers, tuple(late), tuple(off))
 
 
-def _moments(scenario: Scenario, flown: Course, until_s: float) -> tuple[list[Outside], int]:
-    """Moments at another time than in PX4's runs or in neither of them; the number of compared moments."""
+def _moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[list[Outside], int]:
+    """Moments that are outside the times of PX4's runs or in neither run; and the number of compared
+    moments."""
     first, second = (run.moments_s for run in scenario.runs)
     touched_s = min(map(_touched_s, scenario.runs))
     late: list[Outside] = []
@@ -117,14 +123,14 @@ def _moments(scenario: Scenario, flown: Course, until_s: float) -> tuple[list[Ou
     return late, len(common)
 
 
-def _touched_s(course: Course) -> float:
-    """Time of the touch-down; infinite: there was none."""
-    return min((course.moments_s[key] for key in TOUCH if key in course.moments_s), default=math.inf)
+def _touched_s(run: FaultFlight) -> float:
+    """Time of the touch-down; infinite without a touch-down."""
+    return min((run.moments_s[key] for key in TOUCH if key in run.moments_s), default=math.inf)
 
 
 def _near(value: float, pair: tuple[float, float], limit: float, factor: float) -> bool:
     low, high = min(pair), max(pair)
-    slack = max(limit, OWN_DIFFERENCE * (high - low))
+    slack = max(limit, RUN_DIFFERENCES * (high - low))
     if factor > 1.0:
         low, high = low / factor, high * factor
     return low - slack <= value <= high + slack
@@ -141,8 +147,8 @@ def compare_all(scenarios: list[Scenario], seed: int = 0, times: int = 1) -> lis
     """Flies each scenario `times` times and compares every flight."""
     scenarios.sort(key=lambda scenario: scenario.ends_s)
     found: list[Comparison] = []
-    for at in range(0, len(scenarios), SIDE_BY_SIDE):
-        side_by_side = [each for each in scenarios[at : at + SIDE_BY_SIDE] for _ in range(times)]
+    for start in range(0, len(scenarios), SIDE_BY_SIDE):
+        side_by_side = [each for each in scenarios[start : start + SIDE_BY_SIDE] for _ in range(times)]
         flown = fault_replay.fly(side_by_side, seed=seed)
         found += map(compare, side_by_side, flown)
     return sorted(found, key=lambda each: each.name)
@@ -190,17 +196,17 @@ def rows(comparisons: list[Comparison], why: dict[str, str]) -> Iterator[str]:
         )
         reason = why.get(name, "NO REASON: give it a row in docs/simulator.md")
         compared = group[0].moments, late, group[0].numbers, off
-        yield f"| {name} | {' | '.join(map(str, compared))} | {_words(first)} | {reason} |"
+        yield f"| {name} | {' | '.join(map(str, compared))} | {_text(first)} | {reason} |"
     moments, late = sum(each.moments for each in comparisons), sum(len(each.late) for each in comparisons)
     numbers, off = sum(each.numbers for each in comparisons), sum(len(each.off) for each in comparisons)
     yield ""
     yield f"{len(flights)} faults, {len(comparisons)} flights: of {moments} moments {late} are outside,"
     yield f"of {numbers} errors and accuracies {off}."
     for name in sorted(set(why) & set(flights) - outside):
-        yield f"STALE: {name} is within its limits; take its row out of docs/simulator.md."
+        yield f"STALE: {name} is within its limits; remove its row from docs/simulator.md."
 
 
-def _words(outside: Outside) -> str:
+def _text(outside: Outside) -> str:
     first, second = outside.recorded
     if math.isnan(first):
         return f"{outside.what}: {outside.simulated:.2f}, PX4 never"

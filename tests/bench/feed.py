@@ -16,8 +16,7 @@ import fastcrc
 from pymavlink.dialects.v20 import common as mavlink
 
 MESSAGES_PER_S = 100
-"""Messages per second of a vehicle: the mix below, as on PX4's ground-station link, reduced to 100 per
-second."""
+"""Messages per second of a vehicle: a mix as on PX4's ground-station link, reduced to 100 per second."""
 
 BURST = 2
 """PX4 sends its 50 Hz streams together: of 100 messages per second, two every 20 ms."""
@@ -27,7 +26,7 @@ LOOP_S = 64
 """The feed repeats itself after this time, in which a moving vehicle flies its circle twice [s]."""
 
 
-def _mix(mav: mavlink.MAVLink, system_id: int, index: int, angle_rad: float = 0.0) -> bytes:
+def _frame(mav: mavlink.MAVLink, system_id: int, index: int, angle_rad: float = 0.0) -> bytes:
     """The `index`-th frame of a second of telemetry (0–99), `angle_rad` along the circle."""
     boot_ms = 10_000 + index * 10
     north_m, east_m = RADIUS_M * math.sin(angle_rad), RADIUS_M * (1 - math.cos(angle_rad))
@@ -76,14 +75,15 @@ def _mix(mav: mavlink.MAVLink, system_id: int, index: int, angle_rad: float = 0.
 
 
 def encode(system_id: int, *, moving: bool = False) -> list[bytes]:
-    """Frames whose sequence numbers run on when the list is repeated: 64 seconds, 6,400 = 25 × 256 frames."""
+    """The vehicle's frames of 64 s. They are 6,400 = 25 × 256, so a repeated list has continuous sequence
+    numbers."""
     mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=1)
     count = LOOP_S * MESSAGES_PER_S
     if moving:
         angles = (4 * math.pi * index / count for index in range(count))
-        frames = [_mix(mav, system_id, i % MESSAGES_PER_S, angle) for i, angle in enumerate(angles)]
+        frames = [_frame(mav, system_id, i % MESSAGES_PER_S, angle) for i, angle in enumerate(angles)]
     else:
-        frames = [_mix(mav, system_id, index) for index in range(MESSAGES_PER_S)] * LOOP_S
+        frames = [_frame(mav, system_id, index) for index in range(MESSAGES_PER_S)] * LOOP_S
     return [_restamped(frame, index % 256) for index, frame in enumerate(frames)]
 
 
@@ -97,7 +97,7 @@ def _restamped(frame: bytes, sequence: int) -> bytes:
 
 
 def send(ports: list[int], vehicles: int, seconds: float, *, moving: bool = False) -> int:
-    """Sends the feed; each vehicle has its own socket, as real vehicles do.
+    """Sends the feed; each vehicle has its sender socket, as real vehicles do.
 
     Returns:
         Number of frames sent to each port.
@@ -108,16 +108,16 @@ def send(ports: list[int], vehicles: int, seconds: float, *, moving: bool = Fals
     start = time.monotonic()
     sent = 0
     for period in range(int(seconds / PERIOD_S)):
-        for vehicle, (own, stream) in enumerate(zip(sockets, frames, strict=True)):
+        for vehicle, (sender, stream) in enumerate(zip(sockets, frames, strict=True)):
             wait = start + (period + vehicle / vehicles) * PERIOD_S - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
             for index in range(period * BURST, (period + 1) * BURST):
                 for port in ports:
-                    own.sendto(stream[index % len(stream)], ("127.0.0.1", port))
+                    sender.sendto(stream[index % len(stream)], ("127.0.0.1", port))
                 sent += 1
-    for own in sockets:
-        own.close()
+    for sender in sockets:
+        sender.close()
     return sent
 
 

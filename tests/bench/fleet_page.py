@@ -109,7 +109,7 @@ def table(count: int = VEHICLES) -> Iterator[str]:
             began_s = time.monotonic()
             hold.click()
             wait_until(lambda: all(v["status"]["mode"] == "hold" for v in _vehicles(api)), "Hold", 120)
-            held_ms = (time.monotonic() - began_s) * 1000
+            hold_ms = (time.monotonic() - began_s) * 1000
         browser.close()
     yield f"\nList shown after {opened_ms:.0f} ms, another vehicle selected after {selected_ms:.0f} ms."
-    yield f"Hold all: the last vehicle showed Hold after {held_ms:.0f} ms."
+    yield f"Hold all: the last vehicle showed Hold after {hold_ms:.0f} ms."

@@ -21,18 +21,22 @@ from .flight_replay import Replay
 FloatArray = NDArray[np.float64]
 
 PART_OF_SIZE = 0.05
+"""Allowed error as part of the manoeuvre's size."""
 GRID_S = 0.02
-MOVED = 0.1
+FIRST_MOTION = 0.1
 """Part of the manoeuvre that counts as first motion."""
-MOVED_ROWS = 3
+FIRST_MOTION_ROWS = 3
 """Number of consecutive rows: a single row may be gyro noise."""
 RISEN = 0.8
 """As part of the distance; the last fifth of a slow approach is GPS drift."""
 SETTLED = 0.1
-HOLDS = 0.6
+"""Distance from the final value, as part of the distance, within which a response has settled."""
+STEP_END = 0.6
 """A response that ends above this part of its maximum is a step, otherwise a pulse."""
 END_ROWS = 25
+"""Number of last rows whose mean is the final value."""
 STEP_RISE = 0.1
+"""Allowed difference of rise times, as part of the real one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +126,7 @@ class Shape:
     overshoot: float
     """As part of the distance."""
     settling_s: float
-    """Time after which it stays within 10 % of its final value; NaN: it does not settle."""
+    """Time after which the response stays within 10 % of its final value; NaN: it does not settle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +145,7 @@ class Comparison:
     real: Shape
     rise_limit_s: float
     comparable: bool
-    """Whether PX4's repeat of it is comparable."""
+    """Whether PX4's second flight is comparable with its first."""
 
     @property
     def near(self) -> bool:
@@ -150,13 +154,13 @@ class Comparison:
 
     @property
     def rises_alike(self) -> bool:
-        """Whether the rise times agree (flights without a rise do)."""
+        """Whether the rise times agree; also True if a flight has no rise."""
         gap = abs(self.sim.rise_s - self.real.rise_s)
         return not gap > self.rise_limit_s + 1e-9  # both are multiples of the grid
 
 
 class Track:
-    """A flight as functions of time, roll, pitch and yaw among them."""
+    """A flight's columns, with roll, pitch and yaw, as functions of time."""
 
     def __init__(self, flight: Recording | Replay) -> None:
         self.t_s = flight.t_s
@@ -168,7 +172,7 @@ class Track:
 
 
 def compare(recording: Recording, replay: Replay, manoeuvre: Manoeuvre | None = None) -> Comparison:
-    """Measure one flight against its recording, by default a reference flight."""
+    """Compares a flight with its recording; without `manoeuvre` with that of the reference flight's name."""
     manoeuvre = manoeuvre or MANOEUVRES[recording.name]
     quantity = manoeuvre.quantity
     real, sim = Track(recording), Track(replay)
@@ -180,7 +184,7 @@ def compare(recording: Recording, replay: Replay, manoeuvre: Manoeuvre | None = 
         real_shape = shape_of(grid, real.at(manoeuvre.rising, grid), size)
         sim_shape = shape_of(grid, sim.at(manoeuvre.rising, grid), size)
     lag_s = sim_shape.first_motion_s - real_shape.first_motion_s
-    # Gyro noise hides the first motion of a rate, and without a command there is no motion.
+    # No alignment: gyro noise hides the first motion of a rate, and without a command there is no motion.
     lag_s = 0.0 if math.isnan(lag_s) or quantity is RATE else lag_s
     last_s = min(float(grid[-1]) + GRID_S, float(sim.t_s[-1]))
     common = grid[(grid + lag_s >= sim.t_s[0]) & (grid + lag_s <= last_s)]
@@ -221,18 +225,20 @@ def size_of(values: FloatArray) -> float:
 
 
 def shape_of(grid: FloatArray, values: FloatArray, sign: float) -> Shape:
-    """Measures a response relative to its own distance: to its final value, or to its peak if it returns."""
+    """Measures a response as part of its distance: of a step the final value, of a pulse the peak."""
     farthest = float((values - values[0]).max()) if sign > 0.0 else float((values - values[0]).min())
-    ends = float(np.mean(values[-END_ROWS:])) - values[0]
-    size = ends if abs(ends) > HOLDS * abs(farthest) else farthest
+    final = float(np.mean(values[-END_ROWS:])) - values[0]
+    size = final if abs(final) > STEP_END * abs(farthest) else farthest
     offsets = (values - values[0]) / size if size else np.zeros_like(values)
-    beyond = np.lib.stride_tricks.sliding_window_view(offsets >= MOVED, MOVED_ROWS).all(axis=1)
+    beyond = np.lib.stride_tricks.sliding_window_view(offsets >= FIRST_MOTION, FIRST_MOTION_ROWS).all(axis=1)
     moved, risen = np.flatnonzero(beyond), np.flatnonzero(offsets >= RISEN)
     first_s = float(grid[moved[0]]) if len(moved) else math.nan
     rise_s = float(grid[risen[0]]) - first_s if len(risen) else math.nan
     end = float(np.mean(offsets[-END_ROWS:]))
     outside = np.flatnonzero(np.abs(offsets - end) > SETTLED)
     settling_s = (
-        float(grid[outside[-1]]) - grid[0] if len(outside) and outside[-1] < len(offsets) - 26 else math.nan
+        float(grid[outside[-1]]) - grid[0]
+        if len(outside) and outside[-1] < len(offsets) - END_ROWS - 1
+        else math.nan
     )
     return Shape(first_s, rise_s, float(offsets.max()) - end, float(settling_s))

@@ -31,7 +31,7 @@ class Spread:
     attitude_deg: float
     rise_s: float
     comparable: bool
-    """False: its initial state cannot be reproduced with messages."""
+    """False: the flight's initial state cannot be reproduced with messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Recording:
         k = max(0, int(np.searchsorted(self.t_s, t_s, side="right")) - 1)
         return float(self.columns[column][k])
 
-    def sends(self) -> Iterator[tuple[float, str, dict[str, Any]]]:
+    def messages(self) -> Iterator[tuple[float, str, dict[str, Any]]]:
         """Every message of the stimulus at its time, with streams expanded."""
         for entry in self.stimulus:
             name, start_s = entry["message"], float(entry["t_s"])
@@ -93,7 +93,7 @@ def load(name: str, folder: Path = FLIGHTS) -> Recording:
 
 
 def spread_of(name: str, folder: Path = FLIGHTS) -> Spread:
-    """Difference of PX4's own repeat of a flight from the first."""
+    """Difference of PX4's second flight with the same stimulus from the first."""
     raw = json.loads((folder / "spread.json").read_text())[name]
     keys = ("pos_rms_m", "vel_rms_m_s", "att_rms_deg", "rise_diff_s")
     position, velocity, attitude, rise = (float(raw.get(key, math.nan)) for key in keys)

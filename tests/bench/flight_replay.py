@@ -1,4 +1,4 @@
-"""Flies recorded stimuli on the simulated PX4 by MAVLink, without a clock, all flights in one simulation.
+"""Flies recorded stimuli on the simulated PX4 by MAVLink, in simulated time, all flights in one simulation.
 
 Each vehicle is first brought to the initial state of its recording, then it receives the same messages at the
 same times. Sensors have no noise: drift caused by GPS noise is not part of the response.
@@ -41,9 +41,9 @@ NAN = math.nan
 CALM, CALM_NOISY = (0.05, 0.3), (0.3, 1.5)
 """Limits for hovering: speed [m/s] and distance [m] along each axis. With noise the estimate drifts."""
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
-"""Radius, speed and yaw behaviour of the orbit that `orbit_to_hold` ends."""
+"""Radius, speed and yaw behaviour of the orbit before `orbit_to_hold` switches to Hold."""
 STEADY_ORBIT_M = 21.05
-"""The radius of such an orbit in steady state."""
+"""The radius of that orbit in steady state."""
 CENTRE_M = {"orbit_r10_v3": (0.01, -0.49)}
 """Centre of a commanded orbit in the local frame of its recording (north, east), calculated from the recorded
 headings. The origin of that frame has the GPS error of the moment when it was set."""
@@ -93,7 +93,7 @@ class _StimulusPlayer:
         if name in INTERNAL:
             getattr(self.sim.autopilots[self.row].offboard, name)(**fields)
         else:
-            self.send(name, self._in_our_frame(name, fields))
+            self.send(name, self._with_local_centre(name, fields))
 
     def command(self, number: int, *parameters: float) -> None:
         self.send(
@@ -127,7 +127,7 @@ class _StimulusPlayer:
     def mode(self) -> int:
         return self.sim.autopilots[self.row].commander.custom_mode()
 
-    def _calm(self, goal: Sequence[float]) -> bool:
+    def _is_calm(self, goal: Sequence[float]) -> bool:
         fastest_m_s, radius_m = self._calm_at
         speed = float(np.abs(self.sim.simulation.estimate.velocity_ned_m_s[self.row]).max())
         return speed < fastest_m_s and float(np.abs(self.position - np.asarray(goal)).max()) < radius_m
@@ -166,13 +166,13 @@ class _StimulusPlayer:
         yield from self._prepare()
         yield from self._upload(self.recording.mission)
         self.began_s = start_s = self.now_s
-        for at_s, name, fields in self.recording.sends():
+        for at_s, name, fields in self.recording.messages():
             while self.now_s - start_s < at_s - 1e-6:
                 yield
             self.send_stimulus(name, fields)
 
-    def _in_our_frame(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
-        """The orbit with its centre at the same local position as in the recording."""
+    def _with_local_centre(self, name: str, fields: dict[str, Any]) -> dict[str, Any]:
+        """The fields of a command; an orbit's centre is at the same local position as in the recording."""
         centre = CENTRE_M.get(self.recording.name)
         if centre is None or name != "COMMAND_INT":
             return fields
@@ -203,7 +203,7 @@ class _StimulusPlayer:
             goal = (column["x"], column["y"], -height)
             self.reposition(goal[0], goal[1], height, column["syaw"])
             yield from self._wait(2.0)
-            yield from self._until(lambda: self._calm(goal), f"arriving at {goal}")
+            yield from self._until(lambda: self._is_calm(goal), f"arriving at {goal}")
             yield from self._wait(10.0)
             if recording.name in SPEED_BEFORE:
                 self.command(178, 1, SPEED_BEFORE[recording.name], -1)
@@ -224,7 +224,7 @@ class _StimulusPlayer:
         self.command(176, 1, 6)
         end_s = self.now_s + 3.0
         goal = (0.0, 0.0, -height)
-        yield from self._until(lambda: self.now_s > end_s and self._calm(goal), "holding", stream)
+        yield from self._until(lambda: self.now_s > end_s and self._is_calm(goal), "holding", stream)
         phase_s = self.recording.control_change_s % PUBLISH_EVERY_S
         if math.isnan(phase_s):
             phase_s = OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
@@ -262,16 +262,16 @@ class _StimulusPlayer:
             return
         self.sim.drain(self.row, "gcs")
         self.send("MISSION_COUNT", {"count": len(items), "mission_type": 0})
-        done: list[bool] = []
+        acknowledged: list[bool] = []
 
-        def answer() -> None:
+        def reply() -> None:
             for message in self._parser.feed(self.sim.drain(self.row, "gcs")):
                 if message.name in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
                     self.send("MISSION_ITEM_INT", items[message.seq])
                 elif message.name == "MISSION_ACK":
-                    done.append(True)
+                    acknowledged.append(True)
 
-        yield from self._until(lambda: bool(done), "mission upload", answer)
+        yield from self._until(lambda: bool(acknowledged), "mission upload", reply)
 
 
 def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) -> dict[str, Replay]:
@@ -296,7 +296,7 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
         start_ned_m=np.zeros((count, 3)),
     )  # fmt: skip
     for row in range(count):
-        _silence(sim, row)
+        _stop_streams(sim, row)
     calm = CALM_NOISY if noise else CALM
     players = [_StimulusPlayer(sim, row, recording, calm) for row, recording in enumerate(recordings)]
     log = _Log(sim)
@@ -313,10 +313,10 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
             or player.now_s - player.began_s < float(player.recording.t_s[-1]) + 0.1
             for player in players
         )
-    return {player.recording.name: log.of(player) for player in players}
+    return {player.recording.name: log.replay_of(player) for player in players}
 
 
-def _silence(sim: VehicleSim, row: int) -> None:
+def _stop_streams(sim: VehicleSim, row: int) -> None:
     """Stops all streams: nothing reads them, and they take most of the computing time."""
     for context_link in sim.nodes[row].context.links:
         for msg_id in context_link.streamed_ids():
@@ -354,7 +354,7 @@ class _Log:
             ]
         )  # fmt: skip
 
-    def of(self, player: _StimulusPlayer) -> Replay:
+    def replay_of(self, player: _StimulusPlayer) -> Replay:
         t_s = np.array(self._times) - player.began_s
         kept = (t_s >= player.recording.t_s[0] - 0.1) & (t_s <= player.recording.t_s[-1] + 0.1)
         rows = [row for row, keep in zip(self._rows, kept, strict=True) if keep]
@@ -367,6 +367,6 @@ def with_angles(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:
     q = np.stack([columns[name] for name in ("qw", "qx", "qy", "qz")], axis=1)
     euler = frames.euler_of(q)
     yaw = euler[:, 2]
-    good = np.isfinite(yaw)
-    yaw = np.interp(np.arange(len(yaw)), np.flatnonzero(good), np.unwrap(yaw[good]))
+    finite = np.isfinite(yaw)
+    yaw = np.interp(np.arange(len(yaw)), np.flatnonzero(finite), np.unwrap(yaw[finite]))
     return columns | {"roll": euler[:, 0], "pitch": euler[:, 1], "yaw": yaw}

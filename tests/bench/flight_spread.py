@@ -73,24 +73,25 @@ def table() -> Iterator[str]:
     measured = measure(names)
     yield "| flight | position RMS m | velocity RMS m/s | rise differs by s |"
     yield "|---|---|---|---|"
-    parts: list[tuple[float, float]] = []
+    ratios: list[tuple[float, float]] = []
     for name in names:
         repeats, spread = measured[name], flight_recordings.load(name).spread
-        ours = (float(np.median(repeats.positions_m)), float(np.median(repeats.velocities_m_s)))
+        simulated = (float(np.median(repeats.positions_m)), float(np.median(repeats.velocities_m_s)))
         gaps = [abs(a - b) for a, b in itertools.combinations(repeats.rises_s, 2)]
         gap_s = float(np.median(gaps)) if gaps else math.nan
         cells = (
-            pair(ours[0], spread.position_m),
-            pair(ours[1], spread.velocity_m_s),
+            pair(simulated[0], spread.position_m),
+            pair(simulated[1], spread.velocity_m_s),
             pair(gap_s, spread.rise_s),
         )
         yield f"| {name} | {' | '.join(cells)} |"
-        parts.append((ours[0] / spread.position_m, ours[1] / spread.velocity_m_s))
-    position, velocity = np.nanmedian(np.array(parts), axis=0)
+        ratios.append((simulated[0] / spread.position_m, simulated[1] / spread.velocity_m_s))
+    position, velocity = np.nanmedian(np.array(ratios), axis=0)
     yield ""
     yield (
-        f"Medians of the pairs among {FLIGHTS} simulated flights with sensor noise / the one pair of PX4's. "
-        f"In the median flight ours is {position:.2f} of PX4's in position, {velocity:.2f} in velocity."
+        f"Medians of the pairs among {FLIGHTS} simulated flights with sensor noise / PX4's single pair. "
+        f"In the median flight the simulated difference is {position:.2f} of PX4's in position, "
+        f"{velocity:.2f} in velocity."
     )
 
 

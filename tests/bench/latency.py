@@ -25,7 +25,7 @@ def vehicle_round_trips_s(tcp_port: int, system_id: int) -> list[float]:
     mav = mavlink.MAVLink(None, srcSystem=250, srcComponent=190)
     parser = mavlink.MAVLink(None)
     parser.robust_parsing = True
-    taken: list[float] = []
+    durations_s: list[float] = []
     with socket.create_connection(("127.0.0.1", tcp_port), timeout=5) as link:
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         for _ in range(ROUNDS):
@@ -34,8 +34,8 @@ def vehicle_round_trips_s(tcp_port: int, system_id: int) -> list[float]:
             link.sendall(request.pack(mav))
             while not _has_parameter(parser.parse_buffer(link.recv(65536))):
                 pass
-            taken.append(time.monotonic() - began)
-    return taken
+            durations_s.append(time.monotonic() - began)
+    return durations_s
 
 
 def _has_parameter(messages: list[mavlink.MAVLink_message] | None) -> bool:
@@ -44,14 +44,14 @@ def _has_parameter(messages: list[mavlink.MAVLink_message] | None) -> bool:
 
 def rest_round_trips_s(url: str, path: str) -> list[float]:
     """The same request through the server."""
-    taken: list[float] = []
+    durations_s: list[float] = []
     with httpx.Client(base_url=url, timeout=10) as client:
         client.get(path).raise_for_status()
         for _ in range(ROUNDS):
             began = time.monotonic()
             client.get(path).raise_for_status()
-            taken.append(time.monotonic() - began)
-    return taken
+            durations_s.append(time.monotonic() - began)
+    return durations_s
 
 
 def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
@@ -60,9 +60,9 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
     mav = mavlink.MAVLink(None, srcSystem=77, srcComponent=1)
     target = ("127.0.0.1", udp_port)
     sent_at: dict[int, float] = {}
-    taken: list[float] = []
+    durations_s: list[float] = []
     with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
         connect(url.replace("http", "ws") + "/api/v1/telemetry") as listener,
     ):
         request = {"type": "subscribe", "vehicles": ["77"], "topics": ["attitude"], "rate_hz": 100}
@@ -70,11 +70,11 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
         for index in range(ROUNDS):
             if index % 50 == 0:
                 heartbeat = mav.heartbeat_encode(2, mavlink.MAV_AUTOPILOT_PX4, 157, 50593792, 4)
-                own.sendto(heartbeat.pack(mav), target)
+                sender.sendto(heartbeat.pack(mav), target)
             boot_ms = 1000 + index * 20
             attitude = mav.attitude_quaternion_encode(boot_ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             sent_at[boot_ms] = time.monotonic()
-            own.sendto(attitude.pack(mav), target)
+            sender.sendto(attitude.pack(mav), target)
             deadline = sent_at[boot_ms] + 0.02
             while (left := deadline - time.monotonic()) > 0:
                 try:
@@ -85,12 +85,12 @@ def udp_to_websocket_s(url: str, udp_port: int) -> list[float]:
                 for sample in frame.get("samples", ()):
                     boot = round(sample["vehicle_time_boot_s"] * 1000)
                     if boot in sent_at:
-                        taken.append(now - sent_at.pop(boot))
-    return taken
+                        durations_s.append(now - sent_at.pop(boot))
+    return durations_s
 
 
 def vehicle_is_connected(url: str) -> bool:
-    """Whether vehicle 101 is connected to the server."""
+    """Whether the server knows vehicle 101."""
     return httpx.get(f"{url}/api/v1/vehicles/101").status_code == 200
 
 
@@ -102,8 +102,8 @@ def table() -> Iterator[str]:
     with server([f"udpin://127.0.0.1:{link_port}"]) as (url, _):
         with vehicle(link_port, tcp_port=tcp_port):
             wait_until(lambda: vehicle_is_connected(url), "the vehicle")
-            own = vehicle_round_trips_s(tcp_port, 101)
-            yield f"| parameter read, vehicle's own round trip (TCP) | {len(own)} | {quantiles_ms(own)} |"
+            direct = vehicle_round_trips_s(tcp_port, 101)
+            yield f"| parameter read from the vehicle (TCP) | {len(direct)} | {quantiles_ms(direct)} |"
             through = rest_round_trips_s(url, f"/api/v1/vehicles/101/params/{PARAMETER}")
             yield f"| parameter read through REST | {len(through)} | {quantiles_ms(through)} |"
         health = rest_round_trips_s(url, "/api/v1/health")

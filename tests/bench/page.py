@@ -137,7 +137,7 @@ def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s
     page.wait_for_timeout(WARM_UP_S * 1000)
     heap_start_mb = _heap_mb(cdp)
     before, used, began_s = _metrics(cdp), _processes_s(all_cdp), time.monotonic()
-    # No CDP request during the window: its answer would be part of the measured CPU time.
+    # No CDP request during the window: its response would be part of the measured CPU time.
     server_share = cpu_share(server_pid, window_s)
     after, now_used = _metrics(cdp), _processes_s(all_cdp)
     took_s, load = time.monotonic() - began_s, load_average()
@@ -164,17 +164,17 @@ def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s
     )
 
 
-def _row(one: Measured) -> str:
-    grown_mb = one.heap_end_mb - one.heap_start_mb
+def _row(measured: Measured) -> str:
+    grown_mb = measured.heap_end_mb - measured.heap_start_mb
     cells = (
-        one.title,
-        one.load,
-        f"{one.page_share:.0%} ({one.script_share:.0%})",
-        f"{one.renderer_share:.0%}",
-        f"{one.gpu_share:.0%}",
-        f"{one.server_share:.1%}",
-        f"{one.heap_start_mb:.1f} → {one.heap_end_mb:.1f} ({grown_mb:+.1f})",
-        quantiles_ms(one.frames_s),
+        measured.title,
+        measured.load,
+        f"{measured.page_share:.0%} ({measured.script_share:.0%})",
+        f"{measured.renderer_share:.0%}",
+        f"{measured.gpu_share:.0%}",
+        f"{measured.server_share:.1%}",
+        f"{measured.heap_start_mb:.1f} → {measured.heap_end_mb:.1f} ({grown_mb:+.1f})",
+        quantiles_ms(measured.frames_s),
     )
     return f"| {' | '.join(cells)} |"
 

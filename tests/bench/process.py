@@ -40,7 +40,7 @@ def cpu_share(pid: int, window_s: float, *, with_children: bool = False) -> floa
 
 
 def resident_mb(pid: int) -> float:
-    """Memory that a process holds (VmRSS of proc(5) status)."""
+    """Resident memory of a process (VmRSS of proc(5) status)."""
     rows = Path(f"/proc/{pid}/status").read_text().splitlines()
     return next(int(row.split()[1]) for row in rows if row.startswith("VmRSS")) / 1000
 

@@ -69,8 +69,9 @@ def noise_rows(missed: list[Comparison]) -> Iterator[str]:
             if c.quantity is VELOCITY:
                 sim_s, real_s = motion_rises(c.name)
                 yield (
-                    f"{c.name}: by its motors and attitude, without GPS, the vehicle rises in {sim_s:.2f} s, "
-                    f"PX4's in {real_s:.2f} s (limit ±{c.rise_limit_s:.2f})."
+                    f"{c.name}: by its motors and attitude, without GPS, the simulated vehicle rises in "
+                    f"{sim_s:.2f} s, "
+                    f"the real PX4's in {real_s:.2f} s (limit ±{c.rise_limit_s:.2f})."
                 )
 
 

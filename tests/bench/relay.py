@@ -12,7 +12,7 @@ import time
 SETPOINT_IDS = (82, 84, 86)
 """SET_ATTITUDE_TARGET, SET_POSITION_TARGET_LOCAL_NED and _GLOBAL_INT."""
 LOCAL_NED = 84
-LOCAL_TARGET_AT = 10 + 50
+LOCAL_TARGET_OFFSET = 10 + 50
 """Offset of target_system in a frame of SET_POSITION_TARGET_LOCAL_NED."""
 
 SO_TIMESTAMPNS = 35
@@ -61,7 +61,7 @@ class Relay:
         by_vehicle: dict[int, list[float]] = {}
         for arrival_s, frame in self.setpoints:
             if int.from_bytes(frame[7:10], "little") == LOCAL_NED:
-                by_vehicle.setdefault(frame[LOCAL_TARGET_AT], []).append(arrival_s)
+                by_vehicle.setdefault(frame[LOCAL_TARGET_OFFSET], []).append(arrival_s)
         return by_vehicle
 
     def streams_s(self) -> list[list[float]]:

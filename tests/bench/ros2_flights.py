@@ -72,7 +72,7 @@ def noise_within() -> Iterator[int]:
     """Number of flights within their limits if simulated flights with noise take the recordings' place.
 
     A limit comes from one pair of flights, so not every pair of PX4's own flights would be within it. This
-    shows how many are expected to be.
+    number shows how many can be expected to be.
     """
     recordings = [ros2_recordings.load(name, like) for name, (_, like) in MANOEUVRES.items()]
     flown = flight_replay.fly(recordings)

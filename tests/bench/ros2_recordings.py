@@ -22,7 +22,7 @@ from .flight_recordings import Recording, spread_of
 
 FLIGHTS = Path(__file__).resolve().parents[3] / "shared" / "px4" / "dds" / "flights"
 
-Send = tuple[float, str, dict[str, Any]]
+TimedMessage = tuple[float, str, dict[str, Any]]
 
 THRUST_TORQUE, ACTUATORS = "thrust_torque", "actuators"
 INTERNAL = frozenset({THRUST_TORQUE, ACTUATORS})
@@ -55,18 +55,18 @@ def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
         [MODES.get(int(state), 0) for state in columns["nav_state"]], dtype=float
     )
     columns["armed"] = (columns["arming_state"] == ARMED).astype(float)
-    held = _Held(raw["stimulus"], "trajectory_setpoint").at(0.0)
-    for axis, value in zip(("sx", "sy", "sz"), held.get("position", [math.nan] * 3), strict=True):
+    setpoint = _TopicHistory(raw["stimulus"], "trajectory_setpoint").at(0.0)
+    for axis, value in zip(("sx", "sy", "sz"), setpoint.get("position", [math.nan] * 3), strict=True):
         columns[axis] = np.full(len(table), value)
     columns["syaw"] = np.zeros(len(table))
-    sends: list[dict[str, Any]] = [
-        dict(zip(("t_s", "message", "fields"), send, strict=True)) for send in _sends(raw["stimulus"])
+    messages: list[dict[str, Any]] = [
+        dict(zip(("t_s", "message", "fields"), send, strict=True)) for send in _messages(raw["stimulus"])
     ]
     return Recording(
         name,
         raw["header"]["note"] or raw["header"]["precondition"],
         raw["header"]["parameters"],
-        sends,
+        messages,
         columns["t_s"],
         columns,
         dataclasses.replace(spread_of(like), comparable=False),
@@ -80,7 +80,7 @@ def _control_change_s(messages: list[dict[str, Any]]) -> float:
     return next(changes, math.nan)
 
 
-class _Held:
+class _TopicHistory:
     """The newest fields of a topic as a function of time."""
 
     def __init__(self, stimulus: list[dict[str, Any]], topic: str) -> None:
@@ -103,28 +103,30 @@ def _number(value: Any) -> Any:
     return math.nan if value is None else value
 
 
-def _sends(stimulus: list[dict[str, Any]]) -> list[Send]:
-    held = {topic: _Held(stimulus, topic) for topic in {*TOPICS.values(), "vehicle_torque_setpoint"}}
-    sends: list[Send] = []
+def _messages(stimulus: list[dict[str, Any]]) -> list[TimedMessage]:
+    histories = {
+        topic: _TopicHistory(stimulus, topic) for topic in {*TOPICS.values(), "vehicle_torque_setpoint"}
+    }
+    messages: list[TimedMessage] = []
     for entry in stimulus:
         topic = entry["topic"].rsplit("/", 1)[1]
         if topic == "vehicle_command":
             fields = {f"param{n}": _number(entry["fields"].get(f"param{n}", 0.0)) for n in range(1, 8)}
-            sends.append((entry["dt_s"], "COMMAND_LONG", fields | {"command": entry["fields"]["command"]}))
+            messages.append((entry["dt_s"], "COMMAND_LONG", fields | {"command": entry["fields"]["command"]}))
         elif topic == "offboard_control_mode":
-            sends += _stream(entry, held)
-    return sorted(sends, key=lambda send: send[0])
+            messages += _stream(entry, histories)
+    return sorted(messages, key=lambda send: send[0])
 
 
-def _stream(entry: dict[str, Any], held: dict[str, _Held]) -> Iterator[Send]:
+def _stream(entry: dict[str, Any], histories: dict[str, _TopicHistory]) -> Iterator[TimedMessage]:
     topic = next(TOPICS[flag] for flag in TOPICS if entry["fields"].get(flag))
     for k in range(entry["count"]):
         t_s = entry["dt_s"] + k / entry["streamed_hz"]
         if t_s >= 0.0:
             at_s = t_s + SETPOINT_LAG_S
-            fields = held[topic].at(at_s)
+            fields = histories[topic].at(at_s)
             if topic == "vehicle_thrust_setpoint":
-                torque = held["vehicle_torque_setpoint"].at(at_s).get("xyz", [0.0, 0.0, 0.0])
+                torque = histories["vehicle_torque_setpoint"].at(at_s).get("xyz", [0.0, 0.0, 0.0])
                 yield t_s, THRUST_TORQUE, {"thrust_frd": fields["xyz"], "torque_frd": torque}
             else:
                 yield t_s, *_message(topic, fields)

@@ -65,7 +65,7 @@ class Station:
 
     url: str
     processes: tuple[int, int]
-    """Of the server and of the simulator."""
+    """Process ids of the server and of the simulator."""
     tap: Callable[[], contextlib.AbstractContextManager[Tap]]
 
 
@@ -148,7 +148,7 @@ def rows(results: dict[tuple[str, int], Measured]) -> Iterator[str]:
     yield "|---|---|---|---|---|---|"
     for (protocol, vehicles), found in results.items():
         measured = [lateness_s(each, RATE_HZ) for each in found.streams_s]
-        late = [one for each, _ in measured for one in each]
+        late = [each_s for stream_s, _ in measured for each_s in stream_s]
         skipped = sum(missed for _, missed in measured)
         cells = f"{len(late)} | {skipped} | {quantiles_ms(late)}"
         yield f"| {protocol} | {vehicles} | {found.load} | {cells} |"

@@ -19,6 +19,7 @@ from .process import cpu_share
 WINDOW_S = 8.0
 MANY = 100
 _ATTITUDE, _EXTENDED_SYS_STATE = 30, 245
+_TAKEOFF, _ARM_DISARM = 22, 400
 
 _PHYSICS_STEPS = """
 import sys, time
@@ -51,10 +52,10 @@ def fly(seconds):
             for name, _ in links:
                 sim.frames(row, name)
 fly(12.0)
-for pilot in sim.autopilots:
-    pilot.commander.arm()
-    pilot.navigator.request_takeoff(1000.0)
-    pilot.commander.set_mode(NavState.TAKEOFF)
+for autopilot in sim.autopilots:
+    autopilot.commander.arm()
+    autopilot.navigator.request_takeoff(1000.0)
+    autopilot.commander.set_mode(NavState.TAKEOFF)
 fly(6.0)
 began = time.process_time()
 fly(seconds)
@@ -105,7 +106,7 @@ def real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple[float,
 
 
 def _take_off(station: socket.socket, vehicles: int) -> None:
-    """Arms all vehicles and takes off, each by the port that it sends from.
+    """Arms all vehicles and takes off; commands go to the port from which each vehicle sends.
 
     Raises:
         TimeoutError: not all vehicles were flying within two minutes.
@@ -121,22 +122,23 @@ def _take_off(station: socket.socket, vehicles: int) -> None:
                 in_air.add(system)
             if system not in in_air and time.monotonic() - requested_at_s.get(system, 0.0) > 4.0:
                 requested_at_s[system] = time.monotonic()
-                for command, first in ((400, 1.0), (22, -1.0)):
-                    station.sendto(_command(system, command, first), peer)
+                for command, param1 in ((_ARM_DISARM, 1.0), (_TAKEOFF, -1.0)):
+                    station.sendto(_command(system, command, param1), peer)
 
 
 def _messages(data: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """(system id, message id, payload) of each frame."""
-    at = 0
-    while at + 12 <= len(data) and data[at] == 0xFD:
-        end = at + 10 + data[at + 1]
-        yield data[at + 5], int.from_bytes(data[at + 7 : at + 10], "little"), data[at + 10 : end]
-        at = end + 2
+    """System id, message id and payload of each frame."""
+    start = 0
+    while start + 12 <= len(data) and data[start] == 0xFD:
+        end = start + 10 + data[start + 1]
+        message_id = int.from_bytes(data[start + 7 : start + 10], "little")
+        yield data[start + 5], message_id, data[start + 10 : end]
+        start = end + 2
 
 
-def _command(system: int, command: int, first: float) -> bytes:
+def _command(system: int, command: int, param1: float) -> bytes:
     nan = math.nan
-    message = mavlink.MAVLink_command_long_message(system, 1, command, 0, first, 0, 0, nan, nan, nan, nan)
+    message = mavlink.MAVLink_command_long_message(system, 1, command, 0, param1, 0, 0, nan, nan, nan, nan)
     return message.pack(mavlink.MAVLink(None, 255, 190))
 
 

@@ -59,7 +59,7 @@ def _measure(readers: int, not_reading: int) -> tuple[float, float, float]:
     """The server's (CPU share, memory at the start, at the end [MB])."""
     port = free_port()
     seconds = str(WARM_UP_S * 2 + WINDOW_S + 1)
-    with server([f"udpin://127.0.0.1:{port}"]) as (url, process), contextlib.ExitStack() as open_ones:
+    with server([f"udpin://127.0.0.1:{port}"]) as (url, process), contextlib.ExitStack() as connections:
         command = [sys.executable, "-m", "tests.bench.feed", str(port), str(VEHICLES), seconds]
         with running(command, stdout=subprocess.PIPE) as feed:
             assert feed.stdout is not None
@@ -67,8 +67,8 @@ def _measure(readers: int, not_reading: int) -> tuple[float, float, float]:
             time.sleep(WARM_UP_S)
             for index in range(readers + not_reading):
                 for stream in (open_telemetry(url), open_scene(url)):
-                    # Without a close frame: a client that does not read would not receive the answer.
-                    open_ones.callback(stream.socket.close)
+                    # Without a close frame: a client that does not read would not receive the server's reply.
+                    connections.callback(stream.socket.close)
                     if index < readers:
                         threading.Thread(target=_read, args=(stream,), daemon=True).start()
             time.sleep(WARM_UP_S)

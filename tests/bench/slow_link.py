@@ -45,16 +45,16 @@ class SlowPort:
     """A pseudo-terminal whose bytes go immediately into the driver of the simulated line."""
 
     def __init__(self) -> None:
-        self._ours, self._theirs = pty.openpty()
-        tty.setraw(self._ours)
-        self.device = os.ttyname(self._theirs)
+        self._master_fd, self._slave_fd = pty.openpty()
+        tty.setraw(self._master_fd)
+        self.device = os.ttyname(self._slave_fd)
         self._lock = threading.Lock()
         self._line = Line(time.monotonic, BAUD)
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
         try:
-            while data := os.read(self._ours, 4096):
+            while data := os.read(self._master_fd, 4096):
                 with self._lock:
                     self._line.write(data)
         except OSError:
@@ -63,7 +63,7 @@ class SlowPort:
     def in_driver(self, _fileno: int) -> int:
         """Unsent bytes, as a serial driver reports them; a pseudo-terminal always reports 0."""
         with self._lock:
-            unread: int = struct.unpack("i", fcntl.ioctl(self._ours, termios.FIONREAD, b"\0" * 4))[0]
+            unread: int = struct.unpack("i", fcntl.ioctl(self._master_fd, termios.FIONREAD, b"\0" * 4))[0]
             return unread + self._line.in_driver()
 
     def stall(self, for_s: float) -> None:
@@ -74,13 +74,13 @@ class SlowPort:
         with self._lock:
             return [(at_s, frame) for at_s, frame in self._line.sent_frames if frame.msg_id == msg_id]
 
-    def lost(self) -> int:
+    def lost_frames(self) -> int:
         with self._lock:
             return sum(self._line.parser.lost.values())
 
     def close(self) -> None:
-        os.close(self._theirs)
-        os.close(self._ours)
+        os.close(self._slave_fd)
+        os.close(self._master_fd)
 
 
 @contextmanager
@@ -163,17 +163,17 @@ async def _measure(port: SlowPort) -> Result:
     parameters = len(port.sent_frames(MSG_PARAM_REQUEST_READ))
     await router.close()
     await supervisor.close()
-    return Result(after_s, after_stall_s, ages_s, seconds, parameters, port.lost(), info)
+    return Result(after_s, after_stall_s, ages_s, seconds, parameters, port.lost_frames(), info)
 
 
 def table() -> Iterator[str]:
     yield f"load average before: {load_average()}"
-    port, real = SlowPort(), serial.bytes_in_driver
+    port, original = SlowPort(), serial.bytes_in_driver
     serial.bytes_in_driver = port.in_driver
     try:
         result = asyncio.run(_measure(port))
     finally:
-        serial.bytes_in_driver = real
+        serial.bytes_in_driver = original
         port.close()
     in_time = [age_s for age_s in result.ages_s if age_s < STALL_S / 2]
     late = len(result.ages_s) - len(in_time)

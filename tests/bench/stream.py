@@ -29,14 +29,14 @@ def lateness_s(arrivals_s: list[float], rate_hz: float) -> tuple[list[float], in
     """Lateness of each arrival [s] on a schedule with a fixed period, and the number of skipped deadlines.
 
     Each arrival is late for the first deadline after that of the previous arrival; deadlines that passed in
-    between are skipped, as the stream does. The phase of the schedule is unknown. No arrival is early, so the
-    schedule begins at the earliest phase: half of all arrivals lie close together (on the shortest arc of a
-    period), and a few come up to a quarter of a period before them.
+    between are skipped, as the stream skips them. No arrival is early, so the schedule begins at the earliest
+    phase. Outliers are ignored: the earliest phase is at most a quarter of a period before the shortest part
+    of the period that contains half of all arrivals.
     """
     period_s = 1.0 / rate_hz
     phases = sorted(arrival % period_s for arrival in arrivals_s)
-    around, half = [*phases, *(phase + period_s for phase in phases)], len(phases) // 2
-    dense_s = phases[min(range(len(phases)), key=lambda i: around[i + half] - around[i])]
+    two_periods_s, half = [*phases, *(phase + period_s for phase in phases)], len(phases) // 2
+    dense_s = phases[min(range(len(phases)), key=lambda i: two_periods_s[i + half] - two_periods_s[i])]
     before_s = ((dense_s - phase) % period_s for phase in phases)
     start_s = dense_s - max(before for before in before_s if before < period_s / 4)
     late: list[float] = []
@@ -57,7 +57,7 @@ class Load:
     title: str
     streams: int = 1
     other_vehicles: int = 0
-    """Each sends 100 messages a second on a second link."""
+    """Number of vehicles on a second link; each sends 100 messages per second."""
     watchers: int = 0
     """WebSocket clients that read all telemetry."""
     page: bool = False
@@ -80,9 +80,9 @@ class Arrivals:
 
     streams: list[list[float]]
     mission: list[float]
-    """Those of an offboard mission of another vehicle at the same time."""
+    """Arrivals of an offboard mission that another vehicle flies at the same time."""
     mavsdk: list[float]
-    """Those of MAVSDK's streamer; empty if it does not stream."""
+    """Arrivals of MAVSDK's streamer; empty if it does not stream."""
 
 
 MISSION_VEHICLE = 101
@@ -108,10 +108,10 @@ def measure(load: Load) -> Arrivals:
     """Measures all streams and the mission under this load."""
     feed_port, link_port = free_port(), free_port()
     links = [f"udpin://127.0.0.1:{link_port}", f"udpin://127.0.0.1:{feed_port}"]
-    with contextlib.ExitStack() as running_now:
-        relay = running_now.enter_context(Relay(link_port))
-        url, _ = running_now.enter_context(server(links))
-        running_now.enter_context(vehicle(relay.vehicle_port, instances=load.streams + 1))
+    with contextlib.ExitStack() as stack:
+        relay = stack.enter_context(Relay(link_port))
+        url, _ = stack.enter_context(server(links))
+        stack.enter_context(vehicle(relay.vehicle_port, instances=load.streams + 1))
         if load.other_vehicles:
             command = [
                 sys.executable,
@@ -121,29 +121,31 @@ def measure(load: Load) -> Arrivals:
                 str(load.other_vehicles),
                 "120",
             ]
-            running_now.enter_context(running(command))
+            stack.enter_context(running(command))
         if load.watchers:
             command = [sys.executable, "-m", "tests.bench.watchers", url, str(load.watchers), "120"]
-            running_now.enter_context(running(command))
-        gcs = running_now.enter_context(SyncGcs(url, client="bench"))
-        flown = gcs.wait_for_vehicle(str(MISSION_VEHICLE), ready=True)
-        flown.offboard_mission.start(MISSION)
-        flown.until(lambda v: v["status"]["mode"] == "offboard", what="the mission's path")
+            stack.enter_context(running(command))
+        gcs = stack.enter_context(SyncGcs(url, client="bench"))
+        mission_vehicle = gcs.wait_for_vehicle(str(MISSION_VEHICLE), ready=True)
+        mission_vehicle.offboard_mission.start(MISSION)
+        mission_vehicle.until(lambda v: v["status"]["mode"] == "offboard", what="the mission's path")
         for number in range(1, load.streams + 1):
             drone = gcs.wait_for_vehicle(str(MISSION_VEHICLE + number), ready=True)
-            running_now.enter_context(
+            stack.enter_context(
                 drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=300)
             )
         if load.page:
-            running_now.enter_context(watching(url))
-        other = running_now.enter_context(mavsdk_streaming()) if load.mavsdk else None
+            stack.enter_context(watching(url))
+        mavsdk_relay = stack.enter_context(mavsdk_streaming()) if load.mavsdk else None
         time.sleep(1)
-        for each in filter(None, (relay, other)):
+        for each in filter(None, (relay, mavsdk_relay)):
             each.setpoints.clear()
         time.sleep(WINDOW_S)
         arrivals = relay.arrivals_s()
         mission = arrivals.pop(MISSION_VEHICLE, [])
-        return Arrivals(list(arrivals.values()), mission, [] if other is None else _only(other))
+        return Arrivals(
+            list(arrivals.values()), mission, [] if mavsdk_relay is None else _longest_stream_s(mavsdk_relay)
+        )
 
 
 @contextlib.contextmanager
@@ -175,7 +177,7 @@ def mavsdk_streaming() -> Generator[Relay]:
             yield relay
 
 
-def _only(relay: Relay) -> list[float]:
+def _longest_stream_s(relay: Relay) -> list[float]:
     return max(relay.arrivals_s().values(), key=len, default=[])
 
 
@@ -185,7 +187,7 @@ def mavsdk_idle_s() -> list[float]:
         time.sleep(1)
         relay.setpoints.clear()
         time.sleep(WINDOW_S)
-        return _only(relay)
+        return _longest_stream_s(relay)
 
 
 def row(title: str, streams: list[list[float]], rate_hz: float) -> str:
@@ -201,16 +203,16 @@ def row(title: str, streams: list[list[float]], rate_hz: float) -> str:
 
 def table() -> Iterator[str]:
     """Rows of Markdown."""
-    yield "| when | load average | setpoints | left out | lateness ms: p50 / p99 / max |"
+    yield "| when | load average | setpoints | skipped | lateness ms: p50 / p99 / max |"
     yield "|---|---|---|---|---|"
     for load in LOADS:
         try:
-            seen = measure(load)
+            arrivals = measure(load)
         except ApiError as error:  # the machine is too slow for this load
             yield f"| {load.title} | {load_average()} | – | – | not measured: {str(error).splitlines()[0]} |"
             continue
-        yield row(load.title, seen.streams, RATE_HZ)
-        yield row("an offboard mission in flight at the same time", [seen.mission], RATE_HZ)
+        yield row(load.title, arrivals.streams, RATE_HZ)
+        yield row("an offboard mission in flight at the same time", [arrivals.mission], RATE_HZ)
         if load.mavsdk:
-            yield row("MAVSDK's streamer at its 20 Hz, at the same time", [seen.mavsdk], MAVSDK_RATE_HZ)
+            yield row("MAVSDK's streamer at its 20 Hz, at the same time", [arrivals.mavsdk], MAVSDK_RATE_HZ)
     yield row("MAVSDK's streamer, idle", [mavsdk_idle_s()], MAVSDK_RATE_HZ)

@@ -42,14 +42,14 @@ class SocketBytes:
 
 
 def _take_off(api: httpx.Client) -> None:
-    (shown,) = api.get("/vehicles").raise_for_status().json()
-    path = f"/vehicles/{shown['id']}"
+    (only_vehicle,) = api.get("/vehicles").raise_for_status().json()
+    path = f"/vehicles/{only_vehicle['id']}"
     wait_until(lambda: api.post(f"{path}/arm").is_success, "arming", 60)
     api.post(f"{path}/takeoff", json={"alt_home_m": 10}).raise_for_status()
 
 
 def _measure(page: Page, url: str, api: httpx.Client) -> tuple[Counter[str], Counter[str]]:
-    """(disarmed, in flight)."""
+    """Bytes per second, disarmed and in flight."""
     socket_bytes = SocketBytes(page)
     page.goto(url)
     page.wait_for_timeout(WARM_UP_S * 1000)

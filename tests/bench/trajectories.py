@@ -67,7 +67,7 @@ def _ours(points: list[PassPoint], exact: bool) -> Flight:
 
 
 def minimum_snap(points: np.ndarray) -> Flight:
-    """Minimum snap: times of legs from trapezoidal profiles, then all stretched until every limit holds."""
+    """Minimum snap: leg times from trapezoidal speed profiles, all stretched until every limit is met."""
     import minsnap_trajectories as ms
 
     legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -78,11 +78,11 @@ def minimum_snap(points: np.ndarray) -> Flight:
         references[end] = ms.Waypoint(
             time=float(times[end]), position=points[end], velocity=rest, acceleration=rest
         )
-    made = ms.generate_trajectory(
+    trajectory = ms.generate_trajectory(
         references, degree=7, idx_minimized_orders=4, num_continuous_orders=4, algorithm="closed-form"
     )
     t = np.arange(0.0, times[-1], STEP_S)
-    values = ms.compute_trajectory_derivatives(made, t, 4)
+    values = ms.compute_trajectory_derivatives(trajectory, t, 4)
     v, a, j = values[1], values[2], values[3]
     stretch = max(
         worst_speed(v), math.sqrt(worst_acceleration(a)), np.cbrt(_norms(j).max() / LIMITS.jerk_m_s3)
@@ -102,9 +102,9 @@ def reachability(points: np.ndarray) -> Flight:
         constraint.JointVelocityConstraint(np.stack((-AXES_V, AXES_V), axis=1)),
         constraint.JointAccelerationConstraint(np.stack((-AXES_A, AXES_A), axis=1)),
     ]
-    made = algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
-    t = np.arange(0.0, made.duration, STEP_S)
-    return Flight(float(made.duration), made(t, 1), made(t, 2))
+    trajectory = algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
+    t = np.arange(0.0, trajectory.duration, STEP_S)
+    return Flight(float(trajectory.duration), trajectory(t, 1), trajectory(t, 2))
 
 
 def online(points: np.ndarray) -> Flight:
@@ -118,18 +118,19 @@ def online(points: np.ndarray) -> Flight:
         problem.current_position, problem.target_position = start.tolist(), end.tolist()
         problem.max_velocity, problem.max_acceleration = AXES_V.tolist(), AXES_A.tolist()
         problem.max_jerk = AXES_J.tolist()
-        made = ruckig.Trajectory(3)
-        solver.calculate(problem, made)
-        for t in np.arange(0.0, made.duration, STEP_S).tolist():
-            _, velocity, acceleration = made.at_time(t)
+        trajectory = ruckig.Trajectory(3)
+        solver.calculate(problem, trajectory)
+        for t in np.arange(0.0, trajectory.duration, STEP_S).tolist():
+            _, velocity, acceleration = trajectory.at_time(t)
             v.append(velocity)
             a.append(acceleration)
-        duration_s += made.duration
+        duration_s += trajectory.duration
     return Flight(duration_s, np.array(v), np.array(a))
 
 
 def convex(points: np.ndarray) -> Flight:
-    """clarabel: the squared speed on a grid of our exact curve, as a cone program; without a jerk limit."""
+    """clarabel: the squared speed on a grid of this project's exact curve, as a cone program; without a jerk
+    limit."""
     import clarabel
     from scipy import sparse
 
@@ -142,10 +143,10 @@ def convex(points: np.ndarray) -> Flight:
     a_of = sparse.diags_array([-0.5 / h, 0.5 / h], offsets=[0, 1], shape=(n - 1, n))
     rows, bounds = [], []
     for axis in range(3):
-        for at in (0, 1):  # at both ends of each interval, where the acceleration along it is constant
-            b_at = sparse.eye_array(n - 1, n, k=at)
-            row = sparse.diags_array(first[at : n - 1 + at, axis]) @ a_of
-            row = row + sparse.diags_array(second[at : n - 1 + at, axis]) @ b_at
+        for end in (0, 1):  # both ends of each interval, in which the acceleration along the path is constant
+            b_end = sparse.eye_array(n - 1, n, k=end)
+            row = sparse.diags_array(first[end : n - 1 + end, axis]) @ a_of
+            row = row + sparse.diags_array(second[end : n - 1 + end, axis]) @ b_end
             rows += [row, -row]
             bounds += [np.full(2 * (n - 1), AXES_A[axis])]
     ceiling = np.min(np.divide(AXES_V, np.abs(first) + 1e-12) ** 2, axis=1)
@@ -165,8 +166,8 @@ def convex(points: np.ndarray) -> Flight:
     a = first[:-1] * along[:, None] + second[:-1] * b[:-1, None]
     times = np.concatenate(([0.0], np.cumsum(steps_s)))
     t = np.arange(0.0, times[-1], STEP_S)
-    at = np.clip(np.searchsorted(times, t, side="right") - 1, 0, n - 2)
-    return Flight(float(times[-1]), first[at] * speed[at][:, None], a[at])
+    index = np.clip(np.searchsorted(times, t, side="right") - 1, 0, n - 2)
+    return Flight(float(times[-1]), first[index] * speed[index][:, None], a[index])
 
 
 def worst_speed(v: np.ndarray) -> float:

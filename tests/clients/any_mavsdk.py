@@ -49,19 +49,19 @@ class Drone:
         return getattr(self.telemetry, f"subscribe_{name}" if self.version == 4 else name)()
 
     async def until(
-        self, name: str, holds: Callable[[Any], object], what: str, within_s: float = 60.0
+        self, name: str, condition: Callable[[Any], object], what: str, within_s: float = 60.0
     ) -> Any:
-        """The first value of a telemetry stream for which `holds` is true.
+        """The first value of a telemetry stream for which `condition` is true.
 
         Raises:
-            SystemExit: there was none in time; the message has the last value.
+            SystemExit: there was no such value in time; the message has the last value.
         """
         last = None
         try:
             async with asyncio.timeout(within_s):
                 async for value in self.stream(name):
                     last = value
-                    if holds(value):
+                    if condition(value):
                         return value
         except TimeoutError:
             pass
@@ -87,8 +87,8 @@ async def connected(port: int) -> AsyncIterator[Drone]:
 
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
-            own_port = probe.getsockname()[1]
-        system = System(port=own_port)
+            server_port = probe.getsockname()[1]
+        system = System(port=server_port)
         try:
             async with asyncio.timeout(READY_S):
                 await system.connect(address)

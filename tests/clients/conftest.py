@@ -8,17 +8,17 @@ from collections.abc import Iterator
 import pytest
 
 from gcs_server.client import SyncGcs
-from tests.clients.watched import Watched
+from tests.clients.observed_vehicle import ObservedVehicle
 from tests.station import free_port, server, vehicle
 
 
 @pytest.fixture
-def watched() -> Iterator[Watched]:
+def observed() -> Iterator[ObservedVehicle]:
     """A vehicle that is ready to arm; no client is in control."""
     udp_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
     with (
         server([f"udpin://127.0.0.1:{udp_port}"]) as (url, _),
         vehicle(udp_port, tcp_port=tcp_port),
-        SyncGcs(url, client="watcher") as gcs,
+        SyncGcs(url, client="observer") as gcs,
     ):
-        yield Watched(tcp_port, gcs.wait_for_vehicle("101", ready=True))
+        yield ObservedVehicle(tcp_port, gcs.wait_for_vehicle("101", ready=True))

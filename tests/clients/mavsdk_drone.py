@@ -14,7 +14,7 @@ from mavsdk import System
 from tests.station import free_port, running, wait_until
 
 SPEED = 3
-"""As a multiple of real time; MAVSDK's timeouts use the real clock."""
+"""Speed of the simulation as a multiple of real time; MAVSDK's timeouts use the real clock."""
 TIMEOUT_S = 200.0
 """Limit for one test: a flight of two minutes, also on a machine too busy to run faster than real time."""
 T = TypeVar("T")
@@ -38,8 +38,8 @@ async def connected_drone(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
             )
             yield drone
         finally:
-            # Otherwise its helper process tries this port until the interpreter ends, even if another process
-            # uses it.
+            # Otherwise MAVSDK's helper process tries to connect to this port until the interpreter ends, even
+            # if another process uses the port.
             drone._stop_mavsdk_server()
 
 
@@ -50,19 +50,19 @@ def _listens(port: int) -> bool:
 
 
 async def until(
-    stream: AsyncIterator[T], holds: Callable[[T], object], what: str, within_s: float = 100.0
+    stream: AsyncIterator[T], condition: Callable[[T], object], what: str, within_s: float = 100.0
 ) -> T:
-    """The first value of a stream for which `holds` is true.
+    """The first value of a stream for which `condition` is true.
 
     Raises:
-        TimeoutError: there was none in time; the message has the last value.
+        TimeoutError: there was no such value in time; the message has the last value.
     """
     last: T | None = None
     try:
         async with asyncio.timeout(within_s):
             async for value in stream:
                 last = value
-                if holds(value):
+                if condition(value):
                     return value
     except TimeoutError:
         raise TimeoutError(f"no {what} within {within_s} s; the last value was {last}") from None
@@ -75,7 +75,7 @@ async def first(stream: AsyncIterator[T], within_s: float = 10) -> T:
 
 
 async def take_off(drone: System, height_m: float) -> None:
-    """Arms and takes off; ends in Hold."""
+    """Arms and takes off to a height above home."""
     await drone.action.set_takeoff_altitude(height_m)
     await drone.action.arm()
     await drone.action.takeoff()

@@ -21,9 +21,9 @@ GRAVITY_M_S2 = 9.80665
 SIDES = 6
 
 
-def check(holds: object, what: str) -> None:
-    """Ends the program with the message `what` unless `holds` is true."""
-    if not holds:
+def check(condition: object, what: str) -> None:
+    """Ends the program with the message `what` unless `condition` is true."""
+    if not condition:
         raise SystemExit(what)
 
 
@@ -38,8 +38,8 @@ async def first(stream: AsyncIterator[Any]) -> Any:
 async def request_mode(drone: Drone, request: Callable[[], Awaitable[None]], mode: str) -> None:
     """Requests a flight mode, up to three times.
 
-    PX4 acknowledges DO_SET_MODE twice. MAVSDK takes the second acknowledgement for that of its next
-    DO_SET_MODE, if this is queued, and then never sends it.
+    PX4 acknowledges DO_SET_MODE twice. MAVSDK mistakes the second acknowledgement for that of its next queued
+    DO_SET_MODE, which it then never sends.
     """
     for within_s in (15.0, 15.0, 60.0):
         await request()
@@ -80,14 +80,14 @@ async def mission_started_after_its_upload(drone: Drone, _: Path) -> None:
     await drone.mission_raw.start_mission()
     await drone.until("in_air", lambda flies: flies, "the take-off")
     await drone.until_disarmed()
-    place = await first(drone.stream("position"))
-    away_m = (place.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
+    position = await first(drone.stream("position"))
+    away_m = (position.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
     check(abs(away_m - 8.0) < 2.0, f"landed {away_m:.1f} m north of home instead of 8")
 
 
 async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
-    """Height has priority over horizontal motion, and the vehicle stays above the ground even if its target
-    height is zero."""
+    """The vehicle climbs before it moves horizontally, and stays above ground even if its target altitude is
+    below ground."""
     types = drone.types("follow_me")
     home = await first(drone.stream("home"))
     await drone.telemetry.set_rate_ground_truth(10.0)
@@ -121,26 +121,26 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     leader = asyncio.ensure_future(lead())
     low_and_away: list[Any] = []
 
-    def has_arrived(place: Any) -> bool:
-        north_m = (place.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
-        if north_m > 3.0 and place.relative_altitude_m < 12.0:
-            low_and_away.append(place)
+    def has_arrived(position: Any) -> bool:
+        north_m = (position.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
+        if north_m > 3.0 and position.relative_altitude_m < 12.0:
+            low_and_away.append(position)
         return north_m > 30.0
 
-    await drone.until("position", has_arrived, "the way to the target")
-    check(not low_and_away, f"moved over the ground before its height was reached: {low_and_away[:1]}")
+    await drone.until("position", has_arrived, "arrival near the target")
+    check(not low_and_away, f"moved horizontally before the altitude was reached: {low_and_away[:1]}")
 
     # Eight metres above a target that is thirty metres below the ground.
     target_alt_m = home.absolute_altitude_m - 30.0
     await drone.follow_me.set_config(config(8.0, "TARGET_GPS"))
-    await drone.until("ground_truth", lambda t: t.absolute_altitude_m - ground_m < 2.5, "the way down")
+    await drone.until("ground_truth", lambda t: t.absolute_altitude_m - ground_m < 2.5, "descent")
     lowest_m, values = math.inf, 0
     async for truth in drone.stream("ground_truth"):
         lowest_m, values = min(lowest_m, truth.absolute_altitude_m - ground_m), values + 1
         if values == 60:
             break
-    check(lowest_m > 0.2, f"came as low as {lowest_m:.2f} m over the ground")
-    check(await first(drone.stream("armed")), "disarmed: it has landed")
+    check(lowest_m > 0.2, f"descended to {lowest_m:.2f} m above ground")
+    check(await first(drone.stream("armed")), "landed and disarmed")
     leader.cancel()
 
 
@@ -181,7 +181,7 @@ async def files_in_ten_rounds(drone: Drone, folder: Path) -> None:
     """Ten rounds of directories, uploads, and downloads with and without burst: no session stays open."""
     ftp = drone.ftp
 
-    async def done(steps: AsyncIterator[Any]) -> None:
+    async def read_to_end(steps: AsyncIterator[Any]) -> None:
         async with asyncio.timeout(30.0):
             async for _ in steps:
                 pass
@@ -189,10 +189,11 @@ async def files_in_ten_rounds(drone: Drone, folder: Path) -> None:
     async def download(downloaded: Path, burst: bool) -> None:
         for attempts_left in (2, 1, 0):
             try:
-                return await done(ftp.download("/round/note.txt", str(downloaded), burst))
+                return await read_to_end(ftp.download("/round/note.txt", str(downloaded), burst))
             except Exception as error:
-                # If an answer takes half a second, MAVSDK 3 opens the file again under another number while
-                # the only session is in use. It closes that session and reports an error; a retry succeeds.
+                # If a reply takes half a second, MAVSDK 3 opens the file again with another sequence number
+                # while the only session is in use. Then MAVSDK closes the session and reports an error; a
+                # retry succeeds.
                 if "PROTOCOL_ERROR" not in str(error) or not attempts_left:
                     raise
 
@@ -200,7 +201,7 @@ async def files_in_ten_rounds(drone: Drone, folder: Path) -> None:
         sent = folder / "note.txt"
         sent.write_bytes(bytes((round_number + k) % 251 for k in range(1200)))
         await ftp.create_directory("/round")
-        await done(ftp.upload(str(sent), "/round"))
+        await read_to_end(ftp.upload(str(sent), "/round"))
         check(await ftp.are_files_identical(str(sent), "/round/note.txt"), "other bytes arrived")
         downloaded = folder / f"back{round_number}"
         downloaded.mkdir()
@@ -238,10 +239,11 @@ async def accelerometer_calibrated_on_all_sides(drone: Drone, _: Path) -> None:
     check(len(results) == SIDES, f"{SIDES} sides were measured, the vehicle reported {results}")
     for text in results:
         reading = [abs(float(word)) for word in text.rsplit("[", 1)[1].rstrip("] \t").split()]
-        off = max(
-            abs(value - rest) for value, rest in zip(sorted(reading), (0.0, 0.0, GRAVITY_M_S2), strict=True)
+        error = max(
+            abs(value - expected)
+            for value, expected in zip(sorted(reading), (0.0, 0.0, GRAVITY_M_S2), strict=True)
         )
-        check(off < 0.05, f"the offset is that of a single sample, not of the mean: {text}")
+        check(error < 0.05, f"the offset is that of a single sample, not of the mean: {text}")
 
 
 PROGRAMS: dict[str, Callable[[Drone, Path], Awaitable[None]]] = {

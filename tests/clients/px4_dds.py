@@ -127,6 +127,6 @@ class Subscription:
     def latest(self) -> Any:
         """The newest message; None before the first one."""
         for sample in self._reader.take(10):
-            if isinstance(sample, IdlStruct):  # or the notification that a writer has ended
+            if isinstance(sample, IdlStruct):  # not the notification that a writer has ended
                 self._latest = sample
         return self._latest

@@ -25,7 +25,7 @@ curl() {{
 
 
 def blocks(document: str, language: str, containing: str) -> list[str]:
-    """Fenced blocks of a document, in order."""
+    """Fenced blocks of this language with a text, in the order of the document."""
     text = (ROOT / document).read_text(encoding="utf-8")
     found = re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     return [block for block in found if containing in block]
@@ -62,9 +62,9 @@ def test_each_curl_call_of_the_document_works_in_order(document: str, address: s
     script = PRELUDE.format(failed=failed, speed=SPEED) + "\n".join(snippets).replace(
         "localhost:8080", address
     )
-    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=240)
-    assert not failed.exists(), f"{failed.read_text()}\n{done.stdout[-3000:]}"
-    assert done.returncode == 0, done.stderr
+    result = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=240)
+    assert not failed.exists(), f"{failed.read_text()}\n{result.stdout[-3000:]}"
+    assert result.returncode == 0, result.stderr
     with SyncGcs(f"http://{address}", client="docs") as gcs:
         gcs.vehicle("1").until_disarmed(timeout_s=120)
 
@@ -77,7 +77,7 @@ def test_each_python_program_of_the_document_runs(document: str, address: str, t
     for number, program in enumerate(blocks(document, "python", "localhost:8080")):
         file = tmp_path / f"program{number}.py"
         file.write_text(program.replace("localhost:8080", address), encoding="utf-8")
-        done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, timeout=240)
-        assert done.returncode == 0, done.stderr
+        result = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, timeout=240)
+        assert result.returncode == 0, result.stderr
         if document == "docs/api.md":
-            assert "1 attitude" in done.stdout
+            assert "1 attitude" in result.stdout

@@ -23,9 +23,9 @@ HEADER = Path("/usr/include/fastdds/dds/domain/DomainParticipant.hpp")
 DOMAIN = str(60 + os.getpid() % 10)
 NAMESPACE = f"fast_{os.getpid()}"
 STEPS = ["ready", "offboard", "armed", "airborne", "landing", "landed"]
-TURNED = {"type": "attitude", "q_ned_frd": [0.8, 0.0, 0.0, 0.6], "thrust": 0.4}
-COMMANDED = ["armed", "offboard", "setpoint 0.80 0.00 0.00 0.60, thrust -0.40", "hold"]
-"""What the vehicle of `vehicle.cpp` prints when the server has armed it, streamed `TURNED` and held."""
+ATTITUDE = {"type": "attitude", "q_ned_frd": [0.8, 0.0, 0.0, 0.6], "thrust": 0.4}
+EXPECTED_OUTPUT = ["armed", "offboard", "setpoint 0.80 0.00 0.00 0.60, thrust -0.40", "hold"]
+"""What the vehicle of `vehicle.cpp` prints when the server arms it, streams `ATTITUDE` and selects Hold."""
 Build = Callable[[str], str]
 
 
@@ -50,14 +50,16 @@ def test_a_fast_dds_program_flies_the_simulator_offboard(build: Build) -> None:
     command = [sys.executable, "-m", "vehicle_sim", "--ros2", DOMAIN, "--ros2-namespace", NAMESPACE]
     command += ["--gcs-remote-port", "0", "--no-api", "--no-log", "--tcp-port", str(station.free_port())]
     with station.running(command):
-        done = subprocess.run(
+        result = subprocess.run(
             [program, DOMAIN, NAMESPACE], capture_output=True, text=True, timeout=240, check=False
         )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == STEPS
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert [line.partition(":")[0] for line in result.stdout.splitlines()] == STEPS
 
 
-def test_the_server_reads_commands_and_streams_to_a_vehicle_on_fast_dds(build: Build, tmp_path: Path) -> None:
+def test_the_server_reads_telemetry_and_sends_commands_and_setpoints_over_fast_dds(
+    build: Build, tmp_path: Path
+) -> None:
     program, output = [build("vehicle"), DOMAIN, NAMESPACE], tmp_path / "printed"
     with (
         station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
@@ -70,17 +72,17 @@ def test_the_server_reads_commands_and_streams_to_a_vehicle_on_fast_dds(build: B
             return next(iter(http.get("/vehicles").json()), {"topics": {}})
 
         def call(name: str, body: dict[str, Any]) -> None:
-            answer = http.post(f"/vehicles/1/{name}", json=body)
-            assert answer.status_code == 200, answer.text
+            response = http.post(f"/vehicles/1/{name}", json=body)
+            assert response.status_code == 200, response.text
 
         station.wait_until(lambda: "attitude" in vehicle()["topics"], "the vehicle's attitude")
         call("arm", {})
-        call("offboard/start", {"setpoint": TURNED, "valid_for_s": 30, "on_expiry": {"action": "hold"}})
+        call("offboard/start", {"setpoint": ATTITUDE, "valid_for_s": 30, "on_expiry": {"action": "hold"}})
         station.wait_until(lambda: b"setpoint" in output.read_bytes(), "the setpoint")
         call("mode", {"mode": "hold"})
         status = vehicle()["status"]
         assert (status["armed"], status["mode"]) == (True, "hold")
-    assert output.read_text().splitlines() == COMMANDED
+    assert output.read_text().splitlines() == EXPECTED_OUTPUT
 
 
 def test_the_server_names_a_fast_dds_program_that_sends_malformed_messages(build: Build) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tests.clients.watched import Watched
+from tests.clients.observed_vehicle import ObservedVehicle
 from tests.station import running, wait_until
 
 LAT, LON = 47.3977432, 8.54559422
@@ -27,12 +27,14 @@ WaitForOutput = Callable[[bytes, str], None]
 
 
 @contextmanager
-def mavproxy(watched: Watched, folder: Path, modules: str) -> Generator[tuple[TypeCommand, WaitForOutput]]:
+def mavproxy(
+    observed: ObservedVehicle, folder: Path, modules: str
+) -> Generator[tuple[TypeCommand, WaitForOutput]]:
     """Runs MAVProxy on the vehicle's TCP port; yields functions to type a command and to wait for its
     output."""
     program = Path(sys.executable).parent / "mavproxy.py"
     log = folder / "mavproxy.txt"
-    command = [sys.executable, "-u", str(program), f"--master=tcp:127.0.0.1:{watched.tcp_port}"]
+    command = [sys.executable, "-u", str(program), f"--master=tcp:127.0.0.1:{observed.tcp_port}"]
     command += [f"--state-basedir={folder}", f"--default-modules={modules}", "--source-system=250"]
     with (
         log.open("wb") as output,
@@ -47,26 +49,26 @@ def mavproxy(watched: Watched, folder: Path, modules: str) -> Generator[tuple[Ty
             stdin.write(f"{text}\n".encode())
             stdin.flush()
 
-        def wait_for_output(words: bytes, what: str) -> None:
-            wait_until(lambda: words in log.read_bytes(), what, 40)
+        def wait_for_output(text: bytes, what: str) -> None:
+            wait_until(lambda: text in log.read_bytes(), what, 40)
 
         yield type_command, wait_for_output
 
 
-def test_mavproxy_loads_parameters_arms_and_takes_off(watched: Watched, tmp_path: Path) -> None:
-    with mavproxy(watched, tmp_path, "param,cmdlong,arm,mode") as (type_command, wait_for_output):
+def test_mavproxy_loads_parameters_arms_and_takes_off(observed: ObservedVehicle, tmp_path: Path) -> None:
+    with mavproxy(observed, tmp_path, "param,cmdlong,arm,mode") as (type_command, wait_for_output):
         wait_for_output(b"Received 929 parameters", "the parameters")
         type_command("arm throttle")
-        watched.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
+        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
         type_command("long NAV_TAKEOFF -1 0 0 nan nan nan nan")
-        watched.drone.until(
+        observed.drone.until(
             lambda v: v["status"]["landed_state"] in ("taking_off", "in_air"), timeout_s=60, what="lift-off"
         )
-        watched.drone.until(
+        observed.drone.until(
             lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="the take-off altitude"
         )
         type_command("long NAV_LAND 0 0 0 nan nan nan nan")
-        watched.drone.until_disarmed(timeout_s=120)
+        observed.drone.until_disarmed(timeout_s=120)
 
 
 FTP_ERRORS = (b"request timed out", b"no sessions available", b"Remove failed", b"Create directory failed")
@@ -74,10 +76,11 @@ FTP_ERRORS = (b"request timed out", b"no sessions available", b"Remove failed", 
 
 
 def test_mavproxy_connects_and_creates_directories_at_the_first_request(
-    watched: Watched, tmp_path: Path
+    observed: ObservedVehicle, tmp_path: Path
 ) -> None:
-    with mavproxy(watched, tmp_path, "ftp,param") as (type_command, wait_for_output):
-        # It first looks for a parameter file, and requests the parameter list if the vehicle has none.
+    with mavproxy(observed, tmp_path, "ftp,param") as (type_command, wait_for_output):
+        # MAVProxy first looks for a parameter file, and requests the parameter list if the vehicle has no
+        # file.
         wait_for_output(b"Received 929 parameters", "the parameters")
         for n in range(10):
             type_command(f"ftp mkdir folder{n}")
@@ -85,14 +88,14 @@ def test_mavproxy_connects_and_creates_directories_at_the_first_request(
         type_command("ftp list /")
         wait_for_output(b"folder9", "the last directory in the list")
         output = (tmp_path / "mavproxy.txt").read_bytes()
-        assert [words for words in FTP_ERRORS if words in output] == []
+        assert [error for error in FTP_ERRORS if error in output] == []
 
 
-def test_mavproxy_uploads_waypoints_which_are_flown_and_reads_them_back(
-    watched: Watched, tmp_path: Path
+def test_mavproxy_uploads_waypoints_and_reads_them_back_and_the_vehicle_flies_them(
+    observed: ObservedVehicle, tmp_path: Path
 ) -> None:
     (tmp_path / "plan.txt").write_text(WAYPOINTS, encoding="utf-8")
-    with mavproxy(watched, tmp_path, "param,cmdlong,arm,wp") as (type_command, wait_for_output):
+    with mavproxy(observed, tmp_path, "param,cmdlong,arm,wp") as (type_command, wait_for_output):
         wait_for_output(b"Received 929 parameters", "the parameters")
         type_command("wp load plan.txt")
         wait_for_output(b"Loaded 3 waypoints from plan.txt", "the file read")
@@ -104,10 +107,10 @@ def test_mavproxy_uploads_waypoints_which_are_flown_and_reads_them_back(
         assert abs(float(rows[1][8]) - (LAT + NORTH_M / METRES_PER_DEGREE)) < 1e-6
         # MAVProxy's `mode` command does not support PX4's modes.
         type_command("long DO_SET_MODE 1 4 4 0 0 0 0")
-        watched.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")
+        observed.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")
         type_command("arm throttle")
-        watched.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
-        watched.drone.until_disarmed(timeout_s=180)
-        north_m = [value["position_ned_m"][0] for value in watched.history("local_position")]
+        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
+        observed.drone.until_disarmed(timeout_s=180)
+        north_m = [value["position_ned_m"][0] for value in observed.history("local_position")]
         assert math.isclose(max(north_m), NORTH_M, abs_tol=1.5), "over the second waypoint, and landed there"
-        assert max(-value["position_ned_m"][2] for value in watched.history("local_position")) > 7.0
+        assert max(-value["position_ned_m"][2] for value in observed.history("local_position")) > 7.0

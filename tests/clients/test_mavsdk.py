@@ -15,7 +15,7 @@ import pytest
 from mavsdk import System
 from mavsdk.offboard import PositionNedYaw
 
-from tests.clients.watched import Watched
+from tests.clients.observed_vehicle import ObservedVehicle
 from tests.station import free_port
 
 
@@ -30,14 +30,14 @@ def reached(values: list[dict[str, Any]], roll_deg: float, pitch_deg: float) -> 
 
 
 def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
-    shared: Path, watched: Watched, tmp_path: Path
+    shared: Path, observed: ObservedVehicle, tmp_path: Path
 ) -> None:
     files = sorted((shared / "seeds").glob("000*.txt"))
     if not files:
         pytest.skip("the document with the gimbal program is not beside this checkout")
     text = files[0].read_text(encoding="utf-8")
     program = text[text.rindex("#!/usr/bin/env python3") :]
-    program, replaced = re.subn(r"tcpout://[\d.]+:5760", f"tcpout://127.0.0.1:{watched.tcp_port}", program)
+    program, replaced = re.subn(r"tcpout://[\d.]+:5760", f"tcpout://127.0.0.1:{observed.tcp_port}", program)
     assert replaced == 1
     path = tmp_path / "program.py"
     path.write_text(program, encoding="utf-8")
@@ -52,28 +52,30 @@ def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
     assert not [line for line in lines if "failed" in line.lower()]
     assert lines[-1] == "--- Test Complete. Disarming. ---"
 
-    seen = watched.history("gimbal")
+    gimbal_states = observed.history("gimbal")
     # The program requests 90°; PX4's servo outputs reach half of MNT_RANGE_ROLL and MNT_RANGE_PITCH (90°) to
     # each side.
-    assert reached(seen, roll_deg=45, pitch_deg=0)
-    assert reached(seen, roll_deg=0, pitch_deg=45)
-    assert {tuple(value["primary_control"] or ()) for value in seen} > {()}, "control requested and released"
+    assert reached(gimbal_states, roll_deg=45, pitch_deg=0)
+    assert reached(gimbal_states, roll_deg=0, pitch_deg=45)
+    assert {tuple(value["primary_control"] or ()) for value in gimbal_states} > {()}, (
+        "control requested and released"
+    )
     # The program ends after the acknowledgement; the next heartbeat shows disarmed within a second.
-    watched.drone.until_disarmed(timeout_s=10)
+    observed.drone.until_disarmed(timeout_s=10)
 
 
-def test_mavsdk_arms_takes_off_flies_offboard_and_lands(watched: Watched) -> None:
-    asyncio.run(_fly(watched.tcp_port))
+def test_mavsdk_arms_takes_off_flies_offboard_and_lands(observed: ObservedVehicle) -> None:
+    asyncio.run(_fly(observed.tcp_port))
 
-    modes = [value["mode"] for value in watched.history("status")]
+    modes = [value["mode"] for value in observed.history("status")]
     assert [mode for mode in ("takeoff", "offboard", "land") if mode in modes] == [
         "takeoff",
         "offboard",
         "land",
     ]
-    north_m = [value["position_ned_m"][0] for value in watched.history("local_position")]
+    north_m = [value["position_ned_m"][0] for value in observed.history("local_position")]
     assert max(north_m) == pytest.approx(4, abs=1.2)
-    assert watched.drone.status()["landed_state"] == "on_ground"
+    assert observed.drone.status()["landed_state"] == "on_ground"
 
 
 async def _fly(tcp_port: int) -> None:

@@ -34,16 +34,16 @@ async def _photograph(folder: Path) -> None:
         await camera.set_mode(camera_id, Mode.PHOTO)
         assert await camera.get_mode(camera_id) is Mode.PHOTO
         update = await until(
-            camera.storage(), lambda storage: storage.component_id == camera_id, "its storage", 20
+            camera.storage(), lambda storage: storage.component_id == camera_id, "the camera's storage", 20
         )
         assert update.storage.total_storage_mib == pytest.approx(32 * 1024)
         assert update.storage.storage_id == 1
 
-        taken = _Collector(camera.capture_info())
+        captured = _Collector(camera.capture_info())
         await asyncio.sleep(0.5)
         await camera.take_photo(camera_id)
-        await _within(lambda: len(taken.values) == 1, "the first picture")
-        picture = taken.values[0]
+        await _wait_until(lambda: len(captured.values) == 1, "the first picture")
+        picture = captured.values[0]
         home = await first(drone.telemetry.home())
         assert picture.is_success
         assert picture.position.latitude_deg == pytest.approx(home.latitude_deg, abs=2e-5)
@@ -53,16 +53,16 @@ async def _photograph(folder: Path) -> None:
         assert (folder / Path(path).name).read_bytes()[:2] == b"\xff\xd8", "a JPEG"
 
         await camera.start_photo_interval(camera_id, 1.0)
-        await _within(lambda: len(taken.values) >= 4, "a series of pictures")
+        await _wait_until(lambda: len(captured.values) >= 4, "a series of pictures")
         await camera.stop_photo_interval(camera_id)
-        taken.task.cancel()
+        captured.task.cancel()
         photos = await camera.list_photos(camera_id, PhotosRange.ALL)
         assert [photo.index for photo in photos] == list(range(len(photos)))
         assert len(photos) >= 4
 
         await camera.zoom_range(camera_id, 50.0)
-        await _refused(camera.start_video(camera_id))
-        await _refused(camera.track_point(camera_id, 0.5, 0.5, 0.1))
+        await _assert_refused(camera.start_video(camera_id))
+        await _assert_refused(camera.track_point(camera_id, 0.5, 0.5, 0.1))
         await camera.reset_settings(camera_id)
         await camera.format_storage(camera_id, 1)
         with pytest.raises(FtpError) as missing:
@@ -71,7 +71,7 @@ async def _photograph(folder: Path) -> None:
 
 
 class _Collector:
-    """All values of a stream from now on."""
+    """Collects all values of a stream from now on."""
 
     def __init__(self, stream: AsyncIterator[Any]) -> None:
         self.values: list[Any] = []
@@ -82,17 +82,17 @@ class _Collector:
             self.values.append(value)
 
 
-async def _within(holds: Any, what: str, seconds: float = 20.0) -> None:
+async def _wait_until(condition: Any, what: str, seconds: float = 20.0) -> None:
     try:
         async with asyncio.timeout(seconds):
-            while not holds():  # noqa: ASYNC110 - the condition depends on a stream
+            while not condition():  # noqa: ASYNC110 - the condition depends on a stream
                 await asyncio.sleep(0.05)
     except TimeoutError:
         raise TimeoutError(f"no {what} within {seconds} s") from None
 
 
-async def _refused(request: Any) -> None:
-    """Video and tracking are refused."""
+async def _assert_refused(request: Any) -> None:
+    """Checks that the camera refuses this request."""
     with pytest.raises(CameraError) as refused:
         await request
     assert refused.value._result.result in (

@@ -19,16 +19,16 @@ METRES_PER_DEGREE = 111_195.0
 pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
 
-def offset(at: Position, north_m: float, east_m: float) -> tuple[float, float]:
-    """Latitude and longitude at this distance from a position."""
-    per_degree = METRES_PER_DEGREE * math.cos(math.radians(at.latitude_deg))
-    return at.latitude_deg + north_m / METRES_PER_DEGREE, at.longitude_deg + east_m / per_degree
+def offset(position: Position, north_m: float, east_m: float) -> tuple[float, float]:
+    """Latitude and longitude of a point north and east of a position."""
+    per_degree = METRES_PER_DEGREE * math.cos(math.radians(position.latitude_deg))
+    return position.latitude_deg + north_m / METRES_PER_DEGREE, position.longitude_deg + east_m / per_degree
 
 
-def distance_m(at: Position, lat_deg: float, lon_deg: float) -> float:
+def distance_m(position: Position, lat_deg: float, lon_deg: float) -> float:
     per_degree = METRES_PER_DEGREE * math.cos(math.radians(lat_deg))
     return math.hypot(
-        (at.latitude_deg - lat_deg) * METRES_PER_DEGREE, (at.longitude_deg - lon_deg) * per_degree
+        (position.latitude_deg - lat_deg) * METRES_PER_DEGREE, (position.longitude_deg - lon_deg) * per_degree
     )
 
 
@@ -56,7 +56,9 @@ async def _goto_orbit_and_return() -> None:
 
         lat, lon = offset(home, 15.0, 5.0)
         await drone.action.goto_location(lat, lon, home.absolute_altitude_m + 10.0, 90.0)
-        arrived_at = await until(drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 1.0, "there")
+        arrived_at = await until(
+            drone.telemetry.position(), lambda p: distance_m(p, lat, lon) < 1.0, "arrival"
+        )
         assert arrived_at.relative_altitude_m == pytest.approx(10.0, abs=1.5)
         await until(drone.telemetry.heading(), lambda h: abs(h.heading_deg - 90.0) < 5.0, "heading east")
 
@@ -64,14 +66,14 @@ async def _goto_orbit_and_return() -> None:
         await drone.action.do_orbit(
             6.0, 3.0, OrbitYawBehavior.HOLD_FRONT_TO_CIRCLE_CENTER, lat, lon, home.absolute_altitude_m + 10.0
         )
-        seen: set[int] = set()
+        sectors: set[int] = set()
 
         def is_full_circle(position: Position) -> bool:
             away_m = distance_m(position, lat, lon)
             if abs(away_m - 6.0) < 1.0:
                 angle = math.atan2(position.longitude_deg - lon, position.latitude_deg - lat)
-                seen.add(round(angle / math.radians(45.0)) % 8)
-            return len(seen) == 8
+                sectors.add(round(angle / math.radians(45.0)) % 8)
+            return len(sectors) == 8
 
         await until(drone.telemetry.position(), is_full_circle, "a whole circle at 6 m")
 
@@ -138,28 +140,28 @@ def test_manual_control_flies_position_and_altitude() -> None:
 
 async def _manual() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
-        wanted = [0.0, 0.0, 0.5, 0.0]
+        sticks = [0.0, 0.0, 0.5, 0.0]
 
-        async def sticks() -> None:
+        async def send_sticks() -> None:
             while True:
-                await drone.manual_control.set_manual_control_input(*wanted)
+                await drone.manual_control.set_manual_control_input(*sticks)
                 await asyncio.sleep(0.03)
 
-        pilot_task = asyncio.ensure_future(sticks())
+        pilot_task = asyncio.ensure_future(send_sticks())
         await asyncio.sleep(0.3)
         await take_off(drone, 5.0)
         await drone.manual_control.start_position_control()
         await _until_mode(drone, FlightMode.POSCTL)
-        wanted[:] = [0.6, 0.0, 0.5, 0.0]
+        sticks[:] = [0.6, 0.0, 0.5, 0.0]
         ned = drone.telemetry.position_velocity_ned
         await until(ned(), lambda n: n.velocity.north_m_s > 1.5, "forward flight by stick")
-        wanted[:] = [0.0, 0.0, 0.5, 0.0]
+        sticks[:] = [0.0, 0.0, 0.5, 0.0]
         await until(ned(), lambda n: abs(n.velocity.north_m_s) < 0.4, "a stop after the stick is released")
         await drone.manual_control.start_altitude_control()
         await _until_mode(drone, FlightMode.ALTCTL)
-        wanted[:] = [0.0, 0.0, 1.0, 0.0]
+        sticks[:] = [0.0, 0.0, 1.0, 0.0]
         await until(ned(), lambda n: n.velocity.down_m_s < -1.5, "a climb by throttle")
-        wanted[:] = [0.0, 0.0, 0.5, 0.0]
+        sticks[:] = [0.0, 0.0, 0.5, 0.0]
         await until(ned(), lambda n: abs(n.velocity.down_m_s) < 0.3, "constant altitude")
         await land(drone)
         pilot_task.cancel()

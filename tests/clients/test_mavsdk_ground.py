@@ -26,22 +26,22 @@ BUSY_S = 1.0
 """Like PX4, the vehicle denies a calibration for 0.6 s after it has reported the end of another."""
 
 
-async def all_of(stream: AsyncIterator[Any]) -> list[Any]:
+async def all_values(stream: AsyncIterator[Any]) -> list[Any]:
     return [value async for value in stream]
 
 
 def test_parameters_console_files_and_logs_are_read_and_written(tmp_path: Path) -> None:
-    asyncio.run(_stores(tmp_path))
+    asyncio.run(_read_and_write(tmp_path))
 
 
-async def _stores(folder: Path) -> None:
+async def _read_and_write(folder: Path) -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         await _parameters(drone)
         await _console(drone)
         await _files(drone, folder)
         (entry,) = await drone.log_files.get_entries()
         log = folder / "log.ulg"
-        await all_of(drone.log_files.download_log_file(entry, str(log)))
+        await all_values(drone.log_files.download_log_file(entry, str(log)))
         assert log.stat().st_size == entry.size_bytes
         assert "vehicle_local_position" in {data.name for data in ULog(str(log)).data_list}
 
@@ -59,12 +59,10 @@ async def _parameters(drone: System) -> None:
 
 
 async def _console(drone: System) -> None:
-    answer = asyncio.ensure_future(
-        until(drone.shell.receive(), lambda text: "HW arch" in text, "an answer", 30)
-    )
+    reply = asyncio.ensure_future(until(drone.shell.receive(), lambda text: "HW arch" in text, "a reply", 30))
     await asyncio.sleep(0.5)
     await drone.shell.send("ver all")
-    assert "SITL" in await answer
+    assert "SITL" in await reply
 
 
 async def _files(drone: System, folder: Path) -> None:
@@ -72,12 +70,12 @@ async def _files(drone: System, folder: Path) -> None:
     sent = folder / "note.txt"
     sent.write_text("as it was\n" * 300, encoding="utf-8")
     await ftp.create_directory("/notes")
-    await all_of(ftp.upload(str(sent), "/notes"))
+    await all_values(ftp.upload(str(sent), "/notes"))
     assert await ftp.are_files_identical(str(sent), "/notes/note.txt")
     for burst in (False, True):
         downloaded = folder / f"back-{burst}"
         downloaded.mkdir()
-        await all_of(ftp.download("/notes/note.txt", str(downloaded), burst))
+        await all_values(ftp.download("/notes/note.txt", str(downloaded), burst))
         assert (downloaded / "note.txt").read_bytes() == sent.read_bytes()
     await ftp.rename("/notes/note.txt", "/notes/other.txt")
     assert [name for name in (await ftp.list_directory("/notes")).files if "other.txt" in name]
@@ -139,14 +137,14 @@ def test_calibration_runs_to_its_end_or_is_cancelled() -> None:
 async def _calibrate() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         for what in ("calibrate_gyro", "calibrate_level_horizon"):
-            steps = await all_of(getattr(drone.calibration, what)())
+            steps = await all_values(getattr(drone.calibration, what)())
             assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
             await asyncio.sleep(BUSY_S)
         with pytest.raises(CalibrationError) as failed:
             # The vehicle stays on its first side.
-            await all_of(drone.calibration.calibrate_accelerometer())
+            await all_values(drone.calibration.calibrate_accelerometer())
         assert failed.value._result.result is CalibrationResult.Result.FAILED
-        calibration = asyncio.ensure_future(all_of(drone.calibration.calibrate_magnetometer()))
+        calibration = asyncio.ensure_future(all_values(drone.calibration.calibrate_magnetometer()))
         await asyncio.sleep(2.0)
         await drone.calibration.cancel()
         with pytest.raises(CalibrationError) as cancelled:
@@ -167,7 +165,7 @@ async def _gimbal() -> None:
         owner = await until(
             gimbal.control_status(),
             lambda status: status.control_mode is ControlMode.PRIMARY,
-            "control of it",
+            "control of the gimbal",
         )
         assert owner.sysid_primary_control == 245
         await gimbal.set_angles(gimbal_id, 0.0, -20.0, 30.0, GimbalMode.YAW_FOLLOW, SendMode.ONCE)
@@ -192,5 +190,7 @@ async def _gimbal() -> None:
         )
         await gimbal.release_control(gimbal_id)
         await until(
-            gimbal.control_status(), lambda status: status.control_mode is ControlMode.NONE, "its release"
+            gimbal.control_status(),
+            lambda status: status.control_mode is ControlMode.NONE,
+            "release of the gimbal",
         )

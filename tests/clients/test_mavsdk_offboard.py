@@ -42,12 +42,12 @@ async def _fly() -> None:
         await until(drone.telemetry.flight_mode(), lambda mode: mode is FlightMode.OFFBOARD, "Offboard")
         await until(drone.telemetry.heading(), lambda h: abs(h.heading_deg - 90.0) < 4.0, "nose to the east")
         await drone.offboard.set_position_ned(PositionNedYaw(5.0, 3.0, -6.0, 0.0))
-        await _moves(drone, "5 m north", lambda n: math.dist(_place(n), (5.0, 3.0, -6.0)) < 1.0)
+        await _until_motion(drone, "5 m north", lambda n: math.dist(_position(n), (5.0, 3.0, -6.0)) < 1.0)
 
         await drone.offboard.set_velocity_ned(VelocityNedYaw(0.0, -2.0, 0.0, 0.0))
-        await _moves(drone, "west at 2 m/s", lambda n: n.velocity.east_m_s < -1.4)
+        await _until_motion(drone, "west at 2 m/s", lambda n: n.velocity.east_m_s < -1.4)
         await drone.offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 2.0, 0.0, 0.0))
-        await _moves(drone, "to the right, which is east", lambda n: n.velocity.east_m_s > 1.4)
+        await _until_motion(drone, "to the right, which is east", lambda n: n.velocity.east_m_s > 1.4)
         await drone.offboard.set_velocity_body(VelocityBodyYawspeed(0.0, 0.0, 0.0, 60.0))
         await until(
             drone.telemetry.attitude_angular_velocity_body(),
@@ -57,13 +57,15 @@ async def _fly() -> None:
         await drone.offboard.set_position_velocity_ned(
             PositionNedYaw(0.0, 0.0, -7.0, 0.0), VelocityNedYaw(0.0, 0.0, 0.0, 0.0)
         )
-        await _moves(drone, "back over the start", lambda n: math.dist(_place(n), (0.0, 0.0, -7.0)) < 1.0)
+        await _until_motion(
+            drone, "back over the start", lambda n: math.dist(_position(n), (0.0, 0.0, -7.0)) < 1.0
+        )
         await drone.offboard.set_position_velocity_acceleration_ned(
             PositionNedYaw(0.0, 4.0, -7.0, 0.0),
             VelocityNedYaw(0.0, 0.0, 0.0, 0.0),
             AccelerationNed(0.0, 0.0, 0.0),
         )
-        await _moves(drone, "4 m to the east", lambda n: n.position.east_m > 3.0)
+        await _until_motion(drone, "4 m to the east", lambda n: n.position.east_m > 3.0)
 
         home = await until(drone.telemetry.home(), lambda _: True, "home")
         await drone.offboard.set_position_global(
@@ -80,7 +82,7 @@ async def _fly() -> None:
         )
 
         await drone.offboard.set_acceleration_ned(AccelerationNed(1.5, 0.0, 0.0))
-        await _moves(drone, "accelerating to the north", lambda n: n.velocity.north_m_s > 1.0)
+        await _until_motion(drone, "accelerating to the north", lambda n: n.velocity.north_m_s > 1.0)
         await drone.offboard.set_attitude(Attitude(0.0, 8.0, 0.0, 0.52))
         await until(drone.telemetry.attitude_euler(), lambda a: a.pitch_deg > 6.0, "pitch up")
         await drone.offboard.set_attitude_rate(AttitudeRate(0.0, 0.0, 45.0, 0.52))
@@ -96,10 +98,10 @@ async def _fly() -> None:
         await land(drone)
 
 
-def _place(ned: PositionVelocityNed) -> tuple[float, float, float]:
+def _position(ned: PositionVelocityNed) -> tuple[float, float, float]:
     return ned.position.north_m, ned.position.east_m, ned.position.down_m
 
 
-async def _moves(drone: System, what: str, holds: object) -> None:
-    assert callable(holds)
-    await until(drone.telemetry.position_velocity_ned(), holds, what)
+async def _until_motion(drone: System, what: str, condition: object) -> None:
+    assert callable(condition)
+    await until(drone.telemetry.position_velocity_ned(), condition, what)

@@ -16,6 +16,7 @@ from mavsdk.telemetry import FlightMode
 from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
 
 LAT, LON = 47.3977432, 8.54559422
+WAYPOINT, LAND, TAKEOFF, FENCE_VERTEX, RALLY_POINT = 16, 21, 22, 5001, 5100
 
 pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
 
@@ -89,14 +90,14 @@ async def _raw() -> None:
         plans = drone.mission_raw
         changed = asyncio.ensure_future(first(plans.mission_changed(), 40))
         await asyncio.sleep(0.2)
-        items = [raw(0, 22, up_m=10.0), raw(1, 16, north_m=20.0, up_m=10.0), raw(2, 21)]
+        items = [raw(0, TAKEOFF, up_m=10.0), raw(1, WAYPOINT, north_m=20.0, up_m=10.0), raw(2, LAND)]
         await plans.upload_mission(items)
         downloaded = await plans.download_mission()
         assert [(each.seq, each.command, each.x, each.z) for each in downloaded] == [
             (each.seq, each.command, each.x, each.z) for each in items
         ]
         assert await changed
-        # The stream has only changes: a later subscriber misses earlier ones.
+        # The stream contains only changes, so the subscription begins before the change.
         second = asyncio.ensure_future(
             until(
                 plans.mission_progress(),
@@ -109,10 +110,10 @@ async def _raw() -> None:
         await plans.set_current_mission_item(1)
         await second
         corners = [(-50.0, 0), (50.0, 1), (60.0, 2)]
-        fence = [raw(k, 5001, frame=5, kind=1, p1=3.0, north_m=n) for n, k in corners]
+        fence = [raw(k, FENCE_VERTEX, frame=5, kind=1, p1=3.0, north_m=n) for n, k in corners]
         await plans.upload_geofence(fence)
         assert [each.x for each in await plans.download_geofence()] == [each.x for each in fence]
-        rally = [raw(0, 5100, frame=3, kind=2, north_m=15.0, up_m=12.0)]
+        rally = [raw(0, RALLY_POINT, frame=3, kind=2, north_m=15.0, up_m=12.0)]
         await plans.upload_rally_points(rally)
         assert [each.x for each in await plans.download_rallypoints()] == [rally[0].x]
 
@@ -153,7 +154,7 @@ async def _imported() -> None:
         await drone.action.arm()
         await plans.start_mission()
         await until(drone.telemetry.in_air(), lambda flies: flies, "the take-off")
-        await until(drone.telemetry.armed(), lambda armed: not armed, "the landing at its end")
+        await until(drone.telemetry.armed(), lambda armed: not armed, "the landing at the end")
         landed_at = await first(drone.telemetry.position())
         assert landed_at.latitude_deg == pytest.approx(LAT + 1.5e-4, abs=1.5e-5)
 

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MAVSDK_4 = Path(sys.prefix) / "mavsdk4"
 """The folder where `make test-clients` installs MAVSDK 4, a package of the same name."""
 SPEED = 3
-"""As a multiple of real time; MAVSDK's timeouts use the real clock."""
+"""Speed of the simulation as a multiple of real time; MAVSDK's timeouts use the real clock."""
 
 
 def _listens(port: int) -> bool:
@@ -29,7 +29,7 @@ def _listens(port: int) -> bool:
 
 def _vehicle(program: str, port: int) -> list[str]:
     if program == "accelerometer_calibrated_on_all_sides":
-        return ["tests.clients.held_vehicle", str(port), str(SPEED)]
+        return ["tests.clients.turned_vehicle", str(port), str(SPEED)]
     command = ["vehicle_sim", "--no-api", "--no-log", "--gcs-local-port", "0", "--speed", str(SPEED)]
     return [*command, "--gcs-remote-port", str(free_port()), "--tcp-port", str(port)]
 
@@ -46,9 +46,9 @@ def test_a_users_program_runs_to_its_end(version: int, program: str, tmp_path: P
     port = free_port(socket.SOCK_STREAM)
     with running([sys.executable, "-m", *_vehicle(program, port)], cwd=ROOT):
         wait_until(lambda: _listens(port), "the simulator's start", 60)
-        done = subprocess.run(
+        result = subprocess.run(
             [sys.executable, "-m", "tests.clients.mavsdk_programs", program, str(port), str(tmp_path)],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(path)},
             cwd=ROOT, capture_output=True, text=True, timeout=270, check=False,
         )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-2000:]
+    assert result.returncode == 0, result.stderr[-2000:]

@@ -1,13 +1,14 @@
-"""Compares the simulator's answers in a dialogue with PX4's, field by field.
+"""Compares the simulator's messages in a dialogue with PX4's, field by field.
 
 Rules, in addition to the tolerances below:
 
 - Messages of one kind are aligned in their order; a kind is the name and the key (command, text, parameter,
 event).
 - `rules.py` lists the differences caused by the recording and not by the vehicle, each with its bound.
-- An arming report must have the content of one that was valid in that time: PX4 sends them at times of its
-own.
-- Each recorded state message (such as HEARTBEAT) must equal one that the simulator sent in that time.
+- An arming report must have the content of a report that was valid during the dialogue: PX4 chooses when it
+sends one.
+- Each recorded state message (such as HEARTBEAT) must equal a message that the simulator sent during the
+dialogue.
 - The recording sampled mode, arming and landed state after the dialogue at 1 Hz: any value of the last second
 is accepted.
 """
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tests.contract import rules
-from tests.contract.driver import Answer
+from tests.contract.driver import DialogueResult
 from tests.contract.recordings import STATE_MESSAGES, TELEMETRY, Dialogue, value_of
 from tests.contract.replay_vehicle import Received
 from vehicle_sim.autopilot.announcer import EVENTS
@@ -104,8 +105,8 @@ downward acceleration is within MPC_Z_VEL_P_ACC (4) times the velocity's toleran
 Row = tuple[str, str, Any, Any]
 RATE_TOLERANCE = 0.1
 THINNED_TO = (16, 32)
-"""Of a long series of one kind the recordings keep the first twelve and the last four, twice if it was
-interrupted."""
+"""Number of messages that the recordings keep of a long series of one kind: the first twelve and the last
+four, twice if the series was interrupted."""
 CALIBRATED, CALIBRATION_TOLERANCE = ("CAL_", "SENS_BOARD_"), 0.3
 """Prefixes of parameters that a calibration measures, and their tolerance in the parameter's unit."""
 FULL_TURN = {
@@ -125,46 +126,48 @@ class Difference:
     message: str
     field: str
     px4: Any
-    ours: Any
+    simulated: Any
 
     def __str__(self) -> str:
-        return f"{self.dialogue} | {self.message} | {self.field} | {self.px4} | {self.ours}"
+        return f"{self.dialogue} | {self.message} | {self.field} | {self.px4} | {self.simulated}"
 
 
-def compare(dialogue: Dialogue, answer: Answer, hashes: rules.Hashes | None = None) -> list[Difference]:
+def compare(
+    dialogue: Dialogue, result: DialogueResult, hashes: rules.Hashes | None = None
+) -> list[Difference]:
     """All differences of one dialogue; `hashes` are the parameter hashes received earlier in its session."""
     name = dialogue["id"]
     for entry in dialogue["received"]:
         if "decoded" in entry:
             EVENT_NAMES.setdefault(entry["fields"]["id"], entry["decoded"]["name"])
-    theirs = [
+    recorded = [
         Received(e["dt_s"], e["msg"], {k: value_of(v) for k, v in e["fields"].items()})
         for e in dialogue["received"]
         if "link" not in e
     ]
     out: list[Row] = []
-    out += _reports(theirs, answer)
-    out += _states(theirs, answer)
-    ours = [h for h in answer.received if h.name not in STATE_MESSAGES and not _in_report(h)]
-    real = [h for h in theirs if h.name not in STATE_MESSAGES and not _in_report(h)]
-    ours, real = (
+    out += _reports(recorded, result)
+    out += _states(recorded, result)
+    simulated = [m for m in result.received if m.name not in STATE_MESSAGES and not _in_report(m)]
+    real = [m for m in recorded if m.name not in STATE_MESSAGES and not _in_report(m)]
+    simulated, real = (
         [
-            h
-            for h in side
-            if h.name != "PARAM_VALUE" or h.values["param_id"] not in answer.set_before or _reads(dialogue)
+            m
+            for m in side
+            if m.name != "PARAM_VALUE" or m.values["param_id"] not in result.set_before or _reads(dialogue)
         ]
-        for side in (ours, real)
+        for side in (simulated, real)
     )
     summary = dialogue.get("summary", {})
     thinned = "received_total" in dialogue or "kept" in summary or "messages_received" in summary
-    ours = rules.ends(ours, dialogue.get("note"))
-    ours, real = rules.without_earlier_repeats(ours), rules.without_earlier_repeats(real)
-    ours = rules.without_edge(ours, real, dialogue["window_s"])
-    for kind in dict.fromkeys(h.name for h in (*real, *ours)):
-        cut = "received_total" in dialogue and sum(h.name == kind for h in theirs) in THINNED_TO
-        out += _align(kind, _joined(real, kind), _joined(ours, kind), thinned, cut)
+    simulated = rules.ends(simulated, dialogue.get("note"))
+    simulated, real = rules.without_earlier_repeats(simulated), rules.without_earlier_repeats(real)
+    simulated = rules.without_edge(simulated, real, dialogue["window_s"])
+    for kind in dict.fromkeys(m.name for m in (*real, *simulated)):
+        cut = "received_total" in dialogue and sum(m.name == kind for m in recorded) in THINNED_TO
+        out += _align(kind, _joined(real, kind), _joined(simulated, kind), thinned, cut)
     out = (hashes or rules.Hashes()).without_hashes(out)
-    out += _end(dialogue, answer)
+    out += _end(dialogue, result)
     return [Difference(name, *row) for row in out]
 
 
@@ -182,20 +185,20 @@ def _in_report(message: Received) -> bool:
 
 
 def _joined(messages: list[Received], kind: str) -> list[Received]:
-    same = [h for h in messages if h.name == kind]
+    same = [m for m in messages if m.name == kind]
     if kind == "STATUSTEXT":
         texts: dict[int, Received] = {}
-        for h in same:
-            old = texts.get(h.values["id"])
-            text = (old.values["text"] if old else "") + _plain(h.values["text"])
-            texts[h.values["id"]] = Received(h.dt_s, kind, {"severity": h.values["severity"], "text": text})
+        for m in same:
+            old = texts.get(m.values["id"])
+            text = (old.values["text"] if old else "") + _plain(m.values["text"])
+            texts[m.values["id"]] = Received(m.dt_s, kind, {"severity": m.values["severity"], "text": text})
         return list(texts.values())
     if kind == "SERIAL_CONTROL" and same:
-        text = "".join(_serial_text(h.values) for h in same)
+        text = "".join(_serial_text(m.values) for m in same)
         text = re.sub(r" timestamp: \d+ \([\d.]+ s", " timestamp: … (… s", text)
         return [Received(same[0].dt_s, kind, {"text": text})]
     if kind == "FILE_TRANSFER_PROTOCOL":
-        return [Received(h.dt_s, kind, _ftp(h.values["payload"])) for h in same]
+        return [Received(m.dt_s, kind, _ftp(m.values["payload"])) for m in same]
     return same
 
 
@@ -224,7 +227,7 @@ def _key(message: Received) -> Any:
         case "STATUSTEXT":
             text = re.sub(r"\[[-\d. ]+\]", "[…]", v["text"])  # measured, with their noise
             text = rules.without_heights(text)
-            return re.sub(r"[\d-]+/[\d_]+\.ulg", "….ulg", text)  # the time
+            return re.sub(r"[\d-]+/[\d_]+\.ulg", "….ulg", text)  # the file name is the time
         case "EVENT":
             return EVENT_NAMES.get(v["id"], v["id"])
         case "PARAM_VALUE":
@@ -236,37 +239,40 @@ def _key(message: Received) -> Any:
 
 
 def _align(
-    kind: str, theirs: list[Received], ours: list[Received], thinned: bool, cut: bool = False
+    kind: str, recorded: list[Received], simulated: list[Received], thinned: bool, cut: bool = False
 ) -> list[Row]:
     out: list[Row] = []
-    if kind in TELEMETRY and not theirs:
+    if kind in TELEMETRY and not recorded:
         return out
-    if kind in STREAMED or (len(theirs) > 8 and len({_key(h) for h in theirs}) == 1):
-        if not thinned and abs(len(theirs) - len(ours)) > max(1, RATE_TOLERANCE * len(theirs)):
-            out.append((kind, "(number)", len(theirs), len(ours)))
-        theirs, ours = theirs[:1], ours[:1]
+    if kind in STREAMED or (len(recorded) > 8 and len({_key(m) for m in recorded}) == 1):
+        if not thinned and abs(len(recorded) - len(simulated)) > max(1, RATE_TOLERANCE * len(recorded)):
+            out.append((kind, "(number)", len(recorded), len(simulated)))
+        recorded, simulated = recorded[:1], simulated[:1]
     if kind in TELEMETRY and kind != "PING":
-        theirs, ours = theirs[:1], ours[:1]  # requested, and also streamed
+        recorded, simulated = (
+            recorded[:1],
+            simulated[:1],
+        )  # requested, and also streamed: only the first is compared
     if thinned:
-        theirs, ours = _distinct(theirs), _distinct(ours)
+        recorded, simulated = _distinct(recorded), _distinct(simulated)
     if kind in ("STATUSTEXT", "EVENT") and not thinned:
-        theirs, ours, often = rules.sent_often(theirs, ours, _key)
-        out += [(kind, f"(number) {key}", real, own) for key, real, own in often]
-    a, b = [_key(h) for h in theirs], [_key(h) for h in ours]
+        recorded, simulated, often = rules.sent_often(recorded, simulated, _key)
+        out += [(kind, f"(number) {key}", real, sim) for key, real, sim in often]
+    a, b = [_key(m) for m in recorded], [_key(m) for m in simulated]
     missing: list[Received] = []
     extra: list[Received] = []
     for tag, i0, i1, j0, j1 in difflib.SequenceMatcher(None, a, b, autojunk=False).get_opcodes():
         if tag == "equal":
-            for real, own in zip(theirs[i0:i1], ours[j0:j1], strict=True):
-                out += _fields(kind, real.values, own.values)
+            for real, sim in zip(recorded[i0:i1], simulated[j0:j1], strict=True):
+                out += _fields(kind, real.values, sim.values)
             continue
-        missing += theirs[i0:i1]
+        missing += recorded[i0:i1]
         if not thinned or (kind in ("COMMAND_ACK", "STATUSTEXT") and not cut):
-            extra += ours[j0:j1]
-    for real, own in rules.swapped(missing, extra, _key):
-        out += _fields(kind, real.values, own.values)
-    out += [(kind, _row_name("missing", h), _key(h), "–") for h in missing]
-    out += [(kind, _row_name("extra", h), "–", _key(h)) for h in extra]
+            extra += simulated[j0:j1]
+    for real, sim in rules.swapped(missing, extra, _key):
+        out += _fields(kind, real.values, sim.values)
+    out += [(kind, _row_name("missing", m), _key(m), "–") for m in missing]
+    out += [(kind, _row_name("extra", m), "–", _key(m)) for m in extra]
     return out
 
 
@@ -277,7 +283,7 @@ def _row_name(what: str, message: Received) -> str:
 
 def _distinct(messages: list[Received]) -> list[Received]:
     """One message of each kind in sorted order: a thinned recording has neither numbers nor order."""
-    return [h for _, h in sorted({str(_key(h)): h for h in messages}.items())]
+    return [m for _, m in sorted({str(_key(m)): m for m in messages}.items())]
 
 
 def _plain(value: Any) -> Any:
@@ -286,23 +292,23 @@ def _plain(value: Any) -> Any:
     return value.rstrip("\0") if isinstance(value, str) else value
 
 
-def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
+def _fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> list[Row]:
     skipped = NOT_COMPARED["*"] | NOT_COMPARED.get(kind, frozenset())
     out: list[Row] = []
     for name, value in real.items():
-        if name in skipped or name not in own or name == "int_value":
+        if name in skipped or name not in sim or name == "int_value":
             continue
         a: Any = _plain(value)
-        b: Any = _plain(own[name])
+        b: Any = _plain(sim[name])
         if kind == "LOG_DATA" and name == "data":
-            a, b = list(bytes.fromhex(value)), b[: own["count"]]
+            a, b = list(bytes.fromhex(value)), b[: sim["count"]]
         if name == "arguments" and EVENT_NAMES.get(real["id"]) == "logger_open_file_time":
-            continue  # the time
+            continue  # the arguments are the time
         if kind == "STATUSTEXT" and name == "text":
-            a, b = rules.heights_in(value), rules.heights_in(own[name])
+            a, b = rules.heights_in(value), rules.heights_in(sim[name])
             if not same(a, b, rules.HEIGHT_M):
                 out.append((kind, f"{_label(kind, real)}heights", a, b))
-            continue  # the rest is the key
+            continue  # the key contains the rest of the text
         if name == "arguments" and EVENT_NAMES.get(real["id"]) == rules.RETURN_EVENT:
             a, b = rules.return_heights(a), rules.return_heights(b)
             if not same(a, b, rules.HEIGHT_M):
@@ -310,22 +316,22 @@ def _fields(kind: str, real: dict[str, Any], own: dict[str, Any]) -> list[Row]:
             continue
         if kind == "FILE_TRANSFER_PROTOCOL" and real["req_opcode"] == rules.FTP_LIST:
             if name == "data_hex":
-                a, b = rules.listing(real, a), rules.listing(own, b)
+                a, b = rules.listing(real, a), rules.listing(sim, b)
             elif name == "size" and real["offset"]:
                 continue
         if name == "arguments" and real["id"] == HEALTH:
             a, b = _masked(a), _masked(b)
         if name == "param_value" and "int_value" in real:
             a = real["int_value"] & 0xFFFFFFFF
-            b = struct.unpack("<I", struct.pack("<f", own[name]))[0]
+            b = struct.unpack("<I", struct.pack("<f", sim[name]))[0]
         turn = FULL_TURN.get(f"{kind}.{name}")
         if turn is not None:
             b = a + math.remainder(b - a, turn)
         if name == "param_value" and "int_value" not in real and str(real["param_id"]).startswith(CALIBRATED):
-            a, b, found = value, own[name], CALIBRATION_TOLERANCE
+            a, b, tolerance = value, sim[name], CALIBRATION_TOLERANCE
         else:
-            found = None
-        if not same(a, b, found or ABSOLUTE.get(f"{kind}.{name}")):
+            tolerance = ABSOLUTE.get(f"{kind}.{name}")
+        if not same(a, b, tolerance):
             out.append((kind, f"{_label(kind, real)}{name}", a, b))
     return out
 
@@ -355,26 +361,26 @@ def same(a: Any, b: Any, tolerance: float | None = None) -> bool:
     return a == b
 
 
-def _reports(theirs: list[Received], answer: Answer) -> list[Row]:
-    events = [h for h in theirs if _in_report(h)]
-    ends = [n for n, h in enumerate(events) if h.values["id"] == HEALTH]
-    if not ends or not any(h.values["id"] == SUMMARY for h in events[: ends[-1]]):
+def _reports(recorded: list[Received], result: DialogueResult) -> list[Row]:
+    events = [m for m in recorded if _in_report(m)]
+    ends = [n for n, m in enumerate(events) if m.values["id"] == HEALTH]
+    if not ends or not any(m.values["id"] == SUMMARY for m in events[: ends[-1]]):
         return []
-    first = max(n for n, h in enumerate(events[: ends[-1]]) if h.values["id"] == SUMMARY)
+    first = max(n for n, m in enumerate(events[: ends[-1]]) if m.values["id"] == SUMMARY)
     real = events[first : ends[-1] + 1]
-    found = [_align("EVENT", real, own, thinned=False) for own in answer.reports]
+    found = [_align("EVENT", real, sim, thinned=False) for sim in result.reports]
     return min(found, key=len, default=[("EVENT", "(missing)", "arming report", "–")])
 
 
-def _states(theirs: list[Received], answer: Answer) -> list[Row]:
+def _states(recorded: list[Received], result: DialogueResult) -> list[Row]:
     out: list[Row] = []
-    for real in theirs:
+    for real in recorded:
         if real.name not in STATE_MESSAGES:
             continue
-        own = [h for h in (*answer.received, *answer.after) if h.name == real.name]
-        if real.name in answer.before:
-            own.insert(0, answer.before[real.name])
-        found = [_fields(real.name, real.values, h.values) for h in own]
+        sim = [m for m in (*result.received, *result.after) if m.name == real.name]
+        if real.name in result.before:
+            sim.insert(0, result.before[real.name])
+        found = [_fields(real.name, real.values, m.values) for m in sim]
         if not found:
             out.append((real.name, "(missing)", real.values, "–"))
         elif all(found):
@@ -382,18 +388,18 @@ def _states(theirs: list[Received], answer: Answer) -> list[Row]:
     return out
 
 
-def _end(dialogue: Dialogue, answer: Answer) -> list[Row]:
+def _end(dialogue: Dialogue, result: DialogueResult) -> list[Row]:
     out: list[Row] = []
     for name in ("armed", "custom_mode", "landed_state"):
         real = dialogue["state_after"].get(name)
-        own = list(dict.fromkeys(state[name] for state in answer.states))
-        if real is not None and real not in own:
-            out.append(("(state after)", name, real, own))
+        sim = list(dict.fromkeys(state[name] for state in result.states))
+        if real is not None and real not in sim:
+            out.append(("(state after)", name, real, sim))
     for name, real in dialogue.get("echo_at_end", {}).items():
-        own = answer.echo.get(name.upper(), {})
+        sim = result.echo.get(name.upper(), {})
         for field_name, value in (real or {}).items():
             if name == "local_position_ned" or field_name.startswith("time"):
                 continue
-            if not same(value_of(value), _plain(own.get(field_name)), ECHO_TOLERANCE.get(field_name)):
-                out.append((f"(echo) {name.upper()}", field_name, value, _plain(own.get(field_name))))
+            if not same(value_of(value), _plain(sim.get(field_name)), ECHO_TOLERANCE.get(field_name)):
+                out.append((f"(echo) {name.upper()}", field_name, value, _plain(sim.get(field_name))))
     return out

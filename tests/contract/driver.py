@@ -1,4 +1,4 @@
-"""Replays recorded dialogues to a simulated vehicle on a fake clock and collects its answers."""
+"""Replays recorded dialogues to a simulated vehicle on a fake clock and collects its messages."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-from tests.contract.given import GIVEN, LATE_S
+from tests.contract.unrecorded import GIVEN, LATE_S
+
 from tests.contract.recordings import (
     STATE_MESSAGES,
     Dialogue,
-    boots,
     layout_id,
     parameters_in,
     requested,
+    requires_boot,
     script,
     sends,
     stored,
 )
-from tests.contract.replay_vehicle import HOLD, Received, Vehicle
+from tests.contract.replay_vehicle import DO_SET_MODE, HOLD, Received, Vehicle
 from vehicle_sim.mavlink.dialect import LAYOUTS
 
 RIGHT_AFTER_BOOT_S = 0.3
-SET_MODE, REFUSAL = 176, "is currently not available"
+REFUSAL = "is currently not available"
 STATE_SAMPLED_S = 1.1
 """The recordings sampled the state after a dialogue from messages at 1 Hz."""
 OFFBOARD = 0x60000
@@ -35,8 +36,8 @@ AIR_MISSION: list[dict[str, Any]] = [
          (6, 16, 473979220, 85472000, 12.0), (2, 20, 0, 0, 0.0))
     )
 ]  # fmt: skip
-"""In these groups the recorded vehicle had a mission that no recording contains. Here: a take-off, two
-waypoints too far to be reached, and back."""
+"""The mission of the groups "air" and "fence". No recording contains it, so this is a substitute: a take-off,
+two waypoints too far to be reached, and Return."""
 ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "LOCAL_POSITION_NED")
 REQUESTED_MODES = {
     "altctl": (2, 0), "acro": (5, 0), "offboard": (6, 0), "mission": (4, 4), "rtl": (4, 5), "land": (4, 6),
@@ -49,7 +50,7 @@ CONTINUES = ("in fact armed", "commanded", "running", "sent while", "timed out j
 
 
 @dataclass(slots=True)
-class Answer:
+class DialogueResult:
     """What the simulator did in one dialogue."""
 
     received: list[Received] = field(default_factory=list)
@@ -60,7 +61,7 @@ class Answer:
     set_before: frozenset[str] = frozenset()
     """Parameters set by earlier dialogues: PX4 also sends those that it has not saved yet."""
     reports: list[list[Received]] = field(default_factory=list)
-    """The arming reports that were valid at some time: PX4 sends them at times of its own."""
+    """The arming reports that were valid at some time of the dialogue: PX4 chooses when it sends one."""
     states: list[dict[str, Any]] = field(default_factory=list)
     """Armed, custom_mode and landed_state at times near the end."""
     echo: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -89,19 +90,21 @@ class Player:
         assert self._vehicle is not None
         return self._vehicle
 
-    def play(self, dialogue: Dialogue, next_dialogue: Dialogue | None = None) -> Answer:
+    def play(self, dialogue: Dialogue, next_dialogue: Dialogue | None = None) -> DialogueResult:
         """Establishes the starting state, sends, and receives; `next_dialogue` may follow immediately."""
         vehicle = self._prepare(dialogue)
-        words = dialogue["precondition"]
-        at_once = next_dialogue is not None and _continues(next_dialogue)
-        if "with a 20 Hz position stream" in words:
+        precondition = dialogue["precondition"]
+        next_follows = next_dialogue is not None and _continues(next_dialogue)
+        if "with a 20 Hz position stream" in precondition:
             vehicle.stream(True)
             vehicle.run(0.3)
-            vehicle.command(176, 1, 6)
+            vehicle.command(DO_SET_MODE, 1, 6)
             vehicle.run(0.2)
         else:
             vehicle.stream(False)
-        changed = {} if boots(words) or sends(dialogue, "PARAM_SET") else parameters_in(words)
+        changed = (
+            {} if requires_boot(precondition) or sends(dialogue, "PARAM_SET") else parameters_in(precondition)
+        )
         store = vehicle.sim.simulation.parameters[0]
         previous = {name: store.get(name) for name in changed if name in store}
         for name in previous:
@@ -111,26 +114,26 @@ class Player:
             vehicle.run(2.5)
             vehicle.stream(False)
         previous = {name: value for name, value in previous.items() if not name.startswith("SIM_BAT_")}
-        matches = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", words)
+        matches = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", precondition)
         previous |= {name: float(text) for name, text in matches}
         try:
-            answer = self._exchange(vehicle, dialogue, at_once=at_once)
+            result = self._exchange(vehicle, dialogue, next_follows=next_follows)
             now_set = {e["fields"]["param_id"] for e in dialogue["send"] if e["msg"] == "PARAM_SET"}
-            answer.set_before = self._set_before - now_set
+            result.set_before = self._set_before - now_set
             self._set_before |= now_set
             self._cleared |= sends(dialogue, "MISSION_CLEAR_ALL")
             self._plan = stored(dialogue) or self._plan
-            return answer
+            return result
         finally:
             for name, value in previous.items():
                 store.set(name, value)
 
     def _prepare(self, dialogue: Dialogue) -> Vehicle:
-        words, state = dialogue["precondition"], dialogue["state"]
-        boot = parameters_in(words) if boots(words) else {}
+        precondition, state = dialogue["precondition"], dialogue["state"]
+        boot = parameters_in(precondition) if requires_boot(precondition) else {}
         vehicle = self._vehicle
-        flying = state.get("landed_state", 1) != 1 or "flying" in words
-        lost = vehicle is not None and (
+        flying = state.get("landed_state", 1) != 1 or "flying" in precondition
+        unusable = vehicle is not None and (
             vehicle.commander.terminated
             or (not flying and vehicle.height_m > 1.0)
             or (flying and not vehicle.commander.armed and vehicle.height_m > 1.0)
@@ -140,23 +143,23 @@ class Player:
         if (
             vehicle is None
             or vehicle.parameters != boot
-            or (lost and not continues)
-            or "right after" in words
+            or (unusable and not continues)
+            or "right after" in precondition
         ):
-            heartbeats = "no GCS heartbeat" not in words and "right after" not in words
+            heartbeats = "no GCS heartbeat" not in precondition and "right after" not in precondition
             vehicle = self._vehicle = Vehicle(
                 dialogue.get("vehicle_system_id") or 1, boot, heartbeats=heartbeats, log=self._log
             )
-            vehicle.wanted |= {layout_id(name) for name in self._listen}
-            if "right after" in words:
+            vehicle.compared_ids |= {layout_id(name) for name in self._listen}
+            if "right after" in precondition:
                 vehicle.run(RIGHT_AFTER_BOOT_S)
                 return vehicle
             vehicle.run(3.0)
             if dialogue.get("group") in ("air", "fence") and not self._cleared:
                 vehicle.upload(AIR_MISSION)
-            elif "stored" in words and self._plan:
+            elif "stored" in precondition and self._plan:
                 vehicle.upload(self._plan)
-            if "GPS_CTRL" not in words:
+            if "GPS_CTRL" not in precondition:
                 vehicle.run_until(vehicle.ready, 15)
                 vehicle.run(2.5)
             else:
@@ -164,54 +167,57 @@ class Player:
         _let_transfers_end(vehicle)
         if not continues:
             self._start(vehicle, dialogue)
-        elif "3 s ago" in words:
+        elif "3 s ago" in precondition:
             vehicle.run(0.95)
-        if "stored" in words or "uploaded with" in words:
+        if "stored" in precondition or "uploaded with" in precondition:
             _upload_plan(vehicle, dialogue)
-        given = GIVEN.get(dialogue["id"])
-        if given is not None:
-            given.establish(vehicle, dialogue)
+        unrecorded = GIVEN.get(dialogue["id"])
+        if unrecorded is not None:
+            unrecorded.establish(vehicle, dialogue)
         _set_refusals(vehicle, dialogue)
         return vehicle
 
     def _start(self, vehicle: Vehicle, dialogue: Dialogue) -> None:
-        words, state = dialogue["precondition"], dialogue["state"]
-        if "in Offboard at" in words:
+        precondition, state = dialogue["precondition"], dialogue["state"]
+        if "in Offboard at" in precondition:
             vehicle.offboard()
-        elif "flying in Hold" in words:
+        elif "flying in Hold" in precondition:
             vehicle.fly()
-        elif "armed on the ground, Hold" in words and not words.startswith("disarmed"):
+        elif "armed on the ground, Hold" in precondition and not precondition.startswith("disarmed"):
             vehicle.ground(True, HOLD)
         else:
-            mode_request = re.search(r"mode (\w+) requested", words)
-            chosen = "Manual mode chosen" in words
+            mode_request = re.search(r"mode (\w+) requested", precondition)
+            manual_chosen = "Manual mode manual_chosen" in precondition
             vehicle.ground(
-                state["armed"], HOLD if mode_request or "Hold mode" in words else state["custom_mode"]
+                state["armed"], HOLD if mode_request or "Hold mode" in precondition else state["custom_mode"]
             )
-            if mode_request or chosen:
+            if mode_request or manual_chosen:
                 main, sub = REQUESTED_MODES[mode_request.group(1)] if mode_request else (1, 0)
-                vehicle.command(176, 1, main, sub)
+                vehicle.command(DO_SET_MODE, 1, main, sub)
                 vehicle.run(0.6)
         gimbal = vehicle.autopilot.gimbal
         for owner in ((255, 190), (42, 99), (7, 8)):
-            if f"{owner[0]}/{owner[1]} in control" in words or f"{owner[0]}/{owner[1]} primary" in words:
+            if (
+                f"{owner[0]}/{owner[1]} in control" in precondition
+                or f"{owner[0]}/{owner[1]} primary" in precondition
+            ):
                 gimbal.primary = owner
-        if "nobody in control" in words:
+        if "nobody in control" in precondition:
             gimbal.primary = (0, 0)
 
-    def _exchange(self, vehicle: Vehicle, dialogue: Dialogue, *, at_once: bool) -> Answer:
+    def _exchange(self, vehicle: Vehicle, dialogue: Dialogue, *, next_follows: bool) -> DialogueResult:
         start_s, window_s = vehicle.now_s, dialogue["window_s"]
         vehicle.log.clear()
         vehicle.counts.clear()
         del vehicle.reports[:-1]
-        via = dialogue["link"]
+        recorded_link = dialogue["link"]
         extra = requested(dialogue) | {layout_id(name) for name in ECHOES if "echo_at_end" in dialogue}
-        extra -= vehicle.wanted
-        vehicle.wanted |= extra
+        extra -= vehicle.compared_ids
+        vehicle.compared_ids |= extra
         before = {
-            name: Received(0.0, name, vehicle.last[via, name][1])
+            name: Received(0.0, name, vehicle.last[recorded_link, name][1])
             for name in STATE_MESSAGES
-            if (via, name) in vehicle.last
+            if (recorded_link, name) in vehicle.last
         }
         for dt_s, link, name, fields, src in script(dialogue, vehicle.system_id, LATE_S):
             if dt_s > window_s:
@@ -219,35 +225,35 @@ class Player:
             if start_s + dt_s > vehicle.now_s + 0.006:
                 vehicle.run_to(start_s + dt_s)
             if name == "REQUEST_EVENT" and any(e["msg"] == "EVENT" for e in dialogue["received"]):
-                back = fields["last_sequence"] - fields["first_sequence"]
+                count = fields["last_sequence"] - fields["first_sequence"]
                 newest = vehicle.autopilot.announcer.sequence
-                fields = fields | {"first_sequence": newest - back, "last_sequence": newest}
+                fields = fields | {"first_sequence": newest - count, "last_sequence": newest}
             vehicle.send(name, fields, link, src)
-        answer = Answer(before=before)
+        result = DialogueResult(before=before)
         vehicle.run_to(start_s + window_s)
         late_s = vehicle.now_s - STATE_SAMPLED_S
         earlier = [state for at_s, state in vehicle.states if at_s <= late_s]
-        answer.states = earlier[-1:] + [state for at_s, state in vehicle.states if at_s > late_s]
-        answer.reports = list(vehicle.reports)
-        answer.counts = {LAYOUTS[i].name: n for i, n in vehicle.counts.items() if i in LAYOUTS}
+        result.states = earlier[-1:] + [state for at_s, state in vehicle.states if at_s > late_s]
+        result.reports = list(vehicle.reports)
+        result.counts = {LAYOUTS[i].name: n for i, n in vehicle.counts.items() if i in LAYOUTS}
         for name in ECHOES if "echo_at_end" in dialogue else ():
             if ("gcs", name) in vehicle.last:
-                answer.echo[name] = vehicle.last["gcs", name][1]
-        answer.received = [
+                result.echo[name] = vehicle.last["gcs", name][1]
+        result.received = [
             Received(t - start_s, n, v)
             for t, link, n, v in vehicle.log
-            if link == via and (n != "PING" or v["target_system"] != 0)
+            if link == recorded_link and (n != "PING" or v["target_system"] != 0)
         ]
-        if any(each["msg"] in STATE_MESSAGES for each in dialogue["received"]) and not at_once:
+        if any(each["msg"] in STATE_MESSAGES for each in dialogue["received"]) and not next_follows:
             mark = len(vehicle.log)
             vehicle.run(2.1)
-            answer.after = [
+            result.after = [
                 Received(t - start_s, n, v)
                 for t, link, n, v in vehicle.log[mark:]
-                if link == via and n in STATE_MESSAGES
+                if link == recorded_link and n in STATE_MESSAGES
             ]
-        vehicle.wanted -= extra
-        return answer
+        vehicle.compared_ids -= extra
+        return result
 
 
 def _continues(dialogue: Dialogue) -> bool:
@@ -261,13 +267,13 @@ def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
     if dialogue["state"].get("armed") and sends(dialogue, "COMMAND_LONG"):
         reported = [e for e in dialogue["received"] if REFUSAL in str(e["fields"].get("text", ""))]
         refused = any(
-            e["msg"] == "COMMAND_ACK" and e["fields"]["command"] == SET_MODE and e["fields"]["result"] == 1
+            e["msg"] == "COMMAND_ACK" and e["fields"]["command"] == DO_SET_MODE and e["fields"]["result"] == 1
             for e in dialogue["received"]
         )
         if reported or refused:
             vehicle.run(1.1)
         if refused and not reported:
-            vehicle.command(SET_MODE, 1, 1)
+            vehicle.command(DO_SET_MODE, 1, 1)
             vehicle.run(0.1)
 
 

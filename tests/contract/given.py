@@ -1,4 +1,4 @@
-"""Unrecorded events before a dialogue, of which the dialogue itself has evidence.
+"""Unrecorded events before a dialogue, for which the dialogue itself has evidence.
 
 Some recorded dialogues are withheld, and between dialogues the recording harness flew, armed and landed the
 vehicle without recording it. Each entry brings the simulated vehicle into that state and names the evidence
@@ -14,9 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tests.contract.recordings import Dialogue, grid_200
-from tests.contract.replay_vehicle import HOLD, Vehicle
+from tests.contract.replay_vehicle import ARM_DISARM, DO_SET_MODE, FORCE, HOLD, TAKEOFF, Vehicle
 
 HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
+PREFLIGHT_CALIBRATION = 241
 STILL_TO_CLIMB_M = 4.0
 METRE_E7 = 90
 """A metre to the north [1e-7 degrees], approximately."""
@@ -27,8 +28,8 @@ LATE_S = {
     ("arm_in_mode_takeoff", 0): 0.555,
 }
 """Delay with which PX4 received the n-th message of each stream of a dialogue. The recording machine was
-busy: once PX4 lost a stream of 1 Hz, answered a calibration command after 10.8 s, ignored its cancellation,
-and armed half a second late."""
+busy: PX4 lost a stream of 1 Hz, acknowledged a calibration command after 10.8 s and ignored its cancellation,
+and armed half a second late, once each."""
 
 Action = Callable[[Vehicle, Dialogue], None]
 
@@ -42,19 +43,19 @@ class State:
     establish: Action
 
 
-def _height(above_home_m: float, north_m: int = 0) -> Action:
-    def do(vehicle: Vehicle, _: Dialogue) -> None:
+def _altitude(above_home_m: float, north_m: int = 0) -> Action:
+    def establish(vehicle: Vehicle, _: Dialogue) -> None:
         lat_e7 = HOME_LAT_E7 + north_m * METRE_E7
         vehicle.go_to(lat_e7, HOME_LON_E7, vehicle.autopilot.home.alt_amsl_m + above_home_m)
 
-    return do
+    return establish
 
 
-def _at_the_centre(vehicle: Vehicle, dialogue: Dialogue) -> None:
+def _at_the_orbit_centre(vehicle: Vehicle, dialogue: Dialogue) -> None:
     """Orbits without a given centre are flown around the vehicle's position."""
     orbit = next(e["fields"] for e in dialogue["received"] if e["msg"] == "ORBIT_EXECUTION_STATUS")
-    free = math.isnan(dialogue["send"][0]["fields"]["param5"] or math.nan)
-    lat, lon = (orbit["x"], orbit["y"]) if free else (HOME_LAT_E7, HOME_LON_E7)
+    without_centre = math.isnan(dialogue["send"][0]["fields"]["param5"] or math.nan)
+    lat, lon = (orbit["x"], orbit["y"]) if without_centre else (HOME_LAT_E7, HOME_LON_E7)
     vehicle.go_to(lat, lon, orbit["z"])
 
 
@@ -68,25 +69,25 @@ def _rally_point_near(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _mode(*mode: int) -> Action:
-    def do(vehicle: Vehicle, _: Dialogue) -> None:
-        vehicle.command(176, 1, *mode)
+    def establish(vehicle: Vehicle, _: Dialogue) -> None:
+        vehicle.command(DO_SET_MODE, 1, *mode)
         vehicle.run(0.3)
 
-    return do
+    return establish
 
 
 def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
-    """Takes off to a height that the vehicle reaches at the end of the dialogue."""
+    """Takes off to an altitude that the vehicle reaches at the end of the dialogue."""
     view = vehicle.autopilot.view
     alt_amsl_m = view.estimate.alt_amsl_m + 7.0
-    vehicle.command(22, -1, 0, 0, math.nan, math.nan, math.nan, alt_amsl_m)
+    vehicle.command(TAKEOFF, -1, 0, 0, math.nan, math.nan, math.nan, alt_amsl_m)
     vehicle.run_until(lambda: view.estimate.alt_amsl_m > alt_amsl_m - STILL_TO_CLIMB_M, 20)
 
 
 def _disarmed(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """Disarms: the heartbeat that shows the vehicle armed is older. It was armed once before, so its first
-    log is closed."""
-    vehicle.command(400, 0, 21196)
+    """Disarms the vehicle, because the heartbeat that shows it armed was sent earlier. The vehicle was armed
+    once before, so its first log is closed."""
+    vehicle.command(ARM_DISARM, 0, FORCE)
     vehicle.run(1.0)
     vehicle.ground(False, HOLD)
     vehicle.ground(True, HOLD)
@@ -101,11 +102,11 @@ def _items_200(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _parameter(name: str, value: float, wait_s: float) -> Action:
-    def do(vehicle: Vehicle, _: Dialogue) -> None:
+    def establish(vehicle: Vehicle, _: Dialogue) -> None:
         vehicle.set_parameter(name, value)
         vehicle.run(wait_s)
 
-    return do
+    return establish
 
 
 def _on_its_side(vehicle: Vehicle, _: Dialogue) -> None:
@@ -119,14 +120,14 @@ def _on_its_side(vehicle: Vehicle, _: Dialogue) -> None:
 
 def _returning(vehicle: Vehicle, _: Dialogue) -> None:
     vehicle.fly()
-    vehicle.command(176, 1, *RTL_MODE)
+    vehicle.command(DO_SET_MODE, 1, *RTL_MODE)
     vehicle.run(1.0)
     vehicle.run_until(lambda: vehicle.height_m < 5.0, 60)
 
 
 def _turning_by_hand(vehicle: Vehicle, _: Dialogue) -> None:
     """A compass calibration that has waited 100 s for the vehicle to be turned, without a message."""
-    vehicle.command(241, 0, 1)
+    vehicle.command(PREFLIGHT_CALIBRATION, 0, 1)
     vehicle.run(4.0)
 
 
@@ -138,14 +139,14 @@ def _at_rest(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _heading(yaw_ned_rad: float) -> Action:
-    def do(vehicle: Vehicle, _: Dialogue) -> None:
+    def establish(vehicle: Vehicle, _: Dialogue) -> None:
         vehicle.stream(True)
         assert vehicle.background is not None
         vehicle.background["yaw"] = yaw_ned_rad
         vehicle.run(3.0)
         vehicle.stream(False)
 
-    return do
+    return establish
 
 
 def _console_closed(vehicle: Vehicle, _: Dialogue) -> None:
@@ -173,15 +174,15 @@ def _on_disk(vehicle: Vehicle, dialogue: Dialogue) -> None:
 
 
 GIVEN: dict[str, State] = {
-    "air_takeoff_again": State("Already higher than takeoff altitude", _height(14.0)),
-    "air_setmode_auto_none": State("Climb to 10.0 meters above home", _height(7.5)),
-    "air_setmode_auto_mission": State("Executing Mission", _height(10.0, 30)),
+    "air_takeoff_again": State("Already higher than takeoff altitude", _altitude(14.0)),
+    "air_setmode_auto_none": State("Climb to 10.0 meters above home", _altitude(7.5)),
+    "air_setmode_auto_mission": State("Executing Mission", _altitude(10.0, 30)),
     "air_setmode_auto_rtl": State("530 m (30 m above destination", _rally_point_near),
     "air_rtl": State("530 m (30 m above destination", _rally_point_near),
     "air_standard_mode_7": State('"command": 2003, "confirmation": 0', _mode(*MISSION_MODE)),
-    "air_standard_mode_8": State("Using default takeoff altitude: 2.5 m", _height(1.8)),
+    "air_standard_mode_8": State("Using default takeoff altitude: 2.5 m", _altitude(1.8)),
     **{
-        name: State('"msg": "ORBIT_EXECUTION_STATUS"', _at_the_centre)
+        name: State('"msg": "ORBIT_EXECUTION_STATUS"', _at_the_orbit_centre)
         for name in ("air_orbit_basic", "air_orbit_nan_radius", "air_orbit_too_fast", "air_orbit_centre_1km",
                      "air_orbit_yaw_behaviour_9", "air_orbit_nan_velocity")
     },
@@ -211,4 +212,4 @@ GIVEN: dict[str, State] = {
     "sp_mask_position_only_0xdf8": State('"vz": 0.24', _at_rest),
     "gsp_frame11_terrain": State('"vy": -0.06', _at_rest),
 }  # fmt: skip
-"""By the dialogue's id."""
+"""Unrecorded starting states by the dialogue's id."""

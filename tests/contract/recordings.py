@@ -44,7 +44,8 @@ def load(path: Path) -> list[Dialogue]:
 
 
 def completed(dialogue: Dialogue) -> Dialogue:
-    """The full upload of 200 items, of which the recording kept 6; PX4's checksum confirms the rest."""
+    """The dialogue; the upload of 200 items with all items. The recording has 6 of them, and PX4's checksum
+    confirms the others."""
     if dialogue["id"] != "mission_upload_200_items":
         return dialogue
     send = [*dialogue["send"][:1]]
@@ -60,12 +61,12 @@ def completed(dialogue: Dialogue) -> Dialogue:
 
 def grid_200() -> list[dict[str, Any]]:
     """A take-off and 199 waypoints: rows of 20, one metre apart, from 10 m north; one metre between rows."""
-    place = {"frame": 6, "autocontinue": 1, "param1": 0.0, "param2": 0.0, "param3": 0.0, "param4": None,
+    common = {"frame": 6, "autocontinue": 1, "param1": 0.0, "param2": 0.0, "param3": 0.0, "param4": None,
              "z": 10.0, "mission_type": 0, "target_component": 1}  # fmt: skip
     items: list[dict[str, Any]] = []
     for n in range(200):
         north_m, east_m = (10.0 + n % 20, float(n // 20)) if n else (0.0, 0.0)
-        items.append(place | {"seq": n, "command": 16 if n else 22, "current": int(n == 0),
+        items.append(common | {"seq": n, "command": 16 if n else 22, "current": int(n == 0),
                               "x": 473977423 + int(north_m * METRE_NORTH_E7),
                               "y": 85455936 + int(east_m * METRE_EAST_E7)})  # fmt: skip
     return items
@@ -119,7 +120,7 @@ def sends(dialogue: Dialogue, name: str) -> bool:
     return any(entry["msg"] == name for entry in dialogue["send"])
 
 
-def boots(precondition: str) -> bool:
+def requires_boot(precondition: str) -> bool:
     """Whether a precondition requires a vehicle that was started with its parameters."""
     return "fresh boot" in precondition or "MNT_MODE_IN -1" in precondition
 

@@ -22,12 +22,15 @@ from vehicle_sim.storage.metadata import BUILT_IN
 
 RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4"
 NAMES = {"all_events.json.xz": "events.json.xz"}
-"""Names of the build's files in the recordings, where they differ."""
+"""Names in the recordings of the build's files that have another name here."""
 TICK_S = 0.02
 STREAM_EVERY_S = 0.05
 REARM_AFTER_S = 4.0
-"""On the ground PX4 disarms after 10 s: the recording armed the vehicle shortly before each dialogue."""
+"""Age of an arming on the ground at which it is repeated: PX4 disarms after 10 s, and the recording armed the
+vehicle shortly before each dialogue."""
 HOLD = 0x3040000
+TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 22, 176, 192, 400
+FORCE = 21196
 NAN = math.nan
 
 
@@ -44,8 +47,8 @@ def _files_of_the_build() -> dict[str, Callable[[], bytes]]:
     """The files that the recorded vehicle served below `etc`, if they are beside the checkout, otherwise the
     simulator's."""
     return {
-        path: recorded.read_bytes if (recorded := RECORDED / NAMES.get(name, name)).is_file() else own
-        for path, own in BUILT_IN.items()
+        path: recorded.read_bytes if (recorded := RECORDED / NAMES.get(name, name)).is_file() else built_in
+        for path, built_in in BUILT_IN.items()
         if (name := path.rpartition("/")[2])
     }
 
@@ -63,7 +66,9 @@ class Vehicle:
         self.system_id = system_id
         self.autopilot = self.sim.autopilots[0]
         self.commander = self.autopilot.commander
-        self.wanted = {layout.id for name, layout in BY_NAME.items() if name not in TELEMETRY - {"PING"}}
+        self.compared_ids = {
+            layout.id for name, layout in BY_NAME.items() if name not in TELEMETRY - {"PING"}
+        }
         self.log: list[tuple[float, str, str, dict[str, Any]]] = []
         self.last: dict[tuple[str, str], tuple[float, dict[str, Any]]] = {}
         self.reports: list[list[Received]] = []
@@ -93,15 +98,15 @@ class Vehicle:
         return math.sqrt(sum(v * v for v in self.sim.simulation.truth.velocity_ned_m_s[0].tolist()))
 
     def _skip_unread(self) -> None:
-        """Skips streams that no dialogue compares: they are most of the work."""
+        """Skips streams that no dialogue compares, because encoding them takes most of the time."""
         telemetry = self.sim.nodes[0].context.telemetry
         build = telemetry.payload
-        telemetry.payload = lambda msg_id: build(msg_id) if msg_id in self.wanted else None  # type: ignore[method-assign]
+        telemetry.payload = lambda msg_id: build(msg_id) if msg_id in self.compared_ids else None  # type: ignore[method-assign]
 
-    def send(self, name: str, fields: dict[str, Any], via: str = "gcs", src: tuple[int, int] = (255, 190)):
+    def send(self, name: str, fields: dict[str, Any], link: str = "gcs", src: tuple[int, int] = (255, 190)):
         layout, payload = pack(name, **fields)
         self._sequence = (self._sequence + 1) & 0xFF
-        self.sim.feed(0, via, frame_v2(layout, payload, self._sequence, *src))
+        self.sim.feed(0, link, frame_v2(layout, payload, self._sequence, *src))
 
     def command(self, number: int, *values: float) -> None:
         fields = {f"param{n + 1}": value for n, value in enumerate(values)}
@@ -149,21 +154,21 @@ class Vehicle:
         report = self.commander.report
         if report is not self._published_report and report != self._published_report:
             self._published_report = report
-            self.reports.append(_as_sent(report))
-        for via, parser in self._parsers.items():
-            for frame in self.sim.frames(0, via):
+            self.reports.append(_report_messages(report))
+        for link, parser in self._parsers.items():
+            for frame in self.sim.frames(0, link):
                 msg_id = frame[7] | frame[8] << 8 | frame[9] << 16
-                if via == "gcs":
+                if link == "gcs":
                     self.counts[msg_id] = self.counts.get(msg_id, 0) + 1
-                if msg_id not in self.wanted:
+                if msg_id not in self.compared_ids:
                     continue
                 for message in parser.feed(frame):
                     if (message.system_id, message.component_id) == (self.system_id, 1):
-                        self._record(via, message.name, message.values)
+                        self._record(link, message.name, message.values)
 
-    def _record(self, via: str, name: str, values: dict[str, Any]) -> None:
-        self.log.append((self.now_s, via, name, values))
-        self.last[via, name] = self.now_s, values
+    def _record(self, link: str, name: str, values: dict[str, Any]) -> None:
+        self.log.append((self.now_s, link, name, values))
+        self.last[link, name] = self.now_s, values
 
     def state(self) -> dict[str, Any]:
         commander = self.commander
@@ -182,15 +187,15 @@ class Vehicle:
         """Flies to Hold at 10 m, from any state."""
         if not self.commander.armed:
             self.run_until(self.ready, 15)
-            self.command(176, 1, 4, 3)
+            self.command(DO_SET_MODE, 1, 4, 3)
             self.run(0.1)
-            self.command(400, 1)
+            self.command(ARM_DISARM, 1)
             self.run(0.1)
-            self.command(22, -1, 0, 0, NAN, NAN, NAN, self.autopilot.home.alt_amsl_m + 10)
+            self.command(TAKEOFF, -1, 0, 0, NAN, NAN, NAN, self.autopilot.home.alt_amsl_m + 10)
             self.run_until(lambda: self.state()["custom_mode"] == HOLD and self.height_m > 8.5, 40)
             self.run(3.0)
         elif self.state()["custom_mode"] != HOLD:
-            self.command(176, 1, 4, 3)
+            self.command(DO_SET_MODE, 1, 4, 3)
             self.run(0.4)
         self.run_until(lambda: self.speed_m_s < 1.0, 8)
 
@@ -200,17 +205,17 @@ class Vehicle:
             self.fly()
         self.stream(True)
         self.run(0.6)
-        self.command(176, 1, 6)
+        self.command(DO_SET_MODE, 1, 6)
         self.run(1.0)
         self.stream(False)
 
     def stream(self, on: bool) -> None:
-        """Streams a position 10 m up at 20 Hz."""
+        """Starts or stops a 20 Hz stream of a position 10 m above the start."""
         self.background = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
                            "type_mask": 2552, "z": -10.0} if on else None  # fmt: skip
 
     def ground(self, armed: bool, custom_mode: int) -> None:
-        """Brings the vehicle to the ground: armed or not, in a mode."""
+        """Brings the vehicle to the ground and into this arming state and mode."""
         armed_s = [at_s for at_s, _ in itertools.takewhile(lambda e: e[1]["armed"], reversed(self.states))]
         about_to_disarm = armed and bool(armed_s) and self.now_s - armed_s[-1] > REARM_AFTER_S
         if (
@@ -218,21 +223,21 @@ class Vehicle:
             or about_to_disarm
             or (armed and self.state()["custom_mode"] != custom_mode)
         ):
-            self.command(400, 0, 21196)
+            self.command(ARM_DISARM, 0, FORCE)
             self.run(0.1)
             self.run_until(lambda: self.commander.landed, 2)
         self.run_until(self.ready, 4)
         if armed and not self.commander.armed:
-            self.command(176, 1, 4, 3)
+            self.command(DO_SET_MODE, 1, 4, 3)
             self.run(0.1)
-            self.command(400, 1)
+            self.command(ARM_DISARM, 1)
             self.run(0.1)
         if self.state()["custom_mode"] != custom_mode:
-            self.command(176, 1, custom_mode >> 16 & 0xFF, custom_mode >> 24)
+            self.command(DO_SET_MODE, 1, custom_mode >> 16 & 0xFF, custom_mode >> 24)
             self.run(0.2)
 
     def upload(self, plan: list[dict[str, Any]], *, floats: bool = False) -> None:
-        """Stores a mission, fence or rally points; `floats`: as MISSION_ITEM with floats."""
+        """Uploads a mission, fence or rally points; `floats`: as MISSION_ITEM with float coordinates."""
         kind = plan[0]["mission_type"]
         target = {"target_system": self.system_id, "target_component": 1, "mission_type": kind}
         self.send("MISSION_COUNT", {"count": len(plan), **target})
@@ -247,14 +252,14 @@ class Vehicle:
         """Flies to a position and stops there."""
         self.send(
             "COMMAND_INT",
-            {"target_system": self.system_id, "target_component": 1, "command": 192, "param1": -1,
+            {"target_system": self.system_id, "target_component": 1, "command": DO_REPOSITION, "param1": -1,
              "param2": 1, "param4": NAN, "x": lat_e7, "y": lon_e7, "z": alt_amsl_m},
         )  # fmt: skip
         self.run(1.5)
         self.run_until(lambda: self.speed_m_s < 0.3, 60)
 
 
-def _as_sent(report: CheckResults) -> list[Received]:
+def _report_messages(report: CheckResults) -> list[Received]:
     announcer, sent = Announcer(lambda: 0), list[Received]()
 
     def record(item: StatusText | Event) -> None:

@@ -27,7 +27,7 @@ STATUS, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
 PERIOD_S = 0.3138
 """Period of the arming check requests on the recorder's clock."""
 LATE_S = 0.05
-"""An answer later than this was delayed on purpose."""
+"""A reply later than this was delayed on purpose."""
 GCS = (255, 190)
 BETWEEN_S, LONGEST_PAUSE_S = 1.5, 60.0
 EARLY_S = 0.25
@@ -57,12 +57,12 @@ def load(groups: tuple[str, ...]) -> list[Dialogue]:
         path = RECORDED / f"{group}.jsonl"
         if path.exists():
             found += [json.loads(line) for line in path.read_text().splitlines()]
-    boots = list(dict.fromkeys(each["session"] for each in found))
-    return sorted(found, key=lambda each: boots.index(each["session"]))
+    sessions = list(dict.fromkeys(each["session"] for each in found))
+    return sorted(found, key=lambda each: sessions.index(each["session"]))
 
 
 def flat_fields(fields: dict[str, Any]) -> dict[str, Any]:
-    """As numbers: null is NaN; arrays of messages are flattened."""
+    """The fields as numbers: null becomes NaN; arrays of messages are flattened."""
     flat: dict[str, Any] = {}
     for key, value in fields.items():
         if isinstance(value, list) and value and isinstance(value[0], dict):
@@ -82,8 +82,8 @@ class TimedDialogue:
 
     dialogue: Dialogue
     lasts_s: float
-    answers_continue: bool = False
-    """Whether the components that answered last continue to answer until the next dialogue."""
+    replies_continue: bool = False
+    """Whether the components that sent the last replies continue to reply until the next dialogue."""
 
 
 def timed_dialogues(dialogues: list[Dialogue]) -> list[TimedDialogue]:
@@ -91,8 +91,11 @@ def timed_dialogues(dialogues: list[Dialogue]) -> list[TimedDialogue]:
     return [_timed_dialogue(each, after) for each, after in itertools.zip_longest(dialogues, dialogues[1:])]
 
 
-def params(dialogues: list[TimedDialogue], only_in_long_tests: Callable[[str], bool]) -> list[Any]:
-    """Arguments of a test; whole boots, named by their session, are left to the long tests."""
+def dialogue_parameters(
+    dialogues: list[TimedDialogue], only_in_long_tests: Callable[[str], bool]
+) -> list[Any]:
+    """The dialogues as pytest parameters; `only_in_long_tests` selects sessions that only the long tests
+    replay."""
     return [
         pytest.param(each, id=each.dialogue["id"], marks=pytest.mark.broad if is_long else ())
         for each in dialogues
@@ -102,19 +105,20 @@ def params(dialogues: list[TimedDialogue], only_in_long_tests: Callable[[str], b
 
 def _timed_dialogue(dialogue: Dialogue, after: Dialogue | None) -> TimedDialogue:
     end_s = _end(dialogue)
-    before, then = _requests(dialogue), _requests(after) if after else []
-    if after is None or after["session"] != dialogue["session"] or not before or not then:
+    requests, next_requests = _requests(dialogue), _requests(after) if after else []
+    if after is None or after["session"] != dialogue["session"] or not requests or not next_requests:
         return TimedDialogue(dialogue, end_s + BETWEEN_S)
-    lasts_s = before[-1][0] + (then[0][1] - before[-1][1]) % REQUEST_IDS * PERIOD_S - then[0][0]
+    between_s = (next_requests[0][1] - requests[-1][1]) % REQUEST_IDS * PERIOD_S
+    lasts_s = requests[-1][0] + between_s - next_requests[0][0]
     if not end_s - PERIOD_S < lasts_s < end_s + LONGEST_PAUSE_S:
         return TimedDialogue(dialogue, end_s + BETWEEN_S)
     replies = _replies(after)
-    answered = bool(replies) and replies[0]["fields"]["request_id"] <= then[0][1]
-    return TimedDialogue(dialogue, max(lasts_s, end_s + SLACK_S), answered)
+    replied = bool(replies) and replies[0]["fields"]["request_id"] <= next_requests[0][1]
+    return TimedDialogue(dialogue, max(lasts_s, end_s + SLACK_S), replied)
 
 
 class _Responder:
-    """Answers arming check requests as one entry of a dialogue did."""
+    """Replies to arming check requests as one entry of a dialogue did."""
 
     def __init__(self, entry: dict[str, Any], requested: dict[int, float], continues: bool) -> None:
         self._fields = flat_fields(entry["fields"])
@@ -126,15 +130,15 @@ class _Responder:
             self._until_s = math.inf
         self._left, self._last_id = entry["count"], 0
 
-    def answer(self, at_s: float, request_id: int) -> tuple[float, dict[str, Any]] | None:
-        """Time and fields of the answer; None: it does not answer at this time."""
+    def reply(self, at_s: float, request_id: int) -> tuple[float, dict[str, Any]] | None:
+        """Time and fields of the reply; None: no reply at this time."""
         if not self._from_s <= at_s <= self._until_s:
             return None
         self._left, self._last_id = self._left - 1, request_id
         return at_s + self._delay_s, self._fields | {"request_id": request_id}
 
     def surplus(self, at_s: float) -> dict[str, Any] | None:
-        """A second answer to the last request, where more answers than requests were recorded."""
+        """A second reply to the last request, if more replies than requests were recorded."""
         if self._left <= 0 or at_s < self._until_s or not self._last_id:
             return None
         self._left = 0
@@ -178,17 +182,17 @@ class Player:
         self.began_s = self.vehicle.sim.time_s
         self._until_s = self.began_s + _end(dialogue) + SLACK_S
         self._begin(dialogue)
-        sends = sorted(_sends(dialogue), key=lambda each: each[0])
+        messages = sorted(_messages(dialogue), key=lambda each: each[0])
         responders = _responders(
-            dialogue, continues=timed_dialogue.answers_continue or self._ends_with_landing(dialogue)
+            dialogue, continues=timed_dialogue.replies_continue or self._ends_with_landing(dialogue)
         )
-        seen = len(self.vehicle.received)
-        pending: list[tuple[float, str, dict[str, Any]]] = list(sends)
+        read_count = len(self.vehicle.received)
+        pending: list[tuple[float, str, dict[str, Any]]] = list(messages)
         while not self._has_ended(now_s := self.vehicle.sim.time_s - self.began_s, timed_dialogue):
-            for at_s, topic, fields in self.vehicle.received[seen:]:
+            for at_s, topic, fields in self.vehicle.received[read_count:]:
                 if topic == REQUEST:
-                    pending += _answers(responders, at_s - self.began_s, fields["request_id"])
-            seen = len(self.vehicle.received)
+                    pending += _due_replies(responders, at_s - self.began_s, fields["request_id"])
+            read_count = len(self.vehicle.received)
             extra = [each.surplus(now_s) for each in responders]
             pending += [(now_s, REPLY, fields) for fields in extra if fields is not None]
             due = [each for each in pending if each[0] <= now_s + 1e-6]
@@ -235,7 +239,7 @@ class Player:
         return [tuple(each[name] for name in EVENTS[topic]) for each in received]
 
     def changes(self, topic: str, name: str) -> list[tuple[float, Any]]:
-        """(time, (old, new)) of each change of a field."""
+        """Time, and old and new value, of each change of a field."""
         received = [(at_s, each[name]) for at_s, t, each in self.vehicle.received if t == topic]
         changed = [
             (new[0], (old[1], new[1])) for old, new in itertools.pairwise(received) if new[1] != old[1]
@@ -244,7 +248,7 @@ class Player:
 
 
 def _use_slots(dialogue: Dialogue, vehicle: Ros2Vehicle) -> None:
-    """Marks the slots that PX4 gave to other modes before, in dialogues of this boot that are not here."""
+    """Marks the slots as used that PX4 gave to other modes in unrecorded dialogues of this boot."""
     parameters = vehicle.sim.simulation.parameters[0]
     registered = [each for each in recorded_events(dialogue, REGISTERED) if each[1] and each[3] >= FIRST_MODE]
     if registered and name_hash(registered[0][0]) not in parameters.mode_hashes:
@@ -253,7 +257,7 @@ def _use_slots(dialogue: Dialogue, vehicle: Ros2Vehicle) -> None:
                 parameters.store_mode_hash(slot, 1 + slot)
 
 
-def _sends(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]:
+def _messages(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]:
     for sent in dialogue["send"]:
         topic = SERVICE_REQUEST if sent["topic"].endswith("vehicle_commandRequest") else sent["topic"]
         topic = topic[topic.find("/fmu/") :] if "/fmu/" in topic else topic
@@ -264,7 +268,7 @@ def _sends(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]:
         fields.pop("writer_qos", None)
         for n in range(sent.get("count", 1)):
             at_s = sent["dt_s"] + n / sent.get("streamed_hz", 1)
-            if at_s > -EARLY_S:  # Earlier parts of a stream belong to the dialogue before.
+            if at_s > -EARLY_S:  # earlier messages of a stream belong to the previous dialogue
                 yield at_s, topic, fields_at(sent["setpoints"], at_s) if "setpoints" in sent else fields
 
 
@@ -276,9 +280,11 @@ def fields_at(setpoints: list[list[Any]], at_s: float) -> dict[str, Any]:
 
 
 def _requests(dialogue: Dialogue) -> list[tuple[float, int]]:
-    """(time, id) of the recorded arming check requests: the first ones and the last."""
-    here = [each for each in dialogue["received"] if each.get("topic", "").endswith("arming_check_request")]
-    return [(each["dt_s"], each["fields"]["request_id"]) for each in here]
+    """Time and id of the recorded arming check requests: the first ones and the last."""
+    entries = [
+        each for each in dialogue["received"] if each.get("topic", "").endswith("arming_check_request")
+    ]
+    return [(each["dt_s"], each["fields"]["request_id"]) for each in entries]
 
 
 def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:
@@ -294,13 +300,13 @@ def _responders(dialogue: Dialogue, *, continues: bool) -> list[_Responder]:
     ]
 
 
-def _answers(
+def _due_replies(
     responders: list[_Responder], at_s: float, request_id: int
 ) -> Iterator[tuple[float, str, dict[str, Any]]]:
     for responder in responders:
-        answer = responder.answer(at_s, request_id)
-        if answer is not None:
-            yield answer[0], REPLY, answer[1]
+        reply = responder.reply(at_s, request_id)
+        if reply is not None:
+            yield reply[0], REPLY, reply[1]
 
 
 def _end(dialogue: Dialogue) -> float:
@@ -311,20 +317,22 @@ def _end(dialogue: Dialogue) -> float:
 
 def recorded_events(dialogue: Dialogue, topic: str) -> list[tuple[Any, ...]]:
     """What PX4 published on an event topic."""
-    here = [each["fields"] for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
-    return [tuple(each[name] for name in EVENTS[topic]) for each in here]
+    entries = [each["fields"] for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
+    return [tuple(each[name] for name in EVENTS[topic]) for each in entries]
 
 
 def recorded_changes(dialogue: Dialogue, topic: str, name: str) -> list[tuple[float, Any]]:
-    """(time, (old, new)) of each recorded change of a field."""
-    here = [each for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
-    return [(each["dt_s"], tuple(each["changed"][name])) for each in here if name in each.get("changed", {})]
+    """Time, and old and new value, of each recorded change of a field."""
+    entries = [each for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
+    return [
+        (each["dt_s"], tuple(each["changed"][name])) for each in entries if name in each.get("changed", {})
+    ]
 
 
 def by_mode(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
-    """Changes of a bit mask as (bit, whether it is set, time), by bit.
+    """Changes of a bit mask, sorted by bit: the bit, whether it is set, and the time.
 
-    `vehicle_status` comes at 2 Hz, so it depends on its phase which changes come together.
+    PX4 publishes `vehicle_status` at 2 Hz; its phase decides which changes are in one message.
     """
     found: list[tuple[int, bool, float]] = []
     before = changes[0][1][0] if changes else 0
@@ -346,47 +354,50 @@ def recorded_completed(dialogue: Dialogue) -> list[int]:
 
 
 def recorded_modes(dialogue: Dialogue) -> list[dict[str, Any]]:
-    """AVAILABLE_MODES as PX4 sent them; the complete list is kept once, the others have entries 18 to 25."""
+    """AVAILABLE_MODES as PX4 sent them: one recording has all entries, the others have entries 18 to 25."""
     return [each["fields"] for each in dialogue["received"] if each.get("msg") == "AVAILABLE_MODES"]
 
 
 def compare(
     player: Player, dialogue: Dialogue, *, until_s: float = math.inf, ignored: frozenset[str] = frozenset()
 ) -> list[str]:
-    """The differences between what PX4 and the vehicle published, in words.
+    """Texts about the differences between what PX4 and the simulated vehicle published.
 
     Args:
-        until_s: times are compared until then.
+        until_s: the times of changes are compared until this time of the recording.
         ignored: fields that are not compared.
     """
     found: list[str] = []
     for topic in EVENTS:
-        ours, theirs = player.events(topic), recorded_events(dialogue, topic)
-        if ours != theirs:
-            found.append(f"{topic}: {ours}, recorded {theirs}")
+        simulated, recorded = player.events(topic), recorded_events(dialogue, topic)
+        if simulated != recorded:
+            found.append(f"{topic}: {simulated}, recorded {recorded}")
     for topic, names in ((STATUS, STATE), (FLAGS, FLAG_NAMES)):
         for name in (each for each in names if each not in ignored):
-            ours, theirs = player.changes(topic, name), recorded_changes(dialogue, topic, name)
-            if [value for _, value in ours] != [value for _, value in theirs]:
-                found.append(f"{name}: {ours}, recorded {theirs}")
+            simulated, recorded = player.changes(topic, name), recorded_changes(dialogue, topic, name)
+            if [value for _, value in simulated] != [value for _, value in recorded]:
+                found.append(f"{name}: {simulated}, recorded {recorded}")
             late = [
                 (a, b)
-                for (a, _), (b, _) in zip(ours, theirs, strict=False)
+                for (a, _), (b, _) in zip(simulated, recorded, strict=False)
                 if abs(a - b) > SLACK_S and b < until_s
             ]
             if late:
-                found.append(f"{name} changed at {late} (ours, recorded)")
-    ours, theirs = (
+                found.append(f"{name} changed at {late} (simulated, recorded)")
+    simulated, recorded = (
         by_mode(player.changes(STATUS, SETTABLE)),
         by_mode(recorded_changes(dialogue, STATUS, SETTABLE)),
     )
-    if [each[:2] for each in ours] != [each[:2] for each in theirs]:
-        found.append(f"{SETTABLE}: {ours}, recorded {theirs}")
-    elif any(abs(a[2] - b[2]) > SLACK_S and b[2] < until_s for a, b in zip(ours, theirs, strict=True)):
-        found.append(f"{SETTABLE} changed at {ours}, recorded {theirs}")
-    ours, theirs = completed(player.vehicle.all(COMPLETED, player.began_s)), recorded_completed(dialogue)
-    if ours != theirs:
-        found.append(f"{COMPLETED}: {ours}, recorded {theirs}")
+    if [each[:2] for each in simulated] != [each[:2] for each in recorded]:
+        found.append(f"{SETTABLE}: {simulated}, recorded {recorded}")
+    elif any(abs(a[2] - b[2]) > SLACK_S and b[2] < until_s for a, b in zip(simulated, recorded, strict=True)):
+        found.append(f"{SETTABLE} changed at {simulated}, recorded {recorded}")
+    simulated, recorded = (
+        completed(player.vehicle.all(COMPLETED, player.began_s)),
+        recorded_completed(dialogue),
+    )
+    if simulated != recorded:
+        found.append(f"{COMPLETED}: {simulated}, recorded {recorded}")
     if _listed(player.modes, dialogue) != _listed(recorded_modes(dialogue), dialogue):
         found.append("AVAILABLE_MODES")
     return found

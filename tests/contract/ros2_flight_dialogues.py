@@ -44,19 +44,19 @@ class FlightPlayer(Player):
 
     def __init__(self) -> None:
         super().__init__()
-        self._silences: list[tuple[float, float]] = []
+        self._heartbeat_gaps: list[tuple[float, float]] = []
         """Periods without heartbeats, in time since boot."""
         self._heartbeat_at_s = 0.0
-        self._answered = 0
-        self._prepares = False
+        self._replied = 0
+        self._is_preparing = False
 
     def _boot(self) -> None:
-        self._silences, self._heartbeat_at_s = [], 0.0
+        self._heartbeat_gaps, self._heartbeat_at_s = [], 0.0
 
     def _prepare(self, dialogue: Dialogue) -> None:
         """Brings the vehicle into the state in which the dialogue began."""
         state = dialogue["state"]
-        self._prepares, self._answered = True, len(self.vehicle.received)
+        self._is_preparing, self._replied = True, len(self.vehicle.received)
         missing = state["can_set_nav_states_mask"] & ~self._status()["can_set_nav_states_mask"]
         for mode in range(FIRST_MODE, LAST_MODE + 1):
             if missing >> mode & 1:
@@ -71,7 +71,7 @@ class FlightPlayer(Player):
             self.vehicle.command(SET_NAV_STATE, float(state["nav_state_user_intention"]))
             self._run(1.0)
         self._activate_executor(state["executor_in_charge"])
-        self._prepares = False
+        self._is_preparing = False
 
     def _activate_executor(self, executor: int) -> None:
         """Activates an executor by selecting its mode, which then selects the previous mode again."""
@@ -135,7 +135,9 @@ class FlightPlayer(Player):
     def _begin(self, dialogue: Dialogue) -> None:
         marks = {each["text"]: self.began_s + each["dt_s"] for each in dialogue.get("marks") or []}
         if "GCS heartbeats stop" in marks:
-            self._silences = [(marks["GCS heartbeats stop"], marks.get("GCS heartbeats back", math.inf))]
+            self._heartbeat_gaps = [
+                (marks["GCS heartbeats stop"], marks.get("GCS heartbeats back", math.inf))
+            ]
 
     def _run(self, seconds: float) -> None:
         end_s = self.vehicle.sim.time_s + seconds - 1e-6
@@ -143,23 +145,23 @@ class FlightPlayer(Player):
             now_s = self.vehicle.sim.time_s
             if now_s >= self._heartbeat_at_s:
                 self._heartbeat_at_s = now_s + HEARTBEAT_S
-                if not any(begin_s <= now_s < back_s for begin_s, back_s in self._silences):
+                if not any(begin_s <= now_s < back_s for begin_s, back_s in self._heartbeat_gaps):
                     self._heartbeat()
-            if self._prepares:
-                self._answer_all()
+            if self._is_preparing:
+                self._reply_to_all()
             super()._run(min(STEP_S, end_s - now_s + 1e-6))
 
     def _heartbeat(self) -> None:
         layout, payload = pack("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
         self.vehicle.sim.feed(0, "gcs", frame_v2(layout, payload, 0, *GCS))
 
-    def _answer_all(self) -> None:
-        for _, topic, fields in self.vehicle.received[self._answered :]:
+    def _reply_to_all(self) -> None:
+        for _, topic, fields in self.vehicle.received[self._replied :]:
             if topic == REQUEST:
                 for check in range(2):
                     reply = {"request_id": fields["request_id"], "registration_id": check}
                     self.vehicle.send(REPLY, reply, can_arm_and_run=True, mode_req_local_position=True)
-        self._answered = len(self.vehicle.received)
+        self._replied = len(self.vehicle.received)
 
 
 def landed_s(dialogue: Dialogue) -> float:

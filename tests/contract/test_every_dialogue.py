@@ -34,7 +34,7 @@ LONGEST = {
     "calibration-1",
     "termination-0",
 }
-"""Each takes as long as ten others: only `make test-clients` runs them."""
+"""Each of these takes as long as ten others: only `make test-clients` runs them."""
 DIALOGUES = 602
 MAX_ROWS = 40
 RATE_HZ_TOLERANCE = 0.1
@@ -69,18 +69,18 @@ def test_all_recorded_dialogues_are_replayed(recorded: Path) -> None:
     assert sum(len(dialogues) for dialogues in SESSIONS.values()) == DIALOGUES
 
 
-def test_a_wrong_answer_is_a_difference() -> None:
-    """The comparison itself: another result, a missing text or a field out of tolerance is a difference."""
+def test_another_result_a_missing_message_or_another_value_is_a_difference() -> None:
+    """Checks the comparison with changed recordings."""
     dialogue = next(d for d in SESSIONS["request_message-0"] if d["id"] == "request_1_sys_status")
-    answer = Player().play(dialogue)
-    assert not compare(dialogue, answer)
+    result = Player().play(dialogue)
+    assert not compare(dialogue, result)
     for entry in dialogue["received"]:
         changed = {**dialogue, "received": [e for e in dialogue["received"] if e is not entry]}
-        assert compare(changed, answer) or entry["msg"] == "SYS_STATUS"
+        assert compare(changed, result) or entry["msg"] == "SYS_STATUS"
         field = "result" if entry["msg"] == "COMMAND_ACK" else "onboard_control_sensors_health"
         wrong = {**entry, "fields": {**entry["fields"], field: 3}}
         changed = {**dialogue, "received": [wrong if e is entry else e for e in dialogue["received"]]}
-        assert [d.field for d in compare(changed, answer)] != []
+        assert [d.field for d in compare(changed, result)] != []
     assert same([1.0, float("nan")], [1.0000001, float("nan")])
     assert not same(1.0, 1.01)
     assert same(1.0, 1.01, 0.02)
@@ -102,12 +102,12 @@ def test_the_table_is_short_and_each_row_belongs_to_a_recorded_dialogue(shared: 
 
 @pytest.mark.parametrize(("part", "hz"), [("after_200000us", 0), ("after_0", 4.5)])
 def test_a_stream_has_the_requested_rate(shared: Path, part: str, hz: float) -> None:
-    """Counted over four seconds, as in the recording."""
+    """The rate is counted over four seconds, as in the recording."""
     recorded = dict(sessions(shared / "px4" / "dialogues"))["message_interval-0"]
     dialogue = next(d for d in recorded if "measured_hz" in d)
     end_s = hz + 4.5
     cut = [e for e in dialogue["send"] if e["dt_s"] < end_s]
-    answer = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s})
+    result = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s})
     before = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s - 4.0})
-    counted_hz = (answer.counts["ATTITUDE"] - before.counts["ATTITUDE"]) / 4.0
+    counted_hz = (result.counts["ATTITUDE"] - before.counts["ATTITUDE"]) / 4.0
     assert counted_hz == pytest.approx(dialogue["measured_hz"][part], rel=RATE_HZ_TOLERANCE)

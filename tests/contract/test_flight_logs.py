@@ -33,9 +33,9 @@ HEIGHT_M = 1.5
 NOT_STREAMED = {"PARAM_VALUE", "STATUSTEXT", "EVENT", "COMMAND_ACK", "COMMAND_LONG", "AVAILABLE_MODES"}
 
 Received = list[tuple[float, str, dict[str, Any]]]
-"""(seconds since the log began, message, fields)."""
+"""Seconds since the log began, message name and fields of each message."""
 Sent = list[tuple[float, tuple[int, int], str, dict[str, Any]]]
-"""(seconds since the log began, sender, message, fields)."""
+"""Seconds since the log began, sender, message name and fields of each message."""
 
 
 def read(path: Path) -> tuple[Received, Sent, float]:
@@ -44,14 +44,14 @@ def read(path: Path) -> tuple[Received, Sent, float]:
     raw = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
     messages: Received = []
     sent: Sent = []
-    at, began_us, boot_s = 0, 0, None
-    while at + TIME_BYTES < len(raw):
-        time_us = int.from_bytes(raw[at : at + TIME_BYTES], "big")
+    offset, began_us, boot_s = 0, 0, None
+    while offset + TIME_BYTES < len(raw):
+        time_us = int.from_bytes(raw[offset : offset + TIME_BYTES], "big")
         began_us = began_us or time_us
-        at += TIME_BYTES
-        assert raw[at] == 0xFD
-        size = 12 + raw[at + 1]
-        for message in FrameParser().feed(raw[at : at + size]):
+        offset += TIME_BYTES
+        assert raw[offset] == 0xFD
+        size = 12 + raw[offset + 1]
+        for message in FrameParser().feed(raw[offset : offset + size]):
             time_s, fields = (time_us - began_us) / 1e6, dict(message.values)
             if message.component_id != AUTOPILOT:
                 sent.append((time_s, message.sender, message.name, fields))
@@ -59,7 +59,7 @@ def read(path: Path) -> tuple[Received, Sent, float]:
             messages.append((time_s, message.name, fields))
             if boot_s is None and message.name == "ATTITUDE":
                 boot_s = fields["time_boot_ms"] / 1e3 - time_s
-        at += size
+        offset += size
     assert boot_s is not None
     return messages, sent, boot_s
 
@@ -112,8 +112,8 @@ def event(fields: dict[str, Any]) -> str | None:
 
 
 def disarmed_s(received: Received) -> float:
-    flown = [t for t, n, f in received if n == "HEARTBEAT" and f["base_mode"] & 128]
-    return flown[-1] + 1.5
+    armed_s = [t for t, n, f in received if n == "HEARTBEAT" and f["base_mode"] & 128]
+    return armed_s[-1] + 1.5
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
@@ -121,9 +121,9 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path,
     (path,) = (recorded / "tlogs").glob(f"{name}.tlog*")
     real, sent, boot_s = read(path)
     end_s = real[-1][0]
-    ours = fly(sent, boot_s, end_s, *FLIGHTS[name])
+    sim = fly(sent, boot_s, end_s, *FLIGHTS[name])
 
-    counts = [Counter(n for t, n, _ in received if READY_S < t < end_s) for received in (real, ours)]
+    counts = [Counter(n for t, n, _ in received if READY_S < t < end_s) for received in (real, sim)]
     different_counts = {
         n: (counts[0][n], counts[1][n])
         for n in counts[0] | counts[1]
@@ -131,13 +131,14 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path,
         and max(c[n] for c in counts) >= MIN_COUNT
         and abs(counts[0][n] - counts[1][n]) > TOLERANCE * counts[0][n] + 2
     }
-    assert not different_counts, "messages, PX4's and ours"
+    assert not different_counts, "number of messages: PX4, simulator"
 
-    until_s = [disarmed_s(real), disarmed_s(ours)]
+    until_s = [disarmed_s(real), disarmed_s(sim)]
 
     def changes_in_both(message: str, value_of: Any, lasting_s: float = 0.0) -> tuple[list[Any], list[Any]]:
         values = [
-            changes(h, message, value_of, s, lasting_s) for h, s in zip((real, ours), until_s, strict=True)
+            changes(received, message, value_of, s, lasting_s)
+            for received, s in zip((real, sim), until_s, strict=True)
         ]
         return values[0], values[1]
 

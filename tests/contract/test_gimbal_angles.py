@@ -38,9 +38,9 @@ def pointing(vehicle: Vehicle) -> dict[str, float]:
     }
 
 
-def differences(real: dict[str, Any], ours: dict[str, float]) -> list[str]:
+def differences(real: dict[str, Any], simulated: dict[str, float]) -> list[str]:
     different = []
-    for name, value in ours.items():
+    for name, value in simulated.items():
         difference = (
             abs(math.remainder(value - real[name], 360.0)) if name != "device_flags" else value != real[name]
         )

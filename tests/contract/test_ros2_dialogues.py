@@ -1,6 +1,6 @@
-"""Recorded ROS 2 dialogues of a real PX4 repeated on the simulated vehicle: answers, states, their times.
+"""Recorded ROS 2 dialogues of a real PX4 repeated on the simulated vehicle: replies, states, their times.
 
-A dialogue is compared by all answers that were recorded, the changes of the vehicle's state with their
+A dialogue is compared by all recorded replies, the changes of the vehicle's state with their
 times, and the list of modes over MAVLink. Each difference must be explained in `EXPLAINED`.
 """
 
@@ -15,8 +15,8 @@ from tests.contract.ros2_dialogues import (
     Player,
     TimedDialogue,
     compare,
+    dialogue_parameters,
     load,
-    params,
     timed_dialogues,
 )
 from tests.contract.ros2_flight_dialogues import GROUPS as IN_FLIGHT
@@ -29,18 +29,19 @@ GROUPS = (
 )  # fmt: skip
 ALWAYS = frozenset({"ground", "agent", "x_reg", "x_extra", "x_slots", "ns1", "x_inputs"})
 """Boots of PX4 whose dialogues `make test` repeats; `make test-clients` repeats all, also those that wait for
-lost answers."""
-SLOWEST_ANSWER_S = 0.036
-"""The recorded answers took 3 to 35 ms."""
+lost replies."""
+SLOWEST_REPLY_S = 0.036
+"""The recorded replies took 3 to 35 ms."""
 EXPLAINED = {
     "burst_20": "Twenty messages arrive at once here; PX4 took two before its queue kept only the last four.",
     "burst_of_10": "Ten requests arrive at once here; PX4's client took two before its queue kept the last.",
-    "set_nav_state_bad": "The numbers 31 and 200 name no mode: answered alike, but the mode stays as it is.",
-    "executor_activate_immediately": "The first check of the mode runs before its component has answered; "
+    "set_nav_state_bad": "The numbers 31 and 200 name no mode: PX4's reply is the same, "
+    "but here the mode does not change.",
+    "executor_activate_immediately": "The first check of the mode runs before its component has replied; "
     "PX4 ran it 10 ms later.",
 }
 NOT_REPLAYED = {
-    "agent_restart": "There is no agent that could restart; a mode without answers is removed here, too.",
+    "agent_restart": "There is no agent that could restart; a mode without replies is removed here, too.",
     "agent_late": "There is no agent that could be late: the vehicle publishes when it is connected.",
     "px4_reboot": "The end of the vehicle's process and its next boot, which is like every boot.",
     "two_vehicles_one_agent": "Two processes, each with its namespace; nothing is sent to them.",
@@ -54,9 +55,10 @@ def player() -> Player:
 
 
 @pytest.mark.parametrize(
-    "timed_dialogue", params(timed_dialogues(load(GROUPS)), lambda session: session not in ALWAYS)
+    "timed_dialogue",
+    dialogue_parameters(timed_dialogues(load(GROUPS)), lambda session: session not in ALWAYS),
 )
-def test_a_replayed_dialogue_has_the_recorded_answers_and_states(
+def test_a_replayed_dialogue_has_the_recorded_replies_and_states(
     player: Player, timed_dialogue: TimedDialogue
 ) -> None:
     player.play(timed_dialogue)
@@ -67,13 +69,13 @@ def test_a_replayed_dialogue_has_the_recorded_answers_and_states(
         assert not found
 
 
-def test_answers_are_as_fast_as_recorded() -> None:
+def test_replies_are_as_fast_as_recorded() -> None:
     vehicle = Ros2Vehicle()
     sent_s = vehicle.sim.time_s
     vehicle.command(31999)
     vehicle.run(0.1)
     (at_s,) = [at_s for at_s, topic, _ in vehicle.received if topic == COMMAND_ACK]
-    assert at_s - sent_s <= SLOWEST_ANSWER_S
+    assert at_s - sent_s <= SLOWEST_REPLY_S
 
 
 def test_every_explained_dialogue_was_recorded(shared: Path) -> None:

@@ -1,6 +1,6 @@
 """Recorded ROS 2 dialogues of a real PX4 in flight: external modes flown, lost and replaced, executors,
-overrides. Compared by answers and by the vehicle's state; times are compared until the first landing, which
-depends on the height.
+overrides. Replies and the vehicle's state are compared; times only until the first landing, because its time
+depends on the altitude.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.ros2_dialogues import TimedDialogue, compare, load, params, timed_dialogues
+from tests.contract.ros2_dialogues import TimedDialogue, compare, dialogue_parameters, load, timed_dialogues
 from tests.contract.ros2_flight_dialogues import GROUPS, FlightPlayer, landed_s
 
 ONE_OF_EACH = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_two"})
@@ -18,7 +18,7 @@ ONE_OF_EACH = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_tw
 SHORTEST = "x_repl5"
 """The boot that `make test` repeats, too."""
 IGNORED = frozenset({"pre_flight_checks_pass"})
-"""In flight PX4 reports the checks of the failed mode for one cycle of 12 ms, until it has left it."""
+"""In flight PX4 reports the checks of a failed mode for one cycle of 12 ms, until PX4 has left the mode."""
 LOW_RETURN = "The return lands earlier here and is disarmed before the next mode is selected."
 EXPLAINED = {
     "lost_rtl_armchk0": LOW_RETURN,
@@ -40,9 +40,9 @@ def player() -> FlightPlayer:
 
 
 @pytest.mark.parametrize(
-    "timed_dialogue", params(timed_dialogues(DIALOGUES), lambda session: session != SHORTEST)
+    "timed_dialogue", dialogue_parameters(timed_dialogues(DIALOGUES), lambda session: session != SHORTEST)
 )
-def test_a_replayed_dialogue_in_flight_has_the_recorded_answers_and_states(
+def test_a_replayed_dialogue_in_flight_has_the_recorded_replies_and_states(
     player: FlightPlayer, timed_dialogue: TimedDialogue
 ) -> None:
     player.play(timed_dialogue)

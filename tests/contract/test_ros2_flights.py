@@ -32,25 +32,26 @@ SPREAD_M = (1.4, 0.8)
 """Largest horizontal and vertical differences between recorded flights with equal setpoints: the node and a
 step, three times each, and a hovering vehicle, four times [m]. The simulated vehicle has no noise here."""
 LANDING_M = 1.3
-"""The same of the height, if the flight has a landing [m]."""
+"""Largest vertical difference between flights that have a landing [m]."""
 DISARMING_S = 6.0
 """Recorded landings from 5 m took 10.3 to 16.1 s until they were detected."""
 ALWAYS = frozenset({"all_nan", "hold_goto_30hz"})
 """Flights that `make test` replays; `make test-clients` replays all of them."""
-DRIFTS = "loss_ocm_only"
-"""Its height follows a velocity, so it drifts with the error of the estimated vertical speed. It is flown
-with sensor noise."""
+FOLLOWS_VELOCITY = "loss_ocm_only"
+"""The vertical motion of this flight follows a velocity setpoint, so the altitude drifts with the error of
+the estimated vertical speed. The replay has sensor noise."""
 SEEDS = range(4)
-FALLS = "nav_takeoff_7m_relative_wrong"
-"""Its take-off altitude is below the vehicle, so PX4 used the vehicle's own, and climbed because its estimate
-fell on the ground. The simulated GPS gets this fall. It is not known how the fall went on in the air, so only
-the order of the modes and the farthest points after the go-to are compared."""
+DRIFTS_ON_GROUND = "nav_takeoff_7m_relative_wrong"
+"""The commanded take-off altitude is below the vehicle, so PX4 used the vehicle's altitude. The vehicle
+climbed because its altitude estimate drifted downwards on the ground; the simulated GPS gets this drift. The
+drift in the air is unknown, so only the order of the modes and the farthest points after the go-to are
+compared."""
 GO_TO_S = 12.3
 WHOLE = os.environ.get("ALL_DIALOGUES") == "1"
 
 
 def names() -> list[str]:
-    """The flights that neither the bench nor a dialogue compares."""
+    """Names of the flights that neither the bench nor a dialogue compares."""
     index = FOLDER / "index.json"
     flights = json.loads(index.read_text()) if index.exists() else []
     return [
@@ -65,7 +66,12 @@ def height_limit_m(flight: Flight) -> float:
 
 
 @pytest.mark.parametrize(
-    "name", [each for each in names() if each not in (DRIFTS, FALLS) and (WHOLE or each in ALWAYS)]
+    "name",
+    [
+        each
+        for each in names()
+        if each not in (FOLLOWS_VELOCITY, DRIFTS_ON_GROUND) and (WHOLE or each in ALWAYS)
+    ],
 )
 def test_a_replayed_flight_is_within_the_spread_of_the_recorded_ones(name: str) -> None:
     flight = Flight.load(name)
@@ -78,9 +84,9 @@ def test_a_replayed_flight_is_within_the_spread_of_the_recorded_ones(name: str) 
 
 
 @pytest.mark.skipif(not WHOLE, reason="make test-clients replays all flights")
-def test_a_flight_that_drifts_with_noise_is_in_the_range_of_simulated_ones(shared: Path) -> None:
+def test_a_recorded_flight_that_drifts_is_in_the_range_of_simulated_flights_with_noise(shared: Path) -> None:
     assert shared
-    flight = Flight.load(DRIFTS)
+    flight = Flight.load(FOLLOWS_VELOCITY)
     flown = [fly(flight, noise=seed) for seed in SEEDS]
     assert not any(late_changes(states, flight.states, DISARMING_S) for _, states in flown)
     horizontal_m, vertical_m = largest_excess([track for track, _ in flown], flight.track)
@@ -89,19 +95,23 @@ def test_a_flight_that_drifts_with_noise_is_in_the_range_of_simulated_ones(share
 
 
 @pytest.mark.skipif(not WHOLE, reason="make test-clients replays all flights")
-def test_a_take_off_to_the_own_altitude_climbs_if_the_estimate_falls_on_the_ground(shared: Path) -> None:
+def test_a_take_off_to_the_present_altitude_climbs_if_the_altitude_estimate_drifts_down_on_the_ground(
+    shared: Path,
+) -> None:
     assert shared
-    flight = Flight.load(FALLS)
-    track, states = fly(flight, falls=True)
+    flight = Flight.load(DRIFTS_ON_GROUND)
+    track, states = fly(flight, with_ground_drift=True)
     assert [each[1:] for each in changes(states)] == [each[1:] for each in changes(flight.states)]
-    for ours_m, theirs_m, limit_m in zip(
+    for simulated_m, recorded_m, limit_m in zip(
         farthest_m(track, GO_TO_S), farthest_m(flight.track, GO_TO_S), SPREAD_M, strict=True
     ):
-        assert abs(ours_m - theirs_m) <= limit_m
+        assert abs(simulated_m - recorded_m) <= limit_m
     _, states = fly(flight)
-    assert changes(states)[-1][1:] != changes(flight.states)[-1][1:], "without the fall it does not take off"
+    assert changes(states)[-1][1:] != changes(flight.states)[-1][1:], (
+        "the vehicle takes off without the drift"
+    )
 
 
 def test_every_named_flight_is_recorded(shared: Path) -> None:
     assert shared
-    assert {DRIFTS, FALLS, *ALWAYS} <= set(names())
+    assert {FOLLOWS_VELOCITY, DRIFTS_ON_GROUND, *ALWAYS} <= set(names())

@@ -12,61 +12,64 @@ from tests.contract.replay_vehicle import Received
 from vehicle_sim.mavlink.services.mission_items import opaque_id
 
 
-def text(dt_s: float, words: str) -> Received:
-    return Received(dt_s, "STATUSTEXT", {"text": words, "severity": 6})
+def statustext(dt_s: float, text: str) -> Received:
+    return Received(dt_s, "STATUSTEXT", {"text": text, "severity": 6})
 
 
 def key(message: Received) -> str:
     return message.values["text"]
 
 
-def own_command(dt_s: float, confirmation: int, component: int = 0) -> Received:
+def command_to_itself(dt_s: float, confirmation: int, component: int = 0) -> Received:
     values = {"command": 2003, "confirmation": confirmation, "target_component": component}
     return Received(dt_s, "COMMAND_LONG", values)
 
 
 def test_repeats_of_a_command_sent_before_the_dialogue_are_ignored() -> None:
-    too_soon = [own_command(0.9, 1), own_command(1.4, 2), own_command(1.9, 3)]
-    in_time = [own_command(1.0, 1), own_command(1.5, 2), own_command(2.0, 3)]
-    others = [own_command(0.1, 0), own_command(0.1, 4), own_command(0.1, 1, component=154)]
+    too_soon = [command_to_itself(0.9, 1), command_to_itself(1.4, 2), command_to_itself(1.9, 3)]
+    in_time = [command_to_itself(1.0, 1), command_to_itself(1.5, 2), command_to_itself(2.0, 3)]
+    others = [command_to_itself(0.1, 0), command_to_itself(0.1, 4), command_to_itself(0.1, 1, component=154)]
     assert rules.without_earlier_repeats(too_soon + in_time + others) == in_time + others
 
 
-def test_of_a_long_answer_the_first_and_last_messages_are_compared() -> None:
-    ours = [text(float(n), str(n)) for n in range(9)]
-    kept = rules.ends(ours, "burst; only the first 2 and last 3 messages are kept")
-    assert [key(h) for h in kept] == ["0", "1", "6", "7", "8"]
-    assert rules.ends(ours, "all of them") == rules.ends(ours, None) == ours
-    assert rules.ends(ours[:4], "only the first 2 and last 3 messages are kept") == ours[:4]
+def test_the_first_and_last_messages_of_a_long_burst_are_compared() -> None:
+    simulated = [statustext(float(n), str(n)) for n in range(9)]
+    kept = rules.ends(simulated, "burst; only the first 2 and last 3 messages are kept")
+    assert [key(m) for m in kept] == ["0", "1", "6", "7", "8"]
+    assert rules.ends(simulated, "all of them") == rules.ends(simulated, None) == simulated
+    assert rules.ends(simulated[:4], "only the first 2 and last 3 messages are kept") == simulated[:4]
 
 
 def test_messages_may_swap_within_a_tenth_of_a_second() -> None:
-    missing, extra = [text(1.0, "a"), text(1.0, "b"), text(1.0, "c")], [text(1.09, "a"), text(1.2, "b")]
+    missing, extra = (
+        [statustext(1.0, "a"), statustext(1.0, "b"), statustext(1.0, "c")],
+        [statustext(1.09, "a"), statustext(1.2, "b")],
+    )
     pairs = rules.swapped(missing, extra, key)
-    assert [(real.values["text"], own.dt_s) for real, own in pairs] == [("a", 1.09)]
-    assert [key(h) for h in missing] == ["b", "c"]
-    assert [key(h) for h in extra] == ["b"]
+    assert [(real.values["text"], sim.dt_s) for real, sim in pairs] == [("a", 1.09)]
+    assert [key(m) for m in missing] == ["b", "c"]
+    assert [key(m) for m in extra] == ["b"]
 
 
 def test_messages_sent_often_are_compared_by_their_count() -> None:
-    real = [text(0.1 * n, "often") for n in range(30)] + [text(1.0, "once")]
-    own = real[:28]
-    theirs, ours, wrong = rules.sent_often(real, own, key)
-    assert ([key(h) for h in theirs], ours, wrong) == (["once"], [], [])
+    real = [statustext(0.1 * n, "often") for n in range(30)] + [statustext(1.0, "once")]
+    sim = real[:28]
+    recorded, simulated, wrong = rules.sent_often(real, sim, key)
+    assert ([key(m) for m in recorded], simulated, wrong) == (["once"], [], [])
     assert rules.sent_often(real, real[:26], key)[2] == [("often", 30, 26)]
-    eight = [text(0.1 * n, "eight") for n in range(8)]
+    eight = [statustext(0.1 * n, "eight") for n in range(8)]
     assert rules.sent_often(eight, eight[:7], key)[:2] == (eight, eight[:7])
 
 
 def test_only_messages_near_the_end_may_be_missing_in_the_recording() -> None:
-    ours = [
-        text(1.6, "a"),
-        text(1.8, "b"),
-        text(1.8, "c"),
+    simulated = [
+        statustext(1.6, "a"),
+        statustext(1.8, "b"),
+        statustext(1.8, "c"),
         Received(1.9, "COMMAND_ACK", {"command": 400}),
     ]
-    kept = rules.without_edge(ours, [text(1.8, "c")], 2.0)
-    assert [h.values.get("text", "ack") for h in kept] == ["a", "c", "ack"]
+    kept = rules.without_edge(simulated, [statustext(1.8, "c")], 2.0)
+    assert [m.values.get("text", "ack") for m in kept] == ["a", "c", "ack"]
 
 
 def test_only_the_heights_of_a_return_may_differ() -> None:
@@ -78,15 +81,15 @@ def test_only_the_heights_of_a_return_may_differ() -> None:
     assert rules.return_heights(list(struct.pack("<ii", 530, -3)) + [0] * 32) == [530.0, -3.0]
 
 
-def hash_row(real: int, own: int) -> rules.Row:
-    return ("PARAM_VALUE", "[_HASH_CHECK].param_value", real, own)
+def hash_row(real: int, sim: int) -> rules.Row:
+    return ("PARAM_VALUE", "[_HASH_CHECK].param_value", real, sim)
 
 
 def test_the_parameter_hash_changes_and_reverts_when_that_of_px4_does() -> None:
     hashes = rules.Hashes()
     assert not hashes.without_hashes([hash_row(1, 10), hash_row(2, 20), hash_row(1, 10)])
-    assert hashes.without_hashes([hash_row(1, 20)]), "PX4's came back, ours did not"
-    assert hashes.without_hashes([hash_row(3, 20)]), "PX4's changed, ours did not"
+    assert hashes.without_hashes([hash_row(1, 20)]), "PX4's hash returned, the simulator's did not"
+    assert hashes.without_hashes([hash_row(3, 20)]), "PX4's hash changed, the simulator's did not"
     other = ("PARAM_VALUE", "[MPC_XY_CRUISE].param_value", 1, 10)
     assert hashes.without_hashes([other]) == [other]
 
@@ -112,7 +115,7 @@ def test_each_unrecorded_starting_state_has_evidence_in_the_dialogue(shared: Pat
         lines = path.read_text(encoding="utf-8").splitlines()
         dialogues |= {each["id"]: each for each in map(json.loads, lines)}
     without_evidence = [
-        name for name, given in GIVEN.items() if given.shown_by not in json.dumps(dialogues[name])
+        name for name, state in GIVEN.items() if state.shown_by not in json.dumps(dialogues[name])
     ]
     assert not without_evidence
     assert {name for name, _ in LATE_S} | STREAMED_ON <= dialogues.keys()

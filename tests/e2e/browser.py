@@ -35,12 +35,12 @@ ARGUMENTS = [
     "--disable-gpu-compositing",
     "--disable-background-networking",
 ]
-"""WebGL is rendered in software; rendering the whole page in software would take another core."""
+"""WebGL is rendered in software. The page is composited without it: that would take another core."""
 TIMEOUT_MS = 60_000
 """Chromium renders in software, and the machine may be busy."""
 
 MEASURED_MS = 5_000
-"""Time for measuring what is visible; it may disappear meanwhile."""
+"""Time limit for measuring a visible element, which may disappear meanwhile."""
 
 ATTEMPTS = 6
 """Number of times that a confirmation is opened."""
@@ -55,7 +55,7 @@ SAME_CLIENT = """
 sessionStorage.setItem('gcs.client-id', %s);
 sessionStorage.setItem('gcs.left', '1');
 """
-"""Gives the page this client id; a tab keeps its own across reloads."""
+"""Gives the page this client id, which the tab keeps across reloads."""
 REPORT_CSP_VIOLATIONS = """
 addEventListener('securitypolicyviolation', (e) =>
   console.error(`policy: ${e.effectiveDirective} stopped ${e.blockedURI}`));
@@ -136,7 +136,7 @@ class PageMonitor:
 
     @staticmethod
     def _is_expected(message: ConsoleMessage) -> bool:
-        """Whether Chromium reports an expected answer as an error: a refusal, or a vehicle that was just
+        """Whether Chromium reports an expected response as an error: a refusal, or a vehicle that was just
         removed."""
         if re.search("status of (409|503)", message.text):
             return True
@@ -159,7 +159,7 @@ class PageMonitor:
 
 
 @contextlib.contextmanager
-def opened(
+def open_page(
     browser: Browser,
     url: str,
     *,
@@ -177,9 +177,10 @@ def opened(
         url: address of the page.
         theme: colour scheme of the browser.
         size: size of the window [CSS px].
-        scene: False: the 3D view is not available. Rendering it in software takes most of a small machine.
+        scene: False: the 3D view is not available. Rendering the view in software takes most of a small
+            machine.
         script: JavaScript that runs before the scripts of the page.
-        client_id: id of the client. By default it is that of the test's programs, so the page controls their
+        client_id: id of the client. The default is the id of the test's programs, so the page controls their
             vehicles.
         coarse: whether to render with few pixels; False for pictures in the documentation.
     """
@@ -208,7 +209,7 @@ def box_of(control: Locator) -> FloatRect:
     """Position and size of a control in the window [px], once it is visible."""
     expect(control).to_be_visible()
     box = control.bounding_box()
-    assert box is not None, "it was hidden again"
+    assert box is not None, "the control was hidden again"
     return box
 
 
@@ -233,12 +234,12 @@ def slide(page: Page, open_again: Callable[[], object] = lambda: None) -> None:
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         page.mouse.move(x, y)
         page.mouse.down()
-        held = knob.is_visible()  # it does not expire while it is held
+        grabbed = knob.is_visible()  # the confirmation does not expire while the slider is held
         page.mouse.move(x + 400, y, steps=8)
         page.mouse.up()
-        if held:
+        if grabbed:
             return
-    raise AssertionError(f"the confirmation expired {ATTEMPTS} times before its slider was held")
+    raise AssertionError(f"the confirmation expired {ATTEMPTS} times before the slider was held")
 
 
 def hold_space(page: Page) -> None:
@@ -261,10 +262,10 @@ def number(text: str) -> float:
     return float(found.group())
 
 
-def shown(where: Locator, label: str) -> float:
+def shown_value(parent: Locator, label: str) -> float:
     """The value with this label, as displayed."""
     return number(
-        where.locator(".value", has=where.page.get_by_text(label, exact=True)).locator(".text").inner_text()
+        parent.locator(".value", has=parent.page.get_by_text(label, exact=True)).locator(".text").inner_text()
     )
 
 
@@ -282,17 +283,17 @@ def violations_in_both_themes(page: Page) -> list[str]:
     page.emulate_media(color_scheme="light")
     if page.locator("html[data-theme]").count():  # only the dashboard; other pages use the media query
         page.locator('html[data-theme="light"]').wait_for(state="attached")
-    found += [f"light: {one}" for one in serious_violations(page)]
+    found += [f"light: {violation}" for violation in serious_violations(page)]
     page.emulate_media(color_scheme="dark")
     return found
 
 
 def tab_to(page: Page, name: str) -> None:
     """Presses Tab until the button or field with this name has the focus."""
-    wanted = "() => document.activeElement.ariaLabel ?? document.activeElement.textContent.trim()"
+    focused_name = "() => document.activeElement.ariaLabel ?? document.activeElement.textContent.trim()"
     for _ in range(MAX_TABS):
         page.keyboard.press("Tab")
-        if page.evaluate(wanted) == name:
+        if page.evaluate(focused_name) == name:
             return
     pytest.fail(f"{MAX_TABS} presses of Tab did not reach {name!r}")
 
@@ -303,12 +304,13 @@ def serious_violations(page: Page) -> list[str]:
     source = (REPOSITORY / "web" / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
     page.evaluate(f"{source}; void 0")
     # Elements that are fading in have no final contrast yet.
-    page.evaluate("() => Promise.allSettled(document.getAnimations().map((one) => one.finished))")
+    page.evaluate("() => Promise.allSettled(document.getAnimations().map((animation) => animation.finished))")
     found = page.evaluate(
         "async () => (await axe.run({ exclude: ['iframe'] }, { resultTypes: ['violations'] })).violations"
     )
     return [
-        f"{one['id']}: {[(node['html'][:160], node['failureSummary'][-200:]) for node in one['nodes'][:4]]}"
-        for one in found
-        if one["impact"] in ("serious", "critical")
+        f"{violation['id']}: "
+        f"{[(node['html'][:160], node['failureSummary'][-200:]) for node in violation['nodes'][:4]]}"
+        for violation in found
+        if violation["impact"] in ("serious", "critical")
     ]

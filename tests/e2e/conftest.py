@@ -23,11 +23,11 @@ id."""
 def browser() -> Iterator[Browser]:
     """One Chromium for the tests of a module; builds the page first if its sources are newer.
 
-    Playwright's event loop runs until it is closed, so that tests of other modules could not start theirs.
-    """
+    The browser is closed at the end of the module: Playwright's event loop runs until then, and a second one
+    cannot start."""
     build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
+    with chromium() as running_browser:
+        yield running_browser
 
 
 @pytest.fixture

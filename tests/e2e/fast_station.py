@@ -8,9 +8,10 @@ from typing import Any
 from gcs_server.client import SyncGcs, SyncVehicle
 
 SPEED = 3
-"""Simulated over real time: one minute of flight takes 20 s, and 50 Hz are 17 per simulated second."""
+"""Simulated time per real time: one minute of flight takes 20 s, and 50 Hz are 17 per simulated second."""
 FAST = ["--speed", str(SPEED), "--no-log"]
-"""A vehicle at this speed, without its onboard log, which would take a fifth of its CPU time."""
+"""Options of a vehicle at this speed and without its onboard log, which would take a fifth of its CPU
+time."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +23,7 @@ class Station:
     drone: SyncVehicle
 
 
-def airborne(drone: Any, height_m: float = 10) -> None:
+def take_off_to_hold(drone: Any, height_m: float = 10) -> None:
     """Takes off and waits for Hold."""
     drone.takeoff(height_m)
     drone.until(

@@ -26,16 +26,16 @@ class Target:
 
     port: int
     process: int
-    held: list[socket.socket] = field(default_factory=list[socket.socket])
+    connections: list[socket.socket] = field(default_factory=list[socket.socket])
 
     def connect(self, timeout_s: float = 5.0) -> socket.socket:
         """Opens a connection that stays open until the attack ends."""
         connection = socket.create_connection((HOST, self.port), timeout=timeout_s)
-        self.held.append(connection)
+        self.connections.append(connection)
         return connection
 
     def send(self, connection: socket.socket, data: bytes, times: int = 1) -> int:
-        """Sends until the server stops reading; returns the number of bytes sent."""
+        """Sends data `times` times, or until the server stops reading; returns the number of bytes sent."""
         sent = 0
         with contextlib.suppress(OSError):
             for _ in range(times):
@@ -55,9 +55,9 @@ class Target:
 
     def release(self) -> None:
         """Closes all connections."""
-        for connection in self.held:
+        for connection in self.connections:
             connection.close()
-        self.held.clear()
+        self.connections.clear()
 
     def memory_mb(self) -> float:
         """Resident memory of the server's process [MB]."""
@@ -80,7 +80,7 @@ def frame(payload: bytes, opcode: int = 1, *, final: bool = True) -> bytes:
     return head + bytes(4) + payload  # masked with zeros
 
 
-def answer(connection: socket.socket, timeout_s: float = 5.0) -> bytes:
+def read_response(connection: socket.socket, timeout_s: float = 5.0) -> bytes:
     """Everything that the server sends until it closes the connection or stops sending."""
     connection.settimeout(timeout_s)
     response = b""
@@ -165,10 +165,10 @@ def slow_bodies(target: Target) -> None:
 
 
 def slow_headers(target: Target) -> None:
-    connection = [target.connect() for _ in range(50)]
+    connections = [target.connect() for _ in range(50)]
     for letter in b"x-slow: 1":
-        for one in connection:
-            target.send(one, bytes([letter]))
+        for connection in connections:
+            target.send(connection, bytes([letter]))
         time.sleep(0.2)
 
 
@@ -186,7 +186,7 @@ def pipelining(target: Target) -> None:
         target.send(connection, (GET + b"\r\n") * 20_000, 3)
 
 
-def unread_answers(target: Target) -> None:
+def unread_responses(target: Target) -> None:
     for _ in range(100):
         connection = target.connect()
         target.send(connection, b"GET /api/v1/openapi.json HTTP/1.1\r\nHost: localhost\r\n\r\n" * 6)
@@ -226,11 +226,11 @@ def many_websockets(target: Target) -> None:
 
 
 def request_flood(target: Target) -> None:
-    connection = [target.connect() for _ in range(20)]
+    connections = [target.connect() for _ in range(20)]
     end_s = time.monotonic() + 3.0
     while time.monotonic() < end_s:
-        for one in connection:
-            target.send(one, GET + b"\r\n")
+        for connection in connections:
+            target.send(connection, GET + b"\r\n")
 
 
 ATTACKS: list[Callable[[Target], None]] = [
@@ -246,7 +246,7 @@ ATTACKS: list[Callable[[Target], None]] = [
     slow_headers,
     malformed,
     pipelining,
-    unread_answers,
+    unread_responses,
     unread_websocket,
     unread_offboard,
     tiny_frames,
@@ -264,9 +264,9 @@ class Effects:
     """Effects on another client."""
 
     longest_s: float = 0.0
-    """Response times of its requests, each on a new connection."""
+    """Longest response time of the client's requests, each on a new connection."""
     longest_pause_s: float = 0.0
-    """Delays of the server's event loop, measured by a program in control on an open connection."""
+    """Longest delay of the server's event loop, measured by a program in control on an open connection."""
     served: int = 0
     failures: list[str] = field(default_factory=list[str])
     memory_mb: float = 0.0
@@ -288,7 +288,7 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Eff
                 socket.create_connection((HOST, target.port), timeout=20) as connection,
             ):
                 connection.sendall(request + b"Connection: close\r\n\r\n")
-                response = answer(connection, 20)
+                response = read_response(connection, 20)
                 if response.startswith(b"HTTP/1.1 200"):
                     effects.served += 1
                 else:

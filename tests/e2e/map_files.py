@@ -1,4 +1,4 @@
-"""Small map files of one colour, such as an operator puts into the data folder."""
+"""Writes small map files of one colour, such as an operator puts into the data folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def png(colour: tuple[int, int, int], side: int = 256) -> bytes:
-    """A picture of one colour."""
+    """A square PNG of one colour."""
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -28,7 +28,7 @@ def png(colour: tuple[int, int, int], side: int = 256) -> bytes:
 
 
 def write_pmtiles(path: Path, picture: bytes) -> None:
-    """The whole world as one tile at zoom 0."""
+    """The whole world as one tile offsets zoom 0."""
     metadata = gzip.compress(json.dumps({"attribution": "© Red Survey"}).encode())
     # One entry: tile 0, run of 1, its length, and its offset plus one; the length is a varint.
     size = len(picture)
@@ -38,22 +38,34 @@ def write_pmtiles(path: Path, picture: bytes) -> None:
         size >>= 7
     varint.append(size)
     root = gzip.compress(bytes([1, 0, 1]) + bytes(varint) + bytes([1]))
-    at = [127, 127 + len(root), 127 + len(root) + len(metadata)]
-    numbers = [at[0], len(root), at[1], len(metadata), at[2], 0, at[2], len(picture), 1, 1, 1]
+    offsets = [127, 127 + len(root), 127 + len(root) + len(metadata)]
+    numbers = [
+        offsets[0],
+        len(root),
+        offsets[1],
+        len(metadata),
+        offsets[2],
+        0,
+        offsets[2],
+        len(picture),
+        1,
+        1,
+        1,
+    ]
     header = b"PMTiles" + bytes([3]) + struct.pack("<11Q", *numbers) + bytes([1, 2, 1, 2, 0, 0])
     header += struct.pack("<4i", -1_800_000_000, -850_000_000, 1_800_000_000, 850_000_000)
     path.write_bytes(header + bytes([0]) + struct.pack("<2i", 0, 0) + root + metadata + picture)
 
 
 def write_mbtiles(path: Path, picture: bytes) -> None:
-    """The four tiles of zoom 1."""
-    with closing(sqlite3.connect(path)) as base:
-        base.execute("CREATE TABLE metadata (name text, value text)")
-        base.execute("CREATE TABLE tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
-        base.executemany(
+    """Writes a map of the whole world: the four tiles of zoom 1."""
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE metadata (name text, value text)")
+        database.execute("CREATE TABLE tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
+        database.executemany(
             "INSERT INTO metadata VALUES (?, ?)", [("format", "png"), ("attribution", "Green Maps")]
         )
-        base.executemany(
+        database.executemany(
             "INSERT INTO tiles VALUES (1, ?, ?, ?)", [(x, y, picture) for x in (0, 1) for y in (0, 1)]
         )
-        base.commit()
+        database.commit()

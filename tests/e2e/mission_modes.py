@@ -1,4 +1,5 @@
-"""A vehicle whose missions are registered as flight modes: the server's API, and another ground station."""
+"""A vehicle whose missions are registered as flight modes, with the server's API and another ground
+station."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2
 LATE_DISARMING = ["--param", "COM_DISARM_PRFLT=60"]
 """Time after arming until PX4 disarms a vehicle that does not take off [s]: on a busy computer the mission is
 compiled in more than the ten seconds of the default."""
-TAKES_OFF: dict[str, Any] = {
+TAKE_OFF_MISSION: dict[str, Any] = {
     **MISSION,
     "steps": [
         {"step": "take_off", "height_m": 4},
@@ -55,21 +56,21 @@ class OtherStation:
         message = mavlink.MAVLink_command_long_message(1, 1, command, 0, *filled)
         self._socket.sendall(message.pack(self._mavlink))
 
-    def choose(self, mode: str) -> None:
-        """Selects a mode like external_1."""
+    def select_mode(self, mode: str) -> None:
+        """Selects a mode by its name, such as external_1."""
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 10 + int(mode.removeprefix("external_")))
 
     def mode(self) -> int:
         """Custom mode of the newest heartbeat, after a second."""
         return [each.custom_mode for each in self._received(1.5) if each.get_type() == "HEARTBEAT"][-1]
 
-    def names(self) -> list[str]:
+    def mode_names(self) -> list[str]:
         """Names in AVAILABLE_MODES."""
         self.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
         return [each.mode_name for each in self._received(2.0) if each.get_type() == "AVAILABLE_MODES"]
 
     def _received(self, seconds: float) -> Iterator[Any]:
-        """Messages received within a time, and those that wait already."""
+        """Messages received within a time, including those already in the buffer."""
         until_s = time.monotonic() + seconds
         while time.monotonic() < until_s:
             with contextlib.suppress(TimeoutError):
@@ -77,32 +78,32 @@ class OtherStation:
 
 
 class ModesVehicle:
-    """The server's API for the vehicle, and another station."""
+    """The server's API for the vehicle, and the other station."""
 
-    def __init__(self, url: str, process: subprocess.Popen[bytes], other: OtherStation) -> None:
-        self.url, self.process, self.other = url, process, other
+    def __init__(self, url: str, process: subprocess.Popen[bytes], other_station: OtherStation) -> None:
+        self.url, self.process, self.other_station = url, process, other_station
         self._http = httpx.Client(base_url=f"{url}/api/v1", timeout=30, headers={"X-Client": "test"})
 
     def get(self, path: str) -> Any:
-        answer = self._http.get(path)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
+        response = self._http.get(path)
+        assert response.status_code == 200, response.text
+        return response.json()
 
-    def all(self) -> dict[str, Any]:
+    def vehicle(self) -> dict[str, Any]:
         vehicles = self.get("/vehicles")
         return vehicles[0] if vehicles else {"topics": {}, "status": {}}
 
     @property
     def status(self) -> dict[str, Any]:
-        return self.all()["status"]
+        return self.vehicle()["status"]
 
     def value(self, topic: str) -> dict[str, Any]:
-        return self.all()["topics"].get(topic, {}).get("value", {})
+        return self.vehicle()["topics"].get(topic, {}).get("value", {})
 
     def call(self, name: str, body: dict[str, Any]) -> dict[str, Any]:
-        answer = self._http.post(f"/vehicles/1/{name}", json=body)
-        assert answer.status_code == 200, answer.text
-        return answer.json()
+        response = self._http.post(f"/vehicles/1/{name}", json=body)
+        assert response.status_code == 200, response.text
+        return response.json()
 
     def ready(self) -> bool:
         return bool(self.value("health").get("ready_to_arm") and self.value("global_position"))
@@ -113,41 +114,43 @@ class ModesVehicle:
         station.wait_until(lambda: self.status["mode"] == "hold", "the end of the climb", 40.0)
 
     def arm(self) -> None:
-        """Another station arms the vehicle, repeatedly: PX4 refuses while the mission is compiled."""
+        """The other station sends arm commands until the vehicle is armed: PX4 refuses while the mission is
+        being compiled."""
 
         def armed() -> bool:
             if not self.status["armed"]:
-                self.other.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+                self.other_station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
                 time.sleep(1.0)
             return self.status["armed"]
 
         station.wait_until(armed, "arming")
 
     def register(self, mission: dict[str, Any]) -> str:
-        """Registers the mission, once the vehicle is ready; returns its mode."""
+        """Registers the mission when the vehicle is ready; returns the mission's mode."""
         station.wait_until(self.ready, "readiness", 60.0)
         (mode,) = self.call("mission_modes/register", {"mission": mission, "name": NAME})["modes"]
         assert mode["state"] == "registered"
         return mode["mode"]
 
-    def in_air(self, mission: dict[str, Any] = MISSION) -> str:
-        """Registers the mission and takes off; returns its mode."""
+    def register_and_take_off(self, mission: dict[str, Any] = MISSION) -> str:
+        """Registers the mission and takes off; returns the mission's mode."""
         mode = self.register(mission)
         self.take_off()
         return mode
 
-    def flying(self, mission: dict[str, Any] = MISSION) -> str:
-        """Registers the mission and takes off; another station starts it. Returns its mode in flight."""
-        mode = self.in_air(mission)
-        self.other.choose(mode)
+    def start_in_flight(self, mission: dict[str, Any] = MISSION) -> str:
+        """Registers the mission and takes off; the other station starts the mission. Returns the mission's
+        mode."""
+        mode = self.register_and_take_off(mission)
+        self.other_station.select_mode(mode)
         self.until_north()
         return mode
 
-    def taking_off(self, mission: dict[str, Any]) -> str:
-        """Another station selects the mission's mode on the ground and arms; returns the mode during PX4's
-        take-off."""
+    def start_on_ground(self, mission: dict[str, Any]) -> str:
+        """The other station selects the mission's mode on the ground and arms. Returns the mode when PX4 is
+        taking off."""
         mode = self.register(mission)
-        self.other.choose(mode)
+        self.other_station.select_mode(mode)
         station.wait_until(lambda: self.status["mode"] == mode, "the mode", 5.0)
         self.arm()
         self.until_mission("taking_off")
@@ -170,7 +173,7 @@ class ModesVehicle:
         try:
             station.wait_until(lambda: self.mission() == state, f"the mission's state {state}", 40.0)
         except TimeoutError as error:
-            raise AssertionError(f"{error}; it is {self.mission()}: {self.texts()}") from None
+            raise AssertionError(f"{error}; the mission is {self.mission()}: {self.texts()}") from None
 
     def modes(self) -> dict[str, Any]:
         return self.get("/vehicles/1/mission_modes")

@@ -26,7 +26,7 @@ WAIT_FOR_ANIMATIONS = """() => Promise.all(document.getAnimations()
   .map((a) => a.finished.catch(() => null)))"""
 """Waits for the end of all finite animations."""
 CLIENT_ID = "pictures"
-"""Page and programs are one client, which controls the vehicle."""
+"""Id of the page and the programs, which are one client in control of the vehicle."""
 
 
 @dataclass
@@ -48,8 +48,8 @@ def save(page: Page, path: Path) -> None:
     session = page.context.new_cdp_session(page)
     data = b""
     for quality in QUALITIES:
-        answer = session.send("Page.captureScreenshot", {"format": "webp", "quality": quality})
-        data = base64.b64decode(answer["data"])
+        capture = session.send("Page.captureScreenshot", {"format": "webp", "quality": quality})
+        data = base64.b64decode(capture["data"])
         if len(data) <= MAX_BYTES:
             break
     path.write_bytes(data)
@@ -59,12 +59,12 @@ def save(page: Page, path: Path) -> None:
 
 def wait_until_unchanged(page: Page, longest_s: float = 6.0) -> None:
     """Waits until the window does not change; at most `longest_s`, because a flying vehicle always moves."""
-    seen = [b""]
+    screenshots = [b""]
 
     def unchanged() -> bool:
         page.wait_for_timeout(UNCHANGED_FOR_MS)
-        seen.append(page.screenshot(type="jpeg", quality=10))
-        return seen[-1] == seen[-2]
+        screenshots.append(page.screenshot(type="jpeg", quality=10))
+        return screenshots[-1] == screenshots[-2]
 
     with contextlib.suppress(TimeoutError):
         wait_until(unchanged, "a still window", longest_s)
@@ -73,7 +73,8 @@ def wait_until_unchanged(page: Page, longest_s: float = 6.0) -> None:
 def save_in_both_themes(
     page: Page, folder: Path, name: str, renew: Callable[[], object] = lambda: None
 ) -> None:
-    """Saves one state in both themes; `renew` renews what would expire meanwhile."""
+    """Saves one state of the page in both themes; `renew` renews a setpoint or confirmation that would
+    expire."""
     for theme in SCHEMES:
         page.emulate_media(color_scheme=theme)
         wait_until_unchanged(page, 3)
@@ -88,6 +89,6 @@ def pill(page: Page) -> str:
     return page.locator(".pill b").inner_text()
 
 
-def until_pill(page: Page, *words: str) -> None:
+def until_pill(page: Page, *states: str) -> None:
     """Waits until the page displays one of these states."""
-    wait_until(lambda: pill(page) in words, " or ".join(words), 60)
+    wait_until(lambda: pill(page) in states, " or ".join(states), 60)

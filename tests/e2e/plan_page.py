@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ steps:
   - {step: fly, name: Back, points: [{offset_ned_m: [0, 0, -6]}], speed_m_s: 5}
   - {step: land}
 """
-"""Takes less than a minute of flight."""
+"""A mission with less than a minute of flight."""
 CLICKS = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
 """Positions to click, as fractions of the map."""
 
@@ -78,22 +79,22 @@ def undo_and_redo_everything(page: Page, room: Locator) -> None:
     assert steps.all_inner_texts() == before
 
 
-def imported_tower(page: Page, room: Locator) -> None:
+def import_tower(page: Page, room: Locator) -> None:
     """Imports the tower inspection from a file into the editor."""
     file = {"name": "tower.yaml", "mimeType": "application/yaml", "buffer": TOWER.encode()}
     page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
     expect(room.get_by_label("Name of the plan")).to_have_value("Tower inspection")
 
 
-def no_findings(room: Locator) -> Locator:
-    """Reads the vehicle's parameters for the check, which then finds nothing; returns the findings."""
+def check_without_findings(room: Locator) -> Locator:
+    """Reads the vehicle's parameters for the check and waits until it has no findings; returns the region."""
     findings = room.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Read the parameters").click()
     expect(findings).to_contain_text("no findings")
     return findings
 
 
-def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
+def run_dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
     """Runs a dry run of the plan; returns the time slider of its result."""
     bar = room.get_by_role("region", name="Dry run")
     bar.get_by_role("button", name="Dry run", exact=True).click()
@@ -101,16 +102,16 @@ def dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
     return page.get_by_role("slider", name="Time in the dry run")
 
 
-def uploaded(room: Locator) -> Locator:
-    """Uploads the plan to the vehicle; returns the part of the room that confirms it."""
+def upload_plan(room: Locator) -> Locator:
+    """Uploads the plan to the vehicle; returns the region that confirms the upload."""
     on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
-    on_vehicle.get_by_role("button", name="pload").click()
+    on_vehicle.get_by_role("button", name=re.compile("upload", re.I)).click()
     expect(on_vehicle).to_contain_text("This plan is on 101 Quad.")
     return on_vehicle
 
 
-def flown(page: Page, on_vehicle: Locator, station: Station) -> None:
-    """Starts the uploaded plan and confirms it."""
+def start_plan(page: Page, on_vehicle: Locator, station: Station) -> None:
+    """Starts the upload_plan plan and confirms it."""
     on_vehicle.get_by_role("button", name="Fly…").click()
     hold_space(page)
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)
@@ -118,14 +119,14 @@ def flown(page: Page, on_vehicle: Locator, station: Station) -> None:
 
 
 def home_of(station: Station) -> dict[str, float]:
-    """The vehicle's home, in the form of a plan."""
+    """The vehicle's home with the fields of a plan's home."""
     wait_until(lambda: station.drone.topic("home") is not None, "the vehicle's home")
     topic = station.drone.topic("home")
     assert topic is not None
     return {name: topic[name] for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
-def saved_by_anna(station: Station, path: str, version: int, plan: dict[str, Any]) -> None:
+def save_as_anna(station: Station, path: str, version: int, plan: dict[str, Any]) -> None:
     """Another client saves a plan as its next version."""
     body = {"name": "Tower", "plan": plan, "base_version": version}
     with SyncGcs(station.url, client="anna", client_id="anna") as anna:

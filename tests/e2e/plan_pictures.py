@@ -6,8 +6,7 @@ from playwright.sync_api import Locator, Page
 
 from tests.e2e.browser import choose
 from tests.e2e.pictures import SIZE, PictureSetup, save_in_both_themes, wait_until_unchanged
-from tests.e2e.plan_page import EXAMPLES, imported_tower
-from tests.e2e.plan_page import dry_run as flown_in_simulation
+from tests.e2e.plan_page import EXAMPLES, import_tower, run_dry_run
 
 FIELD = ((0.49, 0.32), (0.62, 0.28), (0.68, 0.5), (0.52, 0.58))
 FENCE = ((0.46, 0.24), (0.66, 0.22), (0.66, 0.62), (0.56, 0.66), (0.46, 0.5))
@@ -27,22 +26,22 @@ def open_room(page: Page, zoom: str | None = None) -> Locator:
 
 
 def close_room(page: Page) -> None:
-    """Closes the plan room, as the other states require."""
+    """Closes the plan room and the large map, as the other states require."""
     page.get_by_role("button", name="Close the plan room").click()
     page.keyboard.press("m")
 
 
-def click(page: Page, places: tuple[tuple[float, float], ...]) -> None:
-    """Clicks several positions one after the other."""
-    for x, y in places:
+def click(page: Page, points: tuple[tuple[float, float], ...]) -> None:
+    """Clicks these points, given as fractions of the window, one after the other."""
+    for x, y in points:
         page.mouse.click(SIZE[0] * x, SIZE[1] * y)
         wait_until_unchanged(page, 1)  # two quick clicks are a double click, which completes the area
 
 
-def plan(at: PictureSetup) -> None:
+def plan(setup: PictureSetup) -> None:
     """A waypoint plan: the form of a survey, a geofence that it leaves, a selected point, the altitudes."""
-    page = at.page
-    at.drone.request("POST", "/params/refresh", {"wait": True})
+    page = setup.page
+    setup.drone.request("POST", "/params/refresh", {"wait": True})
     room = open_room(page, "Zoom out")
     room.get_by_label("Name of the plan").fill("Field survey")
     add = room.get_by_role("button", name="Add step")
@@ -51,7 +50,7 @@ def plan(at: PictureSetup) -> None:
     room.get_by_label("Altitude", exact=True).fill("25")
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
-    save_in_both_themes(page, at.folder, "pattern")
+    save_in_both_themes(page, setup.folder, "pattern")
     room.get_by_role("button", name="Insert survey").click()
     findings = room.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Add a take-off at the beginning").click()
@@ -62,39 +61,39 @@ def plan(at: PictureSetup) -> None:
     room.get_by_role("option", name="Waypoint").nth(2).click()
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
-    save_in_both_themes(page, at.folder, "plan")
+    save_in_both_themes(page, setup.folder, "plan")
     close_room(page)
 
 
-def mission(at: PictureSetup) -> None:
+def mission(setup: PictureSetup) -> None:
     """An offboard mission: its steps as a tree, its path, a selected step."""
-    page = at.page
+    page = setup.page
     room = open_room(page)
     page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
     room.get_by_role("option", name="Up beside the tower").click()
     page.get_by_role("button", name="Zoom in").click()
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 4)
-    save_in_both_themes(page, at.folder, "mission")
+    save_in_both_themes(page, setup.folder, "mission")
     close_room(page)
 
 
-def dry_run(at: PictureSetup) -> None:
-    """Many dry runs of a mission: simulated vehicle, gimbal and corridor at one time."""
-    page = at.page
-    at.drone.request("PUT", "/params/MNT_DO_STAB", {"value": 2})  # its gimbal has a locked yaw
-    at.drone.request("POST", "/params/refresh", {"wait": True})
+def dry_run(setup: PictureSetup) -> None:
+    """A Monte Carlo dry run of a mission: simulated vehicle, gimbal and corridor at one time."""
+    page = setup.page
+    setup.drone.request("PUT", "/params/MNT_DO_STAB", {"value": 2})  # the mission locks the yaw of the gimbal
+    setup.drone.request("POST", "/params/refresh", {"wait": True})
     room = open_room(page)
-    imported_tower(page, room)
+    import_tower(page, room)
     room.get_by_role("button", name="Conditions").click()
     for label, value in (("Wind", "4"), ("Wind from", "270"), ("Gusts", "1"), ("Flights with", "8")):
         room.get_by_label(label).first.fill(value)
     room.get_by_role("button", name="Conditions").click()
     page.get_by_role("button", name="Zoom in").click()
-    scrub = flown_in_simulation(page, room, longest_s=600)
+    scrub = run_dry_run(page, room, longest_s=600)
     for key in ("PageUp", "PageUp", "ArrowRight", "ArrowRight"):
         scrub.press(key)
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
-    save_in_both_themes(page, at.folder, "dry-run")
+    save_in_both_themes(page, setup.folder, "dry-run")
     close_room(page)

@@ -1,7 +1,7 @@
 """`make screenshots`: the page in each of its states, light and dark, as small pictures in docs/images.
 
 It starts a station with simulated vehicles and flies it through the states.
-The states that failed are listed at the end. `--only offboard,lost` takes only these.
+The states that failed are listed at the end. `--only offboard,lost` takes only the pictures of these states.
 """
 
 from __future__ import annotations
@@ -35,38 +35,40 @@ from tools import build_page
 IMAGES = REPOSITORY / "docs" / "images"
 
 
-def flying(at: PictureSetup) -> None:
+def flying(setup: PictureSetup) -> None:
     """In Hold after a flight, with a trail."""
-    home = at.drone.topic("home")
+    home = setup.drone.topic("home")
     assert home is not None
-    at.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
-    at.drone.until(lambda v: (v["topics"]["hud"]["value"]["groundspeed_m_s"] or 0) > 4, what="its speed")
-    wait_until_unchanged(at.page, 2)
-    save_in_both_themes(at.page, at.folder, "fly")
+    setup.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
+    setup.drone.until(
+        lambda v: (v["topics"]["hud"]["value"]["groundspeed_m_s"] or 0) > 4, what="a speed of 4 m/s"
+    )
+    wait_until_unchanged(setup.page, 2)
+    save_in_both_themes(setup.page, setup.folder, "fly")
 
 
-def places(at: PictureSetup) -> None:
-    """The map fills the stage; a click opens the menu for its position."""
-    page = at.page
+def places(setup: PictureSetup) -> None:
+    """The map fills the window; a click opens the menu for the clicked position."""
+    page = setup.page
     page.keyboard.press("m")
     page.get_by_role("toolbar", name="Map").wait_for()
     wait_until_unchanged(page, 3)
     page.mouse.click(SIZE[0] * 0.5, SIZE[1] * 0.34)
     page.get_by_role("dialog").wait_for()
-    save_in_both_themes(page, at.folder, "map")
+    save_in_both_themes(page, setup.folder, "map")
     page.keyboard.press("Escape")
     page.keyboard.press("m")
 
 
-def confirmation(at: PictureSetup) -> None:
+def confirmation(setup: PictureSetup) -> None:
     """The confirmation of Return."""
-    save_in_both_themes(at.page, at.folder, "confirm", lambda: at.page.keyboard.press("r"))
-    at.page.keyboard.press("Escape")
+    save_in_both_themes(setup.page, setup.folder, "confirm", lambda: setup.page.keyboard.press("r"))
+    setup.page.keyboard.press("Escape")
 
 
-def offboard(at: PictureSetup) -> None:
+def offboard(setup: PictureSetup) -> None:
     """A setpoint stream whose target is ahead of the vehicle."""
-    page = at.page
+    page = setup.page
     page.keyboard.press("o")
     hold_space(page)
     until_pill(page, "Offboard")
@@ -77,14 +79,14 @@ def offboard(at: PictureSetup) -> None:
         card.get_by_role("button", name="N 5 m more").click()
         card.get_by_role("button", name="E 5 m more").click()
 
-    save_in_both_themes(page, at.folder, "offboard", ahead)
+    save_in_both_themes(page, setup.folder, "offboard", ahead)
     page.keyboard.press("h")
     until_pill(page, "Holding")
 
 
-def room(at: PictureSetup) -> None:
+def room(setup: PictureSetup) -> None:
     """Setpoints by form: the streamed setpoint, the vehicle's values, and an unsent preview."""
-    page = at.page
+    page = setup.page
     page.keyboard.press("m")
     page.keyboard.press("p")
     dock = page.get_by_role("region", name="Offboard room")
@@ -104,16 +106,16 @@ def room(at: PictureSetup) -> None:
     north.fill("16")
     east.fill("4")
     up.fill("14")
-    save_in_both_themes(page, at.folder, "room")
+    save_in_both_themes(page, setup.folder, "room")
     page.keyboard.press("Tab")
     dock.get_by_role("button", name="Hold", exact=True).click()
     page.get_by_role("button", name="Close the offboard room").click()
     page.keyboard.press("m")
 
 
-def drag(at: PictureSetup) -> None:
+def drag(setup: PictureSetup) -> None:
     """A position set by handles in 3D, not sent yet."""
-    page = at.page
+    page = setup.page
     until_pill(page, "Holding")
     page.keyboard.press("p")
     dock = page.get_by_role("region", name="Offboard room")
@@ -122,75 +124,75 @@ def drag(at: PictureSetup) -> None:
     for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
         dock.get_by_role("button", name=name).click()
     wait_until_unchanged(page, 5)
-    save_in_both_themes(page, at.folder, "drag")
+    save_in_both_themes(page, setup.folder, "drag")
     page.get_by_role("button", name="Close the offboard room").click()
 
 
-def gimbal(at: PictureSetup) -> None:
-    """The camera is pointed from this panel."""
-    page = at.page
+def gimbal(setup: PictureSetup) -> None:
+    """The panel that points the camera."""
+    page = setup.page
     card = page.get_by_label("Gimbal", exact=True)
     card.scroll_into_view_if_needed()
     card.get_by_role("button", name="Take").click()
     card.get_by_role("button", name="Release").wait_for()
     box = box_of(card.locator("svg.enabled"))
     page.mouse.click(box["x"] + box["width"] * 0.62, box["y"] + box["height"] * 0.6)
-    save_in_both_themes(page, at.folder, "gimbal")
+    save_in_both_themes(page, setup.folder, "gimbal")
 
 
-def refused(at: PictureSetup) -> None:
+def refused(setup: PictureSetup) -> None:
     """The vehicle refuses to disarm in flight, with the reason."""
-    page = at.page
+    page = setup.page
     page.keyboard.press("Shift+A")
     hold_space(page)
     page.locator(".place").get_by_role("alert").wait_for()
-    save_in_both_themes(page, at.folder, "refused")
+    save_in_both_themes(page, setup.folder, "refused")
     page.keyboard.press("Escape")
 
 
-def tablet(at: PictureSetup) -> None:
+def tablet(setup: PictureSetup) -> None:
     """The layout for a tablet."""
-    at.page.goto("about:blank")  # two 3D views at once are too slow in software
+    setup.page.goto("about:blank")  # two 3D views at once are too slow in software
     for theme in SCHEMES:
-        context = at.browser.new_context(
+        context = setup.browser.new_context(
             viewport={"width": TABLET[0], "height": TABLET[1]}, has_touch=True, color_scheme=theme
         )
         page = context.new_page()
         page.add_init_script(same_client(CLIENT_ID))
-        page.goto(at.url)
+        page.goto(setup.url)
         until_pill(page, "Holding")
-        wait_until_unchanged(page, 6)  # its 3D view loads again
-        save(page, at.folder / f"tablet-{theme}.webp")
+        wait_until_unchanged(page, 6)  # the 3D view loads again
+        save(page, setup.folder / f"tablet-{theme}.webp")
         context.close()
-    at.page.goto(at.url)
-    until_pill(at.page, "Holding")
+    setup.page.goto(setup.url)
+    until_pill(setup.page, "Holding")
 
 
 @contextlib.contextmanager
-def second_vehicle(at: PictureSetup) -> Generator[SyncVehicle]:
-    """A second vehicle takes off, and lands at the end; its simulator continues."""
-    with SyncGcs(at.url, client="pictures", client_id=CLIENT_ID) as gcs:
+def second_vehicle(setup: PictureSetup) -> Generator[SyncVehicle]:
+    """A second vehicle takes off, and lands at the end; its simulator continues to run."""
+    with SyncGcs(setup.url, client="pictures", client_id=CLIENT_ID) as gcs:
         if len(gcs.request("GET", "/vehicles")) < 2:
-            at.stack.enter_context(vehicle(at.port, more=["--first-instance", "101", *FAST]))
+            setup.stack.enter_context(vehicle(setup.port, more=["--first-instance", "101", *FAST]))
         second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
         second.takeoff(8)
-        second.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+        second.until(lambda v: v["status"]["mode"] == "hold", what="the end of the climb")
         yield second
         second.land()
         second.until_disarmed()
 
 
-def two(at: PictureSetup) -> None:
+def two(setup: PictureSetup) -> None:
     """A second vehicle is connected and flies."""
-    with second_vehicle(at):
-        save_in_both_themes(at.page, at.folder, "two")
+    with second_vehicle(setup):
+        save_in_both_themes(setup.page, setup.folder, "two")
 
 
-def group(at: PictureSetup) -> None:
+def group(setup: PictureSetup) -> None:
     """Both vehicles as a group: state, members, smallest distance, remaining validity."""
-    page = at.page
-    with second_vehicle(at) as second:
-        home = at.drone.topic("home")
+    page = setup.page
+    with second_vehicle(setup) as second:
+        home = setup.drone.topic("home")
         assert home is not None
         second.goto(home["lat_deg"], home["lon_deg"] + 0.00012, alt_home_m=12)
         wait_until_unchanged(page, 4)
@@ -206,27 +208,27 @@ def group(at: PictureSetup) -> None:
         hold_space(page)
         dock.get_by_text("Flying", exact=True).wait_for()
         wait_until_unchanged(page, 3)
-        save_in_both_themes(page, at.folder, "group")
+        save_in_both_themes(page, setup.folder, "group")
         dock.get_by_role("button", name="Hold group").click()
         until_pill(page, "Holding")
         page.get_by_role("button", name="Close the offboard room").click()
         page.keyboard.press("m")
 
 
-def lost(at: PictureSetup) -> None:
+def lost(setup: PictureSetup) -> None:
     """The simulator is stopped: the connection is lost."""
-    os.killpg(at.simulator.pid, signal.SIGSTOP)
+    os.killpg(setup.simulator.pid, signal.SIGSTOP)
     try:
-        until_pill(at.page, "Connection lost")
-        wait_until_unchanged(at.page, 3)
-        save_in_both_themes(at.page, at.folder, "lost")
+        until_pill(setup.page, "Connection lost")
+        wait_until_unchanged(setup.page, 3)
+        save_in_both_themes(setup.page, setup.folder, "lost")
     finally:
-        os.killpg(at.simulator.pid, signal.SIGCONT)
+        os.killpg(setup.simulator.pid, signal.SIGCONT)
 
 
-def replay(at: PictureSetup) -> None:
+def replay(setup: PictureSetup) -> None:
     """A replay of the previous flight, opened from the list at half of its duration."""
-    page = at.page
+    page = setup.page
     page.get_by_role("button", name="Recorded flights").click()
     page.locator("section.list ol button").first.click()
     slider = page.get_by_label("Replay", exact=True).get_by_role("slider").first
@@ -234,7 +236,7 @@ def replay(at: PictureSetup) -> None:
     page.mouse.click(box["x"] + box["width"] * 0.3, box["y"] + box["height"] / 2)
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 4)
-    save_in_both_themes(page, at.folder, "replay")
+    save_in_both_themes(page, setup.folder, "replay")
 
 
 STATES: tuple[Callable[[PictureSetup], None], ...] = (
@@ -282,7 +284,9 @@ def main() -> int:
     names = [state.__name__ for state in STATES]
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=IMAGES, help="folder for the pictures")
-    parser.add_argument("--only", default="", help=f"of {', '.join(names)}")
+    parser.add_argument(
+        "--only", default="", help=f"states to take, separated by commas, of {', '.join(names)}"
+    )
     options = parser.parse_args()
     wanted = [name for name in options.only.split(",") if name] or names
     unknown = sorted(set(wanted) - set(names))
@@ -291,17 +295,17 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     build_page.build(REPOSITORY)
     failed: list[str] = []
-    with airborne(options.out) as at:
+    with airborne(options.out) as setup:
         for state in STATES:
             if state.__name__ not in wanted:
                 continue
             print(state.__name__, flush=True)
             try:
-                state(at)
+                state(setup)
             except Exception as error:  # continues with the other pictures
                 failed.append(state.__name__)
                 print(f"  failed: {error}", file=sys.stderr, flush=True)
-                at.page.keyboard.press("Escape")
+                setup.page.keyboard.press("Escape")
     if failed:
         print(f"not taken: {', '.join(failed)}", file=sys.stderr)
     return len(failed)

@@ -68,17 +68,17 @@ class Site:
         return f"http://127.0.0.1:{self.port}"
 
     @property
-    def own(self) -> dict[str, str]:
-        """What a browser sends from the page: its Origin, and the cookie if there is one."""
+    def page_headers(self) -> dict[str, str]:
+        """Headers that a browser sends from the page: its Origin, and the cookie if there is one."""
         return {"Origin": self.url} | self.cookie
 
     @functools.cached_property
     def cookie(self) -> dict[str, str]:
         if self.token is None:
             return {}
-        given = httpx.get(f"{self.url}/?token={self.token}", verify=False)
-        assert given.status_code == 303
-        return {"Cookie": given.headers["set-cookie"].partition(";")[0]}
+        response = httpx.get(f"{self.url}/?token={self.token}", verify=False)
+        assert response.status_code == 303
+        return {"Cookie": response.headers["set-cookie"].partition(";")[0]}
 
     @property
     def bearer(self) -> dict[str, str]:
@@ -96,7 +96,7 @@ class Site:
 
     async def handshake(self, path: str, headers: dict[str, str]) -> int:
         """101 for an open WebSocket, otherwise the status of the refusal."""
-        more = {name: value for name, value in headers.items() if name != "Host"}
+        other_headers = {name: value for name, value in headers.items() if name != "Host"}
         # The host in the address becomes the Host header; the connection goes to this server.
         address = f"ws://{headers.get('Host', f'127.0.0.1:{self.port}')}{path}"
         protocols = [VISER] if path.startswith("/scene/") else None
@@ -106,7 +106,7 @@ class Site:
                 host="127.0.0.1",
                 port=self.port,
                 proxy=None,
-                additional_headers=more,
+                additional_headers=other_headers,
                 subprotocols=protocols,
             ):
                 return 101
@@ -117,12 +117,12 @@ class Site:
         """Checks that no vehicle moved, no command was accepted, no link was opened, and no connection leaves
         the machine."""
         with httpx.Client(verify=False, base_url=f"{self.url}/api/v1", headers=self.bearer) as client:
-            shown = client.get(f"/vehicles/{VEHICLE}").raise_for_status().json()
-            assert shown["status"]["armed"] is False
-            assert shown["status"]["landed_state"] == "on_ground"
+            state = client.get(f"/vehicles/{VEHICLE}").raise_for_status().json()
+            assert state["status"]["armed"] is False
+            assert state["status"]["landed_state"] == "on_ground"
             assert client.get("/journal").json()["entries"] == []
             assert len(client.get("/links").json()["links"]) == 1
-        assert outside(self.process.pid) == set()
+        assert remote_addresses(self.process.pid) == set()
 
 
 def processes(root: int) -> set[int]:
@@ -138,7 +138,8 @@ def processes(root: int) -> set[int]:
 
 
 def tcp_sockets(root: int) -> list[tuple[str, str, str]]:
-    """(local, remote, state) of all TCP sockets of the process and its descendants, from /proc."""
+    """Local address, remote address and state of all TCP sockets of the process and its descendants, from
+    /proc."""
     inodes: set[str] = set()
     for process in processes(root):
         for link in Path(f"/proc/{process}/fd").iterdir():
@@ -150,10 +151,10 @@ def tcp_sockets(root: int) -> list[tuple[str, str, str]]:
     return [(row[1], row[2], row[3]) for row in rows if row[9] in inodes]
 
 
-def outside(root: int) -> set[str]:
-    """Remote addresses on other machines."""
-    here = ("0100007F:", "00000000:", "0000000000000000FFFF00000100007F:", "0" * 32 + ":")
-    return {remote for _, remote, _ in tcp_sockets(root) if not remote.startswith(here)}
+def remote_addresses(root: int) -> set[str]:
+    """Addresses of other machines to which the process or its descendants are connected."""
+    local = ("0100007F:", "00000000:", "0000000000000000FFFF00000100007F:", "0" * 32 + ":")
+    return {remote for _, remote, _ in tcp_sockets(root) if not remote.startswith(local)}
 
 
 @contextlib.contextmanager
@@ -193,7 +194,7 @@ def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]
 
 @pytest.fixture(params=["loopback", "exposed"])
 def site(sites: dict[str, Site], request: pytest.FixtureRequest) -> Iterator[Site]:
-    """Either site; checks afterwards that nothing has changed."""
+    """Each of the two sites; checks afterwards that nothing has changed."""
     found = sites[request.param]
     yield found
     found.assert_untouched()
@@ -213,13 +214,14 @@ def exposed(sites: dict[str, Site]) -> Iterator[Site]:
 
 @pytest.mark.parametrize("origin", FOREIGN)
 def test_pages_of_other_sites_are_refused(site: Site, origin: str) -> None:
-    """With any credentials: a browser adds the cookie by itself, and a token may have been stolen."""
+    """They are refused with any credentials: a browser adds the cookie by itself, and a token may be
+    stolen."""
     for credentials in ({}, site.cookie | site.bearer):
         assert site.statuses({**credentials, "Origin": origin}) == {403}
 
 
 def test_requests_of_a_foreign_page_without_an_origin_are_refused(site: Site) -> None:
-    """For example `<img src>`: instead of an Origin the browser sends `Sec-Fetch-Site`."""
+    """For a request such as `<img src>` the browser sends `Sec-Fetch-Site` instead of an Origin."""
     assert site.statuses({**site.cookie, "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}) == {
         403
     }
@@ -227,9 +229,9 @@ def test_requests_of_a_foreign_page_without_an_origin_are_refused(site: Site) ->
 
 @pytest.mark.parametrize("name", ["rebound.example:{}", "localhost.evil.example:{}", "192.168.1.5:{}"])
 def test_a_rebound_host_name_is_refused(sites: dict[str, Site], name: str) -> None:
-    """DNS rebinding: another name resolves to this server. Its Origin equals the Host, and it has no
-    cookie."""
-    # A WebSocket that is refused before it is accepted is always answered with 403.
+    """DNS rebinding: another name resolves to this server. The request's Origin equals its Host, and it has
+    no cookie."""
+    # A WebSocket that is refused before it is accepted always gets status 403.
     for site, refused in ((sites["loopback"], {403}), (sites["exposed"], {401, 403})):
         host = name.format(site.port)
         rebound = {"Host": host, "Origin": f"http://{host}"}
@@ -241,7 +243,7 @@ def test_a_rebound_host_name_is_refused(sites: dict[str, Site], name: str) -> No
 def test_requests_without_a_valid_token_are_refused(exposed: Site) -> None:
     assert exposed.token
     name, _, value = exposed.cookie["Cookie"].partition("=")
-    tries = [
+    invalid_headers = [
         {},
         {"Origin": exposed.url},
         {"Authorization": "Bearer wrong"},
@@ -251,7 +253,7 @@ def test_requests_without_a_valid_token_are_refused(exposed: Site) -> None:
         {"Origin": exposed.url, "Cookie": f"{name}={value[:-1]}; gcs={value}"},
         {"X-Forwarded-For": "127.0.0.1", "Forwarded": "for=127.0.0.1;host=localhost"},
     ]
-    for headers in tries:
+    for headers in invalid_headers:
         assert exposed.statuses(headers) == {401, 403}, headers
     # The link signs a browser in, which then repeats the request: the link itself commands nothing.
     assert exposed.statuses({}, reads=False, query=f"?token={exposed.token}") == {401, 403}
@@ -301,60 +303,61 @@ def test_a_share_request_opens_no_tunnel(site: Site) -> None:
     before = processes(site.process.pid)
 
     async def share() -> set[str]:
-        seen: set[str] = set()
+        types: set[str] = set()
         async with connect(
             f"ws://127.0.0.1:{site.port}/scene/",
-            additional_headers=site.own,
+            additional_headers=site.page_headers,
             subprotocols=[VISER],
             max_size=None,
         ) as stream:
             for kind in ("ShareUrlRequest", "ShareUrlDisconnect", "ShareUrlRequest"):
                 await stream.send(msgspec.msgpack.encode({"type": kind}))
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            # The scene answers the camera message, which was sent after the share requests.
+            # The scene replies to the camera message, which was sent after the share requests.
             async with asyncio.timeout(15):
-                while "SetCameraPositionMessage" not in seen:
-                    seen |= types_in(await stream.recv())
+                while "SetCameraPositionMessage" not in types:
+                    types |= types_in(await stream.recv())
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(1):
                     while True:
-                        seen |= types_in(await stream.recv())
-        return seen
+                        types |= types_in(await stream.recv())
+        return types
 
-    seen = asyncio.run(share())
-    assert not [kind for kind in seen if "Share" in kind]
+    types = asyncio.run(share())
+    assert not [kind for kind in types if "Share" in kind]
     assert processes(site.process.pid) == before, "viser's tunnel is a separate process"
-    assert outside(site.process.pid) == set()
+    assert remote_addresses(site.process.pid) == set()
 
 
-def command_succeeds(client: httpx.Client, command: str) -> None:
-    """Repeats a command until the vehicle answers: on a busy machine it may have missed heartbeats."""
-    answers: list[int] = []
+def send_until_acknowledged(client: httpx.Client, command: str) -> None:
+    """Repeats a command until the vehicle acknowledges it: on a busy machine the link may be lost for a
+    moment."""
+    statuses: list[int] = []
 
-    def done() -> bool:
-        answers.append(client.post(f"/{VEHICLE}/{command}", timeout=30).status_code)
-        return answers[-1] != httpx.codes.SERVICE_UNAVAILABLE
+    def acknowledged() -> bool:
+        statuses.append(client.post(f"/{VEHICLE}/{command}", timeout=30).status_code)
+        return statuses[-1] != httpx.codes.SERVICE_UNAVAILABLE
 
-    wait_until(done, f"an answer to {command}")
-    assert answers[-1] == httpx.codes.OK
+    wait_until(acknowledged, f"an acknowledgement of {command}")
+    assert statuses[-1] == httpx.codes.OK
 
 
 def test_after_all_attacks_authorized_commands_work(sites: dict[str, Site]) -> None:
-    """Last: shows that the vehicles could have moved all the time."""
+    """Runs last and shows that the vehicles could have moved during all attacks."""
     for site in sites.values():
-        for headers in (site.bearer, site.own):
+        for headers in (site.bearer, site.page_headers):
             with httpx.Client(
                 verify=False, base_url=f"{site.url}/api/v1/vehicles", headers=headers
             ) as client:
-                command_succeeds(client, "arm")
+                send_until_acknowledged(client, "arm")
                 assert client.get(f"/{VEHICLE}").json()["status"]["armed"] is True
-                command_succeeds(client, "disarm")
-        assert {asyncio.run(site.handshake(path, site.own)) for path in STREAMS} == {101}
+                send_until_acknowledged(client, "disarm")
+        assert {asyncio.run(site.handshake(path, site.page_headers)) for path in STREAMS} == {101}
 
 
 @pytest.mark.realtime
 def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
-    """The earlier cookie is still accepted: no user is signed out in flight."""
+    """The server accepts the earlier cookie, so no user is signed out in flight."""
     port = free_port(socket.SOCK_STREAM)
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
     cookies: list[dict[str, str]] = []

@@ -23,14 +23,14 @@ def url() -> Iterator[str]:
 
 def test_control_is_requested_and_granted_denied_or_taken_by_force(url: str) -> None:
     with (
-        SyncGcs(url, client="anna", client_id="a") as one,
-        SyncGcs(url, client="bob", client_id="b") as two,
+        SyncGcs(url, client="anna", client_id="a") as anna_gcs,
+        SyncGcs(url, client="bob", client_id="b") as bob_gcs,
     ):
-        anna, bob = one.vehicle("101").control, two.vehicle("101").control
+        anna, bob = anna_gcs.vehicle("101").control, bob_gcs.vehicle("101").control
         with anna.held(on_expiry="hold") as status:
             assert (status["holder"], status["yours"], status["on_expiry"]) == ("anna", True, "hold")
             with pytest.raises(NotInControl, match="anna has control") as refused:
-                two.vehicle("101").set_mode("position")
+                bob_gcs.vehicle("101").set_mode("position")
             assert refused.value.holder == "anna"
             assert bob.request("I see it better")["requests"][0]["reason"] == "I see it better"
             assert anna.grant("bob")["holder"] == "bob"
@@ -42,21 +42,19 @@ def test_control_is_requested_and_granted_denied_or_taken_by_force(url: str) -> 
             assert bob.take(force=True)["yours"]
             with pytest.raises(Refused):
                 anna.grant("bob")
-        assert bob.show()["holder"] == "bob", (
-            "a program that lost control releases nothing at the end of its block"
-        )
+        assert bob.show()["holder"] == "bob", "a program without control released it at the end of its block"
 
 
 def test_a_program_that_waits_for_control_gets_it_when_it_is_granted(url: str) -> None:
     async def scenario() -> None:
         async with (
-            Gcs(url, client="anna", client_id="a2") as one,
-            Gcs(url, client="bob", client_id="b2") as two,
+            Gcs(url, client="anna", client_id="a2") as anna_gcs,
+            Gcs(url, client="bob", client_id="b2") as bob_gcs,
         ):
-            anna, bob = one.vehicle("101").control, two.vehicle("101").control
+            anna, bob = anna_gcs.vehicle("101").control, bob_gcs.vehicle("101").control
             await anna.take()
 
-            async def answer(give: bool) -> None:
+            async def reply_to_request(give: bool) -> None:
                 for _ in range(200):
                     if (await anna.show())["requests"]:
                         break
@@ -64,11 +62,11 @@ def test_a_program_that_waits_for_control_gets_it_when_it_is_granted(url: str) -
                 await (anna.grant("bob") if give else anna.deny("bob"))
 
             async with asyncio.TaskGroup() as group:
-                group.create_task(answer(False))
+                group.create_task(reply_to_request(False))
                 with pytest.raises(NotInControl):
                     await bob.request(wait_s=10)
             async with asyncio.TaskGroup() as group:
-                group.create_task(answer(True))
+                group.create_task(reply_to_request(True))
                 assert (await bob.request(wait_s=10))["yours"]
 
     asyncio.run(scenario())

@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from gcs_server.client import NotInControl, SyncGcs
-from tests.e2e.browser import chromium, hold_space, opened, violations_in_both_themes
+from tests.e2e.browser import chromium, hold_space, open_page, violations_in_both_themes
 from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -32,8 +32,8 @@ def set_name(page: Page, name: str) -> None:
 
 
 def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(url: str) -> None:
-    with chromium() as browser, opened(browser, url, scene=False, client_id="anna's tab") as anna:
-        with opened(browser, url, scene=False, client_id="bob's tab") as bob:
+    with chromium() as browser, open_page(browser, url, scene=False, client_id="anna's tab") as anna:
+        with open_page(browser, url, scene=False, client_id="bob's tab") as bob:
             for page, name in ((anna, "Anna"), (bob, "Bob")):
                 expect(page.get_by_text("Control is free")).to_be_visible()
                 set_name(page, name)
@@ -73,9 +73,9 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
                     gcs.vehicle("101").set_mode("position")
                 gcs.vehicle("101").hold()
 
-        # Bob's page is closed: he cannot answer a request
+        # Bob's page is closed, so Bob cannot reply to a request
         with SyncGcs(url, client="look") as gcs:
-            wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob's leaving")
+            wait_until(lambda: not gcs.vehicle("101").control.show()["can_be_asked"], "Bob to leave")
         anna.keyboard.press("c")
         anna.get_by_role("button", name="Take control by force …").click()
         expect(anna.get_by_role("alertdialog")).to_contain_text("Bob loses control and is notified")

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from gcs_server.client import SyncGcs, Unreachable
-from tests.e2e.fast_station import FAST, airborne
+from tests.e2e.fast_station import FAST, take_off_to_hold
 from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
@@ -42,7 +42,7 @@ def speed_m_s(drone: Any) -> float:
 
 
 def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
-    airborne(station.drone)
+    take_off_to_hold(station.drone)
     with running([sys.executable, "-c", FLY_NORTH, station.url], stdout=subprocess.PIPE) as client:
         assert client.stdout is not None
         assert client.stdout.readline() == b"flying\n"
@@ -60,7 +60,7 @@ def test_a_killed_client_stops_the_vehicle(station: Any) -> None:
         expired_s = expired_unix_s()
         assert expired_s is not None
         assert expired_s - killed_unix_s < 0.5 + 0.5, (
-            "later than valid_for_s plus one heartbeat of the server"
+            "expired later than valid_for_s plus one heartbeat of the server"
         )
     wait_until(lambda: speed_m_s(station.drone) < 0.5, "coming to rest")
     station.drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="PX4's Hold mode")
@@ -78,7 +78,7 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 # 25 m: the vehicle is still descending when the next server is ready, on a busy machine too.
-                airborne(drone, 25)
+                take_off_to_hold(drone, 25)
                 with pytest.raises(Unreachable), drone.offboard(position_ned_m=(0, 0, -25)) as stream:
                     assert "lands at its current position" in stream.started["if_stream_stops"]
                     end(first, signal.SIGKILL)
@@ -86,8 +86,8 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
             wait_until(lambda: answers(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", timeout_s=60)
-                shown = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
-                assert shown["status"]["armed"], "vehicle found in flight"
+                state = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
+                assert state["status"]["armed"], "the vehicle is not armed"
                 assert drone.request("GET", "/offboard")["state"] == "idle"
                 drone.until_disarmed(timeout_s=120)
                 assert drone.status()["landed_state"] == "on_ground"
@@ -104,7 +104,7 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
         wait_until(lambda: answers(url), "the server")
         with SyncGcs(url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-            airborne(drone, 25)
+            take_off_to_hold(drone, 25)
             drone.request("POST", "/offboard/start", START_REQUEST)
             os.kill(stream_process(server.pid), signal.SIGKILL)
             ended = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")

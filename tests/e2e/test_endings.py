@@ -15,13 +15,13 @@ from typing import Any
 import pytest
 
 from gcs_server.client import Gcs, SyncGcs, Unreachable
-from tests.e2e.fast_station import FAST, airborne
+from tests.e2e.fast_station import FAST, take_off_to_hold
 from tests.station import end, free_port, running, server, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
 
 CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-"""Programs in a background job ignore Ctrl-C, and these tests may run in one."""
+"""Programs in a background job ignore Ctrl-C, and the tests may run in a background job."""
 SYNC = """
 import sys, time
 from gcs_server.client import SyncGcs
@@ -44,12 +44,12 @@ def flying() -> Iterator[Any]:
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-        airborne(drone)
+        take_off_to_hold(drone)
         yield url, drone, process, port
 
 
-def ends_in_hold(drone: Any) -> None:
-    """Checks that the vehicle is in Hold soon, by its own reports."""
+def check_ends_in_hold(drone: Any) -> None:
+    """Waits for the end of the stream; checks that the vehicle reports Hold."""
     wait_until(lambda: drone.request("GET", "/offboard")["state"] == "idle", "the stream's end")
     assert drone.status()["mode"] == "hold"
 
@@ -69,7 +69,7 @@ def test_ctrl_c_ends_a_sync_program_and_puts_the_vehicle_into_hold(flying: Any, 
         program.send_signal(signal.SIGINT)
         _, stderr = program.communicate(timeout=60)
     assert b"KeyboardInterrupt" in stderr
-    ends_in_hold(drone)
+    check_ends_in_hold(drone)
 
 
 def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_hold(flying: Any) -> None:
@@ -81,14 +81,14 @@ def test_ctrl_c_during_the_start_ends_a_sync_program_and_puts_the_vehicle_into_h
         time.sleep(0.6)
         program.send_signal(signal.SIGINT)
         program.communicate(timeout=60)
-    ends_in_hold(drone)
+    check_ends_in_hold(drone)
 
 
 def test_an_error_in_the_block_is_raised_and_the_vehicle_ends_in_hold(flying: Any) -> None:
     _, drone, *_ = flying
     with pytest.raises(ZeroDivisionError), drone.offboard(velocity_ned_m_s=(1, 0, 0), valid_for_s=60):
         print(1 / 0)
-    ends_in_hold(drone)
+    check_ends_in_hold(drone)
 
 
 @pytest.mark.parametrize("how", ["cancel", "timeout", "cancel twice"])
@@ -118,7 +118,7 @@ def test_cancellation_of_an_asynchronous_program_ends_in_hold(flying: Any, how: 
             await task
 
     asyncio.run(scenario())
-    ends_in_hold(drone)
+    check_ends_in_hold(drone)
 
 
 def test_a_client_that_disconnects_during_the_start_leaves_a_stream_that_expires_into_hold(
@@ -164,7 +164,7 @@ def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Pat
         with server([f"udpin://127.0.0.1:{port}"], log=log) as (url, process):
             with SyncGcs(url) as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-                airborne(drone, 6)
+                take_off_to_hold(drone, 6)
                 started = drone.request(
                     "POST",
                     "/offboard/start",

@@ -28,13 +28,13 @@ def test_the_example_flies_and_ends_disarmed_on_the_ground(
         "--vehicle",
         "101",
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240)
-    assert done.returncode == 0, done.stderr
-    assert "Landed and disarmed." in done.stdout
+    result = subprocess.run(command, capture_output=True, text=True, timeout=240)
+    assert result.returncode == 0, result.stderr
+    assert "Landed and disarmed." in result.stdout
 
-    shown = station.drone.show()
-    assert not shown["status"]["armed"]
-    assert shown["status"]["landed_state"] == "on_ground"
+    state = station.drone.show()
+    assert not state["status"]["armed"]
+    assert state["status"]["landed_state"] == "on_ground"
     history = station.drone.request("GET", "/history?topics=local_position&since_unix_s=0")
     heights = [-sample["value"]["position_ned_m"][2] for sample in history["samples"]]
     assert max(heights) == pytest.approx(height_m, abs=0.8)
@@ -53,10 +53,10 @@ def test_the_example_flies_its_plan_and_lands(
 ) -> None:
     module = f"missions.examples.{example}"
     command = [sys.executable, "-m", module, "--server", station.url, "--vehicle", "101", *flags]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=280)
-    assert done.returncode == 0, done.stderr
-    assert expected_text in done.stdout
-    assert done.stdout.rstrip().endswith("Landed and disarmed.")
+    result = subprocess.run(command, capture_output=True, text=True, timeout=280)
+    assert result.returncode == 0, result.stderr
+    assert expected_text in result.stdout
+    assert result.stdout.rstrip().endswith("Landed and disarmed.")
     assert not station.drone.show()["status"]["armed"]
 
 
@@ -77,10 +77,10 @@ def test_the_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
             "--vehicle",
             "101",
         ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=240)
-        assert done.returncode == 0, done.stderr
-        assert "climbing over" in done.stdout
-        assert "Landed behind the box and disarmed." in done.stdout
+        result = subprocess.run(command, capture_output=True, text=True, timeout=240)
+        assert result.returncode == 0, result.stderr
+        assert "climbing over" in result.stdout
+        assert "Landed behind the box and disarmed." in result.stdout
         assert drone.position_ned_m()[0] > 8.0
 
 
@@ -93,15 +93,15 @@ def test_the_two_vehicle_show_is_flown_by_the_first_and_the_last_vehicle_until_b
     ):
         drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in ("101", "104")]
         command = [sys.executable, "-m", "missions.examples.two_vehicle_show", "--server", url]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=280)
-        assert done.returncode == 0, done.stderr
-        assert "Vehicle 104 flies the role 'left' of 'Two-vehicle show'." in done.stdout
-        assert done.stdout.rstrip().endswith("Landed and disarmed.")
+        result = subprocess.run(command, capture_output=True, text=True, timeout=280)
+        assert result.returncode == 0, result.stderr
+        assert "Vehicle 104 flies the role 'left' of 'Two-vehicle show'." in result.stdout
+        assert result.stdout.rstrip().endswith("Landed and disarmed.")
         assert not any(drone.show()["status"]["armed"] for drone in drones)
-        heights = {drone.id: -min(_downs_m(drone)) for drone in drones}
+        heights = {drone.id: -min(_down_positions_m(drone)) for drone in drones}
         assert heights == {"101": pytest.approx(10.0, abs=2.5), "104": pytest.approx(18.0, abs=2.5)}
 
 
-def _downs_m(drone: Any) -> list[float]:
+def _down_positions_m(drone: Any) -> list[float]:
     history = drone.request("GET", "/history?topics=local_position&since_unix_s=0")
     return [sample["value"]["position_ned_m"][2] for sample in history["samples"]]

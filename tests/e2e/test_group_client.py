@@ -1,4 +1,4 @@
-"""A group by the Python client with real processes: common flight, held at the end of the block and after an
+"""A group by the Python client with real processes: common flight, Hold at the end of the block and after an
 error."""
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ def test_a_group_flies_changes_its_setpoints_and_ends_in_hold_after_its_block_or
         for drone in drones:
             drone.takeoff(8)
         for drone in drones:
-            drone.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+            drone.until(lambda v: v["status"]["mode"] == "hold", what="the end of the take-off")
         move_aside(drones[1], 8.0)  # 3 m are too near for the guard's margin on a busy machine
         north = dict.fromkeys(IDS, setpoints.velocity_ned(1, 0, 0))
         with gcs.group(north, minimum_separation_m=1, valid_for_s=20) as group:
             assert group.started["state"] == "waiting"
             assert group.started["start_unix_s"] > time.time_ns() / 1e9 - 1
             wait_until(lambda: group.status()["state"] == "flying", "the start")
-            with pytest.raises(Invalid, match="vehicle 9 is not in group") as wrong:
+            with pytest.raises(Invalid, match="vehicle 9 is not in group") as invalid:
                 group.send({"9": setpoints.velocity_ned(1, 0, 0)})
-            assert wrong.value.field == "setpoints.0.vehicle"
+            assert invalid.value.field == "setpoints.0.vehicle"
             with pytest.raises(Refused, match="would come within"):
                 group.send(
                     {"101": setpoints.position_body(0, 40, 0), "102": setpoints.position_body(0, 0, 0)}
@@ -54,12 +54,12 @@ def test_a_group_flies_changes_its_setpoints_and_ends_in_hold_after_its_block_or
         assert group.status()["ended"] == "pair commanded Hold."
         gcs.request("POST", "/me/leave")
 
-        async def fails() -> None:
+        async def raise_in_block() -> None:
             async with Gcs(url, client="pair") as program, program.group(north, minimum_separation_m=1):
                 raise RuntimeError("the program's own error")
 
         with contextlib.suppress(RuntimeError):
-            asyncio.run(fails())
+            asyncio.run(raise_in_block())
         assert {drone.status()["mode"] for drone in drones} == {"hold"}
         events = gcs.request("GET", "/groups")["groups"]
         assert [(g["state"], g["findings"]) for g in events] == [("ended", []), ("ended", [])]

@@ -1,5 +1,5 @@
-"""Two vehicles flown as a group from the page: selected, started, renewed while the page is visible, held by
-a click."""
+"""Two vehicles flown as a group from the page: selected, started, renewed while the page is visible, put into
+Hold by a click."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.e2e.browser import (
     chromium,
     hold_space,
     number,
-    opened,
+    open_page,
     slide,
     tab_to,
     violations_in_both_themes,
@@ -28,7 +28,7 @@ from tools import build_page
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 
 IDS: tuple[str, ...] = ("101", "102")
-HIDE = """
+SET_VISIBILITY = """
 (state) => {
   Object.defineProperty(document, 'visibilityState', { configurable: true, get: () => state });
   document.dispatchEvent(new Event('visibilitychange'));
@@ -45,7 +45,7 @@ def modes(drones: list[Any]) -> set[str]:
 
 
 def open_group(page: Page) -> Any:
-    """Opens the room's part for groups."""
+    """Opens the group form of the offboard room."""
     expect(page.locator(".pill b")).to_have_text("Holding")
     page.keyboard.press("p")
     room = page.get_by_role("region", name="Offboard room")
@@ -53,7 +53,7 @@ def open_group(page: Page) -> Any:
     return room
 
 
-def test_two_vehicles_are_flown_together_and_held() -> None:
+def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
     build_page.build(REPOSITORY)
     port = free_port()
     with (
@@ -61,13 +61,13 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         vehicle(port, instances=2, more=FAST),
         SyncGcs(url, client="e2e") as gcs,
-        opened(browser, url, scene=False, size=(1280, 720)) as page,
+        open_page(browser, url, scene=False, size=(1280, 720)) as page,
     ):
         drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=120) for v in IDS]
         for drone in drones:
             drone.takeoff(8)
         for drone in drones:
-            drone.until(lambda v: v["status"]["mode"] == "hold", what="the height")
+            drone.until(lambda v: v["status"]["mode"] == "hold", what="the end of the take-off")
         move_aside(drones[1], 8.0)
         room = open_group(page)
 
@@ -105,16 +105,18 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         expect(room.get_by_label("Move, North")).to_have_value("0")  # a second press moves nothing
 
         def moved_north(north_m: float) -> bool:
-            return all(now[0] - was[0] > north_m for now, was in zip(positions(drones), before, strict=True))
+            return all(
+                now[0] - start[0] > north_m for now, start in zip(positions(drones), before, strict=True)
+            )
 
         wait_until(lambda: moved_north(5.5), "both six metres north", 30)
         expect(card).to_contain_text("This page renews the setpoints while it is visible")
         assert number(card.locator(".figures b").first.inner_text()) > 1
-        wait_until(lambda: time.monotonic() - began_s > 10, "longer than its validity")
+        wait_until(lambda: time.monotonic() - began_s > 10, "a time longer than the validity")
         group = gcs.request("GET", "/groups")["groups"][-1]
         assert (group["state"], group["findings"]) == ("flying", [])
 
-        # Another offset for all, from their current positions; then held by one click.
+        # Another offset for all, from their current positions; then Hold by one click.
         room.get_by_label("Move, North").fill("3")
         room.get_by_label("Valid for, seconds").fill("30")
         room.get_by_role("button", name="Send to group").click()
@@ -129,33 +131,33 @@ def test_two_vehicles_are_flown_together_and_held() -> None:
         expect(card).to_contain_text("commanded Hold.")
         expect(room.get_by_role("button", name="Hold group")).to_have_count(0)
 
-        # After the end the page shows the reason once, and no button to hold or send.
+        # After the end the page shows the reason once, and no button for Hold or Send.
         expect(card).to_contain_text("Ended")
         expect(room.get_by_role("button", name="Send to group")).to_have_count(0)
 
-        # The page is hidden: it renews nothing, and the group expires into Hold.
+        # While the page is hidden it does not renew, so the setpoints expire and the group switches to Hold.
         room.get_by_label("Valid for, seconds").fill("3")
         room.get_by_role("button", name="Start group…").click()
         hold_space(page)
         expect(card).to_contain_text("Flying")
-        page.evaluate(HIDE, "hidden")
+        page.evaluate(SET_VISIBILITY, "hidden")
         wait_until(lambda: modes(drones) == {"hold"}, "the expiry")
-        page.evaluate(HIDE, "visible")
+        page.evaluate(SET_VISIBILITY, "visible")
         expect(card).to_contain_text("The setpoints expired.")
 
-        # Another client's group is also shown, identified by key and not by name, and can be held.
+        # Another client's group is also shown, identified by key and not by name, and Hold is possible.
         for drone in drones:
             drone.control.release()
         with SyncGcs(url, client="pair", client_id="pair") as other:
             velocity_setpoints = dict.fromkeys(IDS, setpoints.velocity_ned(0.5, 0, 0))
             with other.group(velocity_setpoints, minimum_separation_m=1, valid_for_s=60):
-                theirs = room.get_by_role("region", name="Group 3")
-                expect(theirs).to_contain_text("from pair")
-                expect(theirs).to_contain_text("Flying")
+                other_group = room.get_by_role("region", name="Group 3")
+                expect(other_group).to_contain_text("from pair")
+                expect(other_group).to_contain_text("Flying")
                 room.get_by_role("radio", name="Form", exact=True).click()
                 page.keyboard.press("p")
-                alone = page.get_by_label("Offboard", exact=True)
-                expect(alone).to_contain_text("In group 3, controlled by pair.")
-                alone.get_by_role("button", name="Show the group").click()
+                offboard_card = page.get_by_label("Offboard", exact=True)
+                expect(offboard_card).to_contain_text("In group 3, controlled by pair.")
+                offboard_card.get_by_role("button", name="Show the group").click()
                 room.get_by_role("button", name="Hold group").click()
                 wait_until(lambda: modes(drones) == {"hold"}, "Hold by a client without control")

@@ -7,12 +7,12 @@ import httpx
 import pytest
 
 from gcs_server.log_limit import LINES
-from tests.e2e.hostile import ATTACKS, HOST, Target, answer, attacked
+from tests.e2e.hostile import ATTACKS, HOST, Target, attacked, read_response
 from tests.station import answers, server, wait_until
 
 MAX_MEMORY_MB = 100
 LONGEST_PAUSE_S = 15.0
-"""On a test machine that may be busy with other tests."""
+"""Large, because the test machine may be busy with other tests."""
 pytestmark = pytest.mark.story
 
 QUICK = {"idle_sockets", "huge_headers", "huge_chunked_bodies", "largest_json", "unread_websocket"}
@@ -46,7 +46,9 @@ def test_other_clients_are_served_during_an_attack_and_memory_and_log_stay_small
     assert len(text) < 20_000
 
 
-def test_a_server_without_file_descriptors_reports_it_once_and_continues_when_it_has_some(site):
+def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clients_again_when_some_are_free(
+    site,
+):
     target, log = site
     soft, hard = resource.prlimit(target.process, resource.RLIMIT_NOFILE)
     used = len(list(Path(f"/proc/{target.process}/fd").iterdir()))
@@ -62,7 +64,7 @@ def test_a_server_without_file_descriptors_reports_it_once_and_continues_when_it
         target.release()
         resource.prlimit(target.process, resource.RLIMIT_NOFILE, (soft, hard))
     url = f"http://{HOST}:{target.port}"
-    wait_until(lambda: answers(url), "an answer")
+    wait_until(lambda: answers(url), "a response")
     text = log.read_text()[before:]
     assert text.count("no connection can be accepted") <= LINES
     assert len(text) < 20_000
@@ -76,7 +78,7 @@ def test_a_refusal_is_received_although_the_client_continues_to_send(site):
     head = b"POST /api/v1/vehicles/1/arm HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3000000\r\n\r\n"
     target.send(connection, head)
     target.send(connection, b"x" * 100_000, 30)
-    response = answer(connection)
+    response = read_response(connection)
     assert response.startswith(b"HTTP/1.1 413 ")
     assert b'"code":"body_too_large"' in response
     target.release()

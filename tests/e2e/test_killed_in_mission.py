@@ -21,9 +21,15 @@ LAT, LON = 47.397742, 8.545594
 NORTH_DEG = 1 / 111_195
 
 
-def item(kind: str, north_m: float, **more: Any) -> dict[str, Any]:
+def item(kind: str, north_m: float, **fields: Any) -> dict[str, Any]:
     altitude = {"value_m": 0 if kind == "land" else 8, "reference": "home"}
-    return {"kind": kind, "lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "altitude": altitude, **more}
+    return {
+        "kind": kind,
+        "lat_deg": LAT + north_m * NORTH_DEG,
+        "lon_deg": LON,
+        "altitude": altitude,
+        **fields,
+    }
 
 
 PLAN = {
@@ -93,23 +99,25 @@ def test_after_a_killed_server_px4_acts_as_stated_and_the_next_server_monitors_t
             wait_until(lambda: answers(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", timeout_s=60)
-                wait_until(lambda: drone.mission.state()["holds"] == holds, "the known plan")
+                wait_until(lambda: drone.mission.state()["holds"] == holds, "the plan on the vehicle")
                 status = drone.status()
                 assert (status["armed"], status["custom_mode"]) == (True, modes[-1])
                 if modes == [MISSION]:
-                    is_monitored_to_its_end(drone)
+                    check_monitoring_to_the_end(drone)
                 assert drone.request("GET", "/control")["holder"] is None
                 journal = gcs.request("GET", "/journal")["entries"]
                 assert journal[0]["command"] == "mission/start", (
-                    "the last command of any client, before the kill"
+                    "a command was sent after the server was killed"
                 )
 
 
-def is_monitored_to_its_end(drone: Any) -> None:
-    """The flight is monitored from its current item to its end."""
+def check_monitoring_to_the_end(drone: Any) -> None:
+    """Checks that the server monitors the flight from its current item to its end."""
     wait_until(lambda: drone.mission.state()["flight"], "the monitored flight")
     wait_until(lambda: drone.mission.state()["flight"]["item"] == 2, "the second leg")
-    wait_until(lambda: drone.mission.state()["flight"]["deviation_horizontal_m"] is not None, "its path", 60)
+    wait_until(
+        lambda: drone.mission.state()["flight"]["deviation_horizontal_m"] is not None, "the flown path", 60
+    )
     flight = drone.mission.state()["flight"]
     assert (flight["state"], flight["count"], flight["client"]) == ("flying", 4, None)
     assert flight["deviation_horizontal_m"] < 3.0

@@ -1,7 +1,7 @@
 """Processes that are killed while a mission flies as a flight mode, over real DDS and in real time.
 
-The vehicle has to leave the mode as the recorded PX4 does. Its own statuses show it: no server is left.
-"""
+The vehicle must leave the mode as the recorded PX4 does. The vehicle's own status messages show this, because
+no server is left."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ pytestmark = pytest.mark.realtime
 HOLD, RTL, TAKEOFF = 4, 5, 17
 """VehicleStatus.nav_state."""
 ARMED = 2
-SILENT_S = (0.7, 1.8)
-"""Time from the end of the answers until PX4 returns [s]. PX4 waits 1.05 to 1.25 s from the last answer,
-which may be 0.3 s old; the rest is for a busy machine."""
+RETURN_DELAY_S = (0.7, 1.8)
+"""Shortest and longest time from the end of the arming check replies until PX4 returns [s]. PX4 waits 1.05 to
+1.25 s from the last reply, which may be 0.3 s old; the rest is for a busy machine."""
 NOT_IN_CHARGE_S = 1.5
 """Time within which PX4 reports that the executor is no longer in charge; recorded: 0.5 s."""
-FAR: dict[str, Any] = {
+FAR_MISSION: dict[str, Any] = {
     **MISSION,
     "steps": [{"step": "fly", "points": [{"offset_ned_m": [40, 0, 0]}], "speed_m_s": 2}],
 }
-TAKES_OFF_FAR: dict[str, Any] = {
+TAKE_OFF_FAR_MISSION: dict[str, Any] = {
     **MISSION,
     "steps": [
         {"step": "take_off", "height_m": 8},
@@ -55,11 +55,11 @@ TAKES_OFF_FAR: dict[str, Any] = {
     ],
 }
 with_and_without_executor = pytest.mark.parametrize("executor", [False, True], ids=["mode", "executor"])
-"""A mode alone, and one that an executor owns."""
+"""Runs a test with a mode alone, and with a mode that an executor owns."""
 
 
 class Px4Topics:
-    """What PX4 publishes about itself."""
+    """The status and position that PX4 publishes."""
 
     def __init__(self) -> None:
         self._domain = open_domain(DOMAIN, None)
@@ -73,7 +73,7 @@ class Px4Topics:
         return self._status.latest
 
     def until(self, reached: Callable[[Any], bool], what: str, within_s: float) -> Any:
-        """The first status that `reached` is true of."""
+        """The first status for which `reached` is true."""
         end_s = time.monotonic() + within_s
         while (status := self.status) is None or not reached(status):
             assert time.monotonic() < end_s, f"{what} did not happen within {within_s} s: {status}"
@@ -92,22 +92,22 @@ def px4() -> Px4Topics:
     return Px4Topics()
 
 
-def flying(vehicle: ModesVehicle, px4: Px4Topics, *, executor: bool) -> int:
-    """Flies the mission, on its way north; returns the mode as nav_state."""
+def start_mission(vehicle: ModesVehicle, px4: Px4Topics, *, executor: bool) -> int:
+    """Starts the mission and waits until it flies north; returns the mission's nav_state."""
     if executor:
-        mode = vehicle.taking_off(TAKES_OFF_FAR)
+        mode = vehicle.start_on_ground(TAKE_OFF_FAR_MISSION)
         vehicle.until_north()
     else:
-        mode = vehicle.flying(FAR)
-    own = nav_state(mode)
-    status = px4.until(lambda each: each.nav_state == own, "the mission's mode", 5.0)
-    assert (status.nav_state_user_intention, status.failsafe) == (own, False)
+        mode = vehicle.start_in_flight(FAR_MISSION)
+    mission_state = nav_state(mode)
+    status = px4.until(lambda each: each.nav_state == mission_state, "the mission's mode", 5.0)
+    assert (status.nav_state_user_intention, status.failsafe) == (mission_state, False)
     assert status.executor_in_charge == (1 if executor else 0)
-    return own
+    return mission_state
 
 
 def nav_state(mode: str) -> int:
-    """The number of a mode like external_1."""
+    """The nav_state of a mode such as external_1."""
     return int(mode.removeprefix("external_")) + 22
 
 
@@ -122,12 +122,12 @@ def kill_together(*processes: int) -> float:
 
 
 def selectable(status: Any, mode: int) -> bool:
-    """Whether PX4 has the mode."""
+    """Whether PX4 lists the mode as selectable."""
     return bool(status.can_set_nav_states_mask >> mode & 1)
 
 
 def runs(pid: int) -> bool:
-    """Whether a process still runs; one that nobody has waited for does not."""
+    """Whether a process still runs; a zombie does not."""
     with contextlib.suppress(FileNotFoundError):
         return bool(Path(f"/proc/{pid}/cmdline").read_bytes())
     return False
@@ -137,20 +137,20 @@ def runs(pid: int) -> bool:
 def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_selected(
     vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
-    own = flying(vehicle, px4, executor=executor)
+    mission_state = start_mission(vehicle, px4, executor=executor)
     killed_s = kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
-    left = px4.until(lambda each: each.nav_state != own, "the end of the mode", 5.0)
-    assert SILENT_S[0] < time.monotonic() - killed_s < SILENT_S[1]
-    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, own, True)
+    left = px4.until(lambda each: each.nav_state != mission_state, "the end of the mode", 5.0)
+    assert RETURN_DELAY_S[0] < time.monotonic() - killed_s < RETURN_DELAY_S[1]
+    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, mission_state, True)
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     time.sleep(1.5)
     status = px4.status
-    assert (status.nav_state, status.failsafe, selectable(status, own)) == (RTL, True, True)
-    vehicle.other.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
+    assert (status.nav_state, status.failsafe, selectable(status, mission_state)) == (RTL, True, True)
+    vehicle.other_station.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 3)
     hold = px4.until(lambda each: each.nav_state == HOLD, "Hold", 2.0)
     assert (hold.nav_state_user_intention, hold.failsafe) == (HOLD, False)
-    px4.until(lambda each: not selectable(each, own), "the removal of the mode", 2.0)
-    vehicle.other.choose(f"external_{own - 22}")
+    px4.until(lambda each: not selectable(each, mission_state), "the removal of the mode", 2.0)
+    vehicle.other_station.select_mode(f"external_{mission_state - 22}")
     time.sleep(1.0)
     assert (px4.status.nav_state, px4.status.arming_state) == (HOLD, ARMED)
 
@@ -159,36 +159,38 @@ def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_
 def test_the_mode_of_a_killed_server_is_removed_and_the_next_server_can_register_it_again(
     vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
-    own = flying(vehicle, px4, executor=executor)
+    mission_state = start_mission(vehicle, px4, executor=executor)
     streams = streams_process(vehicle.process.pid)
     vehicle.process.kill()
-    left = px4.until(lambda each: each.nav_state != own, "the end of the mode", SILENT_S[1])
-    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, own, True)
-    px4.until(lambda each: not selectable(each, own), "the removal of the mode", 1.0)
+    left = px4.until(lambda each: each.nav_state != mission_state, "the end of the mode", RETURN_DELAY_S[1])
+    assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, mission_state, True)
+    px4.until(lambda each: not selectable(each, mission_state), "the removal of the mode", 1.0)
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     station.wait_until(lambda: not runs(streams), "the end of the stream process", 5.0)
     with station.server([LINK]) as (url, process):
-        after = ModesVehicle(url, process, vehicle.other)
-        station.wait_until(lambda: after.status.get("mode") == "rtl", "the vehicle's return", 20.0)
-        assert (after.modes()["modes"], after.mission()) == ([], None)
-        after.call("mode", {"mode": "hold"})
+        restarted = ModesVehicle(url, process, vehicle.other_station)
+        station.wait_until(lambda: restarted.status.get("mode") == "rtl", "the vehicle's return", 20.0)
+        assert (restarted.modes()["modes"], restarted.mission()) == ([], None)
+        restarted.call("mode", {"mode": "hold"})
         estimates = {"attitude", "local_position", "global_position"}
-        station.wait_until(lambda: estimates <= after.all()["topics"].keys(), "the vehicle's estimates", 10.0)
-        (mode,) = after.call("mission_modes/register", {"mission": FAR, "name": NAME})["modes"]
-        assert (mode["state"], nav_state(mode["mode"])) == ("registered", own)
-        after.call("mode", {"mode": mode["mode"]})
-        after.until_north()
+        station.wait_until(
+            lambda: estimates <= restarted.vehicle()["topics"].keys(), "the vehicle's estimates", 10.0
+        )
+        (mode,) = restarted.call("mission_modes/register", {"mission": FAR_MISSION, "name": NAME})["modes"]
+        assert (mode["state"], nav_state(mode["mode"])) == ("registered", mission_state)
+        restarted.call("mode", {"mode": mode["mode"]})
+        restarted.until_north()
 
 
 def test_when_server_and_streams_die_during_the_executors_take_off_px4_completes_it_and_holds(
     vehicle: ModesVehicle, px4: Px4Topics
 ) -> None:
-    own = nav_state(vehicle.taking_off(TAKES_OFF_FAR))
+    mission_state = nav_state(vehicle.start_on_ground(TAKE_OFF_FAR_MISSION))
     taking_off = px4.until(lambda each: each.nav_state == TAKEOFF, "the take-off", 5.0)
-    assert (taking_off.executor_in_charge, selectable(taking_off, own)) == (1, True)
+    assert (taking_off.executor_in_charge, selectable(taking_off, mission_state)) == (1, True)
     ground_down_m = px4.position.latest.z
     kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
-    removed = px4.until(lambda each: not selectable(each, own), "the removal of the mode", 5.0)
+    removed = px4.until(lambda each: not selectable(each, mission_state), "the removal of the mode", 5.0)
     assert (removed.nav_state, removed.failsafe) == (TAKEOFF, False)
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
     hold = px4.until(lambda each: each.nav_state != TAKEOFF, "the end of the take-off", 40.0)
@@ -200,7 +202,7 @@ def test_when_server_and_streams_die_during_the_executors_take_off_px4_completes
 def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(
     vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
-    flying(vehicle, px4, executor=executor)
+    start_mission(vehicle, px4, executor=executor)
     os.kill(streams_process(vehicle.process.pid), signal.SIGKILL)
     station.wait_until(lambda: vehicle.status["mode"] in ("hold", "rtl"), "the end of the mode", 5.0)
     assert vehicle.mission() == "suspended"
@@ -210,6 +212,6 @@ def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(
     modes = vehicle.modes()
     assert modes["possible"] is True
     assert modes["modes"][0]["state"] == "lost"
-    vehicle.call("mission_modes/register", {"mission": FAR, "name": NAME})
+    vehicle.call("mission_modes/register", {"mission": FAR_MISSION, "name": NAME})
     vehicle.call("mode", {"mode": vehicle.modes()["modes"][0]["mode"]})
     vehicle.until_mission("flying")

@@ -1,4 +1,5 @@
-"""The stage by hand: a position on the map or in 3D sends vehicle and camera there, without reloading."""
+"""The map and the 3D view by hand: a clicked position is a goal for the vehicle or the camera; the 3D view
+does not reload."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from gcs_server.client import SyncVehicle
-from tests.e2e.browser import box_of, opened, scene, serious_violations, slide
+from tests.e2e.browser import box_of, open_page, scene, serious_violations, slide
 from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
@@ -41,11 +42,11 @@ FREE = """
   return [(left + cards.left) / 2, (messages.bottom + bar.top) / 2];
 }
 """
-"""The centre of the area that panels leave free: a followed vehicle is there on the large map."""
+"""The centre of the area without panels, where the large map shows a followed vehicle."""
 
 
 def large_map(page: Page, *, beside_scene: bool = False) -> None:
-    """Opens the map in the stage, the default without a 3D view, following the vehicle."""
+    """Opens the large map, which is the default without a 3D view and follows the vehicle."""
     if beside_scene:
         page.get_by_title("3D view", exact=True).wait_for()
         page.keyboard.press("m")
@@ -76,33 +77,37 @@ def newest(drone: SyncVehicle, topic: str) -> dict[str, Any]:
     return value
 
 
-def metres_from(drone: SyncVehicle, place: tuple[float, float]) -> float:
-    here = newest(drone, "global_position")
-    north = math.radians(here["lat_deg"] - place[0]) * 6_371_000
-    east = math.radians(here["lon_deg"] - place[1]) * 6_371_000 * math.cos(math.radians(place[0]))
+def metres_from(drone: SyncVehicle, lat_lon_deg: tuple[float, float]) -> float:
+    position = newest(drone, "global_position")
+    north = math.radians(position["lat_deg"] - lat_lon_deg[0]) * 6_371_000
+    east = (
+        math.radians(position["lon_deg"] - lat_lon_deg[1])
+        * 6_371_000
+        * math.cos(math.radians(lat_lon_deg[0]))
+    )
     return math.hypot(north, east)
 
 
 def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, station: Station) -> None:
     drone = station.drone
     drone.takeoff(8)
-    with opened(browser, station.url, scene=False) as page:
+    with open_page(browser, station.url, scene=False) as page:
         large_map(page)
         menu = menu_at(page, 120, 80)
         expect(menu).to_contain_text(re.compile(r"1[78]\.\d m north-east of the vehicle"))
         expect(menu).to_contain_text(re.compile(r"about \d+ s"))
         goal = position_of(menu)
-        height = menu.get_by_label("Flight altitude above home", exact=True)
-        height.fill("10")
-        height.press("Tab")
-        refusal_is_shown_in_the_menu(page, menu)
+        altitude = menu.get_by_label("Flight altitude above home", exact=True)
+        altitude.fill("10")
+        altitude.press("Tab")
+        check_refusal_in_the_menu(page, menu)
         menu.get_by_role("button", name="Go here").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("at 10.0 m above home")
         slide(page)
         expect(menu).to_be_hidden()
         wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle at the clicked position", 30)
         wait_until(
-            lambda: abs(newest(drone, "global_position")["alt_home_m"] - 10) < 1, "the requested height"
+            lambda: abs(newest(drone, "global_position")["alt_home_m"] - 10) < 1, "the requested altitude"
         )
 
         menu = menu_at(page, -80, -64)
@@ -121,7 +126,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         assert serious_violations(page) == []
         page.keyboard.press("Escape")
 
-    with opened(browser, station.url) as page:
+    with open_page(browser, station.url) as page:
         large_map(page, beside_scene=True)
         scene(page).evaluate("() => { window.kept = true }")
         page.get_by_title("Show the 3D view large (M)").click()
@@ -133,15 +138,15 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
 
     drone.land()
     drone.until_disarmed()
-    with opened(browser, station.url, scene=False) as page:
+    with open_page(browser, station.url, scene=False) as page:
         large_map(page)
         menu = menu_at(page, 60, 60)
         expect(menu).to_contain_text("The vehicle is on the ground: take off first.")
         expect(menu.get_by_role("button", name="Go here")).to_have_attribute("aria-disabled", "true")
 
 
-def refusal_is_shown_in_the_menu(page: Page, menu: Locator) -> None:
-    """The menu shows the vehicle's refusal, and the button can be pressed again."""
+def check_refusal_in_the_menu(page: Page, menu: Locator) -> None:
+    """Checks that the menu shows the vehicle's refusal, and that the button can be pressed again."""
     problem = {
         "code": "rejected",
         "title": "The vehicle refused",
@@ -163,7 +168,7 @@ def refusal_is_shown_in_the_menu(page: Page, menu: Locator) -> None:
 
 
 def open_menu_by_keyboard(page: Page) -> None:
-    """Tab to the map, arrows, Enter: the same menu opens and has the focus."""
+    """Opens the menu by Tab to the map, arrow keys and Enter; checks that the menu has the focus."""
     page.get_by_role("application").focus()
     for _ in range(3):
         page.keyboard.press("Shift+ArrowRight")
@@ -177,7 +182,7 @@ def open_menu_by_keyboard(page: Page) -> None:
 
 
 def click_in_3d(page: Page) -> None:
-    """A click on the ground in 3D opens the menu at the pointer."""
+    """Clicks on the ground in 3D; checks that the menu opens at the pointer."""
     page.mouse.click(520, 700)
     menu = page.get_by_role("dialog")
     expect(menu).to_contain_text("of home")
@@ -191,15 +196,17 @@ def click_in_3d(page: Page) -> None:
 @pytest.mark.parametrize("kind", ["pmtiles", "mbtiles"])
 def test_a_map_file_of_the_operator_is_shown(browser: Browser, station: Station, kind: str) -> None:
     folder = Path(station.gcs.request("GET", "/maps")["folder"])
-    write, made = (write_pmtiles, "© Red Survey") if kind == "pmtiles" else (write_mbtiles, "Green Maps")
+    write, attribution = (
+        (write_pmtiles, "© Red Survey") if kind == "pmtiles" else (write_mbtiles, "Green Maps")
+    )
     write(folder / f"field.{kind}", png((255, 0, 0)))
-    with opened(browser, station.url, theme="light", scene=False) as page:
+    with open_page(browser, station.url, theme="light", scene=False) as page:
         large_map(page)
-        expect(page.get_by_role("toolbar", name="Map")).to_contain_text(made)
+        expect(page.get_by_role("toolbar", name="Map")).to_contain_text(attribution)
 
-        def red() -> bool:
+        def is_red() -> bool:
             shot = page.screenshot(clip={"x": 700, "y": 600, "width": 40, "height": 40})
             r, g, b = page.evaluate(MEAN_COLOUR, base64.b64encode(shot).decode())
             return r - max(g, b) > 60
 
-        wait_until(red, "the operator's own tiles")
+        wait_until(is_red, "the operator's own tiles")

@@ -12,8 +12,8 @@ from playwright.sync_api import expect
 pytest.importorskip("cyclonedds")
 
 from tests import station
-from tests.e2e.browser import REPOSITORY, chromium, hold_space, opened, violations_in_both_themes
-from tests.e2e.mission_modes import MISSION, NAME, TAKES_OFF, ModesVehicle, modes_vehicle
+from tests.e2e.browser import REPOSITORY, chromium, hold_space, open_page, violations_in_both_themes
+from tests.e2e.mission_modes import MISSION, NAME, TAKE_OFF_MISSION, ModesVehicle, modes_vehicle
 from tests.e2e.plan_page import plan_room
 from tools import build_page
 
@@ -28,9 +28,9 @@ def vehicle() -> Iterator[ModesVehicle]:
 def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_stations(
     vehicle: ModesVehicle,
 ) -> None:
-    mode = vehicle.in_air()
-    assert NAME in vehicle.other.names()
-    vehicle.other.choose(mode)
+    mode = vehicle.register_and_take_off()
+    assert NAME in vehicle.other_station.mode_names()
+    vehicle.other_station.select_mode(mode)
     station.wait_until(lambda: vehicle.status["mode"] == mode, "the mode", 5.0)
     assert vehicle.status["mode_label"] == NAME
     for start in (None, {"mode": mode}):
@@ -42,7 +42,9 @@ def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_s
     assert vehicle.north_m() == pytest.approx(16.0, abs=2.0)
     assert vehicle.modes()["modes"][0]["state"] == "registered"
     assert vehicle.call("mission_modes/unregister", {"name": NAME})["modes"] == []
-    station.wait_until(lambda: NAME not in vehicle.other.names(), "its removal", 10.0)
+    station.wait_until(
+        lambda: NAME not in vehicle.other_station.mode_names(), "the removal of the mission", 10.0
+    )
 
 
 @pytest.mark.realtime
@@ -50,10 +52,10 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_o
     vehicle: ModesVehicle,
 ) -> None:
     station.wait_until(vehicle.ready, "readiness", 60.0)
-    body = {"mission": TAKES_OFF, "name": NAME}
+    body = {"mission": TAKE_OFF_MISSION, "name": NAME}
     (mode,) = vehicle.call("mission_modes/register", body)["modes"]
     assert (mode["state"], mode["takes_off"]) == ("registered", True)
-    vehicle.other.choose(mode["mode"])
+    vehicle.other_station.select_mode(mode["mode"])
     station.wait_until(lambda: vehicle.status["mode"] == mode["mode"], "the mode", 5.0)
     assert (vehicle.status["armed"], vehicle.mission()) == (False, None)
     start_north_m = vehicle.north_m()
@@ -76,7 +78,7 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
     build_page.build(REPOSITORY)
     vehicle.take_off()
     file = {"name": "line.json", "mimeType": "application/json", "buffer": json.dumps(MISSION).encode()}
-    with chromium() as browser, opened(browser, vehicle.url, scene=False) as page:
+    with chromium() as browser, open_page(browser, vehicle.url, scene=False) as page:
         room = plan_room(page)
         page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
         expect(room.get_by_label("Name of the plan")).to_have_value("Line")
@@ -91,7 +93,7 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
         deferral.fill("20")
         register.click()
         expect(modes).to_contain_text("ready to be selected")
-        assert NAME in vehicle.other.names()
+        assert NAME in vehicle.other_station.mode_names()
         assert vehicle.modes()["modes"][0]["defer_failsafes_s"] == 20
         assert violations_in_both_themes(page) == []
         modes.get_by_role("button", name=f"Start {NAME}…").click()

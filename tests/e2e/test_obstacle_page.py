@@ -12,7 +12,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import opened, scene, slide
+from tests.e2e.browser import open_page, scene, slide
 from tests.e2e.fast_station import Station
 from tests.station import free_port, server, vehicle, wait_until
 
@@ -24,9 +24,10 @@ NAMESPACE = f"box_{os.getpid()}"
 BOX_HEIGHT_M = 4.0
 """Height of the box in vehicle_sim/worlds/obstacle-box.yaml."""
 UP_M, GOAL_NORTH_M = 1.0, 10.0
+"""Positions of the setpoints relative to the start."""
 ARM_AT_S, TO_WAYPOINT_AT_S = 2.0, 8.0
-"""Schedule of the flight: setpoints of one metre, armed in Offboard after 2 s, to the waypoint after 8 s."""
-RETURNS = """
+"""Schedule of the flight from the first setpoint: armed after 2 s, the waypoint sent after 8 s."""
+COUNT_DRAWN_LIDARS = """
 () => {
   const nodes = window.__viserMutable.nodeRefFromName;
   const found = Object.keys(nodes).filter((n) => n.endsWith('/measured_points') && nodes[n]?.visible);
@@ -38,7 +39,7 @@ RETURNS = """
 
 @pytest.fixture
 def landed() -> Iterator[Station]:
-    """A vehicle in front of the box, joined from both links."""
+    """A vehicle in front of the box, which the server knows from both links."""
     port = free_port()
     ros2 = ["--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
     with (
@@ -52,25 +53,25 @@ def landed() -> Iterator[Station]:
 
 
 class Watch:
-    """The vehicle's estimated position, and its greatest height so far."""
+    """Reads the vehicle's estimated position, and records its greatest altitude above the start."""
 
     def __init__(self, drone: Any) -> None:
         self._drone = drone
         self.highest_m = 0.0
 
-    def place(self) -> tuple[float, float]:
-        """North and up [m]."""
+    def north_up_m(self) -> tuple[float, float]:
+        """Position north of and above the start [m]."""
         north, _, down = self._drone.topic("local_position")["position_ned_m"]
         self.highest_m = max(self.highest_m, -down)
         return north, -down
 
     def until(self, reached: Callable[[float, float], bool], what: str, deadline_s: float = 60.0) -> None:
-        """Waits until `reached` is true of the position north and the height [m]."""
-        wait_until(lambda: reached(*self.place()), what, deadline_s)
+        """Waits until `reached` is true for the position north and up [m]."""
+        wait_until(lambda: reached(*self.north_up_m()), what, deadline_s)
 
 
 class Schedule:
-    """Times since the start of the setpoints."""
+    """Waits for times counted from the start of the setpoints."""
 
     def __init__(self) -> None:
         self._began_s = time.monotonic()
@@ -90,8 +91,8 @@ def fly_to(page: Page, room: Locator, north_m: float, button: str) -> None:
 def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance(
     browser: Browser, landed: Station
 ) -> None:
-    drone, at = landed.drone, Watch(landed.drone)
-    with opened(browser, landed.url, size=(1280, 720)) as page:
+    drone, watch = landed.drone, Watch(landed.drone)
+    with open_page(browser, landed.url, size=(1280, 720)) as page:
         expect(page.locator(".pill b")).to_have_text("Ready")
         page.keyboard.press("p")
         room = page.get_by_role("region", name="Offboard room")
@@ -101,31 +102,31 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance
         drone.until(lambda v: v["status"]["mode"] == "offboard", what="Offboard")
         schedule = Schedule()
         schedule.wait_until(ARM_AT_S)
-        assert at.place()[1] < 0.5 * UP_M, "setpoints alone do not take off"
+        assert watch.north_up_m()[1] < 0.5 * UP_M, "the vehicle took off by setpoints alone"
         arm = page.get_by_role("button", name="Arm", exact=True)
         arm.click()
         slide(page, arm.click)
-        at.until(lambda _, up_m: up_m > 0.7 * UP_M, "the take-off to one metre")
+        watch.until(lambda _, up_m: up_m > 0.7 * UP_M, "the take-off to one metre")
         schedule.wait_until(TO_WAYPOINT_AT_S)
-        north_m, up_m = at.place()
+        north_m, up_m = watch.north_up_m()
         assert north_m < 1.5
-        assert up_m > 0.5 * UP_M, "it hovers at one metre until the waypoint"
+        assert up_m > 0.5 * UP_M, "the vehicle did not hover at one metre until the waypoint"
 
         fly_to(page, room, GOAL_NORTH_M, "Send")
         page.keyboard.press("p")
         card = page.get_by_label("Offboard", exact=True)
         avoid = card.get_by_label("Avoid obstacles")
         expect(avoid).not_to_be_checked()
-        at.until(lambda north_m, _: north_m > 1.5, "the way to the box")
+        watch.until(lambda north_m, _: north_m > 1.5, "the flight towards the box")
         wait_until(lambda: ahead_m(drone) < 1.5 and is_slow(drone), "the stop")
-        time.sleep(3)  # the brake keeps the vehicle there
-        assert ahead_m(drone) > 0.7, "it stops 1 m before the box"
-        assert at.highest_m < 2.0
-        wait_until(lambda: scene(page).evaluate(RETURNS) == 1, "the box as the lidar sees it", 40)
+        time.sleep(3)  # collision prevention keeps the vehicle at this distance
+        assert ahead_m(drone) > 0.7, "the vehicle stopped less than 0.7 m before the box"
+        assert watch.highest_m < 2.0
+        wait_until(lambda: scene(page).evaluate(COUNT_DRAWN_LIDARS) == 1, "the box as the lidar sees it", 40)
 
         avoid.check()
-        at.until(lambda north_m, _: north_m > GOAL_NORTH_M - 1.0, "the way over the box", 90)
-        assert at.highest_m > BOX_HEIGHT_M
+        watch.until(lambda north_m, _: north_m > GOAL_NORTH_M - 1.0, "the flight over the box", 90)
+        assert watch.highest_m > BOX_HEIGHT_M
         expect(avoid).to_be_checked()
         land = page.get_by_role("button", name="Land", exact=True)
         land.click()
@@ -139,8 +140,8 @@ def is_slow(drone: Any) -> bool:
 
 
 def ahead_m(drone: Any) -> float:
-    """Distance that the lidar measures forward [m]; infinite without a measurement. Unlike the estimated
-    position it has no GPS error."""
+    """Distance that the lidar measures forward [m]; infinite without a measurement. The lidar has no GPS
+    error, unlike the estimated position."""
     sensors = drone.topic("distance_sensors")["sensors"]
     measured = [each["distance_m"] for each in sensors if each["direction_frd"][0] > 0.9]
     return min((each for each in measured if each is not None), default=math.inf)

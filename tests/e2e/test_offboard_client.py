@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from gcs_server.client import Gcs, Invalid, Refused, setpoints
-from tests.e2e.fast_station import Station, airborne
+from tests.e2e.fast_station import Station, take_off_to_hold
 
 pytestmark = pytest.mark.realtime
 
@@ -19,7 +19,7 @@ def distance_m(a: Any, b: Any) -> float:
 
 
 def test_streamed_setpoints_and_a_path_are_flown_within_the_limits(station: Station) -> None:
-    airborne(station.drone)
+    take_off_to_hold(station.drone)
     asyncio.run(flight(station.url))
 
 
@@ -32,10 +32,12 @@ async def flight(url: str) -> None:
         failsafe = await drone.set_offboard_failsafe("hold", after_s=1.5)
         assert (failsafe["action"], failsafe["after_s"]) == ("hold", 1.5)
 
-        place = await drone.position_ned_m()
-        async with drone.offboard(valid_for_s=5) as offboard:  # holds its position
+        position = await drone.position_ned_m()
+        async with drone.offboard(
+            valid_for_s=5
+        ) as offboard:  # a position hold, without a setpoint of the program
             assert offboard.started["ordered_type"] == "position_body"
-            assert distance_m(offboard.started["setpoint"]["position_ned_m"], place) < 2
+            assert distance_m(offboard.started["setpoint"]["position_ned_m"], position) < 2
             with pytest.raises(Refused, match="limit of 60 m from home"):
                 await offboard.position_ned(100, 0, -10)
             with pytest.raises(Refused, match="MAVLink link carries no actuators"):
@@ -45,11 +47,11 @@ async def flight(url: str) -> None:
 
             async with offboard.live() as live:
                 for step in range(60):
-                    answer = await live.velocity_body(9.0, 0.0, 0.0, yaw_rate_ned_rad_s=0.3)
-                    assert answer["applied"]["type"] == "velocity_body", step
+                    reply = await live.velocity_body(9.0, 0.0, 0.0, yaw_rate_ned_rad_s=0.3)
+                    assert reply["applied"]["type"] == "velocity_body", step
                     await asyncio.sleep(0.01)
-                assert math.hypot(*answer["applied"]["velocity_frd_m_s"]) == pytest.approx(6.0, abs=0.01)
-                assert "speed limited to 6 m/s" in answer["limited"]
+                assert math.hypot(*reply["applied"]["velocity_frd_m_s"]) == pytest.approx(6.0, abs=0.01)
+                assert "speed limited to 6 m/s" in reply["limited"]
                 with pytest.raises(Invalid, match="length 1"):
                     await live.attitude(0.5, q_ned_frd=(1, 1, 0, 0))
                 start = await drone.position_ned_m()

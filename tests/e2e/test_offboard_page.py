@@ -15,7 +15,7 @@ from tests.e2e.browser import (
     box_of,
     hold_space,
     number,
-    opened,
+    open_page,
     scene,
     slide,
     tab_to,
@@ -27,12 +27,12 @@ from tests.station import free_port, server, vehicle, wait_until
 pytestmark = pytest.mark.browser
 
 PAD = """
-window.testPad = { axes: [0, 0, 0, 0], held: false, there: true };
+window.testPad = { axes: [0, 0, 0, 0], pressed: false, connected: true };
 const buttons = () => Array.from({ length: 17 }, (_, i) => {
-  const pressed = i === 5 && window.testPad.held;
+  const pressed = i === 5 && window.testPad.pressed;
   return { pressed, touched: pressed, value: pressed ? 1 : 0 };
 });
-navigator.getGamepads = () => window.testPad.there
+navigator.getGamepads = () => window.testPad.connected
   ? [{ index: 0, id: 'Test pad', connected: true, mapping: 'standard', timestamp: performance.now(),
        axes: window.testPad.axes, buttons: buttons() }]
   : [null];
@@ -45,8 +45,8 @@ HANDLE = """
   const apply = (m, [x, y, z, w]) =>
     [0, 1, 2, 3].map((r) => m[r] * x + m[r + 4] * y + m[r + 8] * z + m[r + 12] * w);
   const pixel = (at) => {
-    const seen = apply(camera.matrixWorldInverse.elements, at);
-    const [x, y, , w] = apply(camera.projectionMatrix.elements, seen);
+    const inCamera = apply(camera.matrixWorldInverse.elements, at);
+    const [x, y, , w] = apply(camera.projectionMatrix.elements, inCamera);
     return [((x / w + 1) / 2) * innerWidth, ((1 - y / w) / 2) * innerHeight];
   };
   const m = node.matrixWorld.elements;
@@ -69,7 +69,7 @@ HANDLES_AND_CAMERA = """
 """
 """Positions of the handles and of the camera."""
 REACH_PX = 90
-"""Length of the handles' arrows."""
+"""Length of the handles' arrows in the window."""
 PANELS = """
 () => [...document.querySelectorAll('main .panel, main .cameras, .dock')]
   .map((panel) => panel.getBoundingClientRect()).map((box) => [box.left, box.top, box.right, box.bottom])
@@ -78,7 +78,7 @@ PANELS = """
 
 @pytest.fixture(scope="module")
 def hovering() -> Iterator[Station]:
-    """One station with a hovering vehicle; each test leaves it in Hold."""
+    """One station with a hovering vehicle; each test leaves the vehicle in Hold."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
@@ -102,7 +102,7 @@ def pill(page: Page) -> Locator:
 
 
 def open_room(page: Page) -> Locator:
-    """Opens the room by its key, once the vehicle is shown."""
+    """Opens the offboard room by its key when the page shows the vehicle."""
     expect(pill(page)).to_have_text(re.compile("Holding|Offboard"))
     page.keyboard.press("p")
     room = page.get_by_role("region", name="Offboard room")
@@ -137,10 +137,9 @@ def speed_m_s(drone: Any) -> float:
 
 @pytest.mark.story
 def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> None:
-    """Preview, start, another kind, the values after limits, and the reasons why two kinds are
-    unavailable."""
+    """Preview, start, another type, the values after limits, and the reason why a type is unavailable."""
     drone = hovering.drone
-    with opened(browser, hovering.url, scene=False) as page:
+    with open_page(browser, hovering.url, scene=False) as page:
         room = open_room(page)
         north = room.get_by_label("Position, North")
         north.fill("far")
@@ -181,9 +180,9 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
 
 
 @pytest.mark.realtime  # dragging takes time
-def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hovering: Station) -> None:
+def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hovering: Station) -> None:
     drone = hovering.drone
-    with opened(browser, hovering.url, scene=False, script=PAD) as page:
+    with open_page(browser, hovering.url, scene=False, script=PAD) as page:
         room = open_room(page)
         room.get_by_role("radio", name="Gamepad").click()
         expect(room.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
@@ -198,11 +197,11 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
             "y2", "-38"
         )
         assert offboard_status(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
-        page.evaluate("testPad.held = true")
+        page.evaluate("testPad.pressed = true")
         expect(room).to_contain_text("Sticks fly the vehicle")
-        wait_until(lambda: speed_m_s(drone) > 0.7, "the stick's setpoint flown")
+        wait_until(lambda: speed_m_s(drone) > 0.7, "the vehicle to move by the stick")
         assert violations_in_both_themes(page) == []
-        page.evaluate("testPad.held = false")
+        page.evaluate("testPad.pressed = false")
         expect(room).to_contain_text("Hovering")
         wait_until(
             lambda: offboard_status(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0],
@@ -212,9 +211,9 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
         wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
         expect(page.get_by_label("Sent setpoints", exact=True)).to_contain_text("Gamepad · accepted")
 
-        page.evaluate("testPad.held = true")
+        page.evaluate("testPad.pressed = true")
         expect(room).to_contain_text("Sticks fly the vehicle")
-        page.evaluate("testPad.there = false")
+        page.evaluate("testPad.connected = false")
         expect(room.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
         expect(pill(page)).to_have_text("Holding")  # not renewed: position hold, then Hold
         wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
@@ -224,42 +223,44 @@ def test_a_gamepad_flies_only_while_its_button_is_held(browser: Browser, hoverin
 def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station) -> None:
     """The position is a preview until Send is pressed; keys move it in steps."""
     drone = hovering.drone
-    with opened(browser, hovering.url, size=(1280, 720)) as page:
+    with open_page(browser, hovering.url, size=(1280, 720)) as page:
         room = open_room(page)
         room.get_by_role("radio", name="Drag in 3D").click()
         frame = scene(page)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
         wait_until(lambda: math.dist(*frame.evaluate(HANDLES_AND_CAMERA)) > 4.4, "the camera moving back")
-        ahead, _ = frame.evaluate(HANDLES_AND_CAMERA)
+        before_step, _ = frame.evaluate(HANDLES_AND_CAMERA)
         room.get_by_role("button", name="North 1 m more").click()
         wait_until(
-            lambda: math.dist(frame.evaluate(HANDLES_AND_CAMERA)[0], ahead) > 0.9,
+            lambda: math.dist(frame.evaluate(HANDLES_AND_CAMERA)[0], before_step) > 0.9,
             "the handles one step further",
         )
         wait_until(lambda: beside_all_panels(page, frame), "the handles beside all panels")
         before = drone.topic("local_position")["position_ned_m"]
         box = box_of(page.get_by_title("3D view", exact=True))
 
-        def shown() -> list[float]:
+        def displayed_position() -> list[float]:
             return [number(text) for text in room.locator(".cell b").all_inner_texts()]
 
-        position_before = shown()
+        position_before = displayed_position()
         x, y, dx, dy = frame.evaluate(
             HANDLE, 1
         )  # across the view: along the view one pixel is too long a distance
-        at = (box["x"] + x + 70 * dx, box["y"] + y + 70 * dy)
-        page.mouse.move(*at)
+        handle = (box["x"] + x + 70 * dx, box["y"] + y + 70 * dy)
+        page.mouse.move(*handle)
         page.mouse.down()
-        page.mouse.move(at[0] + 40 * dx, at[1] + 40 * dy, steps=6)
+        page.mouse.move(handle[0] + 40 * dx, handle[1] + 40 * dy, steps=6)
         page.mouse.up()
-        wait_until(lambda: math.dist(shown()[:2], position_before[:2]) > 0.3, "the dragged position")
-        assert shown()[2] == position_before[2]
+        wait_until(
+            lambda: math.dist(displayed_position()[:2], position_before[:2]) > 0.3, "the dragged position"
+        )
+        assert displayed_position()[2] == position_before[2]
         assert math.dist(drone.topic("local_position")["position_ned_m"], before) < 1
-        wanted = shown()
+        dragged_position = displayed_position()
         room.get_by_role("button", name="Start…").click()
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
-        place = offboard_status(drone)["setpoint"]["position_ned_m"]
-        assert place[:2] == pytest.approx(wanted[:2], abs=0.1)
+        setpoint = offboard_status(drone)["setpoint"]["position_ned_m"]
+        assert setpoint[:2] == pytest.approx(dragged_position[:2], abs=0.1)
         page.keyboard.press("p")
         expect(room).to_be_hidden()

@@ -17,9 +17,9 @@ from tests.e2e.browser import (
     box_of,
     hold_space,
     number,
-    opened,
+    open_page,
     scene,
-    shown,
+    shown_value,
     slide,
     tab_to,
     violations_in_both_themes,
@@ -39,7 +39,7 @@ def field() -> Iterator[Station]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        # a return waits above home for the page's next click
+        # Return hovers above home until the page's next click
         vehicle(port, more=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
@@ -57,14 +57,14 @@ def landed(field: Station) -> Iterator[Station]:
 
 
 def pill(page: Page) -> Any:
-    """The vehicle's state, in the middle of the top bar."""
+    """The display of the vehicle's state, in the middle of the top bar."""
     return page.locator(".pill b")
 
 
 @pytest.mark.story
 def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
     drone = landed.drone
-    with opened(browser, landed.url, scene=False) as page:
+    with open_page(browser, landed.url, scene=False) as page:
         instrument, card = (
             page.get_by_label("Attitude and heading"),
             page.get_by_label("Offboard", exact=True),
@@ -72,19 +72,19 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Ready")
 
         page.get_by_role("button", name="Take off", exact=True).click()
-        height = page.get_by_label("Altitude above home")
-        height.fill("999")
+        altitude = page.get_by_label("Altitude above home")
+        altitude.fill("999")
         expect(page.get_by_role("alertdialog")).to_contain_text("from 1 to 120 m above home")
         slide(page)
         assert not drone.status()["armed"]
-        height.fill("6")
-        height.press("Tab")
+        altitude.fill("6")
+        altitude.press("Tab")
         expect(page.get_by_role("alertdialog")).to_contain_text("Arms, climbs to 6.0 m above home")
         slide(page)
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
-        wait_until(lambda: shown(instrument, "Above home") > 3, "the climb on the page")
+        wait_until(lambda: shown_value(instrument, "Above home") > 3, "the climb on the page")
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
-        wait_until(lambda: abs(shown(instrument, "Above home") - 6) < 1, "the requested height")
+        wait_until(lambda: abs(shown_value(instrument, "Above home") - 6) < 1, "the requested altitude")
 
         start = card.get_by_role("button", name="Start")
         start.click()
@@ -100,7 +100,7 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         assert stream["streaming"]
         assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
         assert violations_in_both_themes(page) == []
-        wait_until(lambda: shown(instrument, "Above home") > 6.6, "the moved target reached")
+        wait_until(lambda: shown_value(instrument, "Above home") > 6.6, "the climb to the moved target")
 
         card.get_by_role("button", name="Hold", exact=True).click()
         expect(pill(page)).to_have_text("Holding")
@@ -126,7 +126,8 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
 
 
 def point_the_gimbal(page: Page, drone: Any) -> None:
-    """Takes control of the gimbal, points it by pad and button, releases it; compares with telemetry."""
+    """Takes control of the gimbal, points it by pad and buttons, and releases it; checks its angles by
+    telemetry."""
     card = page.get_by_label("Gimbal", exact=True)
     card.get_by_role("button", name="Take").click()
     pad = card.get_by_role("slider", name="Gimbal pad")
@@ -163,7 +164,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
     browser: Browser, landed: Station
 ) -> None:
     drone = landed.drone
-    with opened(browser, landed.url, scene=False) as page:
+    with open_page(browser, landed.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
         page.keyboard.press("t")
         hold_space(page)
@@ -228,7 +229,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
 def test_the_3d_view_shows_the_vehicle_and_loads_nothing_from_other_sites(
     browser: Browser, landed: Station
 ) -> None:
-    with opened(browser, landed.url) as page:
+    with open_page(browser, landed.url) as page:
         expect(pill(page)).to_have_text("Ready")
         frame = scene(page)
         frame.locator("canvas[data-engine]").wait_for()
@@ -247,7 +248,7 @@ def test_the_3d_view_shows_the_vehicle_and_loads_nothing_from_other_sites(
 
 @pytest.mark.story
 def test_the_page_has_no_serious_accessibility_violations(browser: Browser, landed: Station) -> None:
-    with opened(browser, landed.url, scene=False) as page:
+    with open_page(browser, landed.url, scene=False) as page:
         expect(pill(page)).to_have_text("Ready")
         page.keyboard.press("t")
         page.get_by_role("alertdialog").wait_for()
@@ -267,11 +268,11 @@ def test_the_page_has_no_serious_accessibility_violations(browser: Browser, land
 def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
     browser: Browser, landed: Station
 ) -> None:
-    with opened(browser, landed.url, scene=False) as page:
+    with open_page(browser, landed.url, scene=False) as page:
         values = page.get_by_label("Values", exact=True)
         labels = values.locator(".grid .name")
-        usual = ["Climb", "From home", "Flight time", "Heading", "Position north", "Position east"]
-        expect(labels).to_have_text(usual)
+        default_labels = ["Climb", "From home", "Flight time", "Heading", "Position north", "Position east"]
+        expect(labels).to_have_text(default_labels)
         values.get_by_role("button", name="Choose the values").click()
         page.get_by_label("Find a value to add").fill("motor 1")
         values.get_by_role("button", name="Add Motor 1").click()
@@ -288,17 +289,17 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         page.mouse.move(first["x"] + 9, first["y"] + 9, steps=12)
         page.mouse.up()
         values.get_by_role("button", name="Done").click()
-        chosen = ["Motor 1", "From home", "Climb", "Flight time", "Position north", "Position east"]
-        expect(labels).to_have_text(chosen)
+        selected_labels = ["Motor 1", "From home", "Climb", "Flight time", "Position north", "Position east"]
+        expect(labels).to_have_text(selected_labels)
         # A topic to which the page was not subscribed before.
-        wait_until(lambda: shown(values, "Motor 1") >= 900, "the first motor's value")
+        wait_until(lambda: shown_value(values, "Motor 1") >= 900, "the first motor's value")
 
         page.reload()
-        expect(labels).to_have_text(chosen)
+        expect(labels).to_have_text(selected_labels)
         page.keyboard.press("v")
         values.get_by_role("button", name="Reset").click()
         page.keyboard.press("Escape")
-        expect(labels).to_have_text(usual)
+        expect(labels).to_have_text(default_labels)
 
 
 @pytest.mark.realtime

@@ -1,4 +1,4 @@
-"""Two vehicles on one page: selection, a refusal to arm, a lost vehicle that returns."""
+"""Two vehicles on drone_101 page: selection, a refusal to arm, a connection that is lost and restored."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import hold_space, opened, slide, violations_in_both_themes
+from tests.e2e.browser import hold_space, open_page, slide, violations_in_both_themes
 from tests.e2e.fast_station import FAST
 from tests.station import free_port, server, vehicle, wait_until
 
@@ -19,23 +19,25 @@ SECOND = ["--first-instance", "101", *FAST]
 
 
 @pytest.mark.realtime
-def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_shown(browser: Browser) -> None:
+def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connection_is_shown(
+    browser: Browser,
+) -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         vehicle(port, more=FAST),
         vehicle(port, more=SECOND) as second,
         SyncGcs(url, client="e2e") as gcs,
-        opened(browser, url, scene=False) as page,
+        open_page(browser, url, scene=False) as page,
     ):
-        one = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-        two = gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
+        drone_101 = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+        drone_102 = gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
         pill, chips = page.locator(".pill b"), page.locator("nav .chip")
         expect(chips).to_have_count(2)
         expect(chips.nth(1)).to_contain_text("simulated")
 
         # The refusal to arm on the ground is shown with its reason beside the button.
-        two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 1})
+        drone_102.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 1})
         page.keyboard.press("2")
         expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Arm", exact=True).click()
@@ -46,20 +48,20 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
         expect(refusal).to_contain_text("102 Quad")
         expect(refusal).to_contain_text("Reason: Arming denied: Resolve system health failures first")
         assert violations_in_both_themes(page) == []
-        assert not two.status()["armed"]
-        two.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
+        assert not drone_102.status()["armed"]
+        drone_102.request("PUT", "/params/COM_ARM_MIS_REQ", {"value": 0})
         gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
 
         # The selected vehicle flies, the other stays on the ground.
         page.keyboard.press("t")
         hold_space(page)
-        wait_until(lambda: two.status()["armed"], "the second vehicle's take-off")
-        assert not one.status()["armed"]
+        wait_until(lambda: drone_102.status()["armed"], "the second vehicle's take-off")
+        assert not drone_101.status()["armed"]
         chips.nth(0).click()
         expect(pill).to_have_text("Ready")
         page.keyboard.press("2")
 
-        # The list: searched by text, selected by keys; one click holds all flying vehicles.
+        # The list: searched by text, selected by keys; drone_101 click holds all flying vehicles.
         page.keyboard.press("1")
         page.keyboard.press("j")
         found = page.get_by_role("list", name="Vehicles found").get_by_role("button")
@@ -72,7 +74,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
         page.get_by_role("button", name="Hold all flying (1)").click()
         status_text = page.get_by_label("Vehicle list").get_by_role("status")
         expect(status_text).to_have_text("The vehicle switched to Hold.")
-        wait_until(lambda: two.status()["mode"] == "hold", "Hold of all flying vehicles")
+        wait_until(lambda: drone_102.status()["mode"] == "hold", "Hold of all flying vehicles")
         assert violations_in_both_themes(page) == []
         page.keyboard.press("Escape")
         expect(found).to_have_count(0)
@@ -94,5 +96,5 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_one_is_sh
         expect(page.get_by_label("Messages", exact=True)).to_contain_text("Connection restored")
         page.keyboard.press("h")
         expect(pill).to_have_text("Holding")
-        two.land()
-        two.until_disarmed()
+        drone_102.land()
+        drone_102.until_disarmed()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import choose, opened, violations_in_both_themes
+from tests.e2e.browser import choose, open_page, violations_in_both_themes
 from tests.e2e.plan_page import steps_of
 from tests.station import free_port, server
 
@@ -37,7 +37,7 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
     np.save(rows, np.array([[0, 0, 0, -10], [20, 20, 0, -10]], dtype=float))
     with (
         server([f"udpin://127.0.0.1:{free_port()}"]) as (url, _),
-        opened(browser, url, scene=False, size=(1280, 800)) as page,
+        open_page(browser, url, scene=False, size=(1280, 800)) as page,
     ):
         httpx.post(f"{url}/api/v1/plans", json={"name": "Mast", "plan": MAST}).raise_for_status()
         page.get_by_role("toolbar", name="Map").wait_for()
@@ -61,10 +61,10 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
         expect(entries).to_have_count(3)
 
         choose(room.get_by_role("button", name="Add step"), "Trajectory from a table")
-        chosen = page.get_by_label("Choose a CSV or NumPy file")
+        file_input = page.get_by_label("Choose a CSV or NumPy file")
         damaged = {"name": "line.npy", "mimeType": "", "buffer": b"\x93NUMPY"}
-        chosen.set_input_files(damaged)  # type: ignore[arg-type]
+        file_input.set_input_files(damaged)  # type: ignore[arg-type]
         expect(room.get_by_role("alert")).to_contain_text("“line.npy” was not imported.")
-        chosen.set_input_files({**damaged, "buffer": rows.getvalue()})  # type: ignore[arg-type]
+        file_input.set_input_files({**damaged, "buffer": rows.getvalue()})  # type: ignore[arg-type]
         expect(room.get_by_text("“line.npy”: 2 rows, 20.0 s, without yaw.")).to_be_visible()
         expect(entries.filter(has_text="line.csv")).to_have_count(1)

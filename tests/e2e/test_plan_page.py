@@ -7,19 +7,19 @@ import re
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import box_of, choose, hold_space, opened, scene, violations_in_both_themes
+from tests.e2e.browser import box_of, choose, hold_space, open_page, scene, violations_in_both_themes
 from tests.e2e.fast_station import Station
 from tests.e2e.plan_page import (
     CLICKS,
     EXAMPLES,
-    flown,
+    check_without_findings,
     home_of,
-    no_findings,
     on_map,
     plan_room,
-    saved_by_anna,
+    save_as_anna,
+    start_plan,
     steps_of,
-    uploaded,
+    upload_plan,
 )
 from tests.station import wait_until
 
@@ -41,12 +41,12 @@ POSITION_IN_3D = """
 
 @pytest.mark.story
 def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browser, station: Station) -> None:
-    with opened(browser, station.url, scene=False) as page:
+    with open_page(browser, station.url, scene=False) as page:
         room = plan_room(page)
         steps = steps_of(room)
         waypoints = steps.filter(has_text="Waypoint")
-        for count, place in enumerate(CLICKS, 1):
-            page.mouse.click(*on_map(page, place))
+        for count, point in enumerate(CLICKS, 1):
+            page.mouse.click(*on_map(page, point))
             expect(waypoints).to_have_count(count)
         page.keyboard.press("Escape")
         expect(room.get_by_text("Click the map to add waypoints.")).to_be_hidden()
@@ -81,7 +81,9 @@ def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browse
         conflicting_edits(page, room, station)
 
 
-def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, station: Station) -> None:
+def test_a_plan_is_uploaded_and_flown_and_interrupted_by_the_hold_key(
+    browser: Browser, station: Station
+) -> None:
     home = home_of(station)
     start = {"lat_deg": home["lat_deg"], "lon_deg": home["lon_deg"]}
     far = {
@@ -95,7 +97,7 @@ def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, statio
         {"kind": "return_home"},
     ]
     station.gcs.request("POST", "/plans", {"name": "Far", "plan": {"planned_home": home, "items": items}})
-    with opened(browser, station.url, scene=False) as page:
+    with open_page(browser, station.url, scene=False) as page:
         room = plan_room(page)
         page.get_by_role("button", name="Open", exact=True).click()
         room.get_by_role("button", name=re.compile("^Far Waypoint plan · 3 items")).click()
@@ -105,14 +107,14 @@ def test_a_plan_is_uploaded_and_flown_and_held_by_a_key(browser: Browser, statio
 
 @pytest.mark.story
 def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browser, station: Station) -> None:
-    with opened(browser, station.url, scene=False, size=(1280, 800)) as page:
+    with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
         room = plan_room(page)
         page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
         steps = steps_of(room)
         expect(room).to_contain_text("Offboard mission")
         expect(steps.filter(has_text="Down around the mast")).to_contain_text("Helix")
         expect(steps.filter(has_text="round: Orbit").first).to_contain_text("R 12 m")
-        findings = no_findings(room)
+        findings = check_without_findings(room)
 
         steps.filter(has_text="Down around the mast").click()
         climb = page.get_by_role("group", name="Selection").get_by_label("Climb")
@@ -132,10 +134,10 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
         assert violations_in_both_themes(page) == []
         page.get_by_role("button", name="Save", exact=True).click()
         expect(room).to_contain_text("Saved as version 1.")
-    (kept,) = [
+    (stored,) = [
         plan for plan in station.gcs.request("GET", "/plans")["plans"] if plan["kind"] == "offboard_mission"
     ]
-    assert (kept["name"], kept["item_count"]) == ("Tower inspection", 16)
+    assert (stored["name"], stored["item_count"]) == ("Tower inspection", 16)
 
 
 @pytest.mark.realtime
@@ -146,11 +148,11 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
     plan = {"format": "offboard-gcs-mission", "version": 1, "name": "Hop", "steps": steps}
     station.gcs.request("POST", "/plans", {"name": "Hop", "plan": plan})
 
-    def is_now(state: str) -> bool:
+    def mission_is(state: str) -> bool:
         mission = station.drone.request("GET", "/offboard_mission")["mission"]
         return mission is not None and mission["state"] == state
 
-    with opened(browser, station.url, scene=False) as page:
+    with open_page(browser, station.url, scene=False) as page:
         room = plan_room(page)
         page.get_by_role("button", name="Open", exact=True).click()
         room.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
@@ -159,7 +161,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         start.get_by_role("button", name="Fly…").click()
         expect(page.get_by_text("If the server or its link fails:")).to_be_visible()
         hold_space(page)
-        wait_until(lambda: is_now("flying"), "the mission's flight", 60)
+        wait_until(lambda: mission_is("flying"), "the mission's flight", 60)
         expect(start).to_contain_text("Abort it first")
         page.keyboard.press("w")
         card = page.get_by_role("region", name="Offboard mission")
@@ -193,7 +195,7 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         for kind, (north, east) in {"takeoff": (0, 0), **offsets}.items()
     ]
     station.gcs.request("POST", "/plans", {"name": "Hill", "plan": {"planned_home": home, "items": items}})
-    with opened(browser, station.url) as page:
+    with open_page(browser, station.url) as page:
         page.get_by_title("3D view", exact=True).wait_for()
         page.keyboard.press("w")
         room = page.get_by_role("region", name="Plan room")
@@ -202,7 +204,7 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         page.keyboard.press("m")
         page.get_by_role("radio", name="Free").click()
         page.get_by_role("button", name="Show plan").click()
-        x, y = in_3d(page, (7.5, 33.4, 15.0))
+        x, y = window_position(page, (7.5, 33.4, 15.0))
         menu = page.get_by_role("dialog", name="At this position: 101 Quad")
 
         page.mouse.click(x, y)
@@ -228,8 +230,9 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         expect(menu).to_contain_text("Go here")
 
 
-def in_3d(page: Page, enu_m: tuple[float, float, float]) -> tuple[float, float]:
-    """Position in the window of a point of the 3D view's world, when its camera has come to rest [px]."""
+def window_position(page: Page, enu_m: tuple[float, float, float]) -> tuple[float, float]:
+    """Window position [px] of a point of the 3D view's world (east, north, up), when the camera is at
+    rest."""
     frame, found = scene(page), (0.0, 0.0)
 
     def is_at_rest() -> bool:
@@ -244,8 +247,8 @@ def in_3d(page: Page, enu_m: tuple[float, float, float]) -> tuple[float, float]:
 
 
 def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
-    """Uploads the plan, starts it after confirmation, and holds by the key H."""
-    flown(page, uploaded(room), station)
+    """Uploads the plan, starts it after confirmation, and commands Hold by the key H."""
+    start_plan(page, upload_plan(room), station)
     page.keyboard.press("w")
     card = page.get_by_role("region", name="Mission", exact=True)
     expect(card).to_contain_text("of 3")
@@ -259,7 +262,7 @@ def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
 
 
 def drag_and_undo(page: Page, room: Locator) -> None:
-    """Drags a point by mouse, and restores it by Undo."""
+    """Drags a waypoint by mouse, and restores its position by Undo."""
     card = page.get_by_role("group", name="Selection")
     room.get_by_role("option", name="Waypoint").nth(1).click()
     latitude = card.get_by_label("Latitude")
@@ -275,12 +278,12 @@ def drag_and_undo(page: Page, room: Locator) -> None:
 
 
 def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
-    """Another client saves the open plan: the page shows this and overwrites nothing."""
+    """Another client saves the open plan: the page shows the conflict and overwrites nothing."""
     plans = station.gcs.request("GET", "/plans")["plans"]
     assert [(plan["name"], plan["version"]) for plan in plans] == [("Tower", 1)]
     path = f"/plans/{plans[0]['id']}"
-    kept = station.gcs.request("GET", path)
-    saved_by_anna(station, path, 1, {**kept["plan"], "items": []})
+    stored = station.gcs.request("GET", path)
+    save_as_anna(station, path, 1, {**stored["plan"], "items": []})
     expect(room).to_contain_text("anna saved version 2 of this plan.")
     page.get_by_role("group", name="Selection").wait_for()
     room.get_by_role("option", name="Waypoint").first.click()
@@ -295,15 +298,15 @@ def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
 
 @pytest.mark.story
 def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, station: Station) -> None:
-    with opened(browser, station.url, scene=False) as page:
+    with open_page(browser, station.url, scene=False) as page:
         room = plan_room(page)
-        for place in ((0.35, 0.5), (0.65, 0.5)):
-            page.mouse.click(*on_map(page, place))
+        for point in ((0.35, 0.5), (0.65, 0.5)):
+            page.mouse.click(*on_map(page, point))
             page.wait_for_timeout(400)  # two quick clicks are a double click
         page.keyboard.press("Escape")
         choose(room.get_by_role("button", name="Add step"), "Obstacle")
-        for place in ((0.48, 0.45), (0.53, 0.45), (0.53, 0.55), (0.48, 0.55)):
-            page.mouse.click(*on_map(page, place))
+        for point in ((0.48, 0.45), (0.53, 0.45), (0.53, 0.55), (0.48, 0.55)):
+            page.mouse.click(*on_map(page, point))
             page.wait_for_timeout(400)
         room.get_by_role("button", name="Add obstacle").click()
         obstacle = steps_of(room).filter(has_text="obstacle, top")

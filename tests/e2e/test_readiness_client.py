@@ -19,18 +19,20 @@ def test_the_reasons_against_offboard_and_the_metadata_of_parameters_are_availab
     base = f"{station.url}/api/v1/vehicles/101"
     with httpx.Client(base_url=base, timeout=30, headers={"X-Client-Id": "e2e"}) as http:
         wait_until(lambda: http.get("/readiness").json()["known"], "the first report, without a request")
-        shown = http.post("/readiness/check").json()
-        offboard = next(m for m in shown["modes"] if m["mode"] == "offboard")
+        report = http.post("/readiness/check").json()
+        offboard = next(m for m in report["modes"] if m["mode"] == "offboard")
         assert (offboard["can_arm"], offboard["can_run"]) == (False, False)
         (cause,) = offboard["arming"]
         assert cause["name"] == "check_modes_offboard_signal"
         assert cause["remedy"]
-        assert next(m for m in shown["modes"] if m["mode"] == "hold")["can_arm"]
-        wait_until(lambda: http.get("/readiness").json()["words"] == "vehicle", "the vehicle's own words")
+        assert next(m for m in report["modes"] if m["mode"] == "hold")["can_arm"]
+        wait_until(
+            lambda: http.get("/readiness").json()["words"] == "vehicle", "the vehicle's own descriptions"
+        )
 
         with connect(f"{station.url.replace('http', 'ws')}/api/v1/telemetry") as socket:
-            wanted = {"type": "subscribe", "vehicles": ["101"], "topics": ["readiness"], "rate_hz": 20}
-            socket.send(json.dumps(wanted))
+            subscription = {"type": "subscribe", "vehicles": ["101"], "topics": ["readiness"], "rate_hz": 20}
+            socket.send(json.dumps(subscription))
             assert _newest(socket)["modes"] == http.get("/readiness").json()["modes"]
 
         assert http.get("/params").json()["list"]["state"] == "unknown"
@@ -61,4 +63,4 @@ def _newest(socket: Any) -> dict[str, Any]:
         for sample in frame.get("samples", []):
             if sample["topic"] == "readiness":
                 return sample["value"]
-    raise AssertionError("no readiness came")
+    raise AssertionError("no readiness was received")

@@ -9,7 +9,7 @@ from tests.e2e.browser import (
     REPOSITORY,
     chromium,
     hold_space,
-    opened,
+    open_page,
     press,
     serious_violations,
     violations_in_both_themes,
@@ -23,7 +23,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.story]
 def test_the_reasons_against_arming_and_against_each_mode_are_shown(station: Station) -> None:
     build_page.build(REPOSITORY)
     drone = station.drone
-    with chromium() as browser, opened(browser, station.url, scene=False) as page:
+    with chromium() as browser, open_page(browser, station.url, scene=False) as page:
         page.locator(".pill").get_by_role("button").click()
         panel = page.get_by_role("region", name="Readiness")
         expect(panel).to_contain_text("Ready to arm in Hold")

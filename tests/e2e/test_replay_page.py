@@ -16,7 +16,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
-from tests.e2e.browser import number, opened, serious_violations, shown
+from tests.e2e.browser import number, open_page, serious_violations, shown_value
 from tests.station import answers, free_port, running, server_command, wait_until
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -41,10 +41,10 @@ def station(shared: Path, tmp_path: Path) -> Iterator[str]:
 
 
 class Log:
-    """The log decoded by pymavlink; gives the newest message before a time."""
+    """The log decoded by pymavlink."""
 
     def __init__(self, path: Path) -> None:
-        wire: Any = sim.MAVLink(None)
+        decoder: Any = sim.MAVLink(None)
         self._recorded: dict[str, tuple[list[int], list[Any]]] = {}
         self.begin_us = self.end_us = 0
         with open_log(path) as file:
@@ -55,18 +55,18 @@ class Log:
                 self.end_us = batch.records[-1].time_us
                 for record in batch.records:
                     if record.raw[5] == 1 and message_id(record.key) in {33, 30, 436, 285}:
-                        message = wire.decode(bytearray(record.raw))
+                        message = decoder.decode(bytearray(record.raw))
                         times, messages = self._recorded.setdefault(message.get_type(), ([], []))
                         times.append(record.time_us)
                         messages.append(message)
 
-    def at(self, name: str, time_us: int) -> Any:
-        """The newest message with this name."""
+    def newest(self, name: str, time_us: int) -> Any:
+        """The newest message with this name at a time."""
         times, messages = self._recorded[name]
         return messages[bisect.bisect_right(times, time_us) - 1]
 
     def first_in(self, mode: tuple[int, int]) -> int:
-        """Time of its first message in a mode [us]."""
+        """Time of the first message in a mode [us]."""
         times, messages = self._recorded["CURRENT_MODE"]
         return next(t for t, m in zip(times, messages, strict=True) if _mode(m) == mode)
 
@@ -77,35 +77,35 @@ def _mode(message: Any) -> tuple[int, int]:
 
 def seek(page: Page, log_us: int) -> None:
     """Positions the replay by the API, which is exact to a microsecond; the server informs the page."""
-    answer = page.evaluate(
-        """async (at) => {
+    status = page.evaluate(
+        """async (positionUnixS) => {
           const { replays } = await (await fetch('/api/v1/replays')).json();
           return (await fetch(`/api/v1/replays/${encodeURIComponent(replays[0].name)}`, { method: 'POST',
             headers: { 'Content-Type': 'application/json' },
-            body: JSON.stringify({ position_unix_s: at, playing: false }) })).status;
+            body: JSON.stringify({ position_unix_s: positionUnixS, playing: false }) })).status;
         }""",
         log_us / 1e6,
     )
-    assert answer == 200
+    assert status == 200
 
 
-def angle(degrees: float) -> float:
+def wrapped_deg(degrees: float) -> float:
     return (degrees + 180) % 360 - 180
 
 
 def compare(page: Page, log: Log, time_us: int) -> None:
     """Compares the page's instruments with the log at the same time."""
-    mode = log.at("CURRENT_MODE", time_us)
-    position = log.at("GLOBAL_POSITION_INT", time_us)
-    attitude = log.at("ATTITUDE", time_us)
-    gimbal = log.at("GIMBAL_DEVICE_ATTITUDE_STATUS", time_us)
+    mode = log.newest("CURRENT_MODE", time_us)
+    position = log.newest("GLOBAL_POSITION_INT", time_us)
+    attitude = log.newest("ATTITUDE", time_us)
+    gimbal = log.newest("GIMBAL_DEVICE_ATTITUDE_STATUS", time_us)
     expect(page.locator(".pill .who")).to_contain_text(MODES[_mode(mode)])
     values = page.get_by_role("complementary", name="Instruments")
     height = values.locator(".value", has=page.get_by_text("Above home", exact=True)).locator(".text")
     expect(height).to_have_text(
         re.compile(rf"^{position.relative_alt / 1000:.1f}".replace("-", "−") + r"\s*m")
     )
-    assert abs(angle(shown(values, "Heading") - math.degrees(attitude.yaw))) <= 1.0
+    assert abs(wrapped_deg(shown_value(values, "Heading") - math.degrees(attitude.yaw))) <= 1.0
     w, x, y, z = gimbal.q
     pitch_deg = math.degrees(math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))))
     card = page.get_by_role("region", name="Gimbal")
@@ -119,7 +119,7 @@ def compare(page: Page, log: Log, time_us: int) -> None:
 @pytest.mark.story
 def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, station: str) -> None:
     log = Log(shared / "px4" / "tlogs" / FLIGHT)
-    with opened(browser, station, scene=False) as page:
+    with open_page(browser, station, scene=False) as page:
         page.get_by_role("button", name="Recorded flights").click()
         flights = page.get_by_role("region", name="Recorded flights")
         letter = flights.get_by_role("listitem").filter(has_text="letter.tlog")
@@ -154,7 +154,9 @@ def test_a_replay_shows_the_values_of_the_log(browser: Browser, shared: Path, st
         assert longest is not None
         expect(slider).to_have_attribute("aria-valuenow", longest)
         assert abs(int(longest) - (log.end_us - log.begin_us) / 1e6) <= 0.5
-        expect(page.locator(".pill .who")).to_contain_text(MODES[_mode(log.at("CURRENT_MODE", log.end_us))])
+        expect(page.locator(".pill .who")).to_contain_text(
+            MODES[_mode(log.newest("CURRENT_MODE", log.end_us))]
+        )
         page.keyboard.press("Home")
         expect(slider).to_have_attribute("aria-valuenow", "0")
         page.keyboard.press("ArrowRight")

@@ -49,9 +49,9 @@ class Flight:
         return self.vehicle()["topics"].get(topic, {}).get("value", {})
 
     def call(self, name: str, body: dict[str, Any], status: int = 200) -> dict[str, Any]:
-        answer = self._http.post(f"/vehicles/1/{name}", json=body)
-        assert answer.status_code == status, answer.text
-        return answer.json()
+        response = self._http.post(f"/vehicles/1/{name}", json=body)
+        assert response.status_code == status, response.text
+        return response.json()
 
     def start(self, setpoint: dict[str, Any]) -> None:
         body = {"setpoint": setpoint, "valid_for_s": 20, "on_expiry": {"action": "hold"}}
@@ -60,7 +60,7 @@ class Flight:
     def ready(self) -> bool:
         return bool(self.value("health").get("ready_to_arm") and self.value("global_position"))
 
-    def in_air(self) -> None:
+    def take_off(self) -> None:
         station.wait_until(self.ready, "readiness", 60.0)
         self.call("takeoff", {"alt_home_m": 10})
         station.wait_until(lambda: self.value("global_position")["alt_home_m"] > 8.5, "the climb")
@@ -78,7 +78,7 @@ def flight() -> Iterator[Flight]:
 
 @pytest.mark.realtime
 def test_a_vehicle_connected_over_ros_2_only_flies_every_kind_of_setpoint_and_lands(flight: Flight) -> None:
-    flight.in_air()
+    flight.take_off()
     assert "not possible now" in flight.call("disarm", {}, 409)["detail"]
     assert "no mission on the vehicle" in flight.call("mode", {"mode": "mission"}, 409)["detail"]
     flight.start({"type": "position", "position_ned_m": [0, 0, -11]})
@@ -100,7 +100,7 @@ def test_a_vehicle_connected_over_ros_2_only_flies_every_kind_of_setpoint_and_la
 
 @pytest.mark.realtime
 def test_a_killed_server_leaves_the_vehicle_to_its_failsafe(flight: Flight) -> None:
-    flight.in_air()
+    flight.take_off()
     flight.start({"type": "position", "position_ned_m": [0, 0, -11]})
     flight.process.send_signal(signal.SIGKILL)
     with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process):

@@ -36,15 +36,15 @@ class Server:
         self.url, self.process = url, process
 
     def get(self, path: str) -> Any:
-        answer = httpx.get(f"{self.url}/api/v1{path}", timeout=30)
-        answer.raise_for_status()
-        return answer.json()
+        response = httpx.get(f"{self.url}/api/v1{path}", timeout=30)
+        response.raise_for_status()
+        return response.json()
 
     def link(self) -> dict[str, Any]:
         return self.get("/links")["links"][0]
 
     def vehicles(self) -> dict[str, dict[str, Any]]:
-        return {shown["id"]: shown for shown in self.get("/vehicles")}
+        return {vehicle["id"]: vehicle for vehicle in self.get("/vehicles")}
 
     def texts(self) -> list[str]:
         return [notice["text"] for notice in self.get("/warnings")["warnings"]]
@@ -52,7 +52,7 @@ class Server:
 
 @contextlib.contextmanager
 def serving(command: list[str], **options: Any) -> Iterator[Server]:
-    """Runs a server command (which has a --port) until the block ends."""
+    """Runs a server command, which must have a --port, until the block ends."""
     url = f"http://127.0.0.1:{command[command.index('--port') + 1]}"
     with running(command, **options) as process:
         wait_until(lambda: answers(url), "the server's start")
@@ -69,11 +69,11 @@ def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_r
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        done = subprocess.run(server_command(port, [], tmp_path), capture_output=True, text=True)
-    assert done.returncode == 2
-    assert str(port) in done.stderr
-    assert "--port" in done.stderr
-    assert "Traceback" not in done.stderr
+        result = subprocess.run(server_command(port, [], tmp_path), capture_output=True, text=True)
+    assert result.returncode == 2
+    assert str(port) in result.stderr
+    assert "--port" in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 @pytest.mark.story
@@ -94,41 +94,50 @@ def test_a_mavlink_port_in_use_is_named_and_opened_once_it_is_free(tmp_path: Pat
 
 @pytest.mark.story
 def test_a_replay_is_shown_as_a_recording_and_refuses_commands(shared: Path, tmp_path: Path) -> None:
-    tape = shared / "px4" / "tlogs" / "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
+    recording = shared / "px4" / "tlogs" / "flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz"
     port = free_port(socket.SOCK_STREAM)
-    command = [*server_command(port, [], tmp_path)[:3], "replay", str(tape), "--speed", "4", "--no-scene"]
+    command = [
+        *server_command(port, [], tmp_path)[:3],
+        "replay",
+        str(recording),
+        "--speed",
+        "4",
+        "--no-scene",
+    ]
     command += ["--port", str(port), "--data", str(tmp_path)]
     with serving(command) as server:
         wait_until(lambda: server.vehicles(), "the recorded vehicle")
-        shown = next(iter(server.vehicles().values()))
-        assert shown["identity"]["replayed"]
+        vehicle_state = next(iter(server.vehicles().values()))
+        assert vehicle_state["identity"]["replayed"]
         assert server.link()["replay"]
         assert server.link()["recording"] is None
-        url = f"{server.url}/api/v1/vehicles/{shown['id']}"
+        url = f"{server.url}/api/v1/vehicles/{vehicle_state['id']}"
         for command_name in ("arm", "land", "gimbal/take", "offboard/stop"):
-            answer = httpx.post(f"{url}/{command_name}", timeout=30)
+            response = httpx.post(f"{url}/{command_name}", timeout=30)
             if command_name == "offboard/stop":
-                assert answer.status_code == 200, "no stream, so nothing to refuse"
+                assert response.status_code == 200, "no stream, so nothing to refuse"
             else:
-                assert answer.status_code == 409
-                assert "recording" in answer.json()["detail"]
+                assert response.status_code == 409
+                assert "recording" in response.json()["detail"]
 
         def boot_s() -> float:
-            return server.get(f"/vehicles/{shown['id']}")["topics"]["attitude"]["vehicle_time_boot_s"]
+            return server.get(f"/vehicles/{vehicle_state['id']}")["topics"]["attitude"]["vehicle_time_boot_s"]
 
-        wait_until(lambda: "attitude" in server.get(f"/vehicles/{shown['id']}")["topics"], "an attitude")
+        wait_until(
+            lambda: "attitude" in server.get(f"/vehicles/{vehicle_state['id']}")["topics"], "an attitude"
+        )
         before_s = boot_s()
         wait_until(lambda: boot_s() > before_s + 4, "the recording's time")
 
 
 @pytest.mark.realtime
 def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp_path: Path) -> None:
-    mavlink, own = free_port(), free_port()
-    more = f"--gcs-remote-port {mavlink} --gcs-local-port {own} --no-api --tcp-port 0"
+    mavlink, local_port = free_port(), free_port()
+    more = f"--gcs-remote-port {mavlink} --gcs-local-port {local_port} --no-api --tcp-port 0"
 
     def command() -> list[str]:
-        one = command_without_scene([f"udpin://127.0.0.1:{mavlink}"], tmp_path)
-        return [*(part for part in one if part != "--no-sim"), "--sim", "1", f"--sim-args={more}"]
+        arguments = command_without_scene([f"udpin://127.0.0.1:{mavlink}"], tmp_path)
+        return [*(part for part in arguments if part != "--no-sim"), "--sim", "1", f"--sim-args={more}"]
 
     def booted_s(server: Server) -> float:
         wait_until(lambda: "attitude" in server.vehicles().get("1", {}).get("topics", {}), "the vehicle")
@@ -140,12 +149,14 @@ def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp
             before_s = booted_s(first)
             pid = json.loads(pid_file.read_text())["pid"]
             end(first.process, signal.SIGKILL)
-        assert Path(f"/proc/{pid}").exists(), "it keeps flying"
+        assert Path(f"/proc/{pid}").exists(), "the simulator ended with its server"
         with serving(command()) as second:
-            assert booted_s(second) > before_s, "the same flight, not a new boot"
+            assert booted_s(second) > before_s, "the vehicle booted again"
             assert json.loads(pid_file.read_text())["pid"] == pid
             assert second.get("/version")["simulator"]
-            wait_until(lambda: second.vehicles()["1"]["identity"]["simulated"] is True, "its identity")
+            wait_until(
+                lambda: second.vehicles()["1"]["identity"]["simulated"] is True, "the vehicle's identity"
+            )
             end(second.process, signal.SIGTERM)
         wait_until(lambda: not Path(f"/proc/{pid}").exists(), "the simulator's end with its server")
         assert not pid_file.exists()
@@ -181,7 +192,7 @@ def test_invalid_bytes_on_a_link_are_counted_and_the_other_vehicle_is_unaffected
 
 
 @pytest.mark.realtime
-def test_two_vehicles_with_one_system_id_are_both_shown_with_a_warning_each(tmp_path: Path) -> None:
+def test_two_vehicles_with_the_same_system_id_are_both_shown_each_with_a_warning(tmp_path: Path) -> None:
     port = free_port()
     with (
         serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
@@ -193,9 +204,9 @@ def test_two_vehicles_with_one_system_id_are_both_shown_with_a_warning_each(tmp_
         assert all("system id 101" in text for text in server.texts())
         for key in ("101", "101~2"):
             wait_until(lambda key=key: "global_position" in server.vehicles()[key]["topics"], "positions", 40)
-        shown = server.vehicles()
+        vehicles = server.vehicles()
         latitudes_deg = [
-            shown[key]["topics"]["global_position"]["value"]["lat_deg"] for key in ("101", "101~2")
+            vehicles[key]["topics"]["global_position"]["value"]["lat_deg"] for key in ("101", "101~2")
         ]
         assert sorted(latitudes_deg) == pytest.approx([47.397, 47.5], abs=0.01)
 

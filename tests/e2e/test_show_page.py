@@ -1,4 +1,5 @@
-"""A mission for several vehicles on the page: loaded, flown in simulation and flown to its end, by clicks."""
+"""A mission for several vehicles on the page: loaded, start_plan in simulation and start_plan to its end, by
+clicks."""
 
 from __future__ import annotations
 
@@ -10,9 +11,9 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import hold_space, opened
+from tests.e2e.browser import hold_space, open_page
 from tests.e2e.fast_station import FAST, Station
-from tests.e2e.plan_page import EXAMPLES, dry_run, no_findings, plan_room
+from tests.e2e.plan_page import EXAMPLES, check_without_findings, plan_room, run_dry_run
 from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -38,37 +39,41 @@ def station() -> Iterator[Station]:
 def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
     browser: Browser, station: Station
 ) -> None:
-    with opened(browser, station.url, scene=False) as page:
+    with open_page(browser, station.url, scene=False) as page:
         room = plan_room(page)
         page.get_by_label("File to import").set_input_files(EXAMPLES / "two_vehicle_show.yaml")
         expect(room.get_by_label("Name of the plan")).to_have_value("Two-vehicle show")
-        no_findings(room)
+        check_without_findings(room)
         for role, vehicle_id in VEHICLES.items():
             room.get_by_label(f"Vehicle of {role}").select_option(vehicle_id)
 
-        simulated = room.get_by_role("region", name="Dry run")
-        simulated.get_by_role("button", name="Conditions").click()
-        simulated.get_by_label("Flights with varied conditions").fill("2")
-        simulated.get_by_role("button", name="Conditions").click()
-        dry_run(page, room, longest_s=400)
+        dry_run_region = room.get_by_role("region", name="Dry run")
+        dry_run_region.get_by_role("button", name="Conditions").click()
+        dry_run_region.get_by_label("Flights with varied conditions").fill("2")
+        dry_run_region.get_by_role("button", name="Conditions").click()
+        run_dry_run(page, room, longest_s=400)
         for role in VEHICLES:
-            expect(simulated).to_contain_text(re.compile(rf"{role}, 2 simulated flights: within \d+\.\d m"))
-        expect(simulated).to_contain_text(
+            expect(dry_run_region).to_contain_text(
+                re.compile(rf"{role}, 2 simulated flights: within \d+\.\d m")
+            )
+        expect(dry_run_region).to_contain_text(
             re.compile(r"Smallest separation of lead and left in all flights: \d+\.\d m")
         )
 
-        room.get_by_role("button", name="ly…").click()  # "Save, check and fly…"
+        room.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save, check and fly…"
         expect(page.get_by_role("alertdialog")).to_contain_text("Fly “Two-vehicle show” with")
         hold_space(page)
 
-        reach(station, "flying", 180)
-        assert all(each["dry_run"] is not None for each in missions(station)), "each has its corridor"
+        wait_for_state(station, "flying", 180)
+        assert all(each["dry_run"] is not None for each in missions(station)), (
+            "a mission has no dry run, so no corridor"
+        )
         assert [each["role"] for each in missions(station)] == list(VEHICLES)
         page.keyboard.press("w")
         card = page.get_by_role("region", name="Offboard mission")
         expect(card).to_contain_text("Two-vehicle show")
         expect(card.get_by_role("button", name="Skip step…")).to_have_count(0)
-        reach(station, "done", 400)
+        wait_for_state(station, "done", 400)
         expect(card.get_by_role("status").first).to_have_text("Done")
         expect(card).to_contain_text(re.compile(r"at most \d+\.\d m; 95 % within \d+\.\d m"))
     for vehicle_id in VEHICLES.values():
@@ -81,7 +86,7 @@ def missions(station: Station) -> list[dict[str, Any]]:
     return [each.request("GET", "/offboard_mission")["mission"] or {} for each in vehicles]
 
 
-def reach(station: Station, state: str, within_s: float) -> None:
+def wait_for_state(station: Station, state: str, within_s: float) -> None:
     """Waits until the missions of both vehicles are in this state."""
     try:
         wait_until(lambda: [each.get("state") for each in missions(station)] == [state] * 2, state, within_s)

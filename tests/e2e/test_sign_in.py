@@ -16,7 +16,7 @@ from tests.station import free_port, running, server_command, wait_for_start
 
 pytestmark = pytest.mark.browser
 
-ELSEWHERE = "http://elsewhere.example/"
+OTHER_SITE = "http://elsewhere.example/"
 FIRST_MESSAGE_TYPE = """
 () => new Promise((done, fail) => {
   const socket = new WebSocket(`ws://${location.host}/api/v1/telemetry`);
@@ -29,7 +29,7 @@ CLICK_ON_FLIGHTS = "() => document.querySelector('button[aria-label=\"Recorded f
 
 @pytest.fixture
 def link(tmp_path: Path) -> Iterator[str]:
-    """A server that listens to other machines: returns the link that it printed."""
+    """The link printed by a server that accepts connections from other machines."""
     port, output_file = free_port(socket.SOCK_STREAM), tmp_path / "output.txt"
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
     with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
@@ -38,7 +38,7 @@ def link(tmp_path: Path) -> Iterator[str]:
 
 
 def visit(browser: Browser, link: str) -> tuple[Page, PageMonitor]:
-    """A browser without a cookie of this server."""
+    """A new page, in a browser without a cookie of this server, and its monitor."""
     page = browser.new_context(color_scheme="dark").new_page()
     page.set_default_timeout(TIMEOUT_MS)
     # Without a cookie, the 3D view would be refused.
@@ -74,9 +74,9 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
 
         page, monitor = visit(browser, link)
         page.goto(link)
-        assert page.url == f"{home}/", "the token is not in the address, so in no history and no screenshot"
+        assert page.url == f"{home}/", "the token is in the address, and so in the history and in screenshots"
         assert page.evaluate(FIRST_MESSAGE_TYPE) == "hello"
-        assert page.evaluate("() => document.cookie") == "", "no script can read it"
+        assert page.evaluate("() => document.cookie") == "", "a script can read the cookie"
         expect(page.get_by_role("button", name="Recorded flights")).to_be_visible()
         page.wait_for_load_state("networkidle")
         page.context.clear_cookies()  # as after a restart with another token
@@ -88,11 +88,11 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
         # The server's page then repeats the request once, with the cookie.
         page, monitor = visit(browser, link)
         links_html = f'<a id="link" href="{link}">fly</a><a id="docs" href="{home}/docs">read</a>'
-        page.route(f"{ELSEWHERE}**", lambda route: route.fulfill(content_type="text/html", body=links_html))
+        page.route(f"{OTHER_SITE}**", lambda route: route.fulfill(content_type="text/html", body=links_html))
         cases = (("link", f"{home}/", "Offboard GCS"), ("docs", f"{home}/docs", "Offboard GCS: API"))
         for name, address, title in cases:
-            page.goto(ELSEWHERE)
+            page.goto(OTHER_SITE)
             page.locator(f"#{name}").click()
             page.wait_for_url(address)
             expect(page).to_have_title(title)
-        check(page, monitor, [url for url in monitor.foreign_requests if url.startswith(ELSEWHERE)])
+        check(page, monitor, [url for url in monitor.foreign_requests if url.startswith(OTHER_SITE)])

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, expect
 
 from gcs_server.ros2.dds import open_domain
 from tests import station
-from tests.e2e.browser import REPOSITORY, chromium, opened, violations_in_both_themes
+from tests.e2e.browser import REPOSITORY, chromium, open_page, violations_in_both_themes
 from tests.support.dds_vehicle import ATTITUDE, AnsweringVehicle, Background
 from tools import build_page
 
@@ -27,8 +27,8 @@ NAMESPACE = f"panel_{os.getpid()}"
 def browser() -> Iterator[Browser]:
     """Chromium; builds the page first if its sources are newer."""
     build_page.build(REPOSITORY)
-    with chromium() as one:
-        yield one
+    with chromium() as running_browser:
+        yield running_browser
 
 
 def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: Browser) -> None:
@@ -38,7 +38,7 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
     try:
         with (
             station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
-            opened(browser, url, scene=False) as page,
+            open_page(browser, url, scene=False) as page,
         ):
             rail = page.get_by_role("navigation", name="Rooms")
             expect(rail.get_by_role("button", name="Topics")).to_be_visible()

@@ -16,7 +16,7 @@ def program(body):
     return [sys.executable, "-c", HEAD + textwrap.dedent(body)]
 
 
-def ended(pid):
+def has_ended(pid):
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
@@ -39,7 +39,7 @@ def test_progress_and_result_are_received():
 
 
 @pytest.mark.parametrize(
-    ("body", "words"),
+    ("body", "text"),
     [
         ("def work(report): raise ValueError('no home')\nserve(work)", "no home"),
         ("os.kill(os.getpid(), signal.SIGKILL)", "exit status -9"),
@@ -48,8 +48,8 @@ def test_progress_and_result_are_received():
         ("print('[1]', flush=True); time.sleep(60)", "cannot be read"),
     ],
 )
-def test_any_other_end_of_the_process_is_an_error_with_a_reason(body, words):
-    with pytest.raises(WorkerFailed, match=words):
+def test_an_end_without_a_result_is_an_error_with_a_reason(body, text):
+    with pytest.raises(WorkerFailed, match=text):
         asyncio.run(run_process(program(body), lambda *_: None))
 
 
@@ -75,13 +75,13 @@ def test_cancelling_ends_the_process_even_if_it_ignores_signals(ignores_sigterm)
             await task
         return pid
 
-    assert ended(asyncio.run(run()))
+    assert has_ended(asyncio.run(run()))
 
 
 def test_the_process_ends_when_its_server_does():
     body = """
     def work(report):
-        report("there", None)
+        report("started", None)
         time.sleep(600)
     serve(work)
     """

@@ -1,5 +1,5 @@
-"""The flight under attack: a vehicle that flies in Offboard while others attack, and the limits for its
-disturbance."""
+"""A vehicle that flies in Offboard while hostile clients or vehicles attack, and the limits for effects on
+the flight."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ class AttackedFlight:
     relay: Relay
     drone: SyncVehicle
     statuses: set[int] = field(default_factory=set)
-    """HTTP statuses of the answers to this flight's own client during the attack."""
-    grown_mb: float = 0.0
+    """HTTP statuses of the responses to this flight's own client during the attack."""
+    growth_mb: float = 0.0
 
     @contextlib.contextmanager
     def under_attack(self) -> Generator[None]:
         """Measures while the block attacks; checks the measurements at its end."""
-        before_mb, self.grown_mb = self._memory_mb(), 0.0
+        before_mb, self.growth_mb = self._memory_mb(), 0.0
         log_bytes = self.log.stat().st_size
         self.relay.setpoints.clear()
         stopped = threading.Event()
@@ -69,27 +69,27 @@ class AttackedFlight:
             while not stopped.wait(CHECK_PERIOD_S):
                 for path in ("/api/v1/vehicles/101", "/api/v1/vehicles", "/api/v1/vehicles/101/offboard"):
                     self.statuses.add(client.get(path).status_code)
-                self.grown_mb = max(self.grown_mb, self._memory_mb() - before_mb)
+                self.growth_mb = max(self.growth_mb, self._memory_mb() - before_mb)
 
     def _memory_mb(self) -> float:
         """Memory of the server and of its stream process."""
-        streams = [pid for pid in family(self.process.pid) if _is_server_or_stream_process(pid)]
-        return sum(resident_mb(pid) for pid in streams)
+        pids = [pid for pid in family(self.process.pid) if _is_server_or_stream_process(pid)]
+        return sum(resident_mb(pid) for pid in pids)
 
     def _check(self, log_bytes: int, machine_s: float) -> None:
         arrivals = self.relay.arrivals_s().get(101, [])
         assert len(arrivals) > 100, self._failure_details()
         gaps = [later - earlier for earlier, later in itertools.pairwise(arrivals)]
-        summary = f"largest gap {max(gaps) * 1e3:.1f} ms ; of an idle process {machine_s * 1e3:.1f} ms"
-        print(f"{summary}; grown by {self.grown_mb:.1f} MB")
+        summary = f"largest gap {max(gaps) * 1e3:.1f} ms, of an idle process {machine_s * 1e3:.1f} ms"
+        print(f"{summary}; memory grew by {self.growth_mb:.1f} MB")
         assert max(gaps) <= max(PERIOD_S, machine_s) + LATE_S, summary
         assert self.statuses == {200}
-        assert self.grown_mb < GROWTH_MB, f"the server grew by {self.grown_mb:.0f} MB"
-        shown = self.drone.show()["status"]
-        assert (shown["mode"], shown["armed"]) == ("offboard", True), self._failure_details()
+        assert self.growth_mb < GROWTH_MB, f"the server grew by {self.growth_mb:.0f} MB"
+        status = self.drone.show()["status"]
+        assert (status["mode"], status["armed"]) == ("offboard", True), self._failure_details()
         new_log = self.log.read_bytes()[log_bytes:]
         assert b"Traceback" not in new_log, new_log[-4000:].decode("utf-8", "replace")
-        assert len(new_log) < 100_000, "an attack fills the log"
+        assert len(new_log) < 100_000, "the attack filled the log"
 
     def _failure_details(self) -> str:
         """The flight's events and the state of its stream, for the message of a failed test."""
@@ -111,21 +111,21 @@ def _is_server_or_stream_process(pid: int) -> bool:
 
 @contextlib.contextmanager
 def attacked_flight(folder: Path) -> Generator[AttackedFlight]:
-    """Starts a server with two UDP links, and a vehicle that hovers in Offboard on the first."""
-    own_port, hostile_port, http_port = free_port(), free_port(), free_port(socket.SOCK_STREAM)
+    """Starts a server with two UDP links, and a vehicle on the first link that hovers in Offboard."""
+    flight_port, hostile_port, http_port = free_port(), free_port(), free_port(socket.SOCK_STREAM)
     url, log, data = f"http://127.0.0.1:{http_port}", folder / "server.log", folder / "data"
-    links = [f"udpin://127.0.0.1:{port}" for port in (own_port, hostile_port)]
-    with contextlib.ExitStack() as open_now:
-        output = open_now.enter_context(log.open("wb"))
-        process = open_now.enter_context(
+    links = [f"udpin://127.0.0.1:{port}" for port in (flight_port, hostile_port)]
+    with contextlib.ExitStack() as stack:
+        output = stack.enter_context(log.open("wb"))
+        process = stack.enter_context(
             running(server_command(http_port, links, data), stdout=output, stderr=subprocess.STDOUT)
         )
-        wait_until(lambda: _answers(url), "the server")
-        relay = open_now.enter_context(Relay(own_port))
-        open_now.enter_context(vehicle(relay.vehicle_port, more=["--no-log"]))
-        gcs = open_now.enter_context(SyncGcs(url, client="pilot", client_id="pilot"))
+        wait_until(lambda: _is_running(url), "the server")
+        relay = stack.enter_context(Relay(flight_port))
+        stack.enter_context(vehicle(relay.vehicle_port, more=["--no-log"]))
+        gcs = stack.enter_context(SyncGcs(url, client="pilot", client_id="pilot"))
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-        open_now.enter_context(drone.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))
+        stack.enter_context(drone.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))
         drone.arm()
         drone.until(
             lambda v: v["topics"]["local_position"]["value"]["position_ned_m"][2] < -4.5, what="the hover"
@@ -140,12 +140,12 @@ def attack(module: str, *arguments: object, deadline_s: float = 240.0) -> str:
         subprocess.CalledProcessError: the attack itself has an error.
     """
     command = [sys.executable, "-m", f"tests.hostile.{module}", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=deadline_s, check=False)
-    assert done.returncode == 0, done.stderr[-4000:]
-    return done.stdout
+    result = subprocess.run(command, capture_output=True, text=True, timeout=deadline_s, check=False)
+    assert result.returncode == 0, result.stderr[-4000:]
+    return result.stdout
 
 
-def _answers(url: str) -> bool:
+def _is_running(url: str) -> bool:
     with contextlib.suppress(httpx.TransportError):
         return httpx.get(f"{url}/api/v1/health", timeout=1).status_code == 200
     return False
@@ -157,7 +157,7 @@ def pause(seconds: float) -> None:
 
 
 def endless_recording(path: Path, records: int) -> None:
-    """A telemetry log in which each record has another sender or message."""
+    """Writes a telemetry log in which each record has another sender or message."""
     first_us = 1_752_220_800_000_000
     with path.open("wb") as file:
         for n in range(records):

@@ -1,4 +1,5 @@
-"""Hostile clients: `python -m tests.hostile.clients ATTACK HOST:PORT` prints the statuses of the answers."""
+"""Hostile clients: `python -m tests.hostile.clients ATTACK HOST:PORT` prints the statuses of the
+responses."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ Statuses = set[int]
 async def send_request(
     host: str, port: int, pieces: list[bytes], repeat: int = 0, *, wait_s: float = 20.0
 ) -> int:
-    """Sends a request as bytes and repeats its last piece; returns the status of the answer, 0 without an
-    answer."""
+    """Sends a request as bytes and repeats its last piece; returns the status of the response, 0 without a
+    response."""
     with contextlib.suppress(OSError, asyncio.IncompleteReadError, TimeoutError):
         reader, writer = await asyncio.open_connection(host, port)
         try:
@@ -46,14 +47,14 @@ async def bodies(host: str, port: int) -> Statuses:
     wide = json.dumps({f"k{n}": n for n in range(250_000)}).encode()
     deep = b"[" * 400_000
     takeoff = "/vehicles/101/offboard/setpoint"
-    tries = [
+    attempts = [
         send_request(host, port, [post(takeoff, f"Content-Length: {len(body)}\r\n"), body])
         for body in (wide, deep, b"9" * 3_500_000)
     ]
-    tries.append(send_request(host, port, [post(takeoff, "Content-Length: 100000000\r\n"), PIECE], 1500))
+    attempts.append(send_request(host, port, [post(takeoff, "Content-Length: 100000000\r\n"), PIECE], 1500))
     chunk = b"10000\r\n" + PIECE + b"\r\n"
-    tries.append(send_request(host, port, [post(takeoff, "Transfer-Encoding: chunked\r\n"), chunk], 1500))
-    return set(await asyncio.gather(*tries))
+    attempts.append(send_request(host, port, [post(takeoff, "Transfer-Encoding: chunked\r\n"), chunk], 1500))
+    return set(await asyncio.gather(*attempts))
 
 
 async def headers(host: str, port: int) -> Statuses:
@@ -71,21 +72,21 @@ async def headers(host: str, port: int) -> Statuses:
 
 async def idle(host: str, port: int) -> Statuses:
     """A thousand connections; half of them send nothing, the others one byte."""
-    open_now: list[asyncio.StreamWriter] = []
+    writers: list[asyncio.StreamWriter] = []
     for n in range(1100):
         with contextlib.suppress(OSError):
             _, writer = await asyncio.open_connection(host, port)
-            open_now.append(writer)
+            writers.append(writer)
             if n % 2:
                 writer.write(b"G")
     await asyncio.sleep(SECONDS)
-    for writer in open_now:
+    for writer in writers:
         writer.close()
     return set()
 
 
 async def unread(host: str, port: int) -> Statuses:
-    """WebSockets that send invalid messages and never read the answers."""
+    """WebSockets that send invalid messages and never read the replies."""
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
     upgrade = f"Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\n"
     text = b"\x81\xfe\x00\x80\0\0\0\0" + b"{" * 128
@@ -101,14 +102,14 @@ async def requests(host: str, port: int) -> Statuses:
     """Three thousand requests for control from different clients, and as many invalid commands."""
     statuses: Statuses = set()
 
-    async def send_one(n: int) -> None:
+    async def send_numbered(n: int) -> None:
         body = json.dumps({"reason": "now" * 50}).encode()
         path = ("/vehicles/101/control/request", "/vehicles/101/arm", "/vehicles/101/takeoff")[n % 3]
-        more = f"X-Client-Id: stranger-{n}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n"
-        statuses.add(await send_request(host, port, [post(path, more, body)]))
+        request_headers = f"X-Client-Id: stranger-{n}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n"
+        statuses.add(await send_request(host, port, [post(path, request_headers, body)]))
 
     for start in range(0, 3000, 20):
-        await asyncio.gather(*(send_one(n) for n in range(start, start + 20)))
+        await asyncio.gather(*(send_numbered(n) for n in range(start, start + 20)))
     return statuses
 
 

@@ -38,23 +38,21 @@ def test_a_vehicle_with_hostile_messages_affects_no_other_vehicle(
 
 
 def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(flight: AttackedFlight) -> None:
-    """The test requests its readiness, its parameters and their metadata."""
-    answer_statuses: set[int] = set()
+    """The test requests the hostile vehicle's readiness, parameters and parameter metadata."""
+    statuses: set[int] = set()
 
     def request_everything() -> None:
         with httpx.Client(base_url=f"{flight.url}/api/v1/vehicles/66", timeout=60) as client:
             for path in ("", "/readiness", "/params", "/params", "/offboard", "/history?topics=attitude"):
-                answer_statuses.add(client.get(path).status_code)
-            answer_statuses.add(client.post("/params/refresh").status_code)
+                statuses.add(client.get(path).status_code)
+            statuses.add(client.post("/params/refresh").status_code)
 
     with flight.under_attack():
         requester = threading.Timer(2.0, request_everything)
         requester.start()
         attack("vehicles", "files", flight.hostile_port, 1, 25)
         requester.join()
-    assert not {status for status in answer_statuses if status >= 500 and status not in (503, 504)}, (
-        answer_statuses
-    )
+    assert not {status for status in statuses if status >= 500 and status not in (503, 504)}, statuses
 
 
 @pytest.mark.parametrize("name", ["bodies", "headers", "idle", "unread", "requests", "nonsense"])
@@ -76,7 +74,7 @@ def test_a_recording_with_a_million_senders_affects_no_vehicle(flight: AttackedF
         pause(3)
         closed = client.delete(f"/replays/{opened.json()['name']}")
     assert index.json()["left_out"] > 900_000
-    assert [answer.status_code for answer in (index, opened, jumped, closed)] == [200, 201, 200, 204]
+    assert [response.status_code for response in (index, opened, jumped, closed)] == [200, 201, 200, 204]
 
 
 def test_half_a_million_invalid_frames_affect_no_vehicle(flight: AttackedFlight) -> None:

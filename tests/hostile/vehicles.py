@@ -35,8 +35,10 @@ INTEGERS = (
     2**64 - 1,
 )
 HOSTILE = 66
+"""System id of the hostile vehicle."""
 FRAMES_PER_S = 5000
-HEARTBEAT = 0
+REQUEST_MESSAGE, COMPONENT_METADATA = 512, 397
+"""A MAVLink command, and the id of the message that it requests."""
 FTP_HEAD = struct.Struct("<HBBBBBBI")
 OPEN, READ, BURST, ACK, NAK = 4, 5, 15, 128, 129
 ENDLESS_BYTES = 900_000
@@ -48,7 +50,7 @@ class Sender:
     def __init__(self, port: int, frames_per_s: float = FRAMES_PER_S) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
-        self.to: Address = ("127.0.0.1", port)
+        self.target: Address = ("127.0.0.1", port)
         self._encoders: dict[tuple[int, int], d.MAVLink] = {}
         self._every_s = 1.0 / frames_per_s
         self._due_s = time.monotonic()
@@ -61,24 +63,24 @@ class Sender:
             encoder = self._encoders[system, component] = d.MAVLink(None, system, component)
         raw = bytes(message.pack(encoder))
         encoder.seq = (encoder.seq + 1) % 256
-        self.raw(raw)
+        self.send_raw(raw)
 
-    def raw(self, data: bytes) -> None:
+    def send_raw(self, data: bytes) -> None:
         """Sends a datagram at the limited rate."""
         self._due_s = max(self._due_s + self._every_s, time.monotonic() - 0.05)
         wait_s = self._due_s - time.monotonic()
         if wait_s > 0.002:
             time.sleep(wait_s)
-        self.socket.sendto(data, self.to)
+        self.socket.sendto(data, self.target)
         self.sent += 1
 
     def heartbeat(self, system: int = HOSTILE, component: int = 1) -> None:
-        """The heartbeat of a PX4 quadrotor in Offboard."""
+        """Sends the heartbeat of a PX4 quadrotor in Offboard."""
         mode = 6 << 16
         self.send(d.MAVLink_heartbeat_message(2, 12, 128 | 1, mode, 4, 3), system, component)
 
     def received(self, timeout_s: float) -> Iterator[d.MAVLink_message]:
-        """Received datagrams, until none arrives for this time."""
+        """Received messages, until no datagram arrives for this time."""
         parser = d.MAVLink(None, HOSTILE, 1)
         parser.robust_parsing = True
         self.socket.settimeout(timeout_s)
@@ -91,7 +93,7 @@ class Sender:
 
 
 def payload(kind: type[d.MAVLink_message], pick: Callable[[str], object]) -> bytes:
-    """The payload of a message; `pick` returns each element for its type letter."""
+    """The payload of a message; `pick` returns an element's value for its struct type code."""
     packer = kind.unpacker
     values = [pick(code) for code in _codes(packer.format)]
     return packer.pack(*values)
@@ -152,7 +154,7 @@ def extremes(sender: Sender, rng: random.Random, count: int) -> None:
         for kind in kinds:
             if kind.id % 16 == 0:
                 sender.heartbeat()
-            sender.raw(frame(kind, payload(kind, pick), next(seq), HOSTILE, 1))
+            sender.send_raw(frame(kind, payload(kind, pick), next(seq), HOSTILE, 1))
 
 
 def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
@@ -179,13 +181,13 @@ def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
             continue  # the system id of the attacked flight: another test covers it
         if rng.random() < 0.02:
             sender.heartbeat(system, component)
-        sender.raw(frame(kind, payload(kind, pick), next(seq), system, component))
+        sender.send_raw(frame(kind, payload(kind, pick), next(seq), system, component))
 
 
 def sources(sender: Sender, rng: random.Random, count: int) -> None:
     """An endless number of vehicles: every system id, many components, from many addresses."""
     for _ in range(count):
-        other = Sender(sender.to[1])
+        other = Sender(sender.target[1])
         for _ in range(20):
             other.heartbeat(rng.randrange(1, 101), rng.randrange(1, 256))
         other.socket.close()
@@ -214,12 +216,12 @@ def files(sender: Sender, rng: random.Random, count: int) -> None:
     while time.monotonic() < end_s:
         sender.heartbeat()
         for message in sender.received(0.2):
-            _answer(sender, rng, message)
+            _reply(sender, rng, message)
             if time.monotonic() > end_s:
                 break
 
 
-def _answer(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> None:
+def _reply(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> None:
     kind = message.get_type()
     if kind == "FILE_TRANSFER_PROTOCOL":
         sequence, session, opcode, _, _, _, _, offset = FTP_HEAD.unpack_from(bytes(message.payload))
@@ -234,7 +236,7 @@ def _answer(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> N
             _ftp(sender, sequence + 1, session, opcode, 0, b"")
     elif kind == "COMMAND_LONG":
         sender.send(d.MAVLink_command_ack_message(message.command, 0))
-        if message.command == 512 and int(message.param1) == 397:
+        if message.command == REQUEST_MESSAGE and int(message.param1) == COMPONENT_METADATA:
             uri = b"mftp://etc/extras/parameters.json.xz"
             sender.send(d.MAVLink_component_metadata_message(0, rng.getrandbits(32), uri))
     elif kind == "PARAM_REQUEST_LIST":
@@ -250,8 +252,10 @@ def _answer(sender: Sender, rng: random.Random, message: d.MAVLink_message) -> N
         sender.send(d.MAVLink_param_value_message(b"COM_OBL_RC_ACT", math.nan, 255, 1, 0))
 
 
-def _ftp(sender: Sender, sequence: int, session: int, to: int, offset: int, data: bytes) -> None:
-    head = FTP_HEAD.pack(sequence & 0xFFFF, session, ACK, len(data), to, 0, 0, offset & 0xFFFFFFFF)
+def _ftp(sender: Sender, sequence: int, session: int, request_opcode: int, offset: int, data: bytes) -> None:
+    head = FTP_HEAD.pack(
+        sequence & 0xFFFF, session, ACK, len(data), request_opcode, 0, 0, offset & 0xFFFFFFFF
+    )
     sender.send(d.MAVLink_file_transfer_protocol_message(0, 255, 190, list((head + data).ljust(251, b"\0"))))
 
 

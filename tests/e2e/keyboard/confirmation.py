@@ -11,30 +11,30 @@ from tests.station import wait_until
 
 KEY_HELD_MS = 150
 
-AT = """
+FOCUSED_STOP = """
 () => document.activeElement.dataset.stop ??= String(window.stops = (window.stops ?? 0) + 1)
 """
 HAS_FOCUS = "(dialog) => dialog.contains(document.activeElement)"
 CONTROLS = """
 (dialog) => [...dialog.querySelectorAll('button, input, select, textarea, a[href], [tabindex]')]
-  .filter((one) => !one.disabled && one.tabIndex >= 0 && one.checkVisibility()).length
+  .filter((control) => !control.disabled && control.tabIndex >= 0 && control.checkVisibility()).length
 """
 BUTTONS = """
 () => [...new Set([...document.querySelectorAll('button')]
-  .filter((one) => !one.disabled && one.ariaDisabled !== 'true' && one.checkVisibility())
-  .map((one) => one.ariaLabel ?? one.innerText.replace(/\\s+/g, ' ').trim()))]
+  .filter((button) => !button.disabled && button.ariaDisabled !== 'true' && button.checkVisibility())
+  .map((button) => button.ariaLabel ?? button.innerText.replace(/\\s+/g, ' ').trim()))]
 """
-"""Names of the usable buttons. `innerText` has a space where the accessible name has one, between parts that
+"""Names of the enabled buttons. `innerText` has a space where the accessible name has one, between parts that
 are laid out beside each other; `textContent` has none."""
 DESCRIBED = """
 (dialog) => [dialog.getAttribute('aria-modal') === 'true' ? 'modal' : '',
   ...['aria-labelledby', 'aria-describedby'].map((a) => document.getElementById(dialog.getAttribute(a)))
-    .map((one) => one?.innerText ?? '')]
+    .map((element) => element?.innerText ?? '')]
 """
 DRAWN = "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))"
 FOCUS_OUTSIDE = "() => [...document.querySelectorAll('.dock button')].at(-1).focus()"
-ELSEWHERE = ("body", "[role=alertdialog] [aria-label=Cancel]", ".dock button:last-child")
-HELD_ELSEWHERE = """
+OUTSIDE_SELECTORS = ("body", "[role=alertdialog] [aria-label=Cancel]", ".dock button:last-child")
+HOLD_KEY_OUTSIDE = """
 ([where, key, held_ms]) => new Promise((done) => {
   const knob = document.querySelector('[role=alertdialog] [role=slider]');
   const code = key === ' ' ? 'Space' : key;
@@ -52,45 +52,45 @@ HELD_ELSEWHERE = """
 
 
 def refuse_commands(page: Page) -> list[str]:
-    """From now on blocks all commands of the page; returns the list of blocked ones."""
+    """Blocks all commands of the page from now on; returns the list of blocked commands, which grows."""
     commands: list[str] = []
-    no_commands = re.compile("/scene/|/readiness/check|/params/refresh")
+    harmless_requests = re.compile("/scene/|/readiness/check|/params/refresh")
 
-    def answer(route: Route) -> None:
-        if route.request.method == "GET" or no_commands.search(route.request.url):
+    def refuse(route: Route) -> None:
+        if route.request.method == "GET" or harmless_requests.search(route.request.url):
             route.fallback()
             return
         commands.append(route.request.url)
         problem = {"title": "Not in this test", "detail": "No command is sent.", "code": "refused"}
         route.fulfill(status=409, content_type="application/problem+json", json=problem)
 
-    page.route("**/api/v1/**", answer)
+    page.route("**/api/v1/**", refuse)
     return commands
 
 
 def await_command(page: Page, commands: list[str], what: str) -> None:
     """Waits for a command of the page; Playwright delivers requests only during calls to the page."""
 
-    def seen() -> list[str]:
+    def blocked() -> list[str]:
         page.wait_for_timeout(20)
         return commands
 
-    wait_until(seen, what)
+    wait_until(blocked, what)
 
 
 class Confirmation:
-    """An open confirmation dialog, and the rules that each must follow."""
+    """An open confirmation dialog, and the rules that each confirmation must follow."""
 
     def __init__(self, page: Page, commands: list[str]) -> None:
         self.page, self.commands = page, commands
         self.dialog = page.get_by_role("alertdialog")
         self.knob = self.dialog.get_by_role("slider")
         self.title = self.dialog.get_by_role("heading").inner_text()
-        self._ask: Callable[[], None] = lambda: None
+        self._request: Callable[[], None] = lambda: None
 
-    def check(self, ask: Callable[[], None]) -> None:
-        """Checks that only its own slider confirms it; `ask` opens it again."""
-        self._ask = ask
+    def check(self, request: Callable[[], None]) -> None:
+        """Checks that only the dialog's own slider confirms it; `request` opens the dialog again."""
+        self._request = request
         self._announces_itself()
         self._keeps_the_focus()
         self._ignores_keys_elsewhere()
@@ -99,21 +99,21 @@ class Confirmation:
         self._is_confirmed_on_its_slider()
 
     def open(self) -> None:
-        """Opens the confirmation again if it was cancelled or has expired. The page ignores a key press
-        directly after that."""
+        """Opens the confirmation again if it was cancelled or has expired; repeats the key press, because the
+        page ignores one directly after a confirmation."""
 
-        def asked() -> bool:
+        def is_open() -> bool:
             if not self.dialog.is_visible():
-                self._ask()
+                self._request()
             return self.dialog.is_visible()
 
-        wait_until(asked, f"the confirmation {self.title!r}")
+        wait_until(is_open, f"the confirmation {self.title!r}")
 
     def _announces_itself(self) -> None:
         self.open()
         expect(self.knob, self.title).to_be_focused()
-        named = self.dialog.evaluate(DESCRIBED)
-        assert all(text.strip() for text in named), (self.title, named)
+        texts = self.dialog.evaluate(DESCRIBED)
+        assert all(text.strip() for text in texts), (self.title, texts)
 
     def _keeps_the_focus(self) -> None:
         for key in ("Tab", "Shift+Tab"):
@@ -122,19 +122,21 @@ class Confirmation:
             reached: set[str] = set()
             for _ in range(controls + 1):
                 self.page.keyboard.press(key)
-                assert self.dialog.evaluate(HAS_FOCUS), f"{self.title}: {key} moves the focus out of it"
-                reached.add(self.page.evaluate(AT))
-            assert len(reached) == controls, f"{self.title}: {key} does not cycle within it"
+                assert self.dialog.evaluate(HAS_FOCUS), (
+                    f"{self.title}: {key} moves the focus out of the dialog"
+                )
+                reached.add(self.page.evaluate(FOCUSED_STOP))
+            assert len(reached) == controls, f"{self.title}: {key} does not cycle within the dialog"
         self.open()
         self.page.evaluate(FOCUS_OUTSIDE)
         wait_until(lambda: self.dialog.evaluate(HAS_FOCUS), "the return of the focus into the confirmation")
 
     def _ignores_keys_elsewhere(self) -> None:
-        for where in ELSEWHERE:
+        for where in OUTSIDE_SELECTORS:
             for key in (" ", "Enter"):
                 self.open()
-                now = self.page.evaluate(HELD_ELSEWHERE, [where, key, KEY_HELD_MS])
-                assert now == "0", f"{self.title}: {key!r} held on {where} moves it to {now}"
+                now = self.page.evaluate(HOLD_KEY_OUTSIDE, [where, key, KEY_HELD_MS])
+                assert now == "0", f"{self.title}: {key!r} held on {where} moves the slider to {now}"
 
     def _is_cancelled_by_its_button_and_by_escape(self) -> None:
         for key in ("Enter", "Space"):
@@ -169,35 +171,35 @@ class Confirmation:
 def press_new_buttons(
     page: Page, pressed: set[str], where: str, reopen: Callable[[], None] | None
 ) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Presses Enter on each visible button not pressed before, last on those that close what is open; returns
-    those with a confirmation, and how to reopen them.
+    """Presses Enter on each visible button that was not pressed before, on "Close" buttons last. Yields those
+    that open a confirmation: a name, and a function that presses the button again.
 
     Args:
         page: the page.
-        pressed: names of the buttons pressed before; extended.
-        where: what is open.
-        reopen: opens again what a pressed button outside it has closed; None: it stays open.
+        pressed: names of the buttons pressed before; the function adds names.
+        where: name of the open room or panel.
+        reopen: opens the room or panel again if a pressed button closed it; None: no button closes it.
     """
     dialog = page.get_by_role("alertdialog")
     for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):
-        named = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
-        starts = re.compile(f"^{named}", re.IGNORECASE)  # the text may be drawn in capitals
-        radio, combobox = (page.get_by_role(role, name=starts) for role in ("radio", "combobox"))
-        found = page.get_by_role("button", name=starts).or_(radio).or_(combobox)
-        button = found.first  # and controls that appear later
-        if named in pressed:
+        pattern = re.sub(r"\d+", r"\\d+", re.escape(name)).replace("/", ".")  # some labels contain a number
+        name_start = re.compile(f"^{pattern}", re.IGNORECASE)  # the text may be drawn in capitals
+        radio, combobox = (page.get_by_role(role, name=name_start) for role in ("radio", "combobox"))
+        found = page.get_by_role("button", name=name_start).or_(radio).or_(combobox)
+        button = found.first  # the locator also matches controls that appear later
+        if pattern in pressed:
             continue
         if reopen is not None and not button.is_visible():
             reopen()
         if not button.is_visible() or button.is_disabled():
             continue
-        pressed.add(named)
+        pressed.add(pattern)
 
-        def ask(button: Locator = button) -> None:
+        def request(button: Locator = button) -> None:
             button.focus()
             page.keyboard.press("Enter")
 
-        ask()
+        request()
         page.evaluate(DRAWN)
         if dialog.is_visible():
-            yield f"{name!r} in {where}", ask
+            yield f"{name!r} in {where}", request

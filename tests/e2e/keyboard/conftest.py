@@ -19,14 +19,14 @@ def port() -> int:
 
 @pytest.fixture(scope="module")
 def vehicles(port: int) -> Iterator[int]:
-    """The process group of two vehicles, so that the room for groups is available; 101 flies."""
+    """The process group of two vehicles, so that groups are available; 101 flies."""
     with vehicle(port, instances=2, more=FAST) as process:
         yield process.pid
 
 
 @pytest.fixture(scope="module")
 def field(port: int, vehicles: int) -> Iterator[Station]:
-    """One station for all tests."""
+    """One station for all tests of the module."""
     assert vehicles
     with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url, client="e2e") as gcs:
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import opened
+from tests.e2e.browser import open_page
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.confirmation import Confirmation, press_new_buttons, refuse_commands
 from tests.e2e.keyboard.walk import close_all, rooms
@@ -23,31 +23,33 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
     browser: Browser, flying: Station
 ) -> None:
     confirmations: dict[str, str] = {}
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         # The name of the button contains the link's rate: it changes when the rate becomes known.
         page.get_by_role("button", name=re.compile(r"^Link .* lost")).first.wait_for()
         commands = refuse_commands(page)
-        # all buttons in flight; on the ground those that differ
+        # vehicle 101 flies: all rooms; vehicle 102 is on the ground: only the room with other buttons
         for vehicle_key, room_count in (("1", None), ("2", 1)):
             pressed: set[str] = {*NOT_PRESSED}
-            for room, open_it in rooms(page)[:room_count]:
+            for room, open_room in rooms(page)[:room_count]:
 
-                def open_again(vehicle_key: str = vehicle_key, open_it: Callable[[], None] = open_it) -> None:
+                def open_again(
+                    vehicle_key: str = vehicle_key, open_room: Callable[[], None] = open_room
+                ) -> None:
                     close_all(page)
                     page.keyboard.press(vehicle_key)
-                    open_it()
+                    open_room()
                     page.wait_for_timeout(50)
 
                 open_again()
                 reopen = open_again if room == "map point menu" else None
-                for where, ask in press_new_buttons(page, pressed, room, reopen):
+                for where, request in press_new_buttons(page, pressed, room, reopen):
                     confirmation = Confirmation(page, commands)
                     commands.clear()  # of the previous buttons, which have no confirmation
                     if confirmations.setdefault(confirmation.title, where) == where:
-                        confirmation.check(ask)
+                        confirmation.check(request)
                     else:
                         page.keyboard.press("Escape")
-    for wanted in ("Disarm", "Arm", "Take off", "Land", "Return", "Offboard", "Send", "Stop motors"):
-        assert any(title.startswith(wanted) for title in confirmations), (wanted, confirmations)
+    for title_start in ("Disarm", "Arm", "Take off", "Land", "Return", "Offboard", "Send", "Stop motors"):
+        assert any(title.startswith(title_start) for title in confirmations), (title_start, confirmations)
     assert flying.drone.status()["armed"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.e2e.browser import opened, press, violations_in_both_themes
+from tests.e2e.browser import open_page, press, violations_in_both_themes
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.confirmation import Confirmation, await_command, refuse_commands
 from tests.station import wait_until
@@ -17,7 +17,7 @@ LONGER_THAN_ANY_HOLD_MS = 2_000
 
 @pytest.mark.parametrize("key", ["Space", "Enter"])
 def test_a_key_held_on_cancel_does_not_stop_the_motors(browser: Browser, flying: Station, key: str) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("Shift+K")
@@ -32,15 +32,15 @@ def test_a_key_held_on_cancel_does_not_stop_the_motors(browser: Browser, flying:
 
 
 def test_stopping_the_motors_is_confirmed_only_by_its_own_slider(browser: Browser, flying: Station) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
 
-        def ask() -> None:
+        def request() -> None:
             page.keyboard.press("Shift+K")
 
-        ask()
-        Confirmation(page, commands).check(ask)
+        request()
+        Confirmation(page, commands).check(request)
     assert flying.drone.status()["armed"]
 
 
@@ -48,7 +48,7 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
     browser: Browser, flying: Station
 ) -> None:
     drone = flying.drone
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("p")
@@ -73,7 +73,8 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
         field.press("h")
         assert commands == []  # this field accepts text
 
-        # when disabled only Escape works; the page shows this, and the setting persists
+        # with shortcuts disabled only Escape works; the page shows this, and keeps the setting across a
+        # reload
         page.keyboard.press("Escape")
         press(page.get_by_role("button", name="Fly", exact=True), "Enter")
         page.keyboard.press("?")
@@ -83,12 +84,12 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
         page.keyboard.press("Escape")
         page.reload()
         expect(page.locator(".pill b")).to_have_text("Holding")
-        off = page.get_by_role("button", name="Keys off")
-        expect(off).to_contain_text("Keys off")
+        keys_off = page.get_by_role("button", name="Keys off")
+        expect(keys_off).to_contain_text("Keys off")
         for key in ("h", "t", "Shift+K", "?", "1"):
             page.keyboard.press(key)
         expect(page.get_by_role("alertdialog")).to_have_count(0)
-        press(off, "Enter")
+        press(keys_off, "Enter")
         press(page.get_by_role("checkbox", name="Single-key shortcuts"), "Space")
         page.keyboard.press("h")
         await_command(page, commands, "Hold, after the keys were enabled again")
@@ -96,7 +97,7 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
 
 
 def test_the_gimbal_is_pointed_by_arrow_keys(browser: Browser, flying: Station) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         card = page.get_by_label("Gimbal", exact=True)
         press(card.get_by_role("button", name="Take"), "Enter")
         pad = card.get_by_role("slider", name="Gimbal pad")

@@ -1,5 +1,5 @@
-"""Menus, lists and panels by keyboard: keys choose only inside an open one, Escape closes only it, and the
-safety keys and buttons still work."""
+"""Menus, lists and panels by keyboard: while one is open, keys select only its entries, Escape closes only
+it, and the safety keys and buttons still work."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from tests.e2e.browser import opened, violations_in_both_themes
+from tests.e2e.browser import open_page, violations_in_both_themes
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.confirmation import await_command, refuse_commands
 
@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
 def add_step(page: Page) -> Locator:
-    """The button of the plan room's menu."""
+    """The button of the menu in the plan room."""
     return page.get_by_role("button", name="Add step")
 
 
@@ -29,7 +29,7 @@ def opened_menu(page: Page) -> Locator:
 
 
 def setpoint_type(page: Page) -> Locator:
-    """The button of the offboard room's list."""
+    """The button of the list in the offboard room."""
     return page.get_by_role("combobox", name="Setpoint type")
 
 
@@ -42,7 +42,7 @@ def opened_list(page: Page) -> Locator:
 
 
 def opened_panel(page: Page) -> Locator:
-    """The panel of the vehicle's control, opened by its key."""
+    """The panel about control of the vehicle, opened by keyboard."""
     page.keyboard.press("c")
     panel = page.get_by_role("dialog", name="Control of 101 Quad")
     expect(panel.get_by_role("button", name="Release control")).to_be_focused()
@@ -50,7 +50,8 @@ def opened_panel(page: Page) -> Locator:
 
 
 def open_checks(page: Page) -> Locator:
-    """Opens the panel with the readiness checks, which Escape closes when nothing is open over it."""
+    """Opens the panel with the readiness checks, which Escape closes when no overlay is open over the
+    panel."""
     page.keyboard.press("y")
     checks = page.get_by_role("region", name="Readiness")
     expect(checks).to_be_visible()
@@ -68,7 +69,7 @@ def check_escape(page: Page, overlay: Locator, button: Locator, checks: Locator)
 def test_keys_in_an_open_menu_select_its_entries_and_request_no_flight_command(
     browser: Browser, flying: Station
 ) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         page.keyboard.press("w")
         menu = opened_menu(page)
@@ -87,7 +88,7 @@ def test_keys_in_an_open_menu_select_its_entries_and_request_no_flight_command(
 def test_keys_in_an_open_list_select_its_entries_and_request_no_flight_command(
     browser: Browser, flying: Station
 ) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("p")
@@ -109,7 +110,7 @@ def test_keys_in_an_open_list_select_its_entries_and_request_no_flight_command(
 def test_arrow_keys_select_an_option_of_a_radio_group_that_is_one_tab_stop(
     browser: Browser, flying: Station
 ) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         page.keyboard.press("p")
         input_selector = page.get_by_role("radiogroup", name="How setpoints are given")
@@ -133,12 +134,12 @@ def test_arrow_keys_select_an_option_of_a_radio_group_that_is_one_tab_stop(
 def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus(
     browser: Browser, flying: Station
 ) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        for room, button, open_it in (("w", add_step, opened_menu), ("p", setpoint_type, opened_list)):
+        for room, button, open_overlay in (("w", add_step, opened_menu), ("p", setpoint_type, opened_list)):
             page.keyboard.press(room)
             checks = open_checks(page)
-            check_escape(page, open_it(page), button(page), checks)
+            check_escape(page, open_overlay(page), button(page), checks)
             page.keyboard.press("Escape")
             expect(checks).to_be_hidden()
         checks = open_checks(page)
@@ -157,20 +158,20 @@ def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus
 
 
 @pytest.mark.parametrize(
-    ("room", "open_it"),
+    ("room", "open_overlay"),
     [("w", opened_menu), ("p", opened_list), (None, opened_panel)],
     ids=["menu", "list", "panel"],
 )
 def test_the_safety_keys_and_the_hold_button_work_while_a_menu_list_or_panel_is_open(
-    browser: Browser, flying: Station, room: str | None, open_it: Callable[[Page], Locator]
+    browser: Browser, flying: Station, room: str | None, open_overlay: Callable[[Page], Locator]
 ) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         expect(page.get_by_role("button", name="You have control")).to_be_visible()
         commands = refuse_commands(page)
         if room is not None:
             page.keyboard.press(room)
-        overlay = open_it(page)
+        overlay = open_overlay(page)
         page.keyboard.press("h")
         await_command(page, commands, "Hold by its key")
         assert commands.pop().endswith("/vehicles/101/hold")
@@ -182,7 +183,7 @@ def test_the_safety_keys_and_the_hold_button_work_while_a_menu_list_or_panel_is_
         page.keyboard.press("Escape")
         expect(confirmation).to_be_hidden()
 
-        overlay = open_it(page)
+        overlay = open_overlay(page)
         page.get_by_role("toolbar", name="Actions").get_by_role("button", name="Hold").click()
         await_command(page, commands, "Hold by its button")
         assert commands.pop().endswith("/vehicles/101/hold")
@@ -190,7 +191,7 @@ def test_the_safety_keys_and_the_hold_button_work_while_a_menu_list_or_panel_is_
 
 
 def test_a_panel_closes_when_the_focus_leaves_it(browser: Browser, flying: Station) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         expect(page.get_by_role("button", name="You have control")).to_be_visible()
         panel = opened_panel(page)

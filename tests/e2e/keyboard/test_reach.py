@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client.errors import Refused
-from tests.e2e.browser import opened
+from tests.e2e.browser import open_page
 from tests.e2e.fast_station import Station
 from tests.e2e.keyboard.walk import close_all, rooms, walk
 from tests.station import wait_until
@@ -41,7 +41,7 @@ ANNOUNCEMENTS = """
 def test_every_control_of_every_room_is_reached_by_tab_and_has_a_name(
     browser: Browser, flying: Station
 ) -> None:
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         for name, open_it in rooms(page):
             open_it()
@@ -56,7 +56,7 @@ def test_every_control_of_every_room_is_reached_by_tab_and_has_a_name(
 
 def test_counters_are_not_announced(browser: Browser, flying: Station, vehicles: int) -> None:
     drone = flying.drone
-    with opened(browser, flying.url, scene=False) as page:
+    with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         start: dict[str, object] = {
             "setpoint": {"type": "position", "position_ned_m": [0, 0, -6]},

@@ -1,4 +1,4 @@
-"""Moves through the page by Tab: the reached controls, and the keys that open each room and panel."""
+"""Moves through the page by Tab and checks the reached controls; the keys that open each room and panel."""
 
 from __future__ import annotations
 
@@ -24,15 +24,17 @@ WALK = """
 UNREACHED = """
 () => [...document.querySelectorAll(
     'a[href], button, input, select, textarea, summary, [tabindex], [role="slider"], [role="button"]')]
-  .filter((one) => !one.disabled && one.tabIndex >= 0 && one.checkVisibility({ visibilityProperty: true })
-    && one.closest('[aria-hidden="true"], [inert]') === null && !window.walked.has(one)
-    && !(one.type === 'radio'))
-  .map((one) => one.outerHTML.slice(0, 140))
+  .filter((control) => !control.disabled && control.tabIndex >= 0
+    && control.checkVisibility({ visibilityProperty: true })
+    && control.closest('[aria-hidden="true"], [inert]') === null && !window.walked.has(control)
+    && !(control.type === 'radio'))
+  .map((control) => control.outerHTML.slice(0, 140))
 """
 WITHOUT_A_NAME = """
-() => [...window.walked].filter((one) => one.isConnected && one !== document.body && one.tabIndex >= 0
-    && !(one.ariaLabel || one.textContent.trim() || one.title || one.labels?.length))
-  .map((one) => one.outerHTML.slice(0, 140))
+() => [...window.walked]
+  .filter((control) => control.isConnected && control !== document.body && control.tabIndex >= 0
+    && !(control.ariaLabel || control.textContent.trim() || control.title || control.labels?.length))
+  .map((control) => control.outerHTML.slice(0, 140))
 """
 
 
@@ -85,15 +87,15 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
         flights.get_by_role("list").or_(flights.get_by_text("No recordings yet")).first.wait_for()
 
     def menu() -> None:
-        place = page.get_by_role("dialog", name="At this position")
+        point_menu = page.get_by_role("dialog", name="At this position")
 
-        def opened_here() -> bool:
+        def is_open() -> bool:
             page.get_by_role("application", name="Map from above").focus()
             page.keyboard.press("Shift+ArrowUp")  # not on a vehicle
             page.keyboard.press("Enter")
-            return place.is_visible()
+            return point_menu.is_visible()
 
-        wait_until(opened_here, "the menu at a position")
+        wait_until(is_open, "the menu at a position")
 
     def key(character: str) -> Callable[[], None]:
         return lambda: page.keyboard.press(character)
@@ -113,6 +115,6 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
 
 
 def close_all(page: Page) -> None:
-    """Closes everything by Escape."""
+    """Closes all rooms and panels by Escape."""
     for _ in range(MAX_PANELS):
         page.keyboard.press("Escape")

@@ -49,10 +49,10 @@ def test_every_recorded_flight_has_its_manoeuvre(shared):
 
 
 def test_recorded_streams_are_expanded_to_single_messages(shared):
-    sends = list(flight_recordings.load("vel_x_1").sends())
+    sends = list(flight_recordings.load("vel_x_1").messages())
     assert len(sends) == 30 * 6 + 30 * 6
     assert sends[1][0] - sends[0][0] == pytest.approx(1.0 / 30.0)
-    circle = list(flight_recordings.load("circle_r5_v3_posvel").sends())
+    circle = list(flight_recordings.load("circle_r5_v3_posvel").messages())
     assert circle[-1][0] == pytest.approx(24.84, abs=0.01), "time on the vehicle's clock"
 
 
@@ -61,7 +61,7 @@ def test_ros2_setpoints_become_messages(shared):
 
     def sends(name):
         recording = ros2_recordings.load(name, "vel_x_1")
-        return [(t_s, message, fields) for t_s, message, fields in recording.sends() if t_s < 3.0]
+        return [(t_s, message, fields) for t_s, message, fields in recording.messages() if t_s < 3.0]
 
     velocity = sends("vel_x2")
     assert {message for _, message, _ in velocity} == {"SET_POSITION_TARGET_LOCAL_NED"}

@@ -1,7 +1,8 @@
-"""A simulated vehicle for the accelerometer calibration: it is turned to the next side when a side is done.
+"""A simulated vehicle for the accelerometer calibration: it is turned to the next side after each finished
+one.
 
-`python -m tests.clients.held_vehicle PORT SPEED`: its TCP port, and its speed as a multiple of real time.
-"""
+`python -m tests.clients.turned_vehicle PORT SPEED`: the vehicle's TCP port, and its speed as a multiple of
+real time."""
 
 from __future__ import annotations
 
@@ -22,9 +23,9 @@ def run(port: int, speed: float) -> None:
     fleet = VehicleSim(links=())
 
     def turn(message: StatusText | Event) -> None:
-        for done, side in itertools.pairwise(SIDES):
-            if isinstance(message, StatusText) and f"{done.value} side done" in message.text:
-                fleet.simulation.turn_disarmed(0, quaternion_from_euler(*side.roll_pitch_rad, 0.0))
+        for finished, next_side in itertools.pairwise(SIDES):
+            if isinstance(message, StatusText) and f"{finished.value} side done" in message.text:
+                fleet.simulation.turn_disarmed(0, quaternion_from_euler(*next_side.roll_pitch_rad, 0.0))
 
     fleet.autopilots[0].announcer.add_listener(turn)
     ports = Ports(gcs_remote=0, api_remote=0, tcp=port)

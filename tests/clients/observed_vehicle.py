@@ -9,7 +9,7 @@ from gcs_server.client import SyncVehicle
 
 
 @dataclass(frozen=True)
-class Watched:
+class ObservedVehicle:
     """The address for an external client, and the server's view of the vehicle."""
 
     tcp_port: int
