@@ -11,8 +11,8 @@ class JumpLoop(asyncio.SelectorEventLoop):
 
     def __init__(self) -> None:
         self.now_s = 1000.0
-        inner = selectors.DefaultSelector()
-        real_select = inner.select
+        selector = selectors.DefaultSelector()
+        real_select = selector.select
 
         def select(timeout: float | None = None) -> Any:
             ready = real_select(0)
@@ -21,8 +21,8 @@ class JumpLoop(asyncio.SelectorEventLoop):
             self.now_s += timeout
             return ready
 
-        inner.select = select  # type: ignore[method-assign]
-        super().__init__(inner)
+        selector.select = select  # type: ignore[method-assign]
+        super().__init__(selector)
 
     def time(self) -> float:
         return self.now_s

@@ -13,13 +13,13 @@ from gcs_server.streamer.values.stream_request import StreamRequest
 
 
 class LoopStreams(StreamScheduler):
-    """Answers immediately; the process needs up to a tenth of a millisecond."""
+    """The scheduler with the process's methods; calls return immediately instead of after up to 0.1 ms."""
 
     async def ready(self) -> None:
-        """Always ready."""
+        """Returns at once: the scheduler is always ready."""
 
     def links_changed(self) -> None:
-        """Has no sockets, so nothing to do."""
+        """Does nothing: there are no sockets."""
 
     async def begin(self, vehicle_id: str, request: StreamRequest, rate_hz: float, snapshot: Snapshot) -> int:
         return super().begin(vehicle_id, request, rate_hz, snapshot)

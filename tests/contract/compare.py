@@ -1,12 +1,10 @@
 """Compares the simulator's messages in a dialogue with PX4's, field by field.
 
 Rules, in addition to the tolerances below:
-
 - Messages of one kind are aligned in their order; a kind is the name and the key (command, text, parameter,
 event).
 - `rules.py` lists the differences caused by the recording and not by the vehicle, each with its bound.
-- An arming report must have the content of a report that was valid during the dialogue: PX4 chooses when it
-sends one.
+- An arming report must have the content of a report that was valid during the dialogue.
 - Each recorded state message (such as HEARTBEAT) must equal a message that the simulator sent during the
 dialogue.
 - The recording sampled mode, arming and landed state after the dialogue at 1 Hz: any value of the last second
@@ -26,6 +24,7 @@ from tests.contract import rules
 from tests.contract.driver import DialogueResult
 from tests.contract.recordings import STATE_MESSAGES, TELEMETRY, Dialogue, value_of
 from tests.contract.replay_vehicle import Received
+from tests.contract.rules import Hashes
 from vehicle_sim.autopilot.announcer import EVENTS
 
 EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
@@ -132,9 +131,7 @@ class Difference:
         return f"{self.dialogue} | {self.message} | {self.field} | {self.px4} | {self.simulated}"
 
 
-def compare(
-    dialogue: Dialogue, result: DialogueResult, hashes: rules.Hashes | None = None
-) -> list[Difference]:
+def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = None) -> list[Difference]:
     """All differences of one dialogue; `hashes` are the parameter hashes received earlier in its session."""
     name = dialogue["id"]
     for entry in dialogue["received"]:
@@ -148,25 +145,25 @@ def compare(
     out: list[Row] = []
     out += _reports(recorded, result)
     out += _states(recorded, result)
-    simulated = [m for m in result.received if m.name not in STATE_MESSAGES and not _in_report(m)]
+    sim = [m for m in result.received if m.name not in STATE_MESSAGES and not _in_report(m)]
     real = [m for m in recorded if m.name not in STATE_MESSAGES and not _in_report(m)]
-    simulated, real = (
+    sim, real = (
         [
             m
             for m in side
             if m.name != "PARAM_VALUE" or m.values["param_id"] not in result.set_before or _reads(dialogue)
         ]
-        for side in (simulated, real)
+        for side in (sim, real)
     )
     summary = dialogue.get("summary", {})
     thinned = "received_total" in dialogue or "kept" in summary or "messages_received" in summary
-    simulated = rules.ends(simulated, dialogue.get("note"))
-    simulated, real = rules.without_earlier_repeats(simulated), rules.without_earlier_repeats(real)
-    simulated = rules.without_edge(simulated, real, dialogue["window_s"])
-    for kind in dict.fromkeys(m.name for m in (*real, *simulated)):
+    sim = rules.ends(sim, dialogue.get("note"))
+    sim, real = rules.without_earlier_repeats(sim), rules.without_earlier_repeats(real)
+    sim = rules.without_edge(sim, real, dialogue["window_s"])
+    for kind in dict.fromkeys(m.name for m in (*real, *sim)):
         cut = "received_total" in dialogue and sum(m.name == kind for m in recorded) in THINNED_TO
-        out += _align(kind, _joined(real, kind), _joined(simulated, kind), thinned, cut)
-    out = (hashes or rules.Hashes()).without_hashes(out)
+        out += _align(kind, _joined(real, kind), _joined(sim, kind), thinned, cut)
+    out = (hashes or Hashes()).without_hashes(out)
     out += _end(dialogue, result)
     return [Difference(name, *row) for row in out]
 
@@ -239,38 +236,35 @@ def _key(message: Received) -> Any:
 
 
 def _align(
-    kind: str, recorded: list[Received], simulated: list[Received], thinned: bool, cut: bool = False
+    kind: str, recorded: list[Received], sim: list[Received], thinned: bool, cut: bool = False
 ) -> list[Row]:
     out: list[Row] = []
     if kind in TELEMETRY and not recorded:
         return out
     if kind in STREAMED or (len(recorded) > 8 and len({_key(m) for m in recorded}) == 1):
-        if not thinned and abs(len(recorded) - len(simulated)) > max(1, RATE_TOLERANCE * len(recorded)):
-            out.append((kind, "(number)", len(recorded), len(simulated)))
-        recorded, simulated = recorded[:1], simulated[:1]
+        if not thinned and abs(len(recorded) - len(sim)) > max(1, RATE_TOLERANCE * len(recorded)):
+            out.append((kind, "(number)", len(recorded), len(sim)))
+        recorded, sim = recorded[:1], sim[:1]
     if kind in TELEMETRY and kind != "PING":
-        recorded, simulated = (
-            recorded[:1],
-            simulated[:1],
-        )  # requested, and also streamed: only the first is compared
+        recorded, sim = recorded[:1], sim[:1]  # requested and also streamed: the first is compared
     if thinned:
-        recorded, simulated = _distinct(recorded), _distinct(simulated)
+        recorded, sim = _distinct(recorded), _distinct(sim)
     if kind in ("STATUSTEXT", "EVENT") and not thinned:
-        recorded, simulated, often = rules.sent_often(recorded, simulated, _key)
+        recorded, sim, often = rules.sent_often(recorded, sim, _key)
         out += [(kind, f"(number) {key}", real, sim) for key, real, sim in often]
-    a, b = [_key(m) for m in recorded], [_key(m) for m in simulated]
+    a, b = [_key(m) for m in recorded], [_key(m) for m in sim]
     missing: list[Received] = []
     extra: list[Received] = []
     for tag, i0, i1, j0, j1 in difflib.SequenceMatcher(None, a, b, autojunk=False).get_opcodes():
         if tag == "equal":
-            for real, sim in zip(recorded[i0:i1], simulated[j0:j1], strict=True):
-                out += _fields(kind, real.values, sim.values)
+            for real, replayed in zip(recorded[i0:i1], sim[j0:j1], strict=True):
+                out += _fields(kind, real.values, replayed.values)
             continue
         missing += recorded[i0:i1]
         if not thinned or (kind in ("COMMAND_ACK", "STATUSTEXT") and not cut):
-            extra += simulated[j0:j1]
-    for real, sim in rules.swapped(missing, extra, _key):
-        out += _fields(kind, real.values, sim.values)
+            extra += sim[j0:j1]
+    for real, replayed in rules.swapped(missing, extra, _key):
+        out += _fields(kind, real.values, replayed.values)
     out += [(kind, _row_name("missing", m), _key(m), "–") for m in missing]
     out += [(kind, _row_name("extra", m), "–", _key(m)) for m in extra]
     return out

@@ -25,7 +25,7 @@ REGISTERED, FORMAT = "/fmu/out/register_ext_component_reply", "/fmu/out/message_
 COMPLETED = "/fmu/out/mode_completed"
 STATUS, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
 PERIOD_S = 0.3138
-"""Period of the arming check requests on the recorder's clock."""
+"""Period of the arming check requests by the recorder's clock."""
 LATE_S = 0.05
 """A reply later than this was delayed on purpose."""
 GCS = (255, 190)
@@ -91,15 +91,12 @@ def timed_dialogues(dialogues: list[Dialogue]) -> list[TimedDialogue]:
     return [_timed_dialogue(each, after) for each, after in itertools.zip_longest(dialogues, dialogues[1:])]
 
 
-def dialogue_parameters(
-    dialogues: list[TimedDialogue], only_in_long_tests: Callable[[str], bool]
-) -> list[Any]:
-    """The dialogues as pytest parameters; `only_in_long_tests` selects sessions that only the long tests
-    replay."""
+def dialogue_parameters(dialogues: list[TimedDialogue], is_long: Callable[[str], bool]) -> list[Any]:
+    """The dialogues as pytest parameters; only the long tests replay sessions for which `is_long` is true."""
     return [
-        pytest.param(each, id=each.dialogue["id"], marks=pytest.mark.broad if is_long else ())
+        pytest.param(each, id=each.dialogue["id"], marks=pytest.mark.broad if is_broad else ())
         for each in dialogues
-        for is_long in (only_in_long_tests(each.dialogue["session"]),)
+        for is_broad in (is_long(each.dialogue["session"]),)
     ]
 
 
@@ -108,12 +105,12 @@ def _timed_dialogue(dialogue: Dialogue, after: Dialogue | None) -> TimedDialogue
     requests, next_requests = _requests(dialogue), _requests(after) if after else []
     if after is None or after["session"] != dialogue["session"] or not requests or not next_requests:
         return TimedDialogue(dialogue, end_s + BETWEEN_S)
-    between_s = (next_requests[0][1] - requests[-1][1]) % REQUEST_IDS * PERIOD_S
-    lasts_s = requests[-1][0] + between_s - next_requests[0][0]
+    (first_s, first_id), (last_s, last_id) = next_requests[0], requests[-1]
+    lasts_s = last_s + (first_id - last_id) % REQUEST_IDS * PERIOD_S - first_s
     if not end_s - PERIOD_S < lasts_s < end_s + LONGEST_PAUSE_S:
         return TimedDialogue(dialogue, end_s + BETWEEN_S)
     replies = _replies(after)
-    replied = bool(replies) and replies[0]["fields"]["request_id"] <= next_requests[0][1]
+    replied = bool(replies) and replies[0]["fields"]["request_id"] <= first_id
     return TimedDialogue(dialogue, max(lasts_s, end_s + SLACK_S), replied)
 
 
@@ -165,7 +162,7 @@ class Player:
         """AVAILABLE_MODES received in this dialogue."""
 
     def play(self, timed_dialogue: TimedDialogue) -> None:
-        """Repeats one dialogue, and waits until the next one of the same boot begins."""
+        """Replays one dialogue, and waits until the next dialogue of the same boot begins."""
         dialogue = timed_dialogue.dialogue
         if dialogue["session"] != self._session:
             self._session = dialogue["session"]
@@ -182,12 +179,11 @@ class Player:
         self.began_s = self.vehicle.sim.time_s
         self._until_s = self.began_s + _end(dialogue) + SLACK_S
         self._begin(dialogue)
-        messages = sorted(_messages(dialogue), key=lambda each: each[0])
+        pending = sorted(_messages(dialogue), key=lambda each: each[0])
         responders = _responders(
             dialogue, continues=timed_dialogue.replies_continue or self._ends_with_landing(dialogue)
         )
         read_count = len(self.vehicle.received)
-        pending: list[tuple[float, str, dict[str, Any]]] = list(messages)
         while not self._has_ended(now_s := self.vehicle.sim.time_s - self.began_s, timed_dialogue):
             for at_s, topic, fields in self.vehicle.received[read_count:]:
                 if topic == REQUEST:
@@ -234,9 +230,9 @@ class Player:
                 self.modes.append(message.values)
 
     def events(self, topic: str) -> list[tuple[Any, ...]]:
-        """What the vehicle published on an event topic."""
-        received = self.vehicle.all(topic, self.began_s)
-        return [tuple(each[name] for name in EVENTS[topic]) for each in received]
+        """Messages that the vehicle published on an event topic."""
+        messages = self.vehicle.all(topic, self.began_s)
+        return [tuple(each[name] for name in EVENTS[topic]) for each in messages]
 
     def changes(self, topic: str, name: str) -> list[tuple[float, Any]]:
         """Time, and old and new value, of each change of a field."""
@@ -281,10 +277,9 @@ def fields_at(setpoints: list[list[Any]], at_s: float) -> dict[str, Any]:
 
 def _requests(dialogue: Dialogue) -> list[tuple[float, int]]:
     """Time and id of the recorded arming check requests: the first ones and the last."""
-    entries = [
-        each for each in dialogue["received"] if each.get("topic", "").endswith("arming_check_request")
-    ]
-    return [(each["dt_s"], each["fields"]["request_id"]) for each in entries]
+    received = dialogue["received"]
+    requests = [each for each in received if each.get("topic", "").endswith("arming_check_request")]
+    return [(each["dt_s"], each["fields"]["request_id"]) for each in requests]
 
 
 def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:
@@ -316,17 +311,15 @@ def _end(dialogue: Dialogue) -> float:
 
 
 def recorded_events(dialogue: Dialogue, topic: str) -> list[tuple[Any, ...]]:
-    """What PX4 published on an event topic."""
-    entries = [each["fields"] for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
-    return [tuple(each[name] for name in EVENTS[topic]) for each in entries]
+    """Messages that PX4 published on an event topic."""
+    messages = [each["fields"] for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
+    return [tuple(each[name] for name in EVENTS[topic]) for each in messages]
 
 
 def recorded_changes(dialogue: Dialogue, topic: str, name: str) -> list[tuple[float, Any]]:
     """Time, and old and new value, of each recorded change of a field."""
-    entries = [each for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
-    return [
-        (each["dt_s"], tuple(each["changed"][name])) for each in entries if name in each.get("changed", {})
-    ]
+    samples = [each for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
+    return [(s["dt_s"], tuple(s["changed"][name])) for s in samples if name in s.get("changed", {})]
 
 
 def by_mode(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
@@ -384,18 +377,14 @@ def compare(
             ]
             if late:
                 found.append(f"{name} changed at {late} (simulated, recorded)")
-    simulated, recorded = (
-        by_mode(player.changes(STATUS, SETTABLE)),
-        by_mode(recorded_changes(dialogue, STATUS, SETTABLE)),
-    )
+    simulated = by_mode(player.changes(STATUS, SETTABLE))
+    recorded = by_mode(recorded_changes(dialogue, STATUS, SETTABLE))
     if [each[:2] for each in simulated] != [each[:2] for each in recorded]:
         found.append(f"{SETTABLE}: {simulated}, recorded {recorded}")
     elif any(abs(a[2] - b[2]) > SLACK_S and b[2] < until_s for a, b in zip(simulated, recorded, strict=True)):
         found.append(f"{SETTABLE} changed at {simulated}, recorded {recorded}")
-    simulated, recorded = (
-        completed(player.vehicle.all(COMPLETED, player.began_s)),
-        recorded_completed(dialogue),
-    )
+    simulated = completed(player.vehicle.all(COMPLETED, player.began_s))
+    recorded = recorded_completed(dialogue)
     if simulated != recorded:
         found.append(f"{COMPLETED}: {simulated}, recorded {recorded}")
     if _listed(player.modes, dialogue) != _listed(recorded_modes(dialogue), dialogue):

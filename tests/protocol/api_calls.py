@@ -32,15 +32,15 @@ START = StartRequest.model_validate(
 FORCE = control_models.TakeControl(force=True)
 
 
-class WorkHere:
-    """Executes tasks for plans in this process."""
+class InlinePlanWork:
+    """Executes the tasks for plans in this process."""
 
     async def run(self, task, arguments, **_):
         return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
 def station_of(world, progress=None):
-    """The server's parts. `progress`: the store of interrupted flights; None: one without a folder."""
+    """The server's parts. `progress`: the store of interrupted flights; None: a store without a folder."""
     journal = Journal(world.clock, None)
     streams = world.streamer._streams
     missions = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)

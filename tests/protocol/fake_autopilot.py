@@ -17,10 +17,12 @@ from vehicle_sim.mavlink import generated_dialect as sim
 HOLD, TAKEOFF, LAND, RTL = (4 << 16 | sub << 24 for sub in (3, 2, 6, 5))
 MANUAL, OFFBOARD = 1 << 16, 6 << 16
 LATENCY_S = 0.005
+FORCE = 21196
+"""Second parameter of a disarm command that PX4 executes in flight, too."""
 
 
 class FakeAutopilot:
-    """Answers as PX4 does in the recordings, as far as these tests need."""
+    """Replies as PX4 does in the recordings, as far as these tests need."""
 
     def __init__(
         self,
@@ -207,44 +209,44 @@ class FakeAutopilot:
         c = m.command
         if c in self.silent_commands:
             return
-        if c == 512:
+        if c == sim.MAV_CMD_REQUEST_MESSAGE:
             self.send_requested(int(p[0]))
         elif c in self.refuse:
             self.ack(c, self.refuse[c])
-        elif c == 400:
+        elif c == sim.MAV_CMD_COMPONENT_ARM_DISARM:
             self.arm(p)
-        elif c == 176:
+        elif c == sim.MAV_CMD_DO_SET_MODE:
             self.set_mode(p)
-        elif c == 22:
+        elif c == sim.MAV_CMD_NAV_TAKEOFF:
             self.mode, self.target = TAKEOFF, (self.position[0], self.position[1], position[2])
             self.ack(c, 0)
-        elif c == 192:
+        elif c == sim.MAV_CMD_DO_REPOSITION:
             self.mode, self.target = HOLD, position
             self.ack(c, 0)
-        elif c == 1001 and self.gimbal:
+        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE and self.gimbal:
             if p[0] == -3.0:
                 self.control = (0, 0) if self.control == (255, 190) else self.control
             else:
                 self.control = (int(p[0]), int(p[1]))
             self.ack(c, 0)
-        elif c == 1000 and self.gimbal:
+        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and self.gimbal:
             self.ack(c, 0 if self.control == (m.get_srcSystem(), m.get_srcComponent()) else 2)
-        elif c in (195, 197):
+        elif c in (sim.MAV_CMD_DO_SET_ROI_LOCATION, sim.MAV_CMD_DO_SET_ROI_NONE):
             self.ack(c, 0)
 
     def arm(self, p: list[float]) -> None:
         if p[0] == 1 and self.arm_denied:
-            self.ack(400, 1)
+            self.ack(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             self.text("Arming denied: Resolve system health failures first\t", 2, 7)
             self.event(16910493, 0x22)
             return
-        if p[0] == 0 and self.landed != 1 and p[1] != 21196:
-            self.ack(400, 1)
+        if p[0] == 0 and self.landed != 1 and p[1] != FORCE:
+            self.ack(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             self.text("Disarming denied: not landed\t", 2)
             self.event(25868725, 0x22)
             return
         self.armed = p[0] == 1
-        self.ack(400, 0)
+        self.ack(sim.MAV_CMD_COMPONENT_ARM_DISARM, 0)
         if self.armed and self.mode == TAKEOFF:
             # PX4 discards the altitude of an earlier command.
             self.target = (*self.position[:2], self.home[2] + 2.5)
@@ -256,34 +258,34 @@ class FakeAutopilot:
 
     def set_mode(self, p: list[float]) -> None:
         mode = int(p[1]) << 16 | int(p[2]) << 24
-        self.ack(176, 0)
+        self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
         refused = self.armed and mode == MANUAL
 
-        def commander() -> None:
-            self.ack(176, 1 if refused else 0)
+        def reply_of_commander() -> None:
+            self.ack(sim.MAV_CMD_DO_SET_MODE, 1 if refused else 0)
             if refused:
                 self.text("Switching to Manual is currently not available\t", 2)
                 self.event(27280279, 0x22, HOLD.to_bytes(4, "little") + b"\0")
             else:
                 self.mode = mode
 
-        self.loop.call_later(0.008, commander)
+        self.loop.call_later(0.008, reply_of_commander)
 
     def send_requested(self, msg_id: int) -> None:
         work = {
-            0: self.heartbeat,
-            436: self.current_mode,
-            245: self.extended,
-            87: self.position_target,
-            281: self.gimbal_status,
-            285: self.gimbal_attitude,
-            148: self.autopilot_version,
+            sim.MAVLINK_MSG_ID_HEARTBEAT: self.heartbeat,
+            sim.MAVLINK_MSG_ID_CURRENT_MODE: self.current_mode,
+            sim.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.extended,
+            sim.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: self.position_target,
+            sim.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: self.gimbal_status,
+            sim.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: self.gimbal_attitude,
+            sim.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self.autopilot_version,
         }.get(msg_id)
         if work is None:
-            self.ack(512, 2)
+            self.ack(sim.MAV_CMD_REQUEST_MESSAGE, 2)
             return
         work()
-        self.ack(512, 0)
+        self.ack(sim.MAV_CMD_REQUEST_MESSAGE, 0)
 
     def autopilot_version(self) -> None:
         if self.version:

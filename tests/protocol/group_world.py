@@ -61,7 +61,10 @@ def velocity(north_m_s=0.0, east_m_s=0.0):
 
 
 def path(*points):
-    return {"type": "path", "points": [{"t_s": t, "position_ned_m": at} for t, at in points]}
+    return {
+        "type": "path",
+        "points": [{"t_s": t, "position_ned_m": position_ned_m} for t, position_ned_m in points],
+    }
 
 
 def body(setpoints, **more):
@@ -74,22 +77,22 @@ def changes(setpoints, **more):
     return group_models.GroupSetpoints.model_validate({"setpoints": members, "valid_for_s": 60, **more})
 
 
-async def begin(at, setpoints, client=ANNA, **more):
-    return view(await group_routes.start(body(setpoints, **more), at.station, client))
+async def begin(rig, setpoints, client=ANNA, **more):
+    return view(await group_routes.start(body(setpoints, **more), rig.station, client))
 
 
-def modes(at):
-    return {v: autopilot.mode for v, autopilot in at.autopilots.items()}
+def modes(rig):
+    return {v: autopilot.mode for v, autopilot in rig.autopilots.items()}
 
 
 def first_s(autopilot, north_m):
-    """Time when a setpoint for that position was first received."""
+    """Time when the autopilot first received a setpoint for that position."""
     return next(t for t, m in autopilot.setpoints if abs(m.x - north_m) < 0.01)
 
 
-def assert_nobody_moved(at):
-    """Checks that no vehicle got a setpoint away from its start position."""
-    assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
+def assert_nobody_moved(rig):
+    """Checks that no vehicle received a setpoint away from its start position."""
+    assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
 
 
 ALL_NORTH = {"1": position(4), "2": position(4), "3": position(4)}

@@ -47,7 +47,7 @@ class World:
         return autopilot
 
     async def ready(self, vehicle_id: str = "1", timeout_s: float = 20.0) -> Any:
-        """The vehicle, once its connection is good."""
+        """Waits for a connected vehicle with a home, a position and a landed state; returns it."""
         end_s = self.loop.time() + timeout_s
         while self.loop.time() < end_s:
             await asyncio.sleep(0.1)
@@ -88,7 +88,7 @@ def run_test(
 def run_with_vehicle(
     jump: Any, scenario: Callable[..., Awaitable[None]], world_from_fields: Callable[[], World] = World
 ) -> Any:
-    """Runs a scenario with the world, its connected autopilot, and the server's vehicle."""
+    """Runs a scenario with a new world, a connected autopilot, and the server's vehicle."""
 
     async def connected(world: World) -> None:
         autopilot = world.autopilot(world.link())

@@ -31,21 +31,21 @@ class Missions:
 
     Args:
         world: a world without a vehicle so far.
-        folder: for the journal.
+        folder: folder of the journal.
     """
 
     def __init__(self, world: OffboardWorld, folder: Path) -> None:
         self.world = world
         streams = world.streamer._streams
-        self.all = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
-        world.fleet.on_vehicle_added(self.all.attach)
+        self.offboard = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
+        world.fleet.on_vehicle_added(self.offboard.attach)
         journal = Journal(world.clock, folder / "journal.jsonl")
         self.authority = Authority(
             world.clock, world.fleet, journal, world.supervisor, LeaseTimes(lease_s=LEASE_S)
         )
         self.authority.start()
-        # Looked up at each update, so that a test can replace it.
-        world.supervisor.repeat("offboard-missions", lambda: self.all.update(), CHECK_PERIOD_S)
+        # A lambda, so that a test can replace the method.
+        world.supervisor.repeat("offboard-missions", lambda: self.offboard.update(), CHECK_PERIOD_S)
         self.flight: Any = None
 
     def begin(
@@ -59,13 +59,13 @@ class Missions:
         start = positions.Start(local.position_ned_m, attitude.yaw_ned_rad, estimates.origin(), in_air=in_air)
         timeline = compile_mission(mission, start=start, role=role)
         name = MissionName(mission.name, None, None)
-        self.flight = self.all.begin(
+        self.flight = self.offboard.begin(
             vehicle.id, Start(name, timeline, MotionLimits(speed_m_s=5.0), "Alice", 0.15)
         )
         return self.flight
 
     def take(self, who: Principal, *, force: bool = False) -> None:
-        """Takes control of vehicle 1."""
+        """Takes control of vehicle 1 for a client."""
         self.authority.control("1").lease.take(who, force=force)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 from gcs_server.api import mission_mode_models, mission_mode_routes
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
-from tests.protocol.api_calls import ANNA, WorkHere, station_of, view
+from tests.protocol.api_calls import ANNA, InlinePlanWork, station_of, view
 from tests.protocol.offboard_world import seconds
 from tests.protocol.ros2_world import Ros2World
 from tests.protocol.simulated_world import until
@@ -20,7 +20,7 @@ LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60
 
 
 class OtherStation:
-    """Another ground station or a transmitter: it commands the vehicle over a MAVLink link of its own."""
+    """Another ground station or a transmitter, which commands the vehicle over its own MAVLink link."""
 
     def __init__(self, world: Ros2World) -> None:
         self._sim = world.sim
@@ -38,7 +38,7 @@ class OtherStation:
             self._sim.feed(0, "gcs", heartbeat.pack(self._pack))
             await seconds(1.0)
 
-    def choose(self, mode: str) -> None:
+    def select_mode(self, mode: str) -> None:
         number = int(mode.removeprefix("external_"))
         self.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 10 + number)
 
@@ -56,9 +56,9 @@ class Modes:
     """The server's routes for vehicle 1, which is connected over ROS 2."""
 
     def __init__(self, world: Ros2World, vehicle: Any) -> None:
-        self.world, self.vehicle, self.other = world, vehicle, OtherStation(world)
+        self.world, self.vehicle, self.other_station = world, vehicle, OtherStation(world)
         self.station = station_of(world)
-        self.station.plan_work = WorkHere()
+        self.station.plan_work = InlinePlanWork()
         self.station.missions.attach(vehicle)
         self.station.missions.start()
         self.station.mission_modes.start()
@@ -72,7 +72,7 @@ class Modes:
         request = mission_mode_models.UnregisterMode(name=name)
         return view(await mission_mode_routes.unregister("1", request, self.station, by))["modes"]
 
-    async def shown(self) -> dict[str, Any]:
+    async def list_modes(self) -> dict[str, Any]:
         return view(await mission_mode_routes.show_modes(self.vehicle, self.station))
 
     @property
@@ -90,19 +90,20 @@ class Modes:
     def sent(self, topic: str) -> list[bytes]:
         return [data for name, data in self.world.topics[0].sent if name == topic]
 
-    def x_m(self) -> float:
+    def north_m(self) -> float:
         return self.vehicle.topic("local_position").value.position_ned_m[0]
 
     async def mode(self, mode: str, timeout_s: float = 5.0) -> None:
         await until(lambda: self.vehicle.status.mode == mode, timeout_s)
 
-    async def flying(self) -> str:
-        """Registers the mission and starts it from another station; returns its mode in flight."""
+    async def start_in_flight(self) -> str:
+        """Registers the mission and starts it from the other station; returns the mission's mode in
+        flight."""
         mode = (await self.register())["mode"]
-        self.other.choose(mode)
+        self.other_station.select_mode(mode)
         await self.mode(mode)
-        start_x_m = self.x_m()
-        await until(lambda: self.x_m() > start_x_m + 2, 15)
+        start_north_m = self.north_m()
+        await until(lambda: self.north_m() > start_north_m + 2, 15)
         return mode
 
 
@@ -122,15 +123,15 @@ def fly(jump: Any, scenario: Scenario, *, in_air: bool = True) -> None:
     jump(run)
 
 
-class NoWork:
-    """Plans cannot be compiled now."""
+class UnavailablePlanWork:
+    """Refuses all work, so that no mission can be compiled."""
 
     async def run(self, *_: Any, **__: Any) -> Any:
         raise Refused("No worker.", remedy="Try later.")
 
 
-class SlowWork(WorkHere):
-    """A slow machine.
+class SlowPlanWork(InlinePlanWork):
+    """Executes the tasks as a slow machine does.
 
     Args:
         takes_s: time that each task takes.

@@ -44,11 +44,11 @@ STEPS: dict[str, tuple[str, ...]] = {
     "take_off": ("step: take_off, height_m: 9",),
     "land": ("step: land",),
 }
-"""The steps of each vehicle; those that PX4 flies itself are last. A step without a duration is combined with
-one that has a duration: the event occurs in the orbit after the gimbal step, or inside the repeat, branch or
-call."""
-BY_PX4 = ("take_off", "land")
-BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in BY_PX4)
+"""The steps of each vehicle; the steps that PX4 flies itself are last. A step without a duration is combined
+with a step that has a duration: the event occurs in the orbit after the gimbal step, or inside the repeat,
+branch or call."""
+FLOWN_BY_PX4 = ("take_off", "land")
+FLOWN_BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in FLOWN_BY_PX4)
 HEIGHT_M, APART_M = 12.0, 40.0
 ON_GROUND = "take_off"
 BOOT_TIMEOUT_S, CLIMB_TIMEOUT_S = 30.0, 30.0
@@ -56,19 +56,21 @@ BOOT_TIMEOUT_S, CLIMB_TIMEOUT_S = 30.0, 30.0
 
 @functools.cache
 def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
-    """Vehicles that hover at 12 m, except the one that is to take off."""
-    places = np.zeros((len(kinds), 3))
-    places[:, 1] = APART_M * np.arange(len(kinds))
-    sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=places, camera=True)
-    up = [row for row, kind in enumerate(kinds) if kind != ON_GROUND]
+    """Vehicles that hover at 12 m, except the vehicle whose step is the take-off."""
+    start_ned_m = np.zeros((len(kinds), 3))
+    start_ned_m[:, 1] = APART_M * np.arange(len(kinds))
+    sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=start_ned_m, camera=True)
+    airborne_rows = [row for row, kind in enumerate(kinds) if kind != ON_GROUND]
     commanders = [autopilot.commander for autopilot in sim.autopilots]
     _step_until(sim, BOOT_TIMEOUT_S, lambda: all(c.report.armable(NavState.TAKEOFF) for c in commanders))
-    for row in up:
+    for row in airborne_rows:
         autopilot = sim.autopilots[row]
         autopilot.navigator.request_takeoff(autopilot.home.alt_amsl_m + HEIGHT_M)
         assert autopilot.commander.set_mode(NavState.TAKEOFF)
         assert autopilot.commander.arm()
-    _step_until(sim, CLIMB_TIMEOUT_S, lambda: all(commanders[row].active is NavState.HOLD for row in up))
+    _step_until(
+        sim, CLIMB_TIMEOUT_S, lambda: all(commanders[row].active is NavState.HOLD for row in airborne_rows)
+    )
     for row in range(len(kinds)):
         sim.drain(row, "gcs")
     return sim
@@ -112,8 +114,8 @@ class Squadron:
             await until(lambda v=vehicle: v.topic("battery") is not None, 10)
         for kind, vehicle in self.vehicles.items():
             document = document_of(kind)
-            actions_of = document.actions.model_copy(update=actions)
-            document = document.model_copy(update={"actions": actions_of})
+            all_actions = document.actions.model_copy(update=actions)
+            document = document.model_copy(update={"actions": all_actions})
             role = "lead" if document.roles else None
             flight = self.missions.begin(vehicle, document, in_air=kind != ON_GROUND, role=role)
             self.flights[kind] = flight
@@ -139,8 +141,8 @@ class Squadron:
 
     async def reach(self, states: dict[str, Iterable[str]], within_s: float = 30.0) -> None:
         """Waits until each vehicle's mission is in one of the given states."""
-        for kind, wanted in states.items():
-            allowed = {wanted} if isinstance(wanted, str) else set(wanted)
+        for kind, expected in states.items():
+            allowed = {expected} if isinstance(expected, str) else set(expected)
             try:
                 await until(lambda k=kind, a=allowed: self.state(k) in a, within_s)
             except AssertionError:
@@ -156,15 +158,15 @@ class Squadron:
     def commander(self, kind: str) -> Any:
         return self.sim.autopilots[self.row(kind)].commander
 
-    def place(self, kind: str) -> tuple[float, ...]:
-        """The true position of this vehicle."""
+    def position(self, kind: str) -> tuple[float, ...]:
+        """The true position of this vehicle, NED [m]."""
         return tuple(self.sim.simulation.truth.position_ned_m[self.row(kind)].tolist())
 
     async def stay(self, kinds: Iterable[str], for_s: float = 3.0, within_m: float = 2.0) -> None:
-        """Checks that these vehicles hold their positions, within the accuracy of their estimates."""
-        before = {kind: self.place(kind) for kind in kinds}
+        """Checks that these vehicles keep their positions, within the accuracy of their estimates."""
+        before = {kind: self.position(kind) for kind in kinds}
         await asyncio.sleep(for_s)
-        moved = {kind: math.dist(self.place(kind), place) for kind, place in before.items()}
+        moved = {kind: math.dist(self.position(kind), position) for kind, position in before.items()}
         assert max(moved.values()) < within_m, moved
 
     def move_sticks(self, forward: int) -> None:

@@ -14,7 +14,7 @@ REQUEST_MESSAGE, MISSION_CURRENT = 512, 42
 
 
 class Flight:
-    """Replaces the navigator's mission, which is not flown here."""
+    """Replaces the navigator's mission, which this autopilot does not fly."""
 
     def __init__(self) -> None:
         self.current, self.reached, self.reached_count = 0, None, 0
@@ -38,7 +38,7 @@ class MissionAutopilot(FakeAutopilot):
         self.texts: list[str] = []
         self.received_at_s = 0.0
         self.flight = Flight()
-        self.wire = SimpleNamespace(name="gcs", send=self.send_named)
+        self.station_link = SimpleNamespace(name="gcs", send=self.send_named)
         announcer = SimpleNamespace(announce=lambda _severity, text, _event: self.texts.append(text))
         self.autopilot_parts = SimpleNamespace(
             navigator=SimpleNamespace(mission=self.flight),
@@ -48,13 +48,13 @@ class MissionAutopilot(FakeAutopilot):
         context = SimpleNamespace(
             autopilot=self.autopilot_parts,
             view=View(),
-            links=[self.wire],
+            links=[self.station_link],
             addresses_autopilot=lambda message: message.target_system == self.system,
             broadcast=self.send_named,
         )
         self.service = MissionService(context)  # type: ignore[arg-type]
         self._every(0.02, self.service.step)
-        self._every(1.0, lambda: self.service.send_current(self.wire))  # type: ignore[arg-type]
+        self._every(1.0, lambda: self.service.send_current(self.station_link))  # type: ignore[arg-type]
 
     def send_named(self, name: str, /, **fields: Any) -> None:
         self.send(getattr(sim, f"MAVLink_{name.lower()}_message")(**fields))
@@ -69,37 +69,39 @@ class MissionAutopilot(FakeAutopilot):
     def handle(self, message: Any) -> None:
         name = message.get_type()
         if name in self.service.handlers:
-            self.take(message, (message.get_srcSystem(), message.get_srcComponent()))
+            self.handle_mission_message(message, (message.get_srcSystem(), message.get_srcComponent()))
         elif name == "COMMAND_LONG" and (message.command, message.param1) == (
             REQUEST_MESSAGE,
             MISSION_CURRENT,
         ):
-            self.service.send_current(self.wire)  # type: ignore[arg-type]
+            self.service.send_current(self.station_link)  # type: ignore[arg-type]
         else:
             super().handle(message)
 
-    def take(self, message: Any, sender: tuple[int, int]) -> None:
-        """Handles a mission message of any station."""
+    def handle_mission_message(self, message: Any, sender: tuple[int, int]) -> None:
+        """Handles a mission message from any station."""
         fields = {name: getattr(message, name) for name in message.fieldnames}
         name = message.get_type()
-        known = SimpleNamespace(
+        parsed = SimpleNamespace(
             name=name, sender=sender, system_id=sender[0], component_id=sender[1], values=fields, **fields
         )
-        self.service.handlers[name](self.wire, known)  # type: ignore[arg-type]
+        self.service.handlers[name](self.station_link, parsed)  # type: ignore[arg-type]
 
 
 class OtherStation:
     """Another ground station on the same link, without packet loss."""
 
     def __init__(self, autopilot: MissionAutopilot) -> None:
-        self._pilot = autopilot
+        self._autopilot = autopilot
 
     async def upload(self, items: Any, pause_s: float = 0.05) -> None:
         """Sends all items without waiting for requests."""
-        self._pilot.take(sim.MAVLink_mission_count_message(1, 1, len(items), 0), (254, 190))
+        self._autopilot.handle_mission_message(
+            sim.MAVLink_mission_count_message(1, 1, len(items), 0), (254, 190)
+        )
         for i in items:
             await asyncio.sleep(pause_s)
             values = (i.param1, i.param2, i.param3, i.param4, i.x, i.y, i.z)
             message = sim.MAVLink_mission_item_int_message(1, 1, i.seq, i.frame, i.command, 0, 1, *values, 0)
-            self._pilot.take(message, (254, 190))
+            self._autopilot.handle_mission_message(message, (254, 190))
         await asyncio.sleep(pause_s)

@@ -24,8 +24,8 @@ OF_LOSS_S = 1.0
 
 
 class OffboardAutopilot(FakeAutopilot):
-    """Accepts Offboard only with a stream, switches to Position by failsafe a second after the last setpoint,
-    and reports Offboard again after disarming, because it is still the requested mode."""
+    """Accepts Offboard only with a stream, and switches to Position by failsafe a second after the last
+    setpoint. After disarming it reports Offboard again, because Offboard is still the requested mode."""
 
     def __init__(self, link: Any, **options: Any) -> None:
         super().__init__(link, **options)
@@ -73,23 +73,23 @@ class OffboardAutopilot(FakeAutopilot):
 
     def set_mode(self, p: list[float]) -> None:
         mode = int(p[1]) << 16 | int(p[2]) << 24
-        self.ack(176, 0)
+        self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
         delay_s = self.take_offboard_after_s if mode == OFFBOARD else 0.008
         self.next_mode_s = max(self.loop.time() + delay_s, self.next_mode_s + 0.001)  # one after the other
 
-        def commander() -> None:
+        def reply_of_commander() -> None:
             if mode != OFFBOARD:
                 self.mode = self.requested_mode = mode
-                self.ack(176, 0)
+                self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
                 self.current_mode()
             elif not self.armed or self.has_stream():
                 self.mode = self.requested_mode = OFFBOARD
-                self.ack(176, 0)
+                self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
                 self.current_mode()
             else:
-                self.ack(176, 1)
+                self.ack(sim.MAV_CMD_DO_SET_MODE, 1)
 
-        self.loop.call_at(self.next_mode_s, commander)
+        self.loop.call_at(self.next_mode_s, reply_of_commander)
 
     def commander(self) -> None:
         if self.armed and self.mode == OFFBOARD and not self.has_stream():
@@ -98,7 +98,7 @@ class OffboardAutopilot(FakeAutopilot):
             self.current_mode()
 
     def land_and_disarm(self) -> None:
-        """Lands and disarms: the failsafe ends and the requested mode is reported again."""
+        """Lands and disarms; the failsafe ends, so the autopilot reports the requested mode again."""
         self.armed, self.landed, self.mode = False, 1, self.requested_mode
         self.heartbeat()
         self.current_mode()
@@ -173,13 +173,17 @@ def gaps_s(autopilot):
 
 def mode_requests(autopilot, mode):
     """Received DO_SET_MODE commands for this mode."""
-    return [m for m in autopilot.commands(176) if (int(m.param2) << 16 | int(m.param3) << 24) == mode]
+    return [
+        m
+        for m in autopilot.commands(sim.MAV_CMD_DO_SET_MODE)
+        if (int(m.param2) << 16 | int(m.param3) << 24) == mode
+    ]
 
 
 async def assert_silent(autopilot, link, seconds_=3.0, settle_s=0.02):
-    """Checks that neither setpoints nor mode requests are sent."""
+    """Checks that the autopilot receives neither setpoints nor mode requests."""
     await seconds(settle_s)
-    setpoints, commands = len(autopilot.setpoints), len(autopilot.commands(176))
+    setpoints, commands = len(autopilot.setpoints), len(autopilot.commands(sim.MAV_CMD_DO_SET_MODE))
     await seconds(seconds_)
     assert len(autopilot.setpoints) == setpoints
-    assert len(autopilot.commands(176)) == commands
+    assert len(autopilot.commands(sim.MAV_CMD_DO_SET_MODE)) == commands

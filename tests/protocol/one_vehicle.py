@@ -1,4 +1,4 @@
-"""One scripted vehicle on a link that loses packets, for the duration of a test."""
+"""A scripted vehicle on a link that loses packets, for the duration of a test."""
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 """The share of packets lost in each direction, and the seed of the losses."""

@@ -26,7 +26,7 @@ PARAMETERS = {"UXRCE_DDS_SYNCT": 0}
 
 
 class Topics:
-    """The topics of one vehicle, in both directions; fast topics are read as often as from DDS."""
+    """The topics of one vehicle, in both directions; the server reads fast topics as often as from DDS."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[str, bytes]] = []
@@ -45,9 +45,9 @@ class Topics:
             self.for_modes.append((topic, data))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
-        """Called by the vehicle: the messages for it."""
-        taken, self._to_vehicle = self._to_vehicle, []
-        return taken
+        """Called by the vehicle: the messages that the server has sent."""
+        messages, self._to_vehicle = self._to_vehicle, []
+        return messages
 
     def send(self, topic: str, data: bytes) -> None:
         """Called by the server."""
@@ -77,7 +77,7 @@ class SetpointTopics:
 
 
 class ModeTopics:
-    """A `ModePort`; `working` False: the process that answers PX4 has ended."""
+    """A `ModePort`; `working` False: the process that replies to PX4 has ended."""
 
     def __init__(self, topics: Topics) -> None:
         self._topics, self.working = topics, True
@@ -88,13 +88,13 @@ class ModeTopics:
 
     def take(self) -> list[tuple[str, bytes]]:
         waiting = self._topics.for_modes
-        taken = list(waiting) if self.working else []
+        messages = list(waiting) if self.working else []
         waiting.clear()
-        return taken
+        return messages
 
 
 class Ros2Streams(LoopStreams):
-    """Sends over the topics of the vehicles that are reached over ROS 2."""
+    """Sends over the topics of the vehicles that are connected over ROS 2."""
 
     def __init__(self, clock: Any, topics_at: Callable[[DdsAddress], Topics]) -> None:
         super().__init__(clock, open_mode_port=self._open_mode_port)
@@ -123,7 +123,7 @@ class MemoryRos2Link(MemoryLink):
     def __init__(self, outgoing: Callable[[bytes, Peer], None]) -> None:
         super().__init__("ros2", outgoing=outgoing)
         self.unusable: dict[str, dict[str, str]] = {}
-        """Topics in unknown versions, by peer name."""
+        """Topics whose version is unknown, by peer name."""
 
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
         return self.unusable.get(peer.name, {})
@@ -177,7 +177,7 @@ class Ros2World(SimulatedVehicles):
 
 
 def request_of(setpoint: Setpoint) -> StreamRequest:
-    """A stream's request to fly a setpoint for up to a minute."""
+    """A stream request with a setpoint that is valid for a minute."""
     return StreamRequest(setpoint, 60.0, OnExpiry(), "test")
 
 

@@ -16,16 +16,16 @@ TICK_S = 0.02
 
 
 class SimulatedVehicles(World):
-    """A world whose vehicles fly."""
+    """A world with simulated vehicles that can fly."""
 
     async def ready_to_arm(self, vehicle_id: str = "1") -> Vehicle:
-        """The vehicle, once it can be armed."""
+        """Waits until the vehicle can be armed; returns it."""
         vehicle = await self.ready(vehicle_id, timeout_s=40)
         await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
         return vehicle
 
     async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
-        """The vehicle after take-off, in Hold."""
+        """Takes off and waits for Hold; returns the vehicle."""
         vehicle = await self.ready_to_arm(vehicle_id)
         await vehicle.command.takeoff(height_m)
         await until(lambda: vehicle.status.mode == "hold", 40)
@@ -38,9 +38,9 @@ class SimulatedWorld(OffboardWorld, SimulatedVehicles):
     Args:
         count: number of vehicles.
         parameters: parameters of all vehicles, set before boot.
-        seed: seed of noise and gusts.
+        seed: seed of sensor noise and gusts.
         sim: a fleet that is already flying, with a link "gcs"; only `count` is used with it.
-        camera: whether each has a camera.
+        camera: whether each vehicle has a camera.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class SimulatedWorld(OffboardWorld, SimulatedVehicles):
         return not self.loss or self._random.random() >= self.loss
 
     async def _run_scheduler(self) -> None:
-        """Runs at the rate of the vehicle's steps: packets within a step arrive at its end anyway."""
+        """Runs at the rate of the simulation's ticks: packets sent within a tick arrive at its end."""
         while True:
             self.streamer._streams.step()
             await self.clock.sleep(TICK_S)
@@ -89,10 +89,10 @@ class SimulatedWorld(OffboardWorld, SimulatedVehicles):
 
 
 async def until(condition: Any, timeout_s: float) -> None:
-    """Checks the condition ten times a second.
+    """Waits for a condition, which it checks ten times a second.
 
     Raises:
-        AssertionError: it was not true in time.
+        AssertionError: the condition was not true in time.
     """
     for _ in range(int(timeout_s * 10)):
         if condition():

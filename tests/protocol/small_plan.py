@@ -6,17 +6,17 @@ from missions.items import Land, Takeoff, Waypoint
 from missions.plan import Plan
 from missions.values import Altitude
 
-HEIGHT = Altitude(value_m=5.0, reference="home")
+ALTITUDE = Altitude(value_m=5.0, reference="home")
 GROUND = Altitude(value_m=0.0, reference="home")
 
 
 def plan_about(lat_deg: float, lon_deg: float) -> Plan:
-    """Ten metres to the north and back."""
+    """A plan that flies ten metres to the north, back, and lands."""
     north = lat_deg + 10 / 111_320
     items = (
-        Takeoff(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
-        Waypoint(lat_deg=north, lon_deg=lon_deg, altitude=HEIGHT),
-        Waypoint(lat_deg=lat_deg, lon_deg=lon_deg, altitude=HEIGHT),
+        Takeoff(lat_deg=lat_deg, lon_deg=lon_deg, altitude=ALTITUDE),
+        Waypoint(lat_deg=north, lon_deg=lon_deg, altitude=ALTITUDE),
+        Waypoint(lat_deg=lat_deg, lon_deg=lon_deg, altitude=ALTITUDE),
         Land(lat_deg=lat_deg, lon_deg=lon_deg, altitude=GROUND),
     )
     return Plan(items=items)

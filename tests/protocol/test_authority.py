@@ -9,6 +9,7 @@ from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import ANNA, BOB, FORCE, MISSION, START, lines, station_of, view, with_routes
+from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE, GIMBAL_CONFIGURE
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
 from tests.protocol.offboard_world import (
     POSITION,
@@ -30,127 +31,127 @@ def control_changes(vehicle):
 
 
 def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(jump):
-    async def scenario(at):
-        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
-        received = len(at.autopilot.commands(176))
+    async def scenario(rig):
+        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
+        received = len(rig.autopilot.commands(DO_SET_MODE))
         for work in (
-            lambda: vehicle_routes.rtl("1", at.station, BOB),
-            lambda: vehicle_routes.disarm("1", at.station, BOB),
-            lambda: vehicle_routes.land("1", at.station, BOB),
-            lambda: offboard_routes.start("1", START, at.station, BOB),
-            lambda: offboard_routes.stop("1", at.station, BOB),
+            lambda: vehicle_routes.rtl("1", rig.station, BOB),
+            lambda: vehicle_routes.disarm("1", rig.station, BOB),
+            lambda: vehicle_routes.land("1", rig.station, BOB),
+            lambda: offboard_routes.start("1", START, rig.station, BOB),
+            lambda: offboard_routes.stop("1", rig.station, BOB),
         ):
             with pytest.raises(
                 NotInControl, match="anna has control of vehicle 1, not you: nothing was sent"
             ):
                 await work()
         await seconds(2)
-        assert len(at.autopilot.commands(176)) == received
-        assert not at.autopilot.commands(400)
-        assert lines(at.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
+        assert len(rig.autopilot.commands(DO_SET_MODE)) == received
+        assert not rig.autopilot.commands(ARM_DISARM)
+        assert lines(rig.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
     with_routes(jump, scenario)
 
 
-@pytest.mark.parametrize("what", ["hold", "land_now", "kill"])
-def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_informed(jump, what):
-    async def scenario(at):
-        await offboard_routes.start("1", START, at.station, ANNA)
-        if what == "hold":
-            await vehicle_routes.hold("1", at.station, BOB)
-        elif what == "land_now":
+@pytest.mark.parametrize("command", ["hold", "land_now", "kill"])
+def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_informed(jump, command):
+    async def scenario(rig):
+        await offboard_routes.start("1", START, rig.station, ANNA)
+        if command == "hold":
+            await vehicle_routes.hold("1", rig.station, BOB)
+        elif command == "land_now":
             body = control_models.LandNowRequest(confirm="vehicle 1 lands now")
-            await vehicle_routes.land_now("1", body, at.station, BOB)
+            await vehicle_routes.land_now("1", body, rig.station, BOB)
         else:
             body = models.KillRequest(confirm="motors stop, vehicle 1 falls")
-            await vehicle_routes.kill("1", body, at.station, BOB)
-        await assert_silent(at.autopilot, None, settle_s=0.2)
-        assert at.autopilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[what]
-        assert at.autopilot.armed == (what != "kill")
-        name = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}[what]
-        assert control_changes(at.vehicle)[-1] == (
+            await vehicle_routes.kill("1", body, rig.station, BOB)
+        await assert_silent(rig.autopilot, None, settle_s=0.2)
+        assert rig.autopilot.mode == {"hold": HOLD, "land_now": LAND, "kill": OFFBOARD}[command]
+        assert rig.autopilot.armed == (command != "kill")
+        name = {"hold": "Hold", "land_now": "Land now", "kill": "Kill"}[command]
+        assert control_changes(rig.vehicle)[-1] == (
             "intervened",
             f"bob commanded {name} of vehicle 1; anna still has control.",
         )
-        assert lines(at.station)[-1] == ("bob", what, "1", "ok")
-        assert view(await control_routes.show("1", at.station, ANNA))["yours"]
+        assert lines(rig.station)[-1] == ("bob", command, "1", "ok")
+        assert view(await control_routes.show("1", rig.station, ANNA))["yours"]
 
     with_routes(jump, scenario)
 
 
 def test_land_now_without_confirmation_sends_nothing(jump):
-    async def scenario(at):
+    async def scenario(rig):
         for body in ("yes", "vehicle 2 lands now", ""):
             with pytest.raises(InvalidRequest, match="does not name this vehicle"):
                 await vehicle_routes.land_now(
-                    "1", control_models.LandNowRequest(confirm=body), at.station, BOB
+                    "1", control_models.LandNowRequest(confirm=body), rig.station, BOB
                 )
-        assert not mode_requests(at.autopilot, LAND)
-        assert control_changes(at.vehicle) == []
+        assert not mode_requests(rig.autopilot, LAND)
+        assert control_changes(rig.vehicle) == []
 
     with_routes(jump, scenario)
 
 
 def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
-    async def scenario(at):
-        with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
-            await offboard_routes.start("1", START, at.station, ANNA)
-            why = control_models.RequestControl(reason="I see it")
-            requested = view(await control_routes.request("1", at.station, BOB, why))
+    async def scenario(rig):
+        with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
+            await offboard_routes.start("1", START, rig.station, ANNA)
+            reason = control_models.RequestControl(reason="I see it")
+            requested = view(await control_routes.request("1", rig.station, BOB, reason))
             assert (requested["holder"], requested["yours"]) == ("anna", False)
             assert [(r["client"], r["reason"]) for r in requested["requests"]] == [("bob", "I see it")]
-            to = control_models.AnswerControl(client=BOB.key)
-            granted = view(await control_routes.grant("1", to, at.station, ANNA))
+            receiver = control_models.AnswerControl(client=BOB.key)
+            granted = view(await control_routes.grant("1", receiver, rig.station, ANNA))
             assert (granted["holder"], granted["holder_key"], granted["yours"]) == ("bob", BOB.key, False)
             await seconds(0.5)
-            assert at.autopilot.mode == OFFBOARD
-            assert at.vehicle.offboard.status().client == "anna"
+            assert rig.autopilot.mode == OFFBOARD
+            assert rig.vehicle.offboard.status().client == "anna"
             with pytest.raises(NotInControl):
-                await offboard_routes.stop("1", at.station, ANNA)
-            await offboard_routes.stop("1", at.station, BOB)
-            await assert_silent(at.autopilot, None, settle_s=0.1)
-            assert at.autopilot.mode == HOLD
-        assert [action for action, _ in control_changes(at.vehicle)] == ["taken", "requested", "granted"]
+                await offboard_routes.stop("1", rig.station, ANNA)
+            await offboard_routes.stop("1", rig.station, BOB)
+            await assert_silent(rig.autopilot, None, settle_s=0.1)
+            assert rig.autopilot.mode == HOLD
+        assert [action for action, _ in control_changes(rig.vehicle)] == ["taken", "requested", "granted"]
 
     with_routes(jump, scenario)
 
 
 def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump):
-    async def scenario(at):
-        with at.station.authority.connected(ANNA):
-            await control_routes.take("1", at.station, ANNA)
+    async def scenario(rig):
+        with rig.station.authority.connected(ANNA):
+            await control_routes.take("1", rig.station, ANNA)
             with pytest.raises(Refused, match="has not been asked"):
-                await control_routes.take("1", at.station, BOB, FORCE)
-            await control_routes.request("1", at.station, BOB)
+                await control_routes.take("1", rig.station, BOB, FORCE)
+            await control_routes.request("1", rig.station, BOB)
             await seconds(15.1)
-            assert view(await control_routes.take("1", at.station, BOB, FORCE))["yours"]
-        action, text = control_changes(at.vehicle)[-1]
+            assert view(await control_routes.take("1", rig.station, BOB, FORCE))["yours"]
+        action, text = control_changes(rig.vehicle)[-1]
         assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
-        [event] = [e for e in at.vehicle.events.since() if e.data.get("action") == "forced"]
+        [event] = [e for e in rig.vehicle.events.since() if e.data.get("action") == "forced"]
         assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
-        assert lines(at.station)[-1] == ("bob", "control/take", "1", "ok")
+        assert lines(rig.station)[-1] == ("bob", "control/take", "1", "ok")
 
     with_routes(jump, scenario)
 
 
 def test_any_request_renews_control_and_disconnecting_releases_it(jump):
-    async def scenario(at):
-        await control_routes.take("1", at.station, ANNA)
+    async def scenario(rig):
+        await control_routes.take("1", rig.station, ANNA)
         for _ in range(5):
             await seconds(20)
-            at.station.authority.renew(ANNA)
-        assert view(await control_routes.me(at.station, ANNA))["controls"] == ["1"]
-        assert view(await control_routes.leave(at.station, ANNA))["controls"] == []
-        assert control_changes(at.vehicle)[-1][0] == "released"
-        assert lines(at.station)[-1] == ("anna", "control/release", "1", "ok")
+            rig.station.authority.renew(ANNA)
+        assert view(await control_routes.me(rig.station, ANNA))["controls"] == ["1"]
+        assert view(await control_routes.leave(rig.station, ANNA))["controls"] == []
+        assert control_changes(rig.vehicle)[-1][0] == "released"
+        assert lines(rig.station)[-1] == ("anna", "control/release", "1", "ok")
 
     with_routes(jump, scenario)
 
 
 def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
-    async def scenario(at):
+    async def scenario(rig):
         with pytest.raises(UnknownVehicle):
-            await control_routes.take("77", at.station, ANNA)
+            await control_routes.take("77", rig.station, ANNA)
 
     with_routes(jump, scenario)
 
@@ -171,31 +172,31 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
     ],
 )
 def test_on_expiry_is_executed_but_never_against_a_pilot(jump, on_expiry, mode, mode_after):
-    async def scenario(at):
-        at.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
-        at.autopilot.mode = mode
+    async def scenario(rig):
+        rig.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
+        rig.autopilot.mode = mode
         await seconds(2.5)
         take = control_models.TakeControl(on_expiry=on_expiry)
-        await control_routes.take("1", at.station, ANNA, take)
+        await control_routes.take("1", rig.station, ANNA, take)
         await seconds(29)
-        assert not at.autopilot.commands(176)
+        assert not rig.autopilot.commands(DO_SET_MODE)
         await seconds(5)
-        assert at.autopilot.mode == mode_after
-        assert control_changes(at.vehicle)[-1][0] == "expired"
-        ours = [line for line in lines(at.station) if line[0] == "server"]
-        assert ours[0] == ("server", "control/expired", "1", "ok")
-        assert ours[1:] == ([] if mode_after == mode else [("server", on_expiry, "1", "ok")])
+        assert rig.autopilot.mode == mode_after
+        assert control_changes(rig.vehicle)[-1][0] == "expired"
+        server_lines = [line for line in lines(rig.station) if line[0] == "server"]
+        assert server_lines[0] == ("server", "control/expired", "1", "ok")
+        assert server_lines[1:] == ([] if mode_after == mode else [("server", on_expiry, "1", "ok")])
 
     with_routes(jump, scenario)
 
 
 def test_expired_control_commands_nothing_on_the_ground(jump):
-    async def scenario(at):
-        at.autopilot.mode = MISSION
+    async def scenario(rig):
+        rig.autopilot.mode = MISSION
         await seconds(2.5)
-        await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="rtl"))
+        await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry="rtl"))
         await seconds(40)
-        assert not at.autopilot.commands(176)
+        assert not rig.autopilot.commands(DO_SET_MODE)
 
     with_routes(jump, scenario, flying=False)
 
@@ -214,91 +215,91 @@ def transmitter(autopilot):
 
 
 def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
-    async def scenario(at):
-        transmitter(at.autopilot)
-        await offboard_routes.start("1", START, at.station, ANNA)
-        assert mode_lines(at.vehicle)[-1] == ("Mode Offboard", 5, "command")
-        at.autopilot.mode = at.autopilot.requested_mode = POSITION
-        at.autopilot.current_mode()
-        await assert_silent(at.autopilot, None, seconds_=40.0, settle_s=0.1)
-        assert at.autopilot.mode == POSITION
-        assert mode_lines(at.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
-        cause = view(await control_routes.show("1", at.station, BOB))["mode_cause"]
+    async def scenario(rig):
+        transmitter(rig.autopilot)
+        await offboard_routes.start("1", START, rig.station, ANNA)
+        assert mode_lines(rig.vehicle)[-1] == ("Mode Offboard", 5, "command")
+        rig.autopilot.mode = rig.autopilot.requested_mode = POSITION
+        rig.autopilot.current_mode()
+        await assert_silent(rig.autopilot, None, seconds_=40.0, settle_s=0.1)
+        assert rig.autopilot.mode == POSITION
+        assert mode_lines(rig.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
+        cause = view(await control_routes.show("1", rig.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
 
     with_routes(jump, scenario)
 
 
 def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
-    async def scenario(at):
-        await offboard_routes.start("1", START, at.station, ANNA)
-        at.autopilot.send(sim.MAVLink_command_ack_message(176, 0, 0, 0, 245, 190))
-        at.autopilot.mode = at.autopilot.requested_mode = RTL
-        at.autopilot.current_mode()
-        await assert_silent(at.autopilot, None, settle_s=0.1)
-        assert mode_lines(at.vehicle)[-1] == (
+    async def scenario(rig):
+        await offboard_routes.start("1", START, rig.station, ANNA)
+        rig.autopilot.send(sim.MAVLink_command_ack_message(DO_SET_MODE, 0, 0, 0, 245, 190))
+        rig.autopilot.mode = rig.autopilot.requested_mode = RTL
+        rig.autopilot.current_mode()
+        await assert_silent(rig.autopilot, None, settle_s=0.1)
+        assert mode_lines(rig.vehicle)[-1] == (
             "Mode Return: another ground station commanded it (station 245/190)",
             4,
             "station",
         )
-        assert at.autopilot.mode == RTL
+        assert rig.autopilot.mode == RTL
 
     with_routes(jump, scenario)
 
 
 def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(jump):
-    async def scenario(at):
-        await vehicle_routes.rtl("1", at.station, ANNA)
+    async def scenario(rig):
+        await vehicle_routes.rtl("1", rig.station, ANNA)
         await seconds(1)
-        assert mode_lines(at.vehicle)[-1] == ("Mode Return", 5, "command")
+        assert mode_lines(rig.vehicle)[-1] == ("Mode Return", 5, "command")
         await seconds(15)
-        at.autopilot.mode = HOLD
-        at.autopilot.current_mode()
+        rig.autopilot.mode = HOLD
+        rig.autopilot.current_mode()
         await seconds(0.1)
-        assert mode_lines(at.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
+        assert mode_lines(rig.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
     with_routes(jump, scenario)
 
 
 def test_a_failsafe_is_reported_as_failsafe(jump):
-    async def scenario(at):
+    async def scenario(rig):
         await seconds(10)
-        at.autopilot.mode = RTL
-        at.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
+        rig.autopilot.mode = RTL
+        rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
-        assert mode_lines(at.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
+        assert mode_lines(rig.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
     with_routes(jump, scenario)
 
 
 def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
-    async def scenario(at):
+    async def scenario(rig):
         await seconds(10)
-        at.autopilot.mode = RTL
-        at.autopilot.heartbeat()
+        rig.autopilot.mode = RTL
+        rig.autopilot.heartbeat()
         await seconds(0.1)
-        assert mode_lines(at.vehicle)[-1][2] == "unknown"
-        at.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
+        assert mode_lines(rig.vehicle)[-1][2] == "unknown"
+        rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
-        assert at.vehicle.mode_cause.source == "failsafe"
+        assert rig.vehicle.mode_cause.source == "failsafe"
 
     with_routes(jump, scenario)
 
 
 def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
-    async def scenario(at):
-        await at.vehicle.gimbal.take_control()
+    async def scenario(rig):
+        await rig.vehicle.gimbal.take_control()
         await seconds(2.5)
-        taken = len(at.autopilot.commands(1001))
-        at.autopilot.control = (245, 190)
+        count = len(rig.autopilot.commands(GIMBAL_CONFIGURE))
+        rig.autopilot.control = (245, 190)
         await seconds(5)
-        assert control_changes(at.vehicle)[-1] == (
+        assert control_changes(rig.vehicle)[-1] == (
             "gimbal_taken",
             "Station 245/190 has taken the gimbal from this server.",
         )
-        assert len(at.autopilot.commands(1001)) == taken
+        assert len(rig.autopilot.commands(GIMBAL_CONFIGURE)) == count
         with pytest.raises(Refused, match="controlled by system 245"):
-            await at.vehicle.gimbal.set_angles(-10, 0)
+            await rig.vehicle.gimbal.set_angles(-10, 0)
 
     with_routes(jump, scenario)
 
@@ -324,13 +325,13 @@ def test_a_recording_has_no_control_lease(jump):
 
 
 def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_control(jump):
-    async def scenario(at):
-        await offboard_routes.start("1", START, at.station, ANNA)
+    async def scenario(rig):
+        await offboard_routes.start("1", START, rig.station, ANNA)
         await seconds(31)
-        assert control_changes(at.vehicle)[-1][0] == "expired"
-        assert at.autopilot.mode == OFFBOARD
+        assert control_changes(rig.vehicle)[-1][0] == "expired"
+        assert rig.autopilot.mode == OFFBOARD
         await seconds(40)
-        assert at.autopilot.mode == HOLD
+        assert rig.autopilot.mode == HOLD
         assert stream_request().valid_for_s == START.valid_for_s
 
     with_routes(jump, scenario)
@@ -339,13 +340,13 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
 def test_a_stream_reports_its_clients_key(jump):
     first, second = Principal.from_identity("anna", "one tab"), Principal.from_identity("anna", "another tab")
 
-    async def scenario(at):
-        await offboard_routes.start("1", START, at.station, first)
-        status = at.vehicle.offboard.status()  # as the stream process reports it: a name without a key
+    async def scenario(rig):
+        await offboard_routes.start("1", START, rig.station, first)
+        status = rig.vehicle.offboard.status()  # as the stream process reports it: a name without a key
         assert (status.client, status.client_key) == ("anna", first.key)
-        await control_routes.release("1", at.station, first)
-        await offboard_routes.setpoint("1", SETPOINT, at.station, second)
+        await control_routes.release("1", rig.station, first)
+        await offboard_routes.setpoint("1", SETPOINT, rig.station, second)
         await seconds(0.5)
-        assert at.vehicle.offboard.status().client_key == second.key != first.key
+        assert rig.vehicle.offboard.status().client_key == second.key != first.key
 
     with_routes(jump, scenario)

@@ -10,6 +10,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.setpoints import Path, PathPoint, Position
+from tests.protocol.command_numbers import SET_MESSAGE_INTERVAL
 from tests.protocol.offboard_world import codes
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.unit.vehicle_sim.prepared_stations import hovering
@@ -21,8 +22,8 @@ BOX_NORTH_M = (4.25, 5.75)
 INTERVALS = (d.MAVLINK_MSG_ID_DISTANCE_SENSOR, d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE)
 
 
-def request_to(place, valid_for_s=120.0):
-    return StreamRequest(Position(place, 0.0), valid_for_s, client="test")
+def request_to(position_ned_m, valid_for_s=120.0):
+    return StreamRequest(Position(position_ned_m, 0.0), valid_for_s, client="test")
 
 
 class Flight:
@@ -55,8 +56,8 @@ class Flight:
     def avoidance(self):
         return self.offboard.status().avoidance
 
-    def is_near(self, place, within_m=0.5):
-        return all(abs(a - b) < within_m for a, b in zip(self.position_ned_m, place, strict=True))
+    def is_near(self, position_ned_m, within_m=0.5):
+        return all(abs(a - b) < within_m for a, b in zip(self.position_ned_m, position_ned_m, strict=True))
 
     def highest_over_the_box(self):
         return max(-down for north, _, down, _ in self.track if BOX_NORTH_M[0] <= north <= BOX_NORTH_M[1])
@@ -64,10 +65,12 @@ class Flight:
     def is_undamaged(self):
         return not any(has_collided for *_, has_collided in self.track)
 
-    def silence_sensors(self, interval_us=-1.0):
+    def set_sensor_interval(self, interval_us=-1.0):
         for msg_id in INTERVALS:
             self.vehicle.send(
-                d.MAVLink_command_long_message(1, 1, 511, 0, float(msg_id), interval_us, 0, 0, 0, 0, 0)
+                d.MAVLink_command_long_message(
+                    1, 1, SET_MESSAGE_INTERVAL, 0, float(msg_id), interval_us, 0, 0, 0, 0, 0
+                )
             )
 
 
@@ -145,16 +148,16 @@ def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(jump):
         await flight.offboard.setpoint(request_to(GOAL_NED_M))
         await until(lambda: flight.avoidance.state == "over", 20)
         flight.offboard.avoidance.request_rates = lambda: None
-        flight.silence_sensors()
+        flight.set_sensor_interval()
         await until(lambda: flight.avoidance.state == "stopped", 5)
         assert "No obstacle" in flight.avoidance.text
         await asyncio.sleep(5)
-        held = flight.offboard.status().setpoint
-        assert held["type"] == "position"
+        hold_setpoint = flight.offboard.status().setpoint
+        assert hold_setpoint["type"] == "position"
         await asyncio.sleep(3)
-        assert flight.offboard.status().setpoint == held
+        assert flight.offboard.status().setpoint == hold_setpoint
         assert "avoidance_stopped" in codes(flight.vehicle)
-        flight.silence_sensors(2e5)
+        flight.set_sensor_interval(2e5)
         await until(lambda: flight.is_near(GOAL_NED_M), 60)
         assert flight.is_undamaged()
 

@@ -10,6 +10,13 @@ import pytest
 from gcs_server.api.authorized import progress_to
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
+from tests.protocol.command_numbers import (
+    ARM_DISARM,
+    DO_REPOSITION,
+    FORCE,
+    RUN_PREARM_CHECKS,
+    TAKEOFF_COMMAND,
+)
 from tests.protocol.one_vehicle import LOSS, flight
 
 
@@ -29,13 +36,13 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
         assert vehicle.status.armed
         assert vehicle.status.mode == "takeoff"
         assert autopilot.target[2] == pytest.approx(499.0, abs=0.01)
-        assert len([m for m in autopilot.commands(400) if m.param1 == 1]) >= 2
+        assert len([m for m in autopilot.commands(ARM_DISARM) if m.param1 == 1]) >= 2
         autopilot.landed, autopilot.position[2] = 2, 499.0
         await within(6, vehicle.command.hold())
         assert vehicle.status.mode == "hold"
         await within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
         assert autopilot.target == pytest.approx((47.398, 8.546, 501.0))
-        sent = autopilot.commands(192)[-1]
+        sent = autopilot.commands(DO_REPOSITION)[-1]
         assert sent.get_type() == "COMMAND_INT"
         assert sent.param4 == pytest.approx(math.pi / 2)
         await within(6, vehicle.command.rtl())
@@ -44,7 +51,7 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
         assert vehicle.status.mode == "land"
         await within(6, vehicle.command.kill())
         assert not vehicle.status.armed
-        assert autopilot.commands(400)[-1].param2 == 21196
+        assert autopilot.commands(ARM_DISARM)[-1].param2 == FORCE
 
     flight(kit, jump, scenario, loss=loss, seed=seed)
 
@@ -67,15 +74,15 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
         autopilot.handlers.append(
             lambda m: (
                 m.get_type() == "COMMAND_LONG"
-                and m.command == 400
+                and m.command == ARM_DISARM
                 and len(dropped) < 2
                 and not dropped.append(m)
             )
         )
         await vehicle.command.arm()
-        assert [m.confirmation for m in autopilot.commands(400)] == [0, 1, 2]
+        assert [m.confirmation for m in autopilot.commands(ARM_DISARM)] == [0, 1, 2]
         await asyncio.sleep(10)
-        assert len(autopilot.commands(400)) == 3
+        assert len(autopilot.commands(ARM_DISARM)) == 3
 
     flight(kit, jump, scenario)
 
@@ -114,7 +121,7 @@ def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
         )
         with pytest.raises(Rejected):
             await vehicle.command.takeoff(5)
-        assert autopilot.commands(401)
+        assert autopilot.commands(RUN_PREARM_CHECKS)
         assert vehicle.status.mode == "hold"  # not left in Takeoff, where arming would make it climb
 
     flight(kit, jump, scenario)
@@ -133,7 +140,11 @@ def test_disarming_in_flight_is_refused(kit, jump):
 def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
     async def scenario(world, vehicle, autopilot):
         autopilot.handlers.append(
-            lambda m: m.get_type() == "COMMAND_LONG" and m.command == 400 and not autopilot.ack(400, 0)
+            lambda m: (
+                m.get_type() == "COMMAND_LONG"
+                and m.command == ARM_DISARM
+                and not autopilot.ack(ARM_DISARM, 0)
+            )
         )
         with pytest.raises(Rejected, match="accepted the request to arm"):
             await vehicle.command.arm()
@@ -151,9 +162,9 @@ def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
     flight(kit, jump, scenario)
 
 
-def test_a_command_without_an_answer_fails_at_its_deadline(kit, jump):
+def test_a_command_without_a_reply_fails_at_its_deadline(kit, jump):
     async def scenario(world, vehicle, autopilot):
-        autopilot.silent_commands.add(400)
+        autopilot.silent_commands.add(ARM_DISARM)
         began = world.loop.time()
         with pytest.raises(NoReply) as caught:
             await vehicle.command.arm()
@@ -164,13 +175,13 @@ def test_a_command_without_an_answer_fails_at_its_deadline(kit, jump):
 
 def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
     async def scenario(world, vehicle, autopilot):
-        def foreign(m):
-            if m.get_type() == "COMMAND_LONG" and m.command == 400:
-                autopilot.send(kit.sim.MAVLink_command_ack_message(400, 2, 0, 0, 42, 1))
+        def acknowledge_to_another_station(m):
+            if m.get_type() == "COMMAND_LONG" and m.command == ARM_DISARM:
+                autopilot.send(kit.sim.MAVLink_command_ack_message(ARM_DISARM, 2, 0, 0, 42, 1))
                 return True
             return False
 
-        autopilot.handlers.append(foreign)
+        autopilot.handlers.append(acknowledge_to_another_station)
         with pytest.raises(NoReply):
             await vehicle.command.arm()
 
@@ -181,15 +192,15 @@ def test_progress_extends_the_deadline(kit, jump):
     async def scenario(world, vehicle, autopilot):
         fractions = []
 
-        def slow(m):
-            if m.get_type() != "COMMAND_LONG" or m.command != 400:
+        def report_progress(m):
+            if m.get_type() != "COMMAND_LONG" or m.command != ARM_DISARM:
                 return False
             for second in range(1, 15):
-                world.loop.call_later(second, autopilot.ack, 400, 5, second * 6)
+                world.loop.call_later(second, autopilot.ack, ARM_DISARM, 5, second * 6)
             world.loop.call_later(15, lambda: setattr(autopilot, "armed", True))
             return True
 
-        autopilot.handlers.append(slow)
+        autopilot.handlers.append(report_progress)
         received = []
         vehicle.events.subscribe(received.append)
 
@@ -204,8 +215,8 @@ def test_progress_extends_the_deadline(kit, jump):
         assert 0.84 in fractions
         progress_events = [e for e in received if e.kind == "progress"]
         assert progress_events[0].text == f"Commanding vehicle {vehicle.id} to arm"
-        wanted = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
-        assert wanted in [dict(e.data) for e in progress_events]
+        expected = {"command": "arm", "client": "page-1", "client_key": client.key, "fraction": 0.84}
+        assert expected in [dict(e.data) for e in progress_events]
         assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # not stored in any history
 
     flight(kit, jump, scenario)
@@ -213,12 +224,16 @@ def test_progress_extends_the_deadline(kit, jump):
 
 def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, jump):
     async def scenario(world, vehicle, autopilot):
-        def ints_only(m):
-            return m.get_type() == "COMMAND_LONG" and m.command == 400 and not autopilot.ack(400, 8)
+        def refuse_command_long(m):
+            return (
+                m.get_type() == "COMMAND_LONG"
+                and m.command == ARM_DISARM
+                and not autopilot.ack(ARM_DISARM, 8)
+            )
 
-        autopilot.handlers.append(ints_only)
+        autopilot.handlers.append(refuse_command_long)
         await vehicle.command.arm()
-        assert [m.get_type() for m in autopilot.commands(400)] == ["COMMAND_LONG", "COMMAND_INT"]
+        assert [m.get_type() for m in autopilot.commands(ARM_DISARM)] == ["COMMAND_LONG", "COMMAND_INT"]
 
     flight(kit, jump, scenario)
 
@@ -238,7 +253,7 @@ def test_a_newer_command_ends_an_older_one(kit, jump):
 
 def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
     async def scenario(world, vehicle, autopilot):
-        autopilot.silent_commands.add(400)
+        autopilot.silent_commands.add(ARM_DISARM)
         waiting = asyncio.ensure_future(vehicle.command.arm())
         await asyncio.sleep(0.5)
         began = world.loop.time()
@@ -300,7 +315,7 @@ def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
         await asyncio.sleep(5)
         with pytest.raises(Refused, match="no global position"):
             await vehicle.command.takeoff(10)
-        assert not [c for c in (192, 22) if autopilot.commands(c)]
+        assert not [c for c in (DO_REPOSITION, TAKEOFF_COMMAND) if autopilot.commands(c)]
 
     flight(kit, jump, scenario)
 
@@ -313,7 +328,7 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
             await vehicle.command.takeoff(10)
         assert caught.value.field == "alt_home_m"
         assert "Use at least 32 m" in caught.value.remedy
-        assert not autopilot.commands(22)
+        assert not autopilot.commands(TAKEOFF_COMMAND)
         assert not vehicle.status.armed
         await vehicle.command.takeoff(32)
         assert vehicle.status.mode == "takeoff"
@@ -326,10 +341,10 @@ def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, a
     async def scenario(world, vehicle, autopilot):
         autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, kind
         await asyncio.sleep(2)
-        before = len(autopilot.commands(400))
+        before = len(autopilot.commands(ARM_DISARM))
         for call in (vehicle.command.arm, vehicle.command.kill, vehicle.gimbal.take_control):
             with pytest.raises(NotVerified):
                 await call()
-        assert len(autopilot.commands(400)) == before
+        assert len(autopilot.commands(ARM_DISARM)) == before
 
     flight(kit, jump, scenario)

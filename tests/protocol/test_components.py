@@ -1,4 +1,4 @@
-"""A vehicle's components are distinguished by their ids, and none replaces the autopilot."""
+"""The server distinguishes a vehicle's components by their ids, and no component replaces the autopilot."""
 
 import asyncio
 
@@ -8,6 +8,12 @@ from gcs_server.api import camera_routes, gimbal_routes, models, vehicle_routes
 from gcs_server.errors import InvalidRequest, NoReply
 from gcs_server.vehicle.components import LOST_AFTER_S, MAX_COMPONENTS
 from tests.protocol.api_calls import ANNA, lines, station_of, view
+from tests.protocol.command_numbers import (
+    GIMBAL_CONFIGURE,
+    GIMBAL_PITCHYAW,
+    IMAGE_START_CAPTURE,
+    REQUEST_MESSAGE,
+)
 from tests.protocol.memory_world import World, run_with_vehicle
 from tests.protocol.offboard_world import OffboardWorld
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -17,7 +23,8 @@ DOWN_RAD = pytest.approx(-1.5708, abs=1e-2)
 
 
 class OtherComponent:
-    """Another component on the vehicle's link, with a gimbal manager or a camera that answers."""
+    """Another component on the vehicle's link, with a gimbal manager or a camera that acknowledges
+    commands."""
 
     def __init__(self, autopilot, component_id, mav_type):
         self.autopilot, self.id, self.mav_type = autopilot, component_id, mav_type
@@ -40,9 +47,9 @@ class OtherComponent:
         )
 
     def status(self, device):
-        holder = self.control.get(device, (0, 0))
+        primary = self.control.get(device, (0, 0))
         self.send(
-            sim.MAVLink_gimbal_manager_status_message(self.autopilot.boot_ms(), 0, device, *holder, 0, 0)
+            sim.MAVLink_gimbal_manager_status_message(self.autopilot.boot_ms(), 0, device, *primary, 0, 0)
         )
 
     def limits(self, device, pitch_rad):
@@ -58,10 +65,10 @@ class OtherComponent:
         self.received.append(message)
         if message.get_type() != "COMMAND_LONG":
             return True
-        if message.command == 512:
+        if message.command == REQUEST_MESSAGE:
             for device in self.control or {self.id: None}:
                 self.status(device)
-        if message.command == 1001:
+        if message.command == GIMBAL_CONFIGURE:
             self.control[int(message.param7) or self.id] = (int(message.param1), int(message.param2))
         self.send(sim.MAVLink_command_ack_message(message.command, 0, 0, 0, 255, 190))
         return True
@@ -172,12 +179,12 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
         second = OtherComponent(autopilot, 171, 26)
         second.control[171] = (0, 0)
 
-        def both():
+        def send_both_attitudes():
             autopilot.gimbal_attitude()
             second.attitude(DOWN)
 
         second.limits(171, 0.5)
-        await repeated(4, both, lambda: second.status(171))
+        await repeated(4, send_both_attitudes, lambda: second.status(171))
         value = vehicle.topic("gimbal").value
         assert [(g.component_id, g.gimbal_device_id, g.pitch_rad) for g in value.gimbals] == [
             (1, 1, pytest.approx(0.0, abs=1e-3)),
@@ -186,22 +193,22 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
         assert (value.component_id, value.pitch_max_rad, value.gimbals[1].pitch_max_rad) == (1, None, 0.5)
 
         async def call(work):
-            flying = asyncio.ensure_future(repeated(6, both))
+            sending = asyncio.ensure_future(repeated(6, send_both_attitudes))
             try:
                 return view(await work)
             finally:
-                flying.cancel()
+                sending.cancel()
 
         await call(gimbal_routes.take("1", station, ANNA, (171, None)))
-        assert autopilot.control == (0, 0), "the autopilot's gimbal is not taken"
+        assert autopilot.control == (0, 0), "control of the autopilot's gimbal was taken"
         assert second.control[171] == (255, 190)
-        pointed = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
-        await call(gimbal_routes.angles("1", pointed, station, ANNA, (171, 171)))
-        (command,) = second.commands(1000)
+        angles = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
+        await call(gimbal_routes.angles("1", angles, station, ANNA, (171, 171)))
+        (command,) = second.commands(GIMBAL_PITCHYAW)
         assert (command.param1, command.param7) == (-20, 171)
-        assert {m.target_component for m in autopilot.commands(1000)} == {171}
-        shown = await call(gimbal_routes.show(vehicle, station, (171, None)))
-        assert (shown["in_control"], shown["gimbal"]["component_id"]) == (True, 171)
+        assert {m.target_component for m in autopilot.commands(GIMBAL_PITCHYAW)} == {171}
+        gimbal_view = await call(gimbal_routes.show(vehicle, station, (171, None)))
+        assert (gimbal_view["in_control"], gimbal_view["gimbal"]["component_id"]) == (True, 171)
         assert not (await call(gimbal_routes.show(vehicle, station, (None, None))))["in_control"]
         with pytest.raises(InvalidRequest, match="no gimbal with component 7") as refused:
             await gimbal_routes.take("1", station, ANNA, (7, None))
@@ -210,7 +217,9 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
 
         await repeated(4, lambda: second.attitude(DOWN))
         value = vehicle.topic("gimbal").value
-        assert (value.component_id, value.gimbals) == (171, ()), "the first has been silent for 3 s"
+        assert (value.component_id, value.gimbals) == (171, ()), (
+            "the first gimbal is used after 3 s without its attitude"
+        )
 
     run_with_vehicle(jump, scenario, OffboardWorld)
 
@@ -220,20 +229,20 @@ def test_two_devices_of_one_manager_are_distinguished(jump):
         gimbals = OtherComponent(autopilot, 1, 2)
         autopilot.handlers.clear()
 
-        def each():
+        def send_both_devices():
             for device, q in ((1, LEVEL), (2, HALF)):
                 gimbals.attitude(q, device)
                 gimbals.status(device)
 
         gimbals.control = {1: (255, 190), 2: (255, 190)}
         autopilot.gimbal = False
-        await repeated(2, each)
-        flying = asyncio.ensure_future(repeated(6, each))
+        await repeated(2, send_both_devices)
+        sending = asyncio.ensure_future(repeated(6, send_both_devices))
         autopilot.control, autopilot.gimbal = (255, 190), True
         await vehicle.gimbals.service_for(1, 2).set_rates(1, 2)
         await vehicle.gimbal.set_rates(3, 4)
-        flying.cancel()
-        assert [(m.param3, m.param7) for m in autopilot.commands(1000)] == [(1, 2), (3, 1)]
+        sending.cancel()
+        assert [(m.param3, m.param7) for m in autopilot.commands(GIMBAL_PITCHYAW)] == [(1, 2), (3, 1)]
         assert [g.gimbal_device_id for g in vehicle.topic("gimbal").value.gimbals] == [1, 2]
 
     run_with_vehicle(jump, scenario)
@@ -256,11 +265,11 @@ def test_no_component_replaces_the_autopilots_gimbal(jump):
         assert (value.component_id, value.gimbal_device_id, value.primary_control) == (1, 1, None)
         assert value.pitch_rad == pytest.approx(0.0, abs=1e-3)
         assert len(value.gimbals) <= 9
-        taken = asyncio.ensure_future(vehicle.gimbal.take_control())
+        taking = asyncio.ensure_future(vehicle.gimbal.take_control())
         await repeated(1, send_as_other_devices, autopilot.gimbal_attitude)
-        await taken
+        await taking
         assert autopilot.control == (255, 190)
-        assert impostor.commands(1001) == []
+        assert impostor.commands(GIMBAL_CONFIGURE) == []
 
     run_with_vehicle(jump, scenario)
 
@@ -270,13 +279,13 @@ def test_a_picture_is_taken_by_the_connected_camera(jump):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, second.heartbeat)
         await vehicle.camera.take_picture()
-        assert (len(first.commands(2000)), len(second.commands(2000))) == (0, 1)
+        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (0, 1)
         await repeated(1, first.heartbeat, second.heartbeat)
         await vehicle.camera.take_picture()
-        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
+        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
         await repeated(LOST_AFTER_S + 1, second.heartbeat)
         await vehicle.camera.take_picture()
-        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 2)
+        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 2)
 
     run_with_vehicle(jump, scenario)
 
@@ -288,14 +297,14 @@ def test_a_request_chooses_the_camera_by_its_component(jump):
         station = station_of(world)
         assert view(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
         await camera_routes.picture("1", station, ANNA)
-        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
+        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
         for wrong in (101, 1):  # no component, and the autopilot
             with pytest.raises(InvalidRequest, match=f"no connected camera with component id {wrong}"):
                 await camera_routes.picture("1", station, ANNA, wrong)
         await repeated(LOST_AFTER_S + 1, first.heartbeat)
         with pytest.raises(InvalidRequest, match="no connected camera with component id 102"):
             await camera_routes.picture("1", station, ANNA, 102)
-        assert (len(first.commands(2000)), len(second.commands(2000))) == (1, 1)
+        assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
 
     run_with_vehicle(jump, scenario, OffboardWorld)
 

@@ -11,11 +11,12 @@ from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
 from tests.protocol.api_calls import lines, station_of
+from tests.protocol.command_numbers import ARM_DISARM
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, seconds, stream_request
 
 ME, ANNA, BERT, CARLA = (Principal.from_identity(name, name) for name in ("me", "anna", "bert", "carla"))
-PLACE = {"type": "position", "position_ned_m": [0, 0, -5]}
+HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
 
 
 def setpoint_request(setpoint, **more):
@@ -62,7 +63,7 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(jump, vehicle_id, confirm)
         await seconds(1)
         for autopilot in (first, second):
             assert autopilot.armed
-            assert not autopilot.commands(400)
+            assert not autopilot.commands(ARM_DISARM)
         assert lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
 
     with_two_equal_ids(jump, scenario)
@@ -76,7 +77,7 @@ def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
         named, other = (first, second) if vehicle_id == "1" else (second, first)
         assert not named.armed
         assert other.armed
-        assert not other.commands(400)
+        assert not other.commands(ARM_DISARM)
 
     with_two_equal_ids(jump, scenario)
 
@@ -107,8 +108,8 @@ def test_kill_of_an_unknown_vehicle_is_404(jump):
 
 
 def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
-    """While it gets setpoints, `1~2` is identified as `1` on another link: the id is removed and may be used
-    again."""
+    """Vehicle `1~2` receives setpoints when it is identified as vehicle `1` on another link. Its id is
+    removed and may be used again."""
 
     async def scenario(world, station, first, second):
         merged, kept = world.fleet.get("1~2"), world.fleet.get("1")
@@ -129,7 +130,7 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
 
 def test_a_handover_of_control_journals_both_clients(jump):
     async def scenario(world, station, first, second):
-        body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         for number in range(30):
             target = setpoint_request({"type": "position", "position_ned_m": [number, 0, -5]}, valid_for_s=60)
@@ -138,8 +139,8 @@ def test_a_handover_of_control_journals_both_clients(jump):
                 lease = station.authority.control("1").lease
                 lease.request(BERT)
                 lease.grant(ANNA, "bert")
-            done = await offboard_routes.setpoint("1", target, station, client)
-            assert json.loads(done.body)["client"] == client.name
+            response = await offboard_routes.setpoint("1", target, station, client)
+            assert json.loads(response.body)["client"] == client.name
             with pytest.raises(NotInControl, match=f"{client} has control"):
                 await offboard_routes.setpoint("1", target, station, other)
             await seconds(0.1)
@@ -147,13 +148,15 @@ def test_a_handover_of_control_journals_both_clients(jump):
             await offboard_routes.stop("1", station, CARLA)
         await offboard_routes.stop("1", station, BERT)
         with pytest.raises(Refused, match="no setpoint stream"):
-            await offboard_routes.setpoint("1", setpoint_request(PLACE), station, BERT)
+            await offboard_routes.setpoint("1", setpoint_request(HOVER), station, BERT)
         journal = lines(station)
         assert journal[0] == ("anna", "offboard/start", "1", "ok")
-        setpoints = {(who, result) for who, command, _, result in journal if command == "offboard/setpoint"}
-        both = {(name, result) for name in ("anna", "bert") for result in ("ok", "not_in_control")}
-        assert setpoints == both | {("bert", "refused")}
-        assert len(journal) < 20, "one line a second for frequent setpoints"
+        setpoints = {
+            (client, result) for client, command, _, result in journal if command == "offboard/setpoint"
+        }
+        expected = {(name, result) for name in ("anna", "bert") for result in ("ok", "not_in_control")}
+        assert setpoints == expected | {("bert", "refused")}
+        assert len(journal) < 20, "more than one line per second for frequent setpoints"
         assert journal[-3:] == [
             ("carla", "offboard/stop", "1", "not_in_control"),
             ("bert", "offboard/stop", "1", "ok"),
@@ -166,7 +169,7 @@ def test_a_handover_of_control_journals_both_clients(jump):
 
 def test_hold_by_another_client_ends_the_stream(jump):
     async def scenario(world, station, first, second):
-        body = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
         assert first.mode == OFFBOARD
         await vehicle_routes.hold("1", station, BERT)
@@ -206,26 +209,26 @@ BAD = [
 @pytest.mark.parametrize("bad", BAD)
 def test_invalid_setpoints_are_refused_before_the_stream(bad):
     with pytest.raises(ValidationError):
-        SetpointRequest.model_validate({"setpoint": PLACE} | bad)
+        SetpointRequest.model_validate({"setpoint": HOVER} | bad)
 
 
 @pytest.mark.parametrize("bad", [{"rate_hz": r} for r in (0, -5, 1.9, 101, 1e30, math.nan)])
 def test_invalid_rates_are_refused_before_the_stream(bad):
     with pytest.raises(ValidationError):
-        StartRequest.model_validate({"setpoint": PLACE} | bad)
+        StartRequest.model_validate({"setpoint": HOVER} | bad)
 
 
 @pytest.mark.parametrize(
-    "place", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
+    "position_ned_m", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
 )
-def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, place):
+def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, position_ned_m):
     async def scenario(world, station, first, second):
-        far = {"type": "position", "position_ned_m": place}
+        far = {"type": "position", "position_ned_m": position_ned_m}
         with pytest.raises(Refused, match="at most 1000 m"):
             body = StartRequest.model_validate({"setpoint": far})
             await offboard_routes.start("1", body, station, ME)
         assert not first.setpoints
-        start = StartRequest.model_validate({"setpoint": PLACE, "valid_for_s": 60})
+        start = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", start, station, ME)
         with pytest.raises(Refused, match="at most 1000 m"):
             await offboard_routes.setpoint("1", setpoint_request(far), station, ME)

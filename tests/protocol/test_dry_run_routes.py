@@ -1,22 +1,22 @@
-"""Dry runs for a vehicle by the server's routes: which of its data they use, and that they send it
-nothing."""
+"""Dry runs for a vehicle by the server's routes: they use the vehicle's known data and send nothing to the
+vehicle."""
 
 import json
 
 from gcs_server.api import control_routes, dry_run_models, dry_run_routes
 from tests.protocol.api_calls import ANNA, BOB, FORCE, view, with_routes
+from tests.protocol.command_numbers import REQUEST_MESSAGE, RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL
 from tests.protocol.offboard_world import seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
-PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
-PLAN = {"items": [{"kind": "takeoff", **PLACE}, {"kind": "return_home"}]}
+POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+PLAN = {"items": [{"kind": "takeoff", **POSITION}, {"kind": "return_home"}]}
 
-MESSAGE_REQUESTS = (401, 511, 512)
-"""MAV_CMD_RUN_PREARM_CHECKS, MAV_CMD_SET_MESSAGE_INTERVAL, MAV_CMD_REQUEST_MESSAGE."""
+MESSAGE_REQUESTS = (RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE)
 
 
 class DryRuns:
-    """Replaces the processes; returns the request."""
+    """Replaces the processes and records the requests."""
 
     def __init__(self) -> None:
         self.requests = []
@@ -24,22 +24,22 @@ class DryRuns:
     def next_id(self):
         return "1"
 
-    async def run(self, dry_run_id, request, about, report):
-        self.requests.append((request, about))
+    async def run(self, dry_run_id, request, run_info, report):
+        self.requests.append((request, run_info))
         report("Half.", 0.5)
         return {"dry_run": dry_run_id}
 
 
-async def request_by(at, by=ANNA, **more):
-    at.station.dry_runs = DryRuns()
+async def request_by(rig, by=ANNA, **more):
+    rig.station.dry_runs = DryRuns()
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
-    operation = view(await dry_run_routes.start_dry_run(body, at.station, by))
-    await at.station.operations.wait(operation["id"])
-    return at.station.dry_runs.requests[-1]
+    operation = view(await dry_run_routes.start_dry_run(body, rig.station, by))
+    await rig.station.operations.wait(operation["id"])
+    return rig.station.dry_runs.requests[-1]
 
 
 def commands(autopilot):
-    """Commands that would change something; the server's requests for messages do not count."""
+    """Received commands without the server's requests for messages, which change nothing."""
     kinds = ("COMMAND_LONG", "COMMAND_INT", "SET_MODE", "PARAM_SET")
     received = [
         m
@@ -50,17 +50,17 @@ def commands(autopilot):
 
 
 def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(jump):
-    async def scenario(at):
-        request, about = await request_by(at)
+    async def scenario(rig):
+        request, run_info = await request_by(rig)
         aircraft = request["aircraft"]
-        here = at.vehicle.topic("global_position").value
+        position = rig.vehicle.topic("global_position").value
         assert aircraft["home"] == {
-            "lat_deg": here.lat_deg, "lon_deg": here.lon_deg, "alt_amsl_m": here.alt_amsl_m
+            "lat_deg": position.lat_deg, "lon_deg": position.lon_deg, "alt_amsl_m": position.alt_amsl_m
         }  # fmt: skip
-        assert aircraft["yaw_ned_rad"] == at.vehicle.topic("attitude").value.yaw_ned_rad
+        assert aircraft["yaw_ned_rad"] == rig.vehicle.topic("attitude").value.yaw_ned_rad
         assert aircraft["parameters"] == {}
-        assert "The parameters of vehicle 1 have not been read" in about["assumed"][0]
-        assert about["vehicle"] == "1"
+        assert "The parameters of vehicle 1 have not been read" in run_info["assumed"][0]
+        assert run_info["vehicle"] == "1"
         assert set(request["origin"]) == {"lat_deg", "lon_deg", "alt_amsl_m"}
         json.dumps(request, allow_nan=False)
 
@@ -68,23 +68,23 @@ def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(jump):
 
 
 def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(jump):
-    async def scenario(at):
-        request, about = await request_by(at)
-        home = at.vehicle.topic("home").value
+    async def scenario(rig):
+        request, run_info = await request_by(rig)
+        home = rig.vehicle.topic("home").value
         assert request["aircraft"]["home"]["lat_deg"] == home.lat_deg
-        assert any("starts on the ground at its home" in text for text in about["assumed"])
+        assert any("starts on the ground at its home" in text for text in run_info["assumed"])
 
     with_routes(jump, scenario)
 
 
 def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(jump):
-    async def scenario(at):
-        await control_routes.take("1", at.station, BOB, FORCE)
+    async def scenario(rig):
+        await control_routes.take("1", rig.station, BOB, FORCE)
         await seconds(1.0)
-        before = len(commands(at.autopilot))
-        await request_by(at, ANNA, flights=50)
+        before = len(commands(rig.autopilot))
+        await request_by(rig, ANNA, flights=50)
         await seconds(1.0)
-        assert [str(m) for m in commands(at.autopilot)[before:]] == []
-        assert at.station.authority.control("1").status().holder_key == BOB.key
+        assert [str(m) for m in commands(rig.autopilot)[before:]] == []
+        assert rig.station.authority.control("1").status().holder_key == BOB.key
 
     with_routes(jump, scenario)

@@ -1,4 +1,4 @@
-"""Every message of the dialect with each field at its extremes, from the link to every output.
+"""Every message of the dialect with each field at extreme values, from the link to every output.
 
 The test checks all outputs: REST, history, telemetry, the streams' snapshots, the 3D view. Nothing may fail
 (a message that is isolated and skipped counts as a failure), every output must be JSON, and the values of a
@@ -71,19 +71,21 @@ def codes_of(msg_id: int) -> list[str]:
     return found
 
 
-def payloads_of(msg_id: int, good: bytes, *, each: bool) -> list[bytes]:
-    """The valid payload with each field in turn at each of its extremes, and with all fields at them
-    together."""
+def payloads_of(msg_id: int, valid_payload: bytes, *, each_field: bool) -> list[bytes]:
+    """Payloads with all fields at extreme values; `each_field`: also the valid payload with one field at a
+    time at each of its extreme values."""
     packer, codes = LAYOUTS[msg_id].unpacker, codes_of(msg_id)
-    base = list(packer.unpack(good))
+    base = list(packer.unpack(valid_payload))
     texts = [b"", b"\xff\xfe\xc3(\xed\xa0\x80", b"<script>", b"\x1b[2J"]
-    sets = [texts if code[0] == "s" else values_of(code) for code in codes]
-    made = [packer.pack(*(some[n % len(some)] for some in sets)) for n in range(len(FLOATS))]
-    if each:
-        for index, some in enumerate(sets):
-            for value in some:
-                made.append(packer.pack(*base[:index], value, *base[index + 1 :]))
-    return made
+    values_of_fields = [texts if code[0] == "s" else values_of(code) for code in codes]
+    payloads = [
+        packer.pack(*(values[n % len(values)] for values in values_of_fields)) for n in range(len(FLOATS))
+    ]
+    if each_field:
+        for index, values in enumerate(values_of_fields):
+            for value in values:
+                payloads.append(packer.pack(*base[:index], value, *base[index + 1 :]))
+    return payloads
 
 
 class OutputChecker:
@@ -114,11 +116,11 @@ class OutputChecker:
         return {name: sample["value"] for name, sample in topics.items() if name != "status"}
 
     def views(self) -> list[Any]:
-        def refused(word: str) -> None:
-            raise AssertionError(f"{word} is no JSON")
+        def refuse_constant(name: str) -> None:
+            raise AssertionError(f"{name} is no JSON")
 
         body = json_response([vehicle_view(vehicle) for vehicle in self.world.fleet.all()]).body
-        json.dumps(views := json.loads(body, parse_constant=refused), allow_nan=False)
+        json.dumps(views := json.loads(body, parse_constant=refuse_constant), allow_nan=False)
         return views
 
     def check_all(self) -> None:
@@ -133,25 +135,25 @@ class OutputChecker:
         streams.step()
         assert streams.state("2").phase == "streaming", streams.state("2").last_end
         now_s = world.loop.time()
-        drawn = self.tracks.update(now_s, 0.03)
-        assert list(drawn) == ["1", "2"]
-        for mode, track in itertools.product(("chase", "top", "gimbal"), drawn.values()):
-            at = world_pose(mode, track.smoother.pose, track.smoother.heading_enu_rad)
-            assert all(map(math.isfinite, (*at.position_m, *at.q)))
+        tracks = self.tracks.update(now_s, 0.03)
+        assert list(tracks) == ["1", "2"]
+        for mode, track in itertools.product(("chase", "top", "gimbal"), tracks.values()):
+            pose = world_pose(mode, track.smoother.pose, track.smoother.heading_enu_rad)
+            assert all(map(math.isfinite, (*pose.position_m, *pose.q)))
             height_text(track.smoother.pose.position_enu_m[2])
-        self.no_fault()
+        self.check_no_faults()
 
-    def no_fault(self) -> None:
+    def check_no_faults(self) -> None:
         for vehicle in (self.bad, self.good):
             assert vehicle.isolation.faults == []
-            assert not [why for why in vehicle.unusable().values() if "could not be decoded" in why]
+            assert not [reason for reason in vehicle.unusable().values() if "could not be decoded" in reason]
         assert self.tracks.isolation.faults == []
         assert self.world.streamer.faults() == []
         assert self.good.unusable() == {}
 
-    def stream(self) -> None:
-        """Sends setpoints to both; restarts the stream if the invalid messages changed the first one's mode
-        or heartbeat."""
+    def ensure_streams(self) -> None:
+        """Starts the streams to both vehicles that are idle: invalid messages can end the first vehicle's
+        stream by another mode or heartbeat."""
         streams = self.world.streamer._streams
         for vehicle in (self.bad, self.good):
             if streams.state(vehicle.id).phase == "idle":
@@ -180,7 +182,7 @@ def run_with_outputs(scenario: Any) -> None:
             await world.clock.sleep(0.2)
             for autopilot in autopilots:
                 autopilot.alive = False
-            more = [
+            messages = [
                 d.MAVLink_battery_status_message(0, 0, 0, 2500, [16100, *[65535] * 9], 500, 120, -1, 66, 300),
                 d.MAVLink_sys_status_message(1, 1, 1, 250, 16200, 1234, 77, 0, 0, 0, 0, 0, 0),
                 d.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 100, 100, 0, 0, 12),
@@ -190,12 +192,12 @@ def run_with_outputs(scenario: Any) -> None:
                 d.MAVLink_attitude_target_message(0, 0, [1, 0, 0, 0], 0, 0, 0, 0.5),
                 d.MAVLink_gimbal_device_attitude_status_message(0, 0, 0, 12, [1, 0, 0, 0], 0, 0, 0, 0),
             ]
-            for system, message in itertools.product((1, 2), more):
+            for system, message in itertools.product((1, 2), messages):
                 raw = encode_frame(message.get_msgId(), encode_payload(message), 0, system, 1)
                 link.inject(raw, "ab"[system - 1])
             assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
             outputs = OutputChecker(world, link)
-            outputs.stream()
+            outputs.ensure_streams()
             scenario(outputs)
         finally:
             await world.close()
@@ -206,11 +208,11 @@ def run_with_outputs(scenario: Any) -> None:
 @pytest.mark.parametrize("msg_id", DECODED, ids=lambda msg_id: LAYOUTS[msg_id].name)
 def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
     def scenario(outputs: OutputChecker) -> None:
-        good = dict(outputs.valid_messages).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
+        valid_payload = dict(outputs.valid_messages).get(msg_id, bytes(LAYOUTS[msg_id].unpacker.size))
         component = 154 if msg_id in gimbal_decoder.IDS else 1
-        for n, payload in enumerate(payloads_of(msg_id, good, each=True)):
+        for n, payload in enumerate(payloads_of(msg_id, valid_payload, each_field=True)):
             outputs.send_valid_messages()
-            outputs.stream()
+            outputs.ensure_streams()
             outputs.inject(msg_id, payload)
             outputs.inject(msg_id, payload, component=component)
             outputs.check_all()
@@ -219,10 +221,10 @@ def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
         outputs.world.fleet.tick()
         for vehicle in (outputs.bad, outputs.good):
             pieces = list(history_pieces(vehicle, vehicle.history(tuple(TOPICS), 0.0)))
-            past = json_response(history_view(pieces)).body
-            assert len(json.loads(past)["samples"]) > 10
+            history_body = json_response(history_view(pieces)).body
+            assert len(json.loads(history_body)["samples"]) > 10
         outputs.world.fleet.warnings()
-        outputs.no_fault()
+        outputs.check_no_faults()
 
     run_with_outputs(scenario)
 
@@ -231,12 +233,12 @@ def test_undecoded_messages_affect_no_other_vehicle():
     def scenario(outputs: OutputChecker) -> None:
         for msg_id in sorted(set(LAYOUTS) - set(DECODED)):
             outputs.send_valid_messages()
-            outputs.stream()
-            for payload in payloads_of(msg_id, bytes(LAYOUTS[msg_id].unpacker.size), each=False):
+            outputs.ensure_streams()
+            for payload in payloads_of(msg_id, bytes(LAYOUTS[msg_id].unpacker.size), each_field=False):
                 outputs.inject(msg_id, payload)
             outputs.check_all()
         outputs.world.fleet.tick()
-        outputs.no_fault()
+        outputs.check_no_faults()
 
     run_with_outputs(scenario)
 
@@ -246,7 +248,7 @@ def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
         name_and_type = struct.Struct("<fHH16sB")
         for name, value in itertools.product((*FAILSAFE_PARAMETERS, *VEHICLE_PARAMETERS), FLOATS):
             outputs.send_valid_messages()
-            outputs.stream()
+            outputs.ensure_streams()
             for kind in (9, 6, 0, 255):
                 payload = name_and_type.pack(value, 1, 0, name.encode(), kind)
                 outputs.inject(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)

@@ -67,8 +67,8 @@ async def fly(vehicle, setpoint, duration_s):
     return status
 
 
-def distance_m(vehicle, place):
-    return math.dist(local(vehicle).position_ned_m, place)
+def distance_m(vehicle, position_ned_m):
+    return math.dist(local(vehicle).position_ned_m, position_ned_m)
 
 
 @pytest.mark.story
@@ -89,9 +89,9 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         home = vehicle.topic("home").value
         target = PositionGlobal(home.lat_deg, home.lon_deg + 5e-5, alt_home_m=9.0, yaw_ned_rad=math.pi / 2)
         await fly(vehicle, target, 6)
-        place = vehicle.topic("global_position").value
-        assert (place.lat_deg, place.lon_deg) == pytest.approx((home.lat_deg, target.lon_deg), abs=1e-5)
-        assert place.alt_home_m == pytest.approx(9.0, abs=0.6)
+        position = vehicle.topic("global_position").value
+        assert (position.lat_deg, position.lon_deg) == pytest.approx((home.lat_deg, target.lon_deg), abs=1e-5)
+        assert position.alt_home_m == pytest.approx(9.0, abs=0.6)
 
         before = local(vehicle).position_ned_m
         await fly(vehicle, PositionBody((4.0, 0.0, 1.0)), 6)  # the heading is east: forward is east
@@ -113,11 +113,11 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         await fly(vehicle, Acceleration((-0.8, 0.0, 0.0)), 2)
         assert -1.7 < local(vehicle).velocity_ned_m_s[0] - speed < -0.5  # less, due to drag and delay
 
-        height = local(vehicle).position_ned_m[2]
-        mixed = Trajectory((None, None, height), (1.0, 0.0, None), (0.0, 0.0, None), yaw_ned_rad=0.0)
+        down_m = local(vehicle).position_ned_m[2]
+        mixed = Trajectory((None, None, down_m), (1.0, 0.0, None), (0.0, 0.0, None), yaw_ned_rad=0.0)
         await fly(vehicle, mixed, 4)
         assert local(vehicle).velocity_ned_m_s[0] == pytest.approx(0.9, abs=0.25)
-        assert local(vehicle).position_ned_m[2] == pytest.approx(height, abs=0.5)
+        assert local(vehicle).position_ned_m[2] == pytest.approx(down_m, abs=0.5)
         await vehicle.offboard.stop()
         assert vehicle.status.mode == "hold"
 
@@ -142,17 +142,17 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
         await seconds(0.8)
         status = vehicle.offboard.status()
         assert (status.state, status.setpoint["type"]) == ("holding", "position")
-        held = status.setpoint["position_ned_m"]
+        hold_position_ned_m = status.setpoint["position_ned_m"]
         await seconds(3)
-        assert distance_m(vehicle, held) < 1.0
+        assert distance_m(vehicle, hold_position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
     with_vehicle(jump, scenario, 12.0)
 
 
 def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
-    """The simulator's internal interface accepts them; the server detects another program's Offboard and
-    sends nothing."""
+    """The simulator's internal interface accepts these setpoints. While it flies by them, the server detects
+    another program's Offboard and sends nothing."""
 
     async def scenario(world, vehicle):
         offboard = world.sim.autopilots[0].offboard
@@ -166,14 +166,14 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
             offboard.thrust_torque((0.0, 0.0, -0.49), (0.0, 0.0, 0.0))
 
         async with asyncio.TaskGroup() as group:
-            flying = group.create_task(stream(hover, 2.5))
+            streaming = group.create_task(stream(hover, 2.5))
             await seconds(1.2)
             await vehicle.command.set_mode("offboard")
             with pytest.raises(Refused, match="another program"):
                 await vehicle.offboard.start(stream_request(Position((0.0, 0.0, -8.0))))
             await seconds(0.6)
             assert abs(local(vehicle).position_ned_m[2] + 8) < 2
-            await flying
+            await streaming
         motors = (0.5, 0.5, 0.5, 0.5)
         await stream(lambda: offboard.actuators(motors), 0.3)
         assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120)
@@ -200,7 +200,7 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
         assert max_distance_m < 1.6  # the vehicle lags behind a moving setpoint
         await seconds(0.5)
         assert distance_m(vehicle, points[-1].position_ned_m) < 1.0
-        await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after its end
+        await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after the path's end
         await seconds(0.3)
         assert codes(vehicle) == ["expired", "held"]
         with pytest.raises(Refused, match="begins 2"):
@@ -234,10 +234,10 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(jump):
         assert 20 < farthest < 25.2
         assert 10.5 < highest < 12.5  # the estimated height drifts by a few decimetres
         status = vehicle.offboard.status()
-        assert any("before the fence" in words for words in status.limited)
+        assert any("before the fence" in text for text in status.limited)
         assert math.hypot(*local(vehicle).velocity_ned_m_s[:2]) < 0.4
         assert "limited" in codes(vehicle)
-        # back, then by attitude setpoints, which control no position: the fence takes over in time
+        # back, then with attitude setpoints, which control no position: the fence acts in time
         await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
         await vehicle.offboard.setpoint(
             stream_request(Attitude(q_from_euler(0.0, math.radians(-12), 0.0), 0.505))
@@ -271,11 +271,18 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(jump):
         await seconds(4)
         await leader.offboard.setpoint(stream_request(Velocity((2.0, 1.0, 0.0), yaw_ned_rad=0.5)))
         await seconds(8)
-        lead, own = leader.topic("global_position").value, follower.topic("global_position").value
-        north = (own.lat_deg - lead.lat_deg) * 111_195
-        east = (own.lon_deg - lead.lon_deg) * 111_195 * math.cos(math.radians(lead.lat_deg))
+        leader_position, follower_position = (
+            leader.topic("global_position").value,
+            follower.topic("global_position").value,
+        )
+        north = (follower_position.lat_deg - leader_position.lat_deg) * 111_195
+        east = (
+            (follower_position.lon_deg - leader_position.lon_deg)
+            * 111_195
+            * math.cos(math.radians(leader_position.lat_deg))
+        )
         assert (north, east) == pytest.approx((0.0, 4.0), abs=1.3)
-        assert own.alt_amsl_m - lead.alt_amsl_m == pytest.approx(3.0, abs=0.8)
+        assert follower_position.alt_amsl_m - leader_position.alt_amsl_m == pytest.approx(3.0, abs=0.8)
         assert attitude(follower).yaw_ned_rad == pytest.approx(0.5, abs=0.15)
         world.sim.set_link_up(0, "gcs", False)
         await seconds(2.5)

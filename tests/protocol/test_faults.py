@@ -14,11 +14,11 @@ from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
-FIRST = StartRequest.model_validate(
+SHORT_START = StartRequest.model_validate(
     {"setpoint": HOVER, "valid_for_s": 1.0, "on_expiry": {"action": "hold", "hold_for_s": 2.0}}
 )
-LONG = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 3600.0})
-AGAIN = SetpointRequest.model_validate({"setpoint": HOVER, "valid_for_s": 1.0})
+LONG_START = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 3600.0})
+NEXT_SETPOINT = SetpointRequest.model_validate({"setpoint": HOVER, "valid_for_s": 1.0})
 LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
 
 
@@ -38,22 +38,22 @@ def narrative(vehicle):
     return events
 
 
-async def setpoints(at, client, duration_s, every_s=0.3):
+async def send_setpoints(rig, client, duration_s, every_s=0.3):
     for _ in range(round(duration_s / every_s)):
-        await offboard_routes.setpoint("1", AGAIN, at.station, client)
+        await offboard_routes.setpoint("1", NEXT_SETPOINT, rig.station, client)
         await seconds(every_s)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
 def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, loss, seed):
-    async def scenario(at):
-        await offboard_routes.start("1", FIRST, at.station, ANNA)
-        await setpoints(at, ANNA, 3.0)
+    async def scenario(rig):
+        await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
+        await send_setpoints(rig, ANNA, 3.0)
         # validity, position hold, and the request for Hold, which is repeated if packets are lost
         await seconds(1.0 + 2.0 + 6.0)
-        assert at.autopilot.mode == HOLD
-        await assert_silent(at.autopilot, None, seconds_=30.0)
-        assert narrative(at.vehicle) == [
+        assert rig.autopilot.mode == HOLD
+        await assert_silent(rig.autopilot, None, seconds_=30.0)
+        assert narrative(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "stream expired",
@@ -61,26 +61,28 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, l
             "stream held",
             "control expired",
         ]
-        assert at.autopilot.failsafes == 0
-        await vehicle_routes.rtl("1", at.station, BOB)  # the next client gets control
+        assert rig.autopilot.failsafes == 0
+        await vehicle_routes.rtl("1", rig.station, BOB)  # the next client gets control
 
     with_routes(jump, scenario, loss=loss, seed=seed)
 
 
 @pytest.mark.story
 def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
-    async def scenario(at):
-        with at.station.authority.connected(ANNA):  # the browser keeps its socket open, the page does not run
-            await offboard_routes.start("1", FIRST, at.station, ANNA)
-            await setpoints(at, ANNA, 3.0)
+    async def scenario(rig):
+        with rig.station.authority.connected(
+            ANNA
+        ):  # the browser keeps its socket open, the page does not run
+            await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
+            await send_setpoints(rig, ANNA, 3.0)
             await seconds(8.0)
-            assert at.autopilot.mode == HOLD
-            await assert_silent(at.autopilot, None, seconds_=300.0)
+            assert rig.autopilot.mode == HOLD
+            await assert_silent(rig.autopilot, None, seconds_=300.0)
             with pytest.raises(Refused, match="no setpoint stream"):
-                await offboard_routes.setpoint("1", AGAIN, at.station, ANNA)
+                await offboard_routes.setpoint("1", NEXT_SETPOINT, rig.station, ANNA)
             with pytest.raises(NotInControl):
-                await offboard_routes.start("1", FIRST, at.station, BOB)
-        assert narrative(at.vehicle) == [
+                await offboard_routes.start("1", SHORT_START, rig.station, BOB)
+        assert narrative(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "stream expired",
@@ -93,34 +95,34 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
 
 @pytest.mark.parametrize("on_expiry", [pytest.param("nothing", marks=pytest.mark.broad), "hold"])
 def test_without_network_the_vehicle_executes_its_configured_action(jump, on_expiry):
-    async def scenario(at):
-        with at.station.authority.connected(ANNA):
-            await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
-            await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), at.station, ANNA)
+    async def scenario(rig):
+        with rig.station.authority.connected(ANNA):
+            await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
+            await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA)
             await seconds(100)
         await seconds(29)  # the socket is closed; the client's time until expiry begins
-        assert at.autopilot.mode == MISSION
+        assert rig.autopilot.mode == MISSION
         await seconds(4)
-        await assert_silent(at.autopilot, None, seconds_=60.0)
+        await assert_silent(rig.autopilot, None, seconds_=60.0)
         expected = ["control taken", "mode mission by command", "control expired"]
         if on_expiry == "hold":
             expected.append("mode hold by command")
-        assert narrative(at.vehicle) == expected
-        assert at.autopilot.mode == (HOLD if on_expiry == "hold" else MISSION)
+        assert narrative(rig.vehicle) == expected
+        assert rig.autopilot.mode == (HOLD if on_expiry == "hold" else MISSION)
 
     with_routes(jump, scenario)
 
 
-def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_returns(jump):
-    async def scenario(at):
-        await offboard_routes.start("1", LONG, at.station, ANNA)
-        at.autopilot.loss = 1.0
+def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the_link_is_restored(jump):
+    async def scenario(rig):
+        await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+        rig.autopilot.loss = 1.0
         await seconds(15)
-        assert not at.vehicle.offboard.status().streaming
-        assert at.autopilot.mode == POSITION, "PX4's own failsafe"
-        at.autopilot.loss = 0.0
-        await assert_silent(at.autopilot, None, seconds_=30.0, settle_s=0.5)
-        assert narrative(at.vehicle) == [
+        assert not rig.vehicle.offboard.status().streaming
+        assert rig.autopilot.mode == POSITION, "PX4's failsafe did not act"
+        rig.autopilot.loss = 0.0
+        await assert_silent(rig.autopilot, None, seconds_=30.0, settle_s=0.5)
+        assert narrative(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "Connection lost",
@@ -134,32 +136,32 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_it_
     with_routes(jump, scenario)
 
 
-def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_vehicle(jump):
-    async def scenario(at):
-        with at.station.authority.connected(ANNA), at.station.authority.connected(BOB):
-            await offboard_routes.start("1", LONG, at.station, ANNA)
-            await control_routes.request("1", at.station, BOB)
+def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_the_vehicle(jump):
+    async def scenario(rig):
+        with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
+            await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+            await control_routes.request("1", rig.station, BOB)
             await seconds(15.5)
-            await control_routes.take("1", at.station, BOB, FORCE)
-            assert at.autopilot.mode == OFFBOARD, "its flight does not change"
-            sent = at.autopilot.setpoints[-1][1].z
+            await control_routes.take("1", rig.station, BOB, FORCE)
+            assert rig.autopilot.mode == OFFBOARD, "the flight mode changed"
+            sent = rig.autopilot.setpoints[-1][1].z
             target = {"type": "position", "position_ned_m": [9, 0, -9]}
             moved = SetpointRequest.model_validate({"setpoint": target})
             for work in (
-                lambda: offboard_routes.setpoint("1", moved, at.station, ANNA),
-                lambda: offboard_routes.stop("1", at.station, ANNA),
+                lambda: offboard_routes.setpoint("1", moved, rig.station, ANNA),
+                lambda: offboard_routes.stop("1", rig.station, ANNA),
             ):
                 with pytest.raises(NotInControl, match="bob has control"):
                     await work()
             await seconds(1)
-            assert at.autopilot.setpoints[-1][1].z == sent
-            await offboard_routes.setpoint("1", moved, at.station, BOB)
+            assert rig.autopilot.setpoints[-1][1].z == sent
+            await offboard_routes.setpoint("1", moved, rig.station, BOB)
             await seconds(0.1)
-            assert at.autopilot.setpoints[-1][1].z == -9
-            await offboard_routes.stop("1", at.station, BOB)
-            await assert_silent(at.autopilot, None)
-            assert at.autopilot.mode == HOLD
-        assert narrative(at.vehicle) == [
+            assert rig.autopilot.setpoints[-1][1].z == -9
+            await offboard_routes.stop("1", rig.station, BOB)
+            await assert_silent(rig.autopilot, None)
+            assert rig.autopilot.mode == HOLD
+        assert narrative(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "control requested",
@@ -172,18 +174,20 @@ def test_a_second_client_takes_over_and_the_first_one_can_no_longer_move_the_veh
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
 def test_a_pilot_takes_over_the_vehicle_with_position_mode(jump, loss, seed):
-    async def scenario(at):
-        await offboard_routes.start("1", LONG, at.station, ANNA)
-        requests_before = len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD))
-        at.autopilot.mode = at.autopilot.requested_mode = POSITION
-        at.autopilot.current_mode()
-        await assert_silent(at.autopilot, None, seconds_=60.0, settle_s=2.5)
+    async def scenario(rig):
+        await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+        requests_before = len(mode_requests(rig.autopilot, HOLD)) + len(
+            mode_requests(rig.autopilot, OFFBOARD)
+        )
+        rig.autopilot.mode = rig.autopilot.requested_mode = POSITION
+        rig.autopilot.current_mode()
+        await assert_silent(rig.autopilot, None, seconds_=60.0, settle_s=2.5)
         assert (
-            len(mode_requests(at.autopilot, HOLD)) + len(mode_requests(at.autopilot, OFFBOARD))
+            len(mode_requests(rig.autopilot, HOLD)) + len(mode_requests(rig.autopilot, OFFBOARD))
             == requests_before
         )
-        assert at.autopilot.mode == POSITION
-        events = narrative(at.vehicle)
+        assert rig.autopilot.mode == POSITION
+        events = narrative(rig.vehicle)
         assert sorted(events[2:4]) == ["mode position by unknown", "stream left_offboard"]
         assert (events[:2], events[4:]) == (
             ["control taken", "mode offboard by command"],
@@ -194,17 +198,17 @@ def test_a_pilot_takes_over_the_vehicle_with_position_mode(jump, loss, seed):
 
 
 def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
-    async def scenario(at):
-        await offboard_routes.start("1", LONG, at.station, ANNA)
-        at.autopilot.estimates = False
+    async def scenario(rig):
+        await offboard_routes.start("1", LONG_START, rig.station, ANNA)
+        rig.autopilot.estimates = False
         await seconds(2.0)
-        at.autopilot.mode = LAND
-        at.autopilot.send(sim.MAVLink_current_mode_message(0, LAND, OFFBOARD))
-        await assert_silent(at.autopilot, None, seconds_=20.0, settle_s=0.1)
-        assert at.autopilot.mode == LAND
+        rig.autopilot.mode = LAND
+        rig.autopilot.send(sim.MAVLink_current_mode_message(0, LAND, OFFBOARD))
+        await assert_silent(rig.autopilot, None, seconds_=20.0, settle_s=0.1)
+        assert rig.autopilot.mode == LAND
         with pytest.raises(Refused):
-            await offboard_routes.start("1", FIRST, at.station, ANNA)
-        events = narrative(at.vehicle)
+            await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
+        events = narrative(rig.vehicle)
         assert sorted(events[2:]) == ["mode land by failsafe", "stream left_offboard"]
 
     with_routes(jump, scenario)

@@ -1,4 +1,4 @@
-"""Requests to a new vehicle, and the values shown before it answers."""
+"""Requests to a new vehicle, and the values shown before the vehicle replies."""
 
 import asyncio
 import math
@@ -6,23 +6,24 @@ import math
 import pytest
 
 from gcs_server.telemetry.hub import EncodedSamples
+from tests.protocol.command_numbers import REQUEST_MESSAGE
 from tests.protocol.memory_world import run_test
 
 INFORMATION, VERSION = 280, 148
 
 
 def requests_for(autopilot, msg_id):
-    return sum(int(m.param1) == msg_id for m in autopilot.commands(512))
+    return sum(int(m.param1) == msg_id for m in autopilot.commands(REQUEST_MESSAGE))
 
 
-def answer_with_limits(kit, autopilot, lost=0):
-    """PX4's answer after `lost` requests, with angles in degrees and an uninitialised roll limit."""
+def reply_with_limits(kit, autopilot, lost=0):
+    """Replies as PX4 after `lost` lost requests: angles in degrees, and an uninitialised roll limit."""
     lost_count = [lost]
 
     def handler(message):
         if (
             message.get_type() != "COMMAND_LONG"
-            or message.command != 512
+            or message.command != REQUEST_MESSAGE
             or int(message.param1) != INFORMATION
         ):
             return False
@@ -41,7 +42,7 @@ def answer_with_limits(kit, autopilot, lost=0):
 def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(kit, jump):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
-        answer_with_limits(kit, autopilot, lost=2)
+        reply_with_limits(kit, autopilot, lost=2)
         vehicle = await world.ready()
         autopilot.gimbal_attitude()
         await asyncio.sleep(4)
@@ -60,7 +61,7 @@ def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(
 
 
 @pytest.mark.parametrize(("autopilot_type", "gimbal", "times"), [(12, False, 5), (3, False, 0), (3, True, 5)])
-def test_gimbal_limits_are_requested_from_px4_always_and_from_others_if_they_have_a_gimbal_manager(
+def test_gimbal_limits_are_requested_from_px4_always_and_from_other_autopilots_if_they_have_a_gimbal_manager(
     kit, jump, autopilot_type, gimbal, times
 ):
     async def scenario(world):
@@ -73,7 +74,7 @@ def test_gimbal_limits_are_requested_from_px4_always_and_from_others_if_they_hav
     run_test(jump, scenario, kit.World)
 
 
-def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_unknown_until_it_answers(
+def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_unknown_before_its_reply(
     kit, jump
 ):
     async def scenario(world):
@@ -89,13 +90,15 @@ def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_
         assert int(first.param1) == VERSION
         assert vehicle.identity.simulated is None
         topics = EncodedSamples(world.clock, world.fleet)
-        seen = {}
-        (first_json,) = topics.new_samples(vehicle, ["identity"], seen)
+        sent_versions = {}
+        (first_json,) = topics.new_samples(vehicle, ["identity"], sent_versions)
         assert b'"simulated":null' in first_json
         autopilot.version = True
         await asyncio.sleep(35)
         assert vehicle.identity.simulated is True
-        (second_json,) = topics.new_samples(vehicle, ["identity"], seen)  # sent again to every client
+        (second_json,) = topics.new_samples(
+            vehicle, ["identity"], sent_versions
+        )  # sent again to every client
         assert b'"simulated":true' in second_json
 
     run_test(jump, scenario, kit.World)

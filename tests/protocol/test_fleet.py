@@ -5,6 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehicle
+from tests.protocol.command_numbers import ARM_DISARM, REQUEST_MESSAGE, SET_MESSAGE_INTERVAL
 from tests.protocol.memory_world import run_test
 
 HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
@@ -21,7 +22,7 @@ def test_a_simulator_is_identified_by_its_uid(kit, jump):
         assert (vehicle.identity.simulated, vehicle.identity.replayed) == (True, False)
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.uid == "4954414c44494e4f"
-        assert len(autopilot.commands(512)) >= 1
+        assert len(autopilot.commands(REQUEST_MESSAGE)) >= 1
         with pytest.raises(UnknownVehicle):
             world.fleet.get("9")
 
@@ -44,13 +45,13 @@ def test_several_vehicles_share_a_link(kit, jump):
 @pytest.mark.parametrize(
     ("first", "second"), [(HARDWARE_A, HARDWARE_B), (0x4954414C44494E4F, 0x4954414C44494E4F), (0, 0)]
 )
-def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second):
+def test_two_peers_with_the_same_system_id_are_two_vehicles(kit, jump, first, second):
     async def scenario(world):
         link = world.link()
-        one = world.autopilot(link, peer="a", uid=first)
+        first_autopilot = world.autopilot(link, peer="a", uid=first)
         await world.ready("1")
-        two = world.autopilot(link, peer="b", uid=second, boot_s=500.0)
-        two.position[2] = 600.0
+        second_autopilot = world.autopilot(link, peer="b", uid=second, boot_s=500.0)
+        second_autopilot.position[2] = 600.0
         other = await world.ready("1~2")
         vehicle = world.fleet.get("1")
         for _ in range(20):
@@ -58,7 +59,7 @@ def test_two_peers_with_one_system_id_are_two_vehicles(kit, jump, first, second)
             assert vehicle.topic("global_position").value.alt_amsl_m == pytest.approx(489.0)
             assert other.topic("global_position").value.alt_amsl_m == pytest.approx(600.0)
         await other.command.arm()
-        assert (one.armed, two.armed) == (False, True)
+        assert (first_autopilot.armed, second_autopilot.armed) == (False, True)
         assert "system id 1" in vehicle.identity.warnings[0]
         assert {n.vehicle for n in world.fleet.warnings()} == {"1", "1~2"}
 
@@ -96,13 +97,13 @@ def test_simulators_on_two_links_are_distinguished_by_their_boot_time(kit, jump,
 
 def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit, jump):
     async def scenario(world):
-        one = world.autopilot(world.link("a"), uid=HARDWARE_A)
-        two = world.autopilot(world.link("b"), uid=HARDWARE_A)
-        for autopilot in (one, two):
+        first = world.autopilot(world.link("a"), uid=HARDWARE_A)
+        second = world.autopilot(world.link("b"), uid=HARDWARE_A)
+        for autopilot in (first, second):
             autopilot.version = autopilot.has_position = False
         await asyncio.sleep(8)
         assert ids(world) == ["1", "1~2"]
-        one.version = two.version = True
+        first.version = second.version = True
         await asyncio.sleep(65)
         assert ids(world) == ["1"]
         assert world.fleet.get("1").identity.warnings == ()
@@ -143,7 +144,7 @@ def test_other_stations_and_companions_are_not_vehicles(kit, jump):
     run_test(jump, scenario, kit.World)
 
 
-def test_a_recorded_vehicle_is_shown_beside_the_real_one_and_refuses_commands(kit, jump):
+def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_commands(kit, jump):
     async def scenario(world):
         world.autopilot(world.link())
         await world.ready()
@@ -195,7 +196,7 @@ def test_stream_rates_are_not_changed(kit, jump):
         autopilot = world.autopilot(world.link())
         await world.ready()
         await asyncio.sleep(30)
-        assert autopilot.commands(511) == []
+        assert autopilot.commands(SET_MESSAGE_INTERVAL) == []
         assert not [m for m in autopilot.received if m.get_type() == "REQUEST_DATA_STREAM"]
 
     run_test(jump, scenario, kit.World)
@@ -209,15 +210,15 @@ def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
         qgc = kit.sim.MAVLink(None, srcSystem=255, srcComponent=190)
         station.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
         await world.ready("2")
-        seen = {system_id_of(data) for data, _ in station.sent}
-        assert seen == {1, 2}
+        system_ids = {system_id_of(data) for data, _ in station.sent}
+        assert system_ids == {1, 2}
         received = [len(p.received) for p in autopilots]
-        before = [len(p.commands(400)) for p in autopilots]
+        before = [len(p.commands(ARM_DISARM)) for p in autopilots]
         station.inject(
-            kit.sim.MAVLink_command_long_message(2, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
+            kit.sim.MAVLink_command_long_message(2, 1, ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
         )
         await asyncio.sleep(0.05)
-        assert [len(p.commands(400)) - b for p, b in zip(autopilots, before, strict=True)] == [0, 1]
+        assert [len(p.commands(ARM_DISARM)) - b for p, b in zip(autopilots, before, strict=True)] == [0, 1]
         assert received
         fake = kit.sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the vehicle's system id: no loop
         received = [len(p.received) for p in autopilots]

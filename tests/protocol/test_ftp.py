@@ -49,11 +49,11 @@ def test_a_file_is_read_completely_at_any_packet_loss(kit, jump, loss, seed):
 
 def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
     async def work(world, ftp, autopilot, _):
-        for path, error, words in (
+        for path, error, text in (
             ("nothing/here.txt", FtpError.FILE_NOT_FOUND, "there is no such file"),
             ("etc", FtpError.FAIL_ERRNO, "Is a directory"),
         ):
-            with pytest.raises(FtpFailed, match=words) as caught:
+            with pytest.raises(FtpFailed, match=text) as caught:
                 await ftp.read(path)
             assert (caught.value.ftp_error, caught.value.path) == (error, path)
         with pytest.raises(FtpFailed, match="no such"):
@@ -71,14 +71,14 @@ def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
     async def work(world, ftp, autopilot, vehicle):
         before = FtpService(vehicle)
         reading = asyncio.ensure_future(before._open(PARAMETERS))
-        await reading  # and that server was killed here
+        await reading  # the earlier server was killed after this request
         assert len(await ftp.read(PARAMETERS)) == len(BUILT_IN[PARAMETERS]())
 
     run_ftp(kit, jump, work)
 
 
 def test_a_repeated_request_has_the_same_number(kit, jump):
-    """The vehicle then repeats its answer instead of acting again."""
+    """So the vehicle repeats its reply instead of executing the request again."""
 
     async def work(world, ftp, autopilot, _):
         await ftp.read(PARAMETERS)
@@ -97,10 +97,10 @@ def test_a_repeated_request_has_the_same_number(kit, jump):
 
 def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
     async def work(world, ftp, autopilot, vehicle):
-        both = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
+        requests = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
         await asyncio.sleep(0.1)
-        assert not both.done()
-        content, entries = await both
+        assert not requests.done()
+        content, entries = await requests
         assert content
         assert entries
         autopilot.loss = 1.0
@@ -113,7 +113,7 @@ def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
     run_ftp(kit, jump, work)
 
 
-def test_a_vehicle_that_does_not_answer_is_reported_at_the_deadline(kit, jump):
+def test_a_vehicle_that_does_not_reply_is_reported_at_the_deadline(kit, jump):
     async def run():
         world = kit.World()
         world.autopilot(world.link())  # a vehicle without FTP

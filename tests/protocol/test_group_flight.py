@@ -1,4 +1,4 @@
-"""Vehicles in flight as a group: common setpoints, separation, and one hold for all."""
+"""Vehicles in flight as a group: common setpoints, separation, and Hold for all."""
 
 import asyncio
 import itertools
@@ -33,167 +33,171 @@ from tests.protocol.simulated_world import SimulatedWorld, until
 
 
 def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump):
-    async def scenario(at):
-        await begin(at, {"1": position(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": position(4)})
+    async def scenario(rig):
+        await begin(rig, {"1": position(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": position(4)})
         await seconds(1)
         changed = changes({"1": position(7), "3": position(7)}, valid_for_s=2.0)
-        shown = view(await group_routes.setpoints("1", changed, at.station, ANNA))
-        assert (shown["client"], shown["client_key"]) == ("anna", ANNA.key)
-        assert shown["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path continues to its end
+        group = view(await group_routes.setpoints("1", changed, rig.station, ANNA))
+        assert (group["client"], group["client_key"]) == ("anna", ANNA.key)
+        assert group["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path continues to its end
         await seconds(0.1)
-        start_times_s = [first_s(at.autopilots[v], 7.0) for v in "13"]
+        start_times_s = [first_s(rig.autopilots[v], 7.0) for v in "13"]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
         with pytest.raises(NotTogether, match="would come within"):
             closer = changes({"1": position(0, 8)})
-            await group_routes.setpoints("1", closer, at.station, ANNA)
+            await group_routes.setpoints("1", closer, rig.station, ANNA)
         with pytest.raises(InvalidRequest, match="vehicle 9 is not in group 1"):
-            await group_routes.setpoints("1", changes({"9": position()}), at.station, ANNA)
+            await group_routes.setpoints("1", changes({"9": position()}), rig.station, ANNA)
         await seconds(6.0)
-        assert view(await group_routes.show("1", at.station))["state"] == "flying"
+        assert view(await group_routes.show("1", rig.station))["state"] == "flying"
         await seconds(8.5)
-        assert set(modes(at).values()) == {HOLD}
-        ended = view(await group_routes.show("1", at.station))
+        assert set(modes(rig).values()) == {HOLD}
+        ended = view(await group_routes.show("1", rig.station))
         assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
         with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
-            await group_routes.setpoints("1", changed, at.station, ANNA)
+            await group_routes.setpoints("1", changed, rig.station, ANNA)
 
     with_routes(jump, scenario)
 
 
 def test_an_empty_list_renews_the_setpoints_of_all(jump):
-    async def scenario(at):
-        await begin(at, ALL_NORTH, valid_for_s=3.0)
+    async def scenario(rig):
+        await begin(rig, ALL_NORTH, valid_for_s=3.0)
         for _ in range(3):
             await seconds(2)
-            shown = view(await group_routes.setpoints("1", changes({}, valid_for_s=3.0), at.station, ANNA))
-            assert shown["valid_left_s"] == pytest.approx(3.0, abs=0.1)
-        assert view(await group_routes.show("1", at.station))["state"] == "flying"
+            group = view(await group_routes.setpoints("1", changes({}, valid_for_s=3.0), rig.station, ANNA))
+            assert group["valid_left_s"] == pytest.approx(3.0, abs=0.1)
+        assert view(await group_routes.show("1", rig.station))["state"] == "flying"
         await seconds(12.0)
-        ended = view(await group_routes.show("1", at.station))
+        ended = view(await group_routes.show("1", rig.station))
         assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
 
     with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
-def test_a_member_that_leaves_offboard_holds_the_others_unless_others_go_on(jump, others_go_on):
-    async def scenario(at):
-        await begin(at, ALL_NORTH, others_go_on=others_go_on)
+def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_go_on(jump, others_go_on):
+    async def scenario(rig):
+        await begin(rig, ALL_NORTH, others_go_on=others_go_on)
         await seconds(1)
-        at.autopilots["2"].mode = at.autopilots["2"].requested_mode = POSITION  # its pilot
-        at.autopilots["2"].current_mode()
+        rig.autopilots["2"].mode = rig.autopilots["2"].requested_mode = POSITION  # by its pilot
+        rig.autopilots["2"].current_mode()
         await seconds(7.5)  # the server waits for a mode that it has just requested
         others = OFFBOARD if others_go_on else HOLD
-        assert modes(at) == {"1": others, "2": POSITION, "3": others}
-        shown = view(await group_routes.show("1", at.station))
-        assert shown["state"] == ("flying" if others_go_on else "ended")
-        finding = shown["findings"][0]
+        assert modes(rig) == {"1": others, "2": POSITION, "3": others}
+        group = view(await group_routes.show("1", rig.station))
+        assert group["state"] == ("flying" if others_go_on else "ended")
+        finding = group["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("left", ["2"])
-        assert finding["held"] == ([] if others_go_on else ["1", "3"]), "2 is flown by its pilot"
+        assert finding["held"] == ([] if others_go_on else ["1", "3"]), (
+            "vehicle 2, which its pilot flies, was put into Hold"
+        )
         assert (
             "Vehicle 2 no longer follows the group's setpoints: The vehicle left Offboard" in finding["text"]
         )
-        assert [text for text, _, warning in at.group_changes if warning]
+        assert [text for text, _, warning in rig.group_changes if warning]
         if others_go_on:
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
-                await group_routes.setpoints("1", changes({"2": position(5)}), at.station, ANNA)
+                await group_routes.setpoints("1", changes({"2": position(5)}), rig.station, ANNA)
 
     with_routes(jump, scenario)
 
 
-def test_a_lost_member_holds_the_others_within_two_seconds(jump):
-    async def scenario(at):
-        await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
+def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(jump):
+    async def scenario(rig):
+        await begin(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(2)
-        at.autopilots["3"].alive = False
+        rig.autopilots["3"].alive = False
         await seconds(2.0)
-        shown = view(await group_routes.show("1", at.station))
-        assert shown["findings"][0]["code"] == "place_unknown"
-        assert "The position of vehicle 3 is not known" in shown["findings"][0]["text"]
-        last = {v: at.autopilots[v].setpoints[-1][1] for v in "12"}
+        group = view(await group_routes.show("1", rig.station))
+        assert group["findings"][0]["code"] == "place_unknown"
+        assert "The position of vehicle 3 is not known" in group["findings"][0]["text"]
+        last = {v: rig.autopilots[v].setpoints[-1][1] for v in "12"}
         assert all(m.type_mask & 7 == 0 for m in last.values())  # positions: the vehicles have stopped
         await seconds(8)
-        assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
+        assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
 
     with_routes(jump, scenario)
 
 
 def test_a_member_can_follow_another_of_the_group(jump):
-    async def scenario(at):
+    async def scenario(rig):
         beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
-        await begin(at, {"1": position(4), "2": beside})
+        await begin(rig, {"1": position(4), "2": beside})
         await seconds(2)
-        shown = view(await group_routes.show("1", at.station))
-        assert [m["ordered_type"] for m in shown["members"]] == ["position", "follow"]
-        assert shown["state"] == "flying"
-        last = at.autopilots["2"].setpoints[-1][1]
+        group = view(await group_routes.show("1", rig.station))
+        assert [m["ordered_type"] for m in group["members"]] == ["position", "follow"]
+        assert group["state"] == "flying"
+        last = rig.autopilots["2"].setpoints[-1][1]
         assert (last.x, last.y) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=0.2))
         nearer = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 3, 0]}
         with pytest.raises(NotTogether, match="would come within"):
-            await group_routes.setpoints("1", changes({"2": nearer}), at.station, ANNA)
+            await group_routes.setpoints("1", changes({"2": nearer}), rig.station, ANNA)
 
     with_routes(jump, scenario, count=2)
 
 
-def test_a_server_shutdown_holds_a_group_without_findings(jump):
-    async def scenario(at):
-        await begin(at, ALL_NORTH)
+def test_a_server_shutdown_puts_a_group_into_hold_without_findings(jump):
+    async def scenario(rig):
+        await begin(rig, ALL_NORTH)
         await seconds(1)
-        stopped = await at.world.streamer.stop_all()
+        stopped = await rig.world.streamer.stop_all()
         assert [s.error for s in stopped] == [None] * 3
-        assert set(modes(at).values()) == {HOLD}
+        assert set(modes(rig).values()) == {HOLD}
         await seconds(0.3)
-        shown = view(await group_routes.show("1", at.station))
-        assert (shown["ended"], shown["findings"]) == ("The server was shut down.", [])
+        group = view(await group_routes.show("1", rig.station))
+        assert (group["ended"], group["findings"]) == ("The server was shut down.", [])
 
     with_routes(jump, scenario)
 
 
-# With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. Without one for 3.5 s it
-# counts as lost, so none moves and the group cannot be flown.
+# With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. After 3.5 s without a
+# heartbeat the vehicle counts as lost, so no vehicle moves and the group cannot be flown.
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_group_starts_changes_and_is_held_at_20_percent_loss(jump, seed):
-    async def scenario(at):
-        for index, autopilot in enumerate(at.autopilots.values()):
+def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(jump, seed):
+    async def scenario(rig):
+        for index, autopilot in enumerate(rig.autopilots.values()):
             autopilot.loss, autopilot.random = 0.2, random.Random(seed * 10 + index)
-        await begin(at, ALL_NORTH)
+        await begin(rig, ALL_NORTH)
         await seconds(2)
-        start_times_s = [next(t for t, m in p.setpoints if m.x > 1) for p in at.autopilots.values()]
+        start_times_s = [next(t for t, m in p.setpoints if m.x > 1) for p in rig.autopilots.values()]
         assert (
             max(start_times_s) - min(start_times_s) < 10 * STREAM_PERIOD_S
-        )  # the first one may have been lost
-        await group_routes.setpoints("1", changes({"1": position(6)}), at.station, ANNA)
-        held = view(await group_routes.hold("1", at.station, ANNA))
-        assert (held["state"], held["findings"]) == ("ended", [])
-        assert set(modes(at).values()) == {HOLD}
-        assert sum(autopilot.failsafes for autopilot in at.autopilots.values()) == 0
+        )  # the first setpoint may have been lost
+        await group_routes.setpoints("1", changes({"1": position(6)}), rig.station, ANNA)
+        group = view(await group_routes.hold("1", rig.station, ANNA))
+        assert (group["state"], group["findings"]) == ("ended", [])
+        assert set(modes(rig).values()) == {HOLD}
+        assert sum(autopilot.failsafes for autopilot in rig.autopilots.values()) == 0
 
     with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
-def test_the_guard_works_while_the_event_loop_stalls_and_all_hold_after_a_second(jump, stall_s, code):
-    async def scenario(at):
-        await begin(at, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
+def test_the_guard_works_while_the_event_loop_stalls_and_puts_all_into_hold_after_a_second(
+    jump, stall_s, code
+):
+    async def scenario(rig):
+        await begin(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(8)
-        streamer = at.world.streamer
+        streamer = rig.world.streamer
         streamer.update_once = lambda: None
         await seconds(stall_s)
         del streamer.update_once
         await seconds(3)
-        findings = view(await group_routes.show("1", at.station))["findings"]
+        findings = view(await group_routes.show("1", rig.station))["findings"]
         assert [finding["code"] for finding in findings] == ([] if code is None else [code])
-        assert set(modes(at).values()) == ({OFFBOARD} if code is None else {HOLD})
+        assert set(modes(rig).values()) == ({OFFBOARD} if code is None else {HOLD})
 
     with_routes(jump, scenario)
 
 
 def test_a_killed_client_leaves_all_in_hold(jump):
-    async def scenario(at):
-        await begin(at, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
+    async def scenario(rig):
+        await begin(rig, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
         await seconds(9)
-        assert (at.autopilots["1"].mode, at.autopilots["2"].mode) == (HOLD, HOLD)
-        assert view(await group_routes.show("1", at.station))["ended"] == "The setpoints expired."
+        assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
+        assert view(await group_routes.show("1", rig.station))["ended"] == "The setpoints expired."
 
     with_routes(jump, scenario)
 
@@ -202,15 +206,16 @@ def test_a_killed_client_leaves_all_in_hold(jump):
 
 
 def position_m(vehicle):
-    at = vehicle.topic("global_position").value
+    """North, east and down, from the origin of latitude, longitude and AMSL altitude."""
+    position = vehicle.topic("global_position").value
     return (
-        at.lat_deg * DEG_M,
-        at.lon_deg * DEG_M * math.cos(math.radians(at.lat_deg)),
-        -at.alt_amsl_m,
+        position.lat_deg * DEG_M,
+        position.lon_deg * DEG_M * math.cos(math.radians(position.lat_deg)),
+        -position.alt_amsl_m,
     )
 
 
-def apart_m(vehicles):
+def smallest_distance_m(vehicles):
     return min(math.dist(position_m(a), position_m(b)) for a, b in itertools.combinations(vehicles, 2))
 
 
@@ -231,16 +236,16 @@ def with_simulated_vehicles(jump, scenario, count=2):
 
 
 @pytest.mark.story
-def test_the_guard_holds_simulated_vehicles_before_they_reach_the_minimum_distance(jump):
-    async def scenario(at, vehicles):
-        await begin(at, {"1": position(0, -10, -8), "2": position(0, 10, -8)}, minimum_separation_m=1)
-        await until(lambda: apart_m(vehicles) > 22, 30)
-        held = view(await group_routes.hold("1", at.station, ANNA))
-        assert (held["state"], held["findings"]) == ("ended", [])
+def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minimum_distance(jump):
+    async def scenario(rig, vehicles):
+        await begin(rig, {"1": position(0, -10, -8), "2": position(0, 10, -8)}, minimum_separation_m=1)
+        await until(lambda: smallest_distance_m(vehicles) > 22, 30)
+        group = view(await group_routes.hold("1", rig.station, ANNA))
+        assert (group["state"], group["findings"]) == ("ended", [])
         assert {v.status.mode for v in vehicles} == {"hold"}
 
         stay = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
-        await begin(at, {"1": stay, "2": stay}, minimum_separation_m=5)
+        await begin(rig, {"1": stay, "2": stay}, minimum_separation_m=5)
         await seconds(1)
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
             # sent as the group's own setpoints, without the prediction, so that only the guard can detect it
@@ -249,15 +254,15 @@ def test_the_guard_holds_simulated_vehicles_before_they_reach_the_minimum_distan
         nearest_m, fastest_m_s = math.inf, 0.0
         for _ in range(120):
             await seconds(0.1)
-            nearest_m = min(nearest_m, apart_m(vehicles))
-            now = [math.hypot(*v.topic("local_position").value.velocity_ned_m_s) for v in vehicles]
-            fastest_m_s = max(fastest_m_s, *now)
-            if {v.status.mode for v in vehicles} == {"hold"} and max(now) < 0.2:
+            nearest_m = min(nearest_m, smallest_distance_m(vehicles))
+            speeds_m_s = [math.hypot(*v.topic("local_position").value.velocity_ned_m_s) for v in vehicles]
+            fastest_m_s = max(fastest_m_s, *speeds_m_s)
+            if {v.status.mode for v in vehicles} == {"hold"} and max(speeds_m_s) < 0.2:
                 break
         assert {v.status.mode for v in vehicles} == {"hold"}
         assert fastest_m_s > 2.0
         assert 5.0 < nearest_m < 15.0
-        finding = view(await group_routes.show("2", at.station))["findings"][0]
+        finding = view(await group_routes.show("2", rig.station))["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("separation", ["1", "2"])
         assert finding["held"] == ["1", "2"]
         assert finding["distance_m"] > nearest_m

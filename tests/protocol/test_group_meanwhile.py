@@ -28,126 +28,130 @@ def during_prediction(monkeypatch, number, work):
     """Runs `work` during the prediction with this number (from 1)."""
     in_pieces, count = GroupChecks._in_pieces, 0
 
-    async def slowly(self, plan):
+    async def with_work(self, plan):
         nonlocal count
         count += 1
         if count == number:
             await work()
         return await in_pieces(self, plan)
 
-    monkeypatch.setattr(GroupChecks, "_in_pieces", slowly)
+    monkeypatch.setattr(GroupChecks, "_in_pieces", with_work)
 
 
-def pilot_takes_over(at, vehicle_id):
+def pilot_takes_over(rig, vehicle_id):
     """The pilot of a vehicle switches it to Position mode."""
-    autopilot = at.autopilots[vehicle_id]
+    autopilot = rig.autopilots[vehicle_id]
     autopilot.mode = autopilot.requested_mode = POSITION
     autopilot.current_mode()
 
 
 def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monkeypatch):
-    async def scenario(at):
+    async def scenario(rig):
         async def event():
-            assert set(modes(at).values()) == {OFFBOARD}
+            assert set(modes(rig).values()) == {OFFBOARD}
             await seconds(6)  # the server waits for a mode that it has just requested
-            pilot_takes_over(at, "2")
+            pilot_takes_over(rig, "2")
             await seconds(6)
 
         during_prediction(monkeypatch, 2, event)
         with pytest.raises(NotTogether, match="Vehicle 2 left before the common start") as refused:
-            await begin(at, ALL_NORTH, others_go_on=True)
+            await begin(rig, ALL_NORTH, others_go_on=True)
         assert refused.value.vehicles == ("2",)
         await seconds(3)
-        assert modes(at) == {"1": HOLD, "2": POSITION, "3": HOLD}
-        assert_nobody_moved(at)
-        assert view(await group_routes.show("1", at.station))["state"] == "ended"
+        assert modes(rig) == {"1": HOLD, "2": POSITION, "3": HOLD}
+        assert_nobody_moved(rig)
+        assert view(await group_routes.show("1", rig.station))["state"] == "ended"
 
     with_routes(jump, scenario)
 
 
 def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
-    async def scenario(at):
+    async def scenario(rig):
         async def event():
-            await group_routes.hold("1", at.station, BOB)
+            await group_routes.hold("1", rig.station, BOB)
 
         during_prediction(monkeypatch, 2, event)
         with pytest.raises(NotTogether, match="left before the common start, so none moves"):
-            await begin(at, ALL_NORTH)
+            await begin(rig, ALL_NORTH)
         await seconds(3)
-        assert set(modes(at).values()) == {HOLD}
-        assert_nobody_moved(at)
-        assert view(await group_routes.show("1", at.station))["state"] == "ended"
+        assert set(modes(rig).values()) == {HOLD}
+        assert_nobody_moved(rig)
+        assert view(await group_routes.show("1", rig.station))["state"] == "ended"
 
     with_routes(jump, scenario)
 
 
 def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monkeypatch):
-    async def scenario(at):
+    async def scenario(rig):
         async def event():
             alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
-            await offboard_routes.start("3", alone, at.station, ANNA)
+            await offboard_routes.start("3", alone, rig.station, ANNA)
 
         during_prediction(monkeypatch, 1, event)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
-            await begin(at, ALL_NORTH)
-        assert at.vehicles["3"].offboard.status().state == "streaming"
-        assert not any(mode_requests(at.autopilots[v], OFFBOARD) for v in "12")
+            await begin(rig, ALL_NORTH)
+        assert rig.vehicles["3"].offboard.status().state == "streaming"
+        assert not any(mode_requests(rig.autopilots[v], OFFBOARD) for v in "12")
 
     with_routes(jump, scenario)
 
 
-def test_of_two_starts_with_a_common_vehicle_one_is_refused(jump):
-    async def scenario(at):
+def test_one_of_two_starts_with_a_common_vehicle_is_refused(jump):
+    async def scenario(rig):
         both = (
-            begin(at, {"1": position(4), "2": position(4)}),
-            begin(at, {"2": position(4), "3": position(4)}),
+            begin(rig, {"1": position(4), "2": position(4)}),
+            begin(rig, {"2": position(4), "3": position(4)}),
         )
-        answers = await asyncio.gather(*both, return_exceptions=True)
-        refused = [answer for answer in answers if isinstance(answer, NotTogether)]
+        results = await asyncio.gather(*both, return_exceptions=True)
+        refused = [result for result in results if isinstance(result, NotTogether)]
         assert len(refused) == 1
         assert "Vehicle 2 is already in group 1" in str(refused[0])
-        assert len(view(await group_routes.show_all(at.station))["groups"]) == 1
+        assert len(view(await group_routes.show_all(rig.station))["groups"]) == 1
 
     with_routes(jump, scenario)
 
 
 def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypatch):
-    async def scenario(at):
+    async def scenario(rig):
         async def event():
-            north_m, _, down_m = at.autopilots["2"].ned
-            at.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
+            north_m, _, down_m = rig.autopilots["2"].ned
+            rig.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
             await seconds(1)
 
         during_prediction(monkeypatch, 1, event)
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
-            await begin(at, ALL_NORTH)
-        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
+            await begin(rig, ALL_NORTH)
+        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
     with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
-def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_is_held(jump, monkeypatch, others_go_on):
-    async def scenario(at):
+def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_none(
+    jump, monkeypatch, others_go_on
+):
+    async def scenario(rig):
         async def event():
-            pilot_takes_over(at, "2")
+            pilot_takes_over(rig, "2")
             await seconds(6)
 
-        await begin(at, ALL_NORTH, others_go_on=others_go_on)
+        await begin(rig, ALL_NORTH, others_go_on=others_go_on)
         await seconds(7)
         during_prediction(monkeypatch, 1, event)
         with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it accepts no setpoints"):
-            await group_routes.setpoints("1", changes({"1": position(7), "2": position(7)}), at.station, ANNA)
+            await group_routes.setpoints(
+                "1", changes({"1": position(7), "2": position(7)}), rig.station, ANNA
+            )
         await seconds(3)
         others = OFFBOARD if others_go_on else HOLD
-        assert modes(at) == {"1": others, "2": POSITION, "3": others}
-        assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+        assert modes(rig) == {"1": others, "2": POSITION, "3": others}
+        assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
 
     with_routes(jump, scenario)
 
 
 def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(jump, monkeypatch):
-    async def scenario(at):
+    async def scenario(rig):
         async def disconnect_during(call):
             reached = asyncio.Event()
 
@@ -163,20 +167,20 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
                 with pytest.raises(asyncio.CancelledError):
                     await waiting
 
-        await disconnect_during(begin(at, ALL_NORTH))
-        assert view(await group_routes.show_all(at.station))["groups"] == []
-        assert not any(mode_requests(p, OFFBOARD) for p in at.autopilots.values())
-        await begin(at, ALL_NORTH)
+        await disconnect_during(begin(rig, ALL_NORTH))
+        assert view(await group_routes.show_all(rig.station))["groups"] == []
+        assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
+        await begin(rig, ALL_NORTH)
         await seconds(1)
         await disconnect_during(
-            group_routes.setpoints("1", changes({"1": position(7)}, valid_for_s=5), at.station, ANNA)
+            group_routes.setpoints("1", changes({"1": position(7)}, valid_for_s=5), rig.station, ANNA)
         )
-        shown = view(await group_routes.show("1", at.station))
-        assert (shown["state"], shown["findings"]) == ("flying", [])
-        assert shown["valid_left_s"] > 50
-        assert not [m for p in at.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
-        await group_routes.setpoints("1", changes({"1": position(6)}), at.station, ANNA)
+        group = view(await group_routes.show("1", rig.station))
+        assert (group["state"], group["findings"]) == ("flying", [])
+        assert group["valid_left_s"] > 50
+        assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
+        await group_routes.setpoints("1", changes({"1": position(6)}), rig.station, ANNA)
         await seconds(0.1)
-        assert at.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
+        assert rig.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
 
     with_routes(jump, scenario)

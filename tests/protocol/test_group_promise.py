@@ -49,28 +49,30 @@ def true_distance_m(world):
     return math.dist(positions_ned_m[0], positions_ned_m[1])
 
 
-async def one_encounter(at, vehicles, setpoints):
-    """Sends both without the prediction; returns the smallest true distance until both hold or have
-    passed."""
-    world = at.world
-    for vehicle, east_m in zip(vehicles, (-FAR_M, FAR_M - 3.0), strict=True):  # they took off 3 m apart
+async def fly_encounter(rig, vehicles, setpoints):
+    """Sends both vehicles their setpoints without the prediction. Returns the smallest true distance until
+    both are in Hold or have passed each other."""
+    world = rig.world
+    for vehicle, east_m in zip(
+        vehicles, (-FAR_M, FAR_M - 3.0), strict=True
+    ):  # the vehicles took off 3 m apart
         await vehicle.offboard.start(request_of(Position((0.0, east_m, -10.0), yaw_ned_rad=0.0)))
     await until(lambda: abs(true_distance_m(world) - 2 * FAR_M) < 1.5, 60)
     for vehicle in vehicles:
         await vehicle.offboard.stop()
     await asyncio.sleep(3.0)
-    await begin(at, dict.fromkeys("12", STAY), ANNA, minimum_separation_m=MINIMUM_M)
+    await begin(rig, dict.fromkeys("12", STAY), ANNA, minimum_separation_m=MINIMUM_M)
     await asyncio.sleep(1.0)
     for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
         if setpoint is not None:
             await vehicle.offboard.setpoint(replace(request_of(setpoint), owner="group"))
-    nearest_m, standing_s = math.inf, 0.0
+    nearest_m, hold_duration_s = math.inf, 0.0
     for _ in range(1500):
         await asyncio.sleep(0.02)
         nearest_m = min(nearest_m, true_distance_m(world))
-        held = {v.status.mode for v in vehicles} == {"hold"}
-        standing_s = standing_s + 0.02 if held else 0.0
-        if standing_s > 6.0:
+        in_hold = {v.status.mode for v in vehicles} == {"hold"}
+        hold_duration_s = hold_duration_s + 0.02 if in_hold else 0.0
+        if hold_duration_s > 6.0:
             return nearest_m
         # Attitude setpoints hold no altitude: one vehicle may pass above the other.
         if true_distance_m(world) > 2 * FAR_M + 4.0:
@@ -78,7 +80,7 @@ async def one_encounter(at, vehicles, setpoints):
                 await vehicle.offboard.stop()
             await asyncio.sleep(3.0)
             return nearest_m
-    raise AssertionError("they were not stopped")
+    raise AssertionError("the vehicles were not stopped")
 
 
 def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters=None):
@@ -90,7 +92,7 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
         try:
             async with asyncio.TaskGroup() as tasks:
                 flying = [tasks.create_task(world.in_the_air(v, 10.0)) for v in "12"]
-            at = SimpleNamespace(world=world, station=station_of(world))
+            rig = SimpleNamespace(world=world, station=station_of(world))
             simulation = world.sim.simulation
             simulation.set_wind(np.array([0.0, wind_m_s, 0.0]))
             simulation.set_gusts(1.0)
@@ -106,7 +108,7 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
 
             world.streamer.update_once = update_late
             vehicles = [f.result() for f in flying]
-            return {name: await one_encounter(at, vehicles, ENCOUNTERS[name]) for name in names}
+            return {name: await fly_encounter(rig, vehicles, ENCOUNTERS[name]) for name in names}
         finally:
             await world.close()
 
@@ -123,7 +125,8 @@ def test_the_true_distance_stays_above_the_minimum_with_noise_wind_and_late_snap
 ):
     nearest_m = encounters(jump, seed, late_s, 4.0, names)
     assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
-    met = [name for name, apart_m in nearest_m.items() if apart_m < 4 * MINIMUM_M]
-    assert len(met) >= min(3, len(names)), (
-        f"they begin 23 m apart; by attitude they may pass far above, but only {met} came near"
+    near_encounters = [name for name, apart_m in nearest_m.items() if apart_m < 4 * MINIMUM_M]
+    assert len(near_encounters) >= min(3, len(names)), (
+        f"the vehicles begin 23 m apart; with attitude setpoints they may pass far above, "
+        f"but only {near_encounters} came near"
     )

@@ -11,7 +11,7 @@ from tests.protocol.sim_world import SimulatedAutopilot
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 
 
-def scenario(kit, jump, work, *, loss=0.0, seed=0, **options):
+def with_simulated_vehicle(kit, jump, work, *, loss=0.0, seed=0, **options):
     async def run():
         world = kit.World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed, **options)
@@ -44,11 +44,11 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit
         vehicle.events.subscribe(lambda e: events.append(e) if e.kind == "readiness" else None)
         health = vehicle.health
 
-        def truth():
+        def report_matches():
             report = autopilot.sim.autopilots[0].commander.checks.report
             return health.report is not None and health.report.can_arm == report.can_arm
 
-        await until(world, truth, "the first report")
+        await until(world, report_matches, "the first report")
         assert modes(vehicle)["hold"].can_arm
         offboard = modes(vehicle)["offboard"]
         assert not offboard.can_arm
@@ -66,13 +66,13 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit
         assert events
         assert all(e.severity == d.MAV_SEVERITY_DEBUG for e in events)
         await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the end of the outage")
-        assert truth()
+        assert report_matches()
 
-    scenario(kit, jump, work, loss=loss, seed=seed)
+    with_simulated_vehicle(kit, jump, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed):
+def test_lost_events_are_recovered_and_reported_once(kit, jump, loss, seed):
     async def work(world, vehicle, autopilot):
         announcer = autopilot.sim.autopilots[0].announcer
         for n in range(12):
@@ -90,7 +90,7 @@ def test_lost_events_are_reported_once_they_are_recovered(kit, jump, loss, seed)
         if not loss:
             assert autopilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
 
-    scenario(kit, jump, work, loss=loss, seed=seed)
+    with_simulated_vehicle(kit, jump, work, loss=loss, seed=seed)
 
 
 def test_the_report_is_requested_only_once(kit, jump):
@@ -104,7 +104,7 @@ def test_the_report_is_requested_only_once(kit, jump):
 
     async def run():
         world = kit.World()
-        autopilot = world.autopilot(world.link())  # it acknowledges none of these requests
+        autopilot = world.autopilot(world.link())  # acknowledges none of these requests
         try:
             await work(world, await world.ready(), autopilot)
         finally:
@@ -119,12 +119,12 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
         report = await vehicle.health.check()
         assert report.known
         assert report.words == "own"
-        seen = vehicle.health.revision
+        revision = vehicle.health.revision
         payload = encode_payload(
             d.MAVLink_event_message(0, 0, 26266355, 5000, 1, 0x66, [4, *[0] * 39])  # boot clock: 5 s
         )
         vehicle.health.event(payload)
-        assert vehicle.health.revision == seen + 1
+        assert vehicle.health.revision == revision + 1
         assert vehicle.health.readiness.known is False
 
-    scenario(kit, jump, work)
+    with_simulated_vehicle(kit, jump, work)

@@ -4,73 +4,74 @@ import pytest
 
 from gcs_server.api import hold_routes
 from tests.protocol.api_calls import lines, view
+from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, MANUAL
 from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, begin, modes, with_routes
 from tests.protocol.offboard_world import mode_requests, seconds
 
 
-async def hold(at, vehicles, client=BOB):
+async def hold(rig, vehicles, client=BOB):
     body = hold_routes.HoldRequest(vehicles=vehicles)
-    return view(await hold_routes.hold_several(body, at.station, client))["results"]
+    return view(await hold_routes.hold_several(body, rig.station, client))["results"]
 
 
 def test_all_hold_at_once_without_control_and_their_streams_end(jump):
-    async def scenario(at):
-        await begin(at, ALL_NORTH, ANNA)
-        began_s = at.world.clock.monotonic_s()
-        results = await hold(at, ("3", "1", "2", "1"))
+    async def scenario(rig):
+        await begin(rig, ALL_NORTH, ANNA)
+        began_s = rig.world.clock.monotonic_s()
+        results = await hold(rig, ("3", "1", "2", "1"))
         assert [(r["vehicle"], r["held"], r["problem"]) for r in results] == [
             (v, True, None) for v in ("3", "1", "2")
         ]
-        assert at.world.clock.monotonic_s() - began_s < 1.5  # one heartbeat interval, not three
-        assert set(modes(at).values()) == {HOLD}
-        assert [len(mode_requests(autopilot, HOLD)) for autopilot in at.autopilots.values()] == [1, 1, 1]
-        assert sorted(lines(at.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
+        assert rig.world.clock.monotonic_s() - began_s < 1.5  # one heartbeat interval, not three
+        assert set(modes(rig).values()) == {HOLD}
+        assert [len(mode_requests(autopilot, HOLD)) for autopilot in rig.autopilots.values()] == [1, 1, 1]
+        assert sorted(lines(rig.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
         await seconds(0.5)
-        before = {v: len(autopilot.setpoints) for v, autopilot in at.autopilots.items()}
+        before = {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()}
         await seconds(2)
-        assert {v: len(autopilot.setpoints) for v, autopilot in at.autopilots.items()} == before
+        assert {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()} == before
 
     with_routes(jump, scenario)
 
 
-def test_a_silent_or_unknown_vehicle_does_not_stop_the_others_from_holding(jump):
-    async def scenario(at):
-        for autopilot in at.autopilots.values():
+def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_from_hold(jump):
+    async def scenario(rig):
+        for autopilot in rig.autopilots.values():
             autopilot.mode = MANUAL
-        at.autopilots["2"].silent_commands.add(176)
+        rig.autopilots["2"].silent_commands.add(DO_SET_MODE)
         await seconds(2)
-        results = {r["vehicle"]: r for r in await hold(at, ("9", "2", "1", "3"))}
+        results = {r["vehicle"]: r for r in await hold(rig, ("9", "2", "1", "3"))}
         assert {v: r["held"] for v, r in results.items()} == {"9": False, "2": False, "1": True, "3": True}
         assert results["9"]["problem"]["code"] == "unknown_vehicle"
         assert (results["2"]["problem"]["code"], results["2"]["problem"]["status"]) == ("no_reply", 504)
-        assert modes(at) == {"1": HOLD, "2": MANUAL, "3": HOLD}
+        assert modes(rig) == {"1": HOLD, "2": MANUAL, "3": HOLD}
 
     with_routes(jump, scenario)
 
 
 def test_without_ids_all_armed_vehicles_hold(jump):
-    async def scenario(at):
-        at.autopilots["1"].armed = False
+    async def scenario(rig):
+        rig.autopilots["1"].armed = False
         await seconds(2)
-        assert [r["vehicle"] for r in await hold(at, None)] == ["2", "3"]
-        assert mode_requests(at.autopilots["1"], HOLD) == []
+        assert [r["vehicle"] for r in await hold(rig, None)] == ["2", "3"]
+        assert mode_requests(rig.autopilots["1"], HOLD) == []
 
     with_routes(jump, scenario)
 
 
-def test_an_error_for_one_is_raised_after_the_others_have_held(jump):
-    async def scenario(at):
-        for autopilot in at.autopilots.values():
+def test_an_error_for_one_vehicle_is_raised_after_the_others_are_in_hold(jump):
+    async def scenario(rig):
+        for autopilot in rig.autopilots.values():
             autopilot.mode = MANUAL
         await seconds(2)
 
         async def broken(**_):
             raise RuntimeError("broken")
 
-        at.vehicles["1"].command.hold = broken
+        rig.vehicles["1"].command.hold = broken
         with pytest.raises(RuntimeError, match="broken"):
-            await hold(at, ("1", "2", "3"))
-        assert modes(at) == {"1": MANUAL, "2": HOLD, "3": HOLD}
+            await hold(rig, ("1", "2", "3"))
+        assert modes(rig) == {"1": MANUAL, "2": HOLD, "3": HOLD}
 
     with_routes(jump, scenario)

@@ -1,4 +1,4 @@
-"""Reads from a vehicle's file server with false, slow or endless answers end with a reason."""
+"""Reads from a vehicle's file server with false, slow or endless replies end with a reason."""
 
 import pytest
 
@@ -11,24 +11,24 @@ from tests.protocol.one_vehicle import flight
 SIZE = 20_000
 
 
-def read_until_error(kit, jump, words, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
-    seen = {}
+def read_until_error(kit, jump, text, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
+    requests = {}
 
     async def scenario(world, vehicle, autopilot):
         files = HostileFiles(autopilot, size, **behaviour)
         began_s = world.loop.time()
-        with pytest.raises(error, match=words):
+        with pytest.raises(error, match=text):
             await FtpService(vehicle).read("etc/file")
-        seen.update(files.requests)
+        requests.update(files.requests)
         limit_s = EXTRA_TIME_S + size / MIN_BYTES_S if within_s is None else within_s
         assert world.loop.time() - began_s <= limit_s + 10
 
     flight(kit, jump, scenario)
-    return seen
+    return requests
 
 
 def test_a_read_of_a_file_in_one_byte_pieces_is_cancelled(kit, jump):
-    requests = read_until_error(kit, jump, "too many pieces", read=lambda at, n: [(at, b"x")])
+    requests = read_until_error(kit, jump, "too many pieces", read=lambda offset, size: [(offset, b"x")])
     assert requests[READ] < SIZE / 8
 
 
@@ -37,15 +37,19 @@ def test_a_burst_of_one_byte_pieces_is_cancelled(kit, jump):
         kit,
         jump,
         "too many pieces",
-        burst=lambda at, n: [(at + 2 * i, b"x") for i in range(2000)],
-        read=lambda at, n: [(at, b"x")],
+        burst=lambda offset, size: [(offset + 2 * i, b"x") for i in range(2000)],
+        read=lambda offset, size: [(offset, b"x")],
     )
     assert requests[BURST] < 20
 
 
 def test_pieces_of_another_offset_are_refused(kit, jump):
     requests = read_until_error(
-        kit, jump, "answered with byte 1,000 instead of 0", read=lambda at, n: [(1000, b"x" * n)], within_s=10
+        kit,
+        jump,
+        "answered with byte 1,000 instead of 0",
+        read=lambda offset, size: [(1000, b"x" * size)],
+        within_s=10,
     )
     assert requests[READ] == 1
 
@@ -55,17 +59,17 @@ def test_an_endless_burst_without_data_is_cancelled(kit, jump):
         kit,
         jump,
         "too many pieces|not finished within",
-        burst=lambda at, n: [(at, b"")] * 100_000,
+        burst=lambda offset, size: [(offset, b"")] * 100_000,
         every_s=0.3,
     )
 
 
 @pytest.mark.story
 def test_a_read_of_one_piece_per_second_is_cancelled(kit, jump):
-    def slowly(at, n):
-        return [(at + 239 * i, b"x" * 239) for i in range(2000)]
+    def pieces(offset, size):
+        return [(offset + 239 * i, b"x" * 239) for i in range(2000)]
 
-    read_until_error(kit, jump, "not finished within", size=400_000, burst=slowly, every_s=0.58)
+    read_until_error(kit, jump, "not finished within", size=400_000, burst=pieces, every_s=0.58)
 
 
 def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(kit, jump):
@@ -74,8 +78,8 @@ def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(kit, jump):
     assert BURST not in requests
 
 
-def test_a_vehicle_that_answers_only_the_opening_gives_no_reply(kit, jump):
-    read_until_error(kit, jump, "did not answer", error=NoReply, read=lambda at, n: [])
+def test_a_vehicle_that_replies_only_to_the_opening_is_an_error(kit, jump):
+    read_until_error(kit, jump, "did not answer", error=NoReply, read=lambda offset, size: [])
 
 
 def test_an_endless_directory_list_is_cancelled(kit, jump):
@@ -94,7 +98,9 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
 
     async def scenario(world, vehicle, autopilot):
         HostileFiles(
-            autopilot, 239 * 1000, burst=lambda at, n: [(at + 239 * i, b"x" * 239) for i in range(1000)]
+            autopilot,
+            239 * 1000,
+            burst=lambda offset, size: [(offset + 239 * i, b"x" * 239) for i in range(1000)],
         )
         pieces_in_iteration, max_pieces, last = [0], [0], [0]
 

@@ -32,17 +32,17 @@ async def two_vehicles(world) -> tuple[Any, Any]:
 
 
 def vehicle_views(world) -> list[Any]:
-    """The answer of `GET /vehicles`, parsed as standard JSON."""
+    """The response of `GET /vehicles`, parsed as standard JSON."""
 
-    def refused(word):
-        raise AssertionError(f"{word} is no JSON")
+    def refuse_constant(name):
+        raise AssertionError(f"{name} is no JSON")
 
     body = json_response([vehicle_view(vehicle) for vehicle in world.fleet.all()]).body
-    return json.loads(body, parse_constant=refused)
+    return json.loads(body, parse_constant=refuse_constant)
 
 
 def replace_values(autopilot, kind: str, **fields: float):
-    """All further messages of a kind have these values; returns a function that ends this."""
+    """Gives all further messages of a kind these values; returns a function that restores the real values."""
     send = autopilot.send
 
     def send_replaced(message):
@@ -51,11 +51,11 @@ def replace_values(autopilot, kind: str, **fields: float):
                 setattr(message, name, value)
         send(message)
 
-    def end():
+    def restore():
         autopilot.send = send
 
     autopilot.send = send_replaced
-    return end
+    return restore
 
 
 @pytest.mark.parametrize("roll_rad", INVALID)
@@ -71,8 +71,8 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
             assert first["topics"]["local_position"]["value"]["position_ned_m"] == [0.0, 0.0, -5.0]
             assert second["topics"]["attitude"]["value"]["yaw_ned_rad"] == pytest.approx(0.5)
         samples = world.fleet.get("1").history(tuple(TOPICS), 0.0)
-        past = json_response(history_view(list(history_pieces(world.fleet.get("1"), samples))))
-        assert len(json.loads(past.body)["samples"]) > 3
+        history_response = json_response(history_view(list(history_pieces(world.fleet.get("1"), samples))))
+        assert len(json.loads(history_response.body)["samples"]) > 3
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "telemetry"]
         assert (warning.vehicle, "attitude" in warning.text) == ("1", True)
         restore()
@@ -83,7 +83,7 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
     run_test(jump, scenario, OffboardWorld)
 
 
-def test_an_invalid_home_keeps_the_last_valid_one(jump):
+def test_after_an_invalid_home_the_last_valid_home_is_kept(jump):
     async def scenario(world):
         invalid, _ = await two_vehicles(world)
         vehicle = world.fleet.get("1")
@@ -114,7 +114,9 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
         times = [at_s for at_s, _ in other.setpoints if at_s >= began_s]
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.03
         assert vehicles[1].status.mode == "offboard"
-        assert vehicles[0].status.mode == "land", "connected, and without an estimate for a position hold"
+        assert vehicles[0].status.mode == "land", (
+            "not the action of a connected vehicle without an estimate for a position hold"
+        )
 
     run_test(jump, scenario, OffboardWorld)
 
@@ -126,10 +128,10 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
             await vehicle.offboard.start(stream_request())
         broken = world.fleet.get("1").offboard
 
-        def fails(_order=None):
+        def fail(_order=None):
             raise ZeroDivisionError("simulated error")
 
-        broken.snapshot = fails
+        broken.snapshot = fail
         await asyncio.sleep(3.0)
         assert [v.status.mode for v in world.fleet.all()] == ["offboard", "offboard"]
         (warning,) = [w for w in world.fleet.warnings() if w.kind == "fault"]
@@ -139,7 +141,7 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         await asyncio.sleep(0.5)
         streaming = [world.streamer._streams.state(v).phase for v in ("1", "2")]
         assert streaming == ["idle", "streaming"], (
-            "its mode is still known: the stream does not act against it"
+            "the stream did not end, although the vehicle's mode shows that it left Offboard"
         )
         assert other.setpoints[-1][0] > world.loop.time() - 0.05
 
@@ -147,7 +149,7 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
 
 
 class Socket:
-    """Accepts everything at once."""
+    """A WebSocket that accepts all frames at once."""
 
     def __init__(self) -> None:
         self.incoming: asyncio.Queue[str] = asyncio.Queue()
@@ -175,17 +177,19 @@ def test_a_lost_and_recovered_link_is_reported(jump):
             await socket.incoming.put(json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20}))
             await asyncio.sleep(2.0)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
-            silent_s, invalid.alive = world.loop.time(), False
+            stopped_s, invalid.alive = world.loop.time(), False
             await asyncio.sleep(6.0)
-            lost_s, sample = next((at, s) for at, s in socket.statuses if s["value"]["link_lost"])
-            assert 3.4 <= lost_s - silent_s <= 3.65
+            lost_s, sample = next((at_s, s) for at_s, s in socket.statuses if s["value"]["link_lost"])
+            assert 3.4 <= lost_s - stopped_s <= 3.65
             assert 3.4 <= sample["value"]["last_heartbeat_age_s"] <= 4.6
-            assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, "reported once"
+            assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, (
+                "reported several times"
+            )
             invalid.alive = True
             await asyncio.sleep(1.2)
             assert socket.statuses[-1][1]["value"]["link_lost"] is False
             received_unix_s = [s["received_unix_s"] for _, s in socket.statuses]
-            assert received_unix_s == sorted(received_unix_s), "each is newer than the one before"
+            assert received_unix_s == sorted(received_unix_s), "a status is older than the previous one"
             serving.cancel()
 
     run_test(jump, scenario, OffboardWorld)

@@ -1,4 +1,4 @@
-"""Parameter lists with false, repeated or endless values end with an error, and the answer stays valid
+"""Parameter lists with false, repeated or endless values end with an error, and the response stays valid
 JSON."""
 
 import asyncio
@@ -19,10 +19,10 @@ REAL32, INT32 = 9, 6
 
 
 class HostileParams:
-    """Answers requests for the list and for single indices with `answers`."""
+    """Replies to requests for the list and for single indices with `replies`."""
 
-    def __init__(self, autopilot, answers, *, checksum=None, every_s=None) -> None:
-        self.autopilot, self.answers, self.checksum, self.every_s = autopilot, answers, checksum, every_s
+    def __init__(self, autopilot, replies, *, checksum=None, every_s=None) -> None:
+        self.autopilot, self.replies, self.checksum, self.every_s = autopilot, replies, checksum, every_s
         self.requests = 0
         autopilot.handlers.append(self.handle)
 
@@ -35,7 +35,7 @@ class HostileParams:
         if kind not in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ"):
             return False
         self.requests += 1
-        for n, value in enumerate(self.answers()):
+        for n, value in enumerate(self.replies()):
             if self.every_s is None:
                 self.value(*value)
             else:
@@ -47,9 +47,9 @@ class HostileParams:
         self.autopilot.send_raw(encode_frame(22, payload, self.autopilot.mav.seq, self.autopilot.system, 1))
 
 
-def check_refresh(kit, jump, answers, check, *, raises=None, **options):
+def check_refresh(kit, jump, replies, check, *, raises=None, **options):
     async def scenario(world, vehicle, autopilot):
-        hostile = HostileParams(autopilot, answers, **options)
+        hostile = HostileParams(autopilot, replies, **options)
         began_s = world.loop.time()
         if raises is None:
             await vehicle.params.refresh()
@@ -62,8 +62,8 @@ def check_refresh(kit, jump, answers, check, *, raises=None, **options):
     flight(kit, jump, scenario)
 
 
-async def answer_of(vehicle):
-    """The answer of `GET …/params`."""
+async def response_of(vehicle):
+    """The response of `GET …/params`."""
     response = await param_routes.all_params(vehicle)
     return json.loads(response.body, parse_constant=pytest.fail)
 
@@ -102,15 +102,15 @@ def test_any_bit_patterns_of_values_and_names_are_valid_json(kit, jump):
     bits = [bytes(4), NAN, NAN, NAN, NAN, NAN, b"\0\0\x80\x7f", NAN, b"\xff\xff\x7f\x7f"]
 
     async def check(vehicle, _):
-        found = await answer_of(vehicle)
+        found = await response_of(vehicle)
         assert found["list"]["state"] == "ready"
         assert found["list"]["left_out"] == 4
         values = {p["name"]: p["value"] for p in found["params"]}
         assert sorted(values) == ["A", "A" * 16, "INF", "NAN", "OK"]
         assert values["NAN"] is values["INF"] is None
 
-    answers = [(n, i, len(names), b) for i, (n, b) in enumerate(zip(names, bits, strict=True))]
-    check_refresh(kit, jump, lambda: answers, check)
+    replies = [(n, i, len(names), b) for i, (n, b) in enumerate(zip(names, bits, strict=True))]
+    check_refresh(kit, jump, lambda: replies, check)
 
 
 def test_a_checksum_that_is_not_a_number_counts_as_missing(kit, jump):
@@ -132,7 +132,7 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
         viewed, max_viewed = [0], [0]
         view = param_routes._view
 
-        def counted(*arguments):
+        def count_view(*arguments):
             viewed[0] += 1
             max_viewed[0] = max(max_viewed[0], viewed[0])
             return view(*arguments)
@@ -144,7 +144,7 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
             run_once()
 
         world.loop._run_once = run_iteration
-        param_routes._view = counted
+        param_routes._view = count_view
         try:
             response = await param_routes.all_params(vehicle)
         finally:

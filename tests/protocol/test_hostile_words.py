@@ -1,4 +1,5 @@
-"""Too many texts, reports and unknown events from a vehicle: the number is limited, and the rest is shown."""
+"""Too many texts, reports and unknown events from a vehicle: their number is limited, and the server reports
+how many it dropped."""
 
 import struct
 
@@ -45,16 +46,16 @@ def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selecte
         (offer,) = vehicle.health.readiness.offers
         assert (offer.code, offer.mode, offer.label) == ("choose_mode", "hold", "Hold")
         assert offer.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
-        seen = len(reports)
+        report_count = len(reports)
         autopilot.mode = kit.HOLD
         await world.clock.sleep(3)
         assert vehicle.health.readiness.offers == ()
-        assert len(reports) > seen
+        assert len(reports) > report_count
 
     flight(kit, jump, scenario)
 
 
-def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_one_remains(kit, jump):
+def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_report_remains(kit, jump):
     async def scenario(world, vehicle, autopilot):
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
@@ -116,14 +117,14 @@ def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
 def test_a_status_text_describes_an_event_without_metadata(kit, jump):
     async def scenario(world, vehicle, autopilot):
         autopilot.event(99999, 0x44)
-        autopilot.text("The text of it\t", 4)
+        autopilot.text("The event's text\t", 4)
         await world.clock.sleep(2)
-        assert lines(vehicle, "event", "status_text") == ["The text of it"]
+        assert lines(vehicle, "event", "status_text") == ["The event's text"]
 
     flight(kit, jump, scenario)
 
 
-def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_shown(kit, jump):
+def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is_shown(kit, jump):
     async def scenario(world, vehicle, autopilot):
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
@@ -132,9 +133,9 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_ones_is_
         assert len(texts) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
         (warning,) = [text for text in lines(vehicle, "warning") if "too many messages" in text]
         assert f"{100_000 - len(texts):,}" in warning
-        autopilot.text("Heard again", 4)
+        autopilot.text("The next text", 4)
         await world.clock.sleep(1)
-        assert lines(vehicle, "status_text")[-1] == "Heard again"
+        assert lines(vehicle, "status_text")[-1] == "The next text"
 
     flight(kit, jump, scenario)
 

@@ -9,29 +9,31 @@ from tests.protocol.memory_world import run_with_vehicle
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
-def battery(autopilot, battery_id, percent, millivolts):
+def send_battery(autopilot, battery_id, percent, millivolts):
     cells = [millivolts, *[65535] * 9]
     autopilot.send(sim.MAVLink_battery_status_message(battery_id, 0, 0, 0, cells, 100, 0, 0, percent))
 
 
-def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
+def test_the_less_charged_of_two_batteries_is_shown(jump):
     async def scenario(_world, autopilot, vehicle):
-        seen = set()
+        values = set()
         for _ in range(10):
             for battery_id, percent in ((0, 80), (1, 35)):
-                battery(autopilot, battery_id, percent, 16000 - battery_id * 1000)
+                send_battery(autopilot, battery_id, percent, 16000 - battery_id * 1000)
                 await asyncio.sleep(0.5)
                 value = vehicle.topic("battery").value
-                seen.add((value.battery_id, value.remaining_percent, value.voltage_v))
-        assert seen == {(0, 80, 16.0), (1, 35, 15.0)}, "the first alone at the beginning, never again"
+                values.add((value.battery_id, value.remaining_percent, value.voltage_v))
+        assert values == {(0, 80, 16.0), (1, 35, 15.0)}, "the fuller battery was shown beside the other one"
         assert [(b.battery_id, b.remaining_percent) for b in value.batteries] == [(0, 80), (1, 35)]
-        past = [s.value for s in vehicle.history(("battery",), 0.0)][2:]
-        assert {b.battery_id for b in past} == {1}
+        history = [s.value for s in vehicle.history(("battery",), 0.0)][2:]
+        assert {b.battery_id for b in history} == {1}
         for _ in range(15):
-            battery(autopilot, 0, 79, 16000)
+            send_battery(autopilot, 0, 79, 16000)
             await asyncio.sleep(1.0)
         value = vehicle.topic("battery").value
-        assert (value.battery_id, value.batteries) == (0, ()), "the other has sent nothing for 10 s"
+        assert (value.battery_id, value.batteries) == (0, ()), (
+            "the other battery is shown 10 s after its last message"
+        )
 
     run_with_vehicle(jump, scenario)
 
@@ -39,7 +41,7 @@ def test_of_two_batteries_the_one_with_less_charge_is_shown(jump):
 def test_the_number_of_batteries_is_limited(jump):
     async def scenario(_world, autopilot, vehicle):
         for battery_id in range(256):
-            battery(autopilot, battery_id, 50, 16000)
+            send_battery(autopilot, battery_id, 50, 16000)
             await asyncio.sleep(0.01)
         await asyncio.sleep(0.1)
         assert len(vehicle.topic("battery").value.batteries) == 8
@@ -62,25 +64,25 @@ def test_two_groups_of_outputs_are_stored_separately(jump):
     run_with_vehicle(jump, scenario)
 
 
-def gimbal(autopilot, component, pitch_q):
+def send_gimbal_attitude(autopilot, component, pitch_q):
     message = sim.MAVLink_gimbal_device_attitude_status_message(
         0, 0, autopilot.boot_ms(), 0, pitch_q, 0, 0, 0, 0
     )
     autopilot.send_raw(message.pack(sim.MAVLink(None, srcSystem=1, srcComponent=component)))
 
 
-def test_of_two_gimbals_the_first_is_shown_until_it_stops_sending(jump):
+def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(jump):
     level, down = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
 
     async def scenario(_world, autopilot, vehicle):
         for component, q in ((171, down), (154, level)) * 5:
-            gimbal(autopilot, component, q)
+            send_gimbal_attitude(autopilot, component, q)
             await asyncio.sleep(0.1)
-        gimbal(autopilot, 171, down)
+        send_gimbal_attitude(autopilot, 171, down)
         await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(0.0, abs=1e-3)
         for _ in range(40):
-            gimbal(autopilot, 171, down)
+            send_gimbal_attitude(autopilot, 171, down)
             await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(-1.5708, abs=1e-2)
 
@@ -110,21 +112,21 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
     run_with_vehicle(jump, scenario)
 
 
-def test_a_topics_time_is_that_of_its_newest_sample(jump):
+def test_a_topics_time_is_the_time_of_its_newest_sample(jump):
     async def scenario(_world, autopilot, vehicle):
-        def agree():
+        def check_times():
             for topic in TOPICS:
                 received_s = vehicle.topic_received_s(topic)
                 sample = vehicle.topic(topic)
                 assert received_s == (None if sample is None else sample.received_monotonic_s), topic
             return vehicle.topic_received_s("status")
 
-        before_s = agree()
+        before_s = check_times()
         await asyncio.sleep(1.5)
-        changed_s = agree()
+        changed_s = check_times()
         autopilot.alive = False
         await asyncio.sleep(6)
         assert vehicle.status.link_lost
-        assert before_s < changed_s < agree(), "the lost connection is a new sample of the status"
+        assert before_s < changed_s < check_times(), "the lost connection gave no new sample of the status"
 
     run_with_vehicle(jump, scenario)

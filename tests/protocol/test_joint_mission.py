@@ -31,7 +31,8 @@ def fly(north, east, up):
 
 
 def show(lead_m=3, left_m=11):
-    """Each flies to the other's start position, at these heights."""
+    """A mission in which each vehicle flies to the other's start position, at these altitudes above the
+    start."""
     return read(
         f"name: Show\nroles:\n  lead:\n    steps: {steps(lead_m, APART_M)}\n"
         f"  left:\n    steps: {steps(left_m, -APART_M)}\n"
@@ -45,51 +46,51 @@ def steps(height_m, east_m):
 run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, apart_m=APART_M)
 
 
-async def start(at, mission, by=ANNA, **more):
-    wanted = json.loads(document.write(mission))
-    fields = {"mission": wanted, "vehicles": {"lead": "1", "left": "2"}, **more}
+async def start(rig, mission, by=ANNA, **more):
+    mission_fields = json.loads(document.write(mission))
+    fields = {"mission": mission_fields, "vehicles": {"lead": "1", "left": "2"}, **more}
     body = models.StartJointMission.model_validate(fields)
-    return view(await joint_mission_routes.start_joint_mission(body, at.station, by))["vehicles"]
+    return view(await joint_mission_routes.start_joint_mission(body, rig.station, by))["vehicles"]
 
 
-def states(at):
-    return [vehicle.offboard_mission.status().state for vehicle in at.vehicles]
+def states(rig):
+    return [vehicle.offboard_mission.status().state for vehicle in rig.vehicles]
 
 
-async def reach(at, *wanted, within_s=60):
+async def reach(rig, *expected, within_s=60):
     try:
-        await until(lambda: states(at) == list(wanted), within_s)
+        await until(lambda: states(rig) == list(expected), within_s)
     except AssertionError:
-        raise AssertionError([v.offboard_mission.status() for v in at.vehicles]) from None
+        raise AssertionError([v.offboard_mission.status() for v in rig.vehicles]) from None
 
 
-async def start_crossing(at, **heights):
-    """Flies until both are on their way to the other's start position."""
-    started = await start(at, show(**heights), despite=["separation"])
+async def start_crossing(rig, **heights):
+    """Starts the mission; waits until both vehicles fly towards each other's start position."""
+    started = await start(rig, show(**heights), despite=["separation"])
     assert [each["mission"]["role"] for each in started] == ["lead", "left"]
     assert started[0]["mission"]["others"] == ["2"]
-    await until(lambda: at.vehicles[0].status.armed, 5)
-    assert at.vehicles[1].status.armed  # at the same moment
-    await reach(at, "flying", "flying")
+    await until(lambda: rig.vehicles[0].status.armed, 5)
+    assert rig.vehicles[1].status.armed  # at the same moment
+    await reach(rig, "flying", "flying")
 
 
 @pytest.mark.story
 def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(jump):
-    async def scenario(at):
-        await start(at, show())
-        await reach(at, "done", "done", within_s=120)
-        assert not any(vehicle.status.armed for vehicle in at.vehicles)
-        east = at.world.sim.simulation.truth.position_ned_m[:, 1]
+    async def scenario(rig):
+        await start(rig, show())
+        await reach(rig, "done", "done", within_s=120)
+        assert not any(vehicle.status.armed for vehicle in rig.vehicles)
+        east = rig.world.sim.simulation.truth.position_ned_m[:, 1]
         assert east == pytest.approx([APART_M, 0.0], abs=4)
-        assert at.station.groups.all() == []
-        assert at.station.missions.others_on_mission("1") == ()
+        assert rig.station.groups.all() == []
+        assert rig.station.missions.others_on_mission("1") == ()
 
     run_with_two_vehicles(jump, scenario)
 
 
-def dry_run_of(at, **roles):
-    """A dry run of several flights whose corridor is 1 m wide around each start, for these roles."""
-    origin = asdict(VehicleEstimates(at.vehicles[0]).origin())
+def dry_run_of(rig, **roles):
+    """A Monte Carlo dry run for these roles, with a corridor of 1 m around each start."""
+    origin = asdict(VehicleEstimates(rig.vehicles[0]).origin())
     band = {name: [0.0, 0.0] for name in ("p5", "p50", "p95")} | {"greatest": [1.0, 1.0]}
     many = {
         role: {
@@ -106,87 +107,89 @@ def dry_run_of(at, **roles):
     return {"id": "7", "kind": "offboard_mission", **result}
 
 
-def outside_m(at):
-    return [vehicle.offboard_mission.status().outside_corridor_m for vehicle in at.vehicles]
+def outside_m(rig):
+    return [vehicle.offboard_mission.status().outside_corridor_m for vehicle in rig.vehicles]
 
 
 @pytest.mark.story
 def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(jump):
-    async def scenario(at):
-        at.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(at, lead=0.0, left=APART_M))
-        started = await start(at, show(), dry_run="7")
+    async def scenario(rig):
+        rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0, left=APART_M))
+        started = await start(rig, show(), dry_run="7")
         assert [each["mission"]["dry_run"] for each in started] == ["7", "7"]
-        await reach(at, "flying", "flying")
-        assert max(outside_m(at)) < 3.0, "each is still above its own start"
-        await until(lambda: min(outside_m(at)) > 5.0, 20)
+        await reach(rig, "flying", "flying")
+        assert max(outside_m(rig)) < 3.0, "a vehicle is not above its own start"
+        await until(lambda: min(outside_m(rig)) > 5.0, 20)
 
     run_with_two_vehicles(jump, scenario)
 
 
-def test_none_starts_if_the_dry_run_has_no_corridor_of_one_role(jump):
-    async def scenario(at):
-        at.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(at, lead=0.0))
+def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(jump):
+    async def scenario(rig):
+        rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0))
         with pytest.raises(Refused, match="has no corridor of the role 'left'"):
-            await start(at, show(), dry_run="7")
-        assert not any(vehicle.status.armed for vehicle in at.vehicles)
-        assert at.station.missions.others_on_mission("1") == ()
+            await start(rig, show(), dry_run="7")
+        assert not any(vehicle.status.armed for vehicle in rig.vehicles)
+        assert rig.station.missions.others_on_mission("1") == ()
 
     run_with_two_vehicles(jump, scenario)
 
 
-def test_two_vehicles_that_come_too_near_are_held_by_the_guard_and_their_mission_ends(jump):
-    async def scenario(at):
-        await start_crossing(at, lead_m=10, left_m=13)
+def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_their_mission_ends(jump):
+    async def scenario(rig):
+        await start_crossing(rig, lead_m=10, left_m=13)
         min_distance_m = APART_M
-        truth = at.world.sim.simulation.truth.position_ned_m
-        while "flying" in states(at):
+        truth = rig.world.sim.simulation.truth.position_ned_m
+        while "flying" in states(rig):
             min_distance_m = min(min_distance_m, float(np.linalg.norm(truth[0] - truth[1])))
             await seconds(0.1)
-        assert states(at) == ["stopped", "stopped"]
-        await until(lambda: all(v.status.mode == "hold" for v in at.vehicles), 5)
+        assert states(rig) == ["stopped", "stopped"]
+        await until(lambda: all(v.status.mode == "hold" for v in rig.vehicles), 5)
         await seconds(5)
         min_distance_m = min(min_distance_m, float(np.linalg.norm(truth[0] - truth[1])))
         assert min_distance_m >= 5.0
-        reasons = {vehicle.offboard_mission.status().reason for vehicle in at.vehicles}
+        reasons = {vehicle.offboard_mission.status().reason for vehicle in rig.vehicles}
         assert len(reasons) == 1
         assert "m apart" in reasons.pop()
 
     run_with_two_vehicles(jump, scenario)
 
 
-def test_hold_of_one_vehicle_holds_the_other_and_ends_the_mission(jump):
-    async def scenario(at):
-        await start_crossing(at)
-        await vehicle_routes.hold("2", at.station, BOB)
-        await reach(at, "stopped", "stopped", within_s=3)
+def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(jump):
+    async def scenario(rig):
+        await start_crossing(rig)
+        await vehicle_routes.hold("2", rig.station, BOB)
+        await reach(rig, "stopped", "stopped", within_s=3)
         await seconds(3)
-        assert [vehicle.status.mode for vehicle in at.vehicles] == ["hold", "hold"]
-        assert "left has left the mission" in at.vehicles[0].offboard_mission.status().reason
+        assert [vehicle.status.mode for vehicle in rig.vehicles] == ["hold", "hold"]
+        assert "left has left the mission" in rig.vehicles[0].offboard_mission.status().reason
 
     run_with_two_vehicles(jump, scenario)
 
 
 @pytest.mark.story
 def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump):
-    async def scenario(at):
-        await start_crossing(at)
-        await routes.pause("2", at.station, ANNA)
-        await reach(at, "paused", "paused", within_s=10)
-        at.station.authority.control("1").lease.release(ANNA)
-        at.station.authority.control("1").lease.take(BOB)
+    async def scenario(rig):
+        await start_crossing(rig)
+        await routes.pause("2", rig.station, ANNA)
+        await reach(rig, "paused", "paused", within_s=10)
+        rig.station.authority.control("1").lease.release(ANNA)
+        rig.station.authority.control("1").lease.take(BOB)
         with pytest.raises(NotInControl):
-            await routes.resume("2", at.station, ANNA)
-        at.station.authority.control("1").lease.release(BOB)
-        await routes.resume("2", at.station, ANNA)
-        await reach(at, "flying", "flying", within_s=10)
+            await routes.resume("2", rig.station, ANNA)
+        rig.station.authority.control("1").lease.release(BOB)
+        await routes.resume("2", rig.station, ANNA)
+        await reach(rig, "flying", "flying", within_s=10)
         with pytest.raises(Refused, match="cannot be skipped"):
-            await routes.skip("1", at.station, ANNA)
+            await routes.skip("1", rig.station, ANNA)
         with pytest.raises(Refused, match="their paths home may cross"):
-            await routes.abort("1", at.station, ANNA, models.AbortMission(then="return"))
-        await routes.abort("1", at.station, ANNA, models.AbortMission(then="land"))
-        assert states(at) == ["aborted", "aborted"]
-        await until(lambda: not any(vehicle.status.armed for vehicle in at.vehicles), 40)
-        commands = [(command, vehicle) for _, command, vehicle, result in lines(at.station) if result == "ok"]
+            await routes.abort("1", rig.station, ANNA, models.AbortMission(then="return"))
+        await routes.abort("1", rig.station, ANNA, models.AbortMission(then="land"))
+        assert states(rig) == ["aborted", "aborted"]
+        await until(lambda: not any(vehicle.status.armed for vehicle in rig.vehicles), 40)
+        commands = [
+            (command, vehicle) for _, command, vehicle, result in lines(rig.station) if result == "ok"
+        ]
         assert (
             commands.count(("offboard_mission/abort", "1"))
             == commands.count(("offboard_mission/abort", "2"))
@@ -197,46 +200,46 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump
 
 
 def test_a_joint_mission_starts_only_if_all_vehicles_can(jump):
-    async def scenario(at):
+    async def scenario(rig):
         with pytest.raises(PlanFindings) as unsafe:
-            await start(at, show(10, 12))
+            await start(rig, show(10, 12))
         assert unsafe.value.codes == ("separation",)
         with pytest.raises(InvalidRequest, match="role 'left' has no vehicle"):
-            await start(at, show(), vehicles={"lead": "1", "right": "2"})
+            await start(rig, show(), vehicles={"lead": "1", "right": "2"})
         with pytest.raises(InvalidRequest, match="no roles"):
-            await start(at, read(f"name: One\nsteps: [{LAND}]"))
+            await start(rig, read(f"name: One\nsteps: [{LAND}]"))
         with pytest.raises(ValueError, match="named twice"):
-            await start(at, show(), vehicles={"lead": "1", "left": "1"})
-        at.station.authority.control("2").lease.release(ANNA)
-        at.station.authority.control("2").lease.take(BOB)
+            await start(rig, show(), vehicles={"lead": "1", "left": "1"})
+        rig.station.authority.control("2").lease.release(ANNA)
+        rig.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl):
-            await start(at, show())
-        at.station.authority.control("2").lease.release(BOB)
-        assert [vehicle.offboard_mission.status() for vehicle in at.vehicles] == [None, None]
-        assert not any(vehicle.status.armed for vehicle in at.vehicles)
+            await start(rig, show())
+        rig.station.authority.control("2").lease.release(BOB)
+        assert [vehicle.offboard_mission.status() for vehicle in rig.vehicles] == [None, None]
+        assert not any(vehicle.status.armed for vehicle in rig.vehicles)
 
     run_with_two_vehicles(jump, scenario)
 
 
 def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
-    async def scenario(at):
-        at.world.sim.simulation.set_battery_remaining(1, 0.02)
-        await until(lambda: at.vehicles[1].topic("health").value.ready_to_arm is False, 20)
+    async def scenario(rig):
+        rig.world.sim.simulation.set_battery_remaining(1, 0.02)
+        await until(lambda: rig.vehicles[1].topic("health").value.ready_to_arm is False, 20)
         with pytest.raises(Refused, match="Vehicle 2 cannot be armed now, so none of the vehicles starts"):
-            await start(at, show())
+            await start(rig, show())
         await seconds(2)
-        assert not any(vehicle.status.armed for vehicle in at.vehicles)
+        assert not any(vehicle.status.armed for vehicle in rig.vehicles)
 
     run_with_two_vehicles(jump, scenario)
 
 
 @pytest.mark.story
 def test_a_mission_for_several_vehicles_cannot_be_started_on_one(jump):
-    async def scenario(at):
+    async def scenario(rig):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
-        at.station.plan_work = PlanWork(Path("no elevation"))
+        rig.station.plan_work = PlanWork(Path("no elevation"))
         with pytest.raises(InvalidRequest, match="it is for 2 vehicles"):
-            await routes.start("1", body, at.station, ANNA)
-        assert at.vehicles[0].offboard_mission.status() is None
+            await routes.start("1", body, rig.station, ANNA)
+        assert rig.vehicles[0].offboard_mission.status() is None
 
     run_with_two_vehicles(jump, scenario)

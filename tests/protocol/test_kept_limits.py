@@ -28,8 +28,8 @@ START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_
 LIMITS = OperatorLimits(speed_max_m_s=4.0, height_max_m=30.0, fence=CircleFence(47.397742, 8.545594, 60.0))
 
 
-def parse(kept):
-    return LimitsRequest.model_validate(kept).to_limits()
+def parse(stored):
+    return LimitsRequest.model_validate(stored).to_limits()
 
 
 def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
@@ -39,12 +39,12 @@ def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
         world = OffboardWorld()
         store = LimitStore(Records(folder), parse)
         await store.load()
-        await world.supervisor.close()  # a folder of another store
+        await world.supervisor.close()  # ends the world's streamer, which has another store
         world.streamer = Streamer(world.clock, LoopStreams(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
         world.supervisor.repeat("beat", world.streamer.update_once, SNAPSHOT_PERIOD_S)
-        world.supervisor.start("rounds", world._run_scheduler)
+        world.supervisor.start("scheduler", world._run_scheduler)
         world.router.start()
         world.fleet.start()
         autopilot = world.offboard_autopilot(world.link(), uid=uid)
@@ -64,7 +64,7 @@ def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
     jump(run)
 
 
-def set_once(jump, folder, **options):
+def set_limits(jump, folder, **options):
     async def scenario(world, vehicle, store):
         await vehicle.offboard.operator_limits.set(LIMITS, by="anna")
         assert vehicle.offboard.operator_limits.origin().kept
@@ -74,9 +74,9 @@ def set_once(jump, folder, **options):
 
 @pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
 def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, known_by):
-    set_once(jump, tmp_path, uid=uid)
+    set_limits(jump, tmp_path, uid=uid)
 
-    async def after(world, vehicle, store):
+    async def check(world, vehicle, store):
         origin = vehicle.offboard.status().limits_origin
         assert vehicle.offboard.limits().operator == LIMITS
         assert (origin.active, origin.restored, origin.kept) == (True, True, True)
@@ -84,11 +84,11 @@ def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, k
         assert origin.set_unix_s > 0
         assert "restored after a restart, set by anna" in origin.text
         assert codes(vehicle) == ["limits_restored"]
-        answer = json.loads(
+        response = json.loads(
             (await offboard_routes.start("1", START, station_of(world), Principal.from_identity("bob"))).body
         )
-        assert answer["limits"]["operator"]["speed_max_m_s"] == 4.0
-        origin_view = answer["limits"]["origin"]
+        assert response["limits"]["operator"]["speed_max_m_s"] == 4.0
+        origin_view = response["limits"]["origin"]
         assert (origin_view["restored"], origin_view["set_by"], origin_view["set_unix_s"]) == (
             True,
             "anna",
@@ -98,12 +98,12 @@ def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, k
         await seconds(0.3)
         assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
 
-    with_server(jump, tmp_path, after, uid=uid)
+    with_server(jump, tmp_path, check, uid=uid)
 
 
 @pytest.mark.parametrize(("before", "after"), [(7, 8), (7, SITL_UID), (SITL_UID, 7)])
 def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(jump, tmp_path, before, after):
-    set_once(jump, tmp_path, uid=before)
+    set_limits(jump, tmp_path, uid=before)
 
     async def scenario(world, vehicle, store):
         assert vehicle.offboard.limits().operator == OperatorLimits()
@@ -114,7 +114,7 @@ def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(jump, tmp
 
 
 def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
-    set_once(jump, tmp_path, uid=7)
+    set_limits(jump, tmp_path, uid=7)
 
     async def different_uids(world, vehicle, store):
         twins = {v.identity.uid: v for v in world.fleet.all()}
@@ -137,7 +137,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
 
 
 def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp_path):
-    set_once(jump, tmp_path, uid=7)
+    set_limits(jump, tmp_path, uid=7)
 
     async def scenario(world, vehicle, store):
         assert vehicle.offboard.limits().operator == LIMITS
@@ -152,7 +152,7 @@ def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp
 
 
 def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing(jump, tmp_path):
-    set_once(jump, tmp_path, uid=7)
+    set_limits(jump, tmp_path, uid=7)
 
     async def scenario(world, vehicle, store):
         await vehicle.offboard.start(stream_request())
@@ -166,7 +166,7 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
 
 
 def test_removed_limits_stay_removed(jump, tmp_path):
-    set_once(jump, tmp_path)
+    set_limits(jump, tmp_path)
 
     async def clear(world, vehicle, store):
         await vehicle.offboard.operator_limits.set(OperatorLimits(), by="bob")
@@ -180,32 +180,32 @@ def test_removed_limits_stay_removed(jump, tmp_path):
     with_server(jump, tmp_path, scenario)
 
 
-def good(tmp_path):
+def stored_record(tmp_path):
     return json.loads((tmp_path / f"uid-{7:016x}.json").read_text())
 
 
 CORRUPTIONS = {
-    "empty": lambda good: b"",
-    "torn": lambda good: json.dumps(good).encode()[:60],
-    "no text": lambda good: bytes(range(256)),
-    "deep": lambda good: b"[" * 50_000,
-    "a list": lambda good: b"[1, 2]",
-    "long": lambda good: json.dumps({**good, "more": "x" * MAX_BYTES}).encode(),
-    "another format": lambda good: json.dumps({**good, "format": 2}).encode(),
-    "another vehicle's": lambda good: json.dumps({**good, "uid": "8" * 16}).encode(),
-    "no time": lambda good: json.dumps({**good, "set_unix_s": "yesterday"}).encode(),
-    "NaN": lambda good: json.dumps({**good, "limits": {"speed_max_m_s": float("nan")}}).encode(),
-    "out of range": lambda good: json.dumps({**good, "limits": {"speed_max_m_s": 900}}).encode(),
-    "unknown limit": lambda good: json.dumps({**good, "limits": {"colour": "red"}}).encode(),
-    "half a fence": lambda good: json.dumps({**good, "limits": {"fence": {"kind": "circle"}}}).encode(),
+    "empty": lambda record: b"",
+    "torn": lambda record: json.dumps(record).encode()[:60],
+    "no text": lambda record: bytes(range(256)),
+    "deep": lambda record: b"[" * 50_000,
+    "a list": lambda record: b"[1, 2]",
+    "long": lambda record: json.dumps({**record, "more": "x" * MAX_BYTES}).encode(),
+    "another format": lambda record: json.dumps({**record, "format": 2}).encode(),
+    "another vehicle's": lambda record: json.dumps({**record, "uid": "8" * 16}).encode(),
+    "no time": lambda record: json.dumps({**record, "set_unix_s": "yesterday"}).encode(),
+    "NaN": lambda record: json.dumps({**record, "limits": {"speed_max_m_s": float("nan")}}).encode(),
+    "out of range": lambda record: json.dumps({**record, "limits": {"speed_max_m_s": 900}}).encode(),
+    "unknown limit": lambda record: json.dumps({**record, "limits": {"colour": "red"}}).encode(),
+    "half a fence": lambda record: json.dumps({**record, "limits": {"fence": {"kind": "circle"}}}).encode(),
 }
 
 
 @pytest.mark.parametrize("name", list(CORRUPTIONS))
-def test_an_unreadable_file_is_a_warning_and_no_crash(jump, tmp_path, name):
-    set_once(jump, tmp_path)
+def test_an_unreadable_file_causes_a_warning_and_no_error(jump, tmp_path, name):
+    set_limits(jump, tmp_path)
     path = tmp_path / f"uid-{7:016x}.json"
-    path.write_bytes(CORRUPTIONS[name](good(tmp_path)))
+    path.write_bytes(CORRUPTIONS[name](stored_record(tmp_path)))
 
     async def scenario(world, vehicle, store):
         origin = vehicle.offboard.status().limits_origin
@@ -220,7 +220,7 @@ def test_an_unreadable_file_is_a_warning_and_no_crash(jump, tmp_path, name):
         assert store.warnings() == []
 
     with_server(jump, tmp_path, scenario)
-    set_once(jump, tmp_path)
+    set_limits(jump, tmp_path)
 
 
 def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(jump, tmp_path):
@@ -248,27 +248,27 @@ def test_an_unreadable_folder_is_reported_for_every_vehicle(jump, tmp_path):
 
 
 def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
-    key, written = VehicleKey(1, "ab"), threading.Event()
-    real = os.fsync
+    key, disk_released = VehicleKey(1, "ab"), threading.Event()
+    fsync = os.fsync
 
-    def slow(descriptor):
-        written.wait(5)
-        real(descriptor)
+    def slow_fsync(descriptor):
+        disk_released.wait(5)
+        fsync(descriptor)
 
     async def run():
         store = LimitStore(Records(tmp_path), parse)
         await store.save(key, LimitRecord(OperatorLimits(speed_max_m_s=1.0), 1.0, "a"))
-        monkeypatch.setattr(os, "fsync", slow)
-        keeping = asyncio.ensure_future(store.save(key, LimitRecord(LIMITS, 2.0, "b")))
+        monkeypatch.setattr(os, "fsync", slow_fsync)
+        saving = asyncio.ensure_future(store.save(key, LimitRecord(LIMITS, 2.0, "b")))
         ticks = 0
-        while not keeping.done():
+        while not saving.done():
             await asyncio.sleep(0.01)
             ticks += 1
             if ticks == 20:  # the loop continued; the file is still the previous one
-                kept = json.loads((tmp_path / "uid-ab.json").read_text())
-                assert kept["limits"] == {"speed_max_m_s": 1.0}
-                written.set()
-        assert await keeping is None
+                stored = json.loads((tmp_path / "uid-ab.json").read_text())
+                assert stored["limits"] == {"speed_max_m_s": 1.0}
+                disk_released.set()
+        assert await saving is None
         store.close()
 
     asyncio.run(run())
@@ -306,9 +306,9 @@ def test_stored_limits_are_read_back_unchanged(tmp_path_factory, limits):
         store = LimitStore(Records(folder), parse)
         assert await store.save(key, LimitRecord(limits, 12.5, "anna")) is None
         store.close()
-        again = LimitStore(Records(folder), parse)
-        await again.load()
-        return again.find(key)
+        reopened = LimitStore(Records(folder), parse)
+        await reopened.load()
+        return reopened.find(key)
 
     found = asyncio.run(run())
     assert found == (None if limits == OperatorLimits() else LimitRecord(limits, 12.5, "anna"))

@@ -1,4 +1,5 @@
-"""Who may close a vehicle's link, and who may let another ground station use it, by the API's functions."""
+"""Which client may close a vehicle's link, or forward it to another ground station, by the API's
+functions."""
 
 import pytest
 
@@ -17,109 +18,109 @@ from tests.protocol.offboard_world import seconds
 CONFIRMATION = "link memory closes, vehicle 1 in flight loses its last link"
 
 
-def names(at):
-    return [info.name for info in at.station.router.links()]
+def link_names(rig):
+    return [info.name for info in rig.station.router.links()]
 
 
-async def close(at, client, confirm=None, name="memory"):
-    await station_routes.remove_link(name, at.station, client, confirm)
+async def close(rig, client, confirm=None, name="memory"):
+    await station_routes.remove_link(name, rig.station, client, confirm)
 
 
 def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(jump):
-    async def scenario(at):
-        await offboard_routes.start("1", START, at.station, ANNA)
+    async def scenario(rig):
+        await offboard_routes.start("1", START, rig.station, ANNA)
         for confirm in (None, CONFIRMATION):
             with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
-                await close(at, BOB, confirm)
-        assert lines(at.station)[-1] == ("bob", "links/remove", None, "not_in_control")
-        received = len(at.autopilot.setpoints)
+                await close(rig, BOB, confirm)
+        assert lines(rig.station)[-1] == ("bob", "links/remove", None, "not_in_control")
+        received = len(rig.autopilot.setpoints)
         await seconds(1)
-        assert len(at.autopilot.setpoints) > received + 30
-        assert names(at) == ["memory"]
+        assert len(rig.autopilot.setpoints) > received + 30
+        assert link_names(rig) == ["memory"]
 
     with_routes(jump, scenario)
 
 
 @pytest.mark.parametrize("situation", ["streamed to", "armed", "armed and not controlled"])
 def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, situation):
-    async def scenario(at):
+    async def scenario(rig):
         if situation == "streamed to":
-            await offboard_routes.start("1", START, at.station, ANNA)
+            await offboard_routes.start("1", START, rig.station, ANNA)
         elif situation == "armed":
-            await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
+            await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         for confirm in (None, "", "yes", CONFIRMATION.replace("1", "2"), CONFIRMATION.upper()):
             with pytest.raises(Refused, match="Vehicle 1 is armed or flown by setpoints") as refused:
-                await close(at, ANNA, confirm)
+                await close(rig, ANNA, confirm)
             assert refused.value.remedy == f"To close it anyway, send confirm={CONFIRMATION!r}."
-        assert names(at) == ["memory"]
-        assert lines(at.station)[-1] == ("anna", "links/remove", None, "refused")
-        await close(at, ANNA, CONFIRMATION)
-        assert names(at) == []
-        assert ("anna", "links/remove", None, "ok") in lines(at.station)
+        assert link_names(rig) == ["memory"]
+        assert lines(rig.station)[-1] == ("anna", "links/remove", None, "refused")
+        await close(rig, ANNA, CONFIRMATION)
+        assert link_names(rig) == []
+        assert ("anna", "links/remove", None, "ok") in lines(rig.station)
 
     with_routes(jump, scenario)
 
 
 def test_with_a_second_link_no_confirmation_is_needed(jump):
-    async def scenario(at):
-        second = at.world.link("second")
-        at.world.offboard_autopilot(second).fly()
+    async def scenario(rig):
+        second = rig.world.link("second")
+        rig.world.offboard_autopilot(second).fly()
         await seconds(8)
-        assert set(at.vehicle.links) == {"memory", "second"}
-        await close(at, ANNA)
-        assert names(at) == ["second"]
+        assert set(rig.vehicle.links) == {"memory", "second"}
+        await close(rig, ANNA)
+        assert link_names(rig) == ["second"]
 
     with_routes(jump, scenario)
 
 
 def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(jump):
-    async def scenario(at):
-        await close(at, BOB)
-        assert names(at) == []
+    async def scenario(rig):
+        await close(rig, BOB)
+        assert link_names(rig) == []
         with pytest.raises(UnknownLink):
-            await close(at, BOB)
+            await close(rig, BOB)
 
     with_routes(jump, scenario, flying=False)
 
 
 def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(jump):
-    async def scenario(at):
-        await control_routes.take("1", at.station, ANNA, FORCE)
+    async def scenario(rig):
+        await control_routes.take("1", rig.station, ANNA, FORCE)
         with pytest.raises(NotInControl):
-            await close(at, BOB)
-        await close(at, ANNA)
-        assert names(at) == []
+            await close(rig, BOB)
+        await close(rig, ANNA)
+        assert link_names(rig) == []
 
     with_routes(jump, scenario, flying=False)
 
 
 def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
-    async def scenario(at):
+    async def scenario(rig):
         take = control_models.TakeControl()
-        await control_routes.take("1", at.station, ANNA, take)
-        at.world.router.connection("memory").link.drop_peer("peer")
-        assert at.vehicle.links == ()
+        await control_routes.take("1", rig.station, ANNA, take)
+        rig.world.router.connection("memory").link.drop_peer("peer")
+        assert rig.vehicle.links == ()
         with pytest.raises(NotInControl):
-            await close(at, BOB)
+            await close(rig, BOB)
         with pytest.raises(Refused, match="last link"):
-            await close(at, ANNA)
+            await close(rig, ANNA)
 
     with_routes(jump, scenario)
 
 
 def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
-    async def scenario(at):
+    async def scenario(rig):
         request = models.LinkRequest(url="udpin://127.0.0.1:0?forward=1", name="station")
-        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), at.station, ANNA)
+        await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
-            await station_routes.add_link(request, at.station, BOB)
-        assert names(at) == ["memory"]
-        at.world.link("station", forward=True)
-        at.world.link("more")
+            await station_routes.add_link(request, rig.station, BOB)
+        assert link_names(rig) == ["memory"]
+        rig.world.link("station", forward=True)
+        rig.world.link("more")
         with pytest.raises(NotInControl):
-            await close(at, BOB, name="station")
-        await close(at, ANNA, name="station")
-        await close(at, BOB, name="more")
-        assert names(at) == ["memory"]
+            await close(rig, BOB, name="station")
+        await close(rig, ANNA, name="station")
+        await close(rig, BOB, name="more")
+        assert link_names(rig) == ["memory"]
 
     with_routes(jump, scenario)

@@ -1,4 +1,4 @@
-"""The answer of `GET /links`: received frames, bytes outside of frames, and the recording."""
+"""The response of `GET /links`: received frames, bytes outside of frames, and the recording."""
 
 import asyncio
 
@@ -18,14 +18,14 @@ def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
         link.inject(bytes(raw), "stranger")
         link.inject(b"AT+RST\r\n" * 20, "stranger")
         link.inject(b"\x00" * 300, "stranger")
-        now = world.router.links()[0]
-        assert now.crc_errors == 1
-        assert 460 <= now.bytes_skipped <= 460 + len(raw)
+        info = world.router.links()[0]
+        assert info.crc_errors == 1
+        assert 460 <= info.bytes_skipped <= 460 + len(raw)
         for peer in link.peers():
             if peer.name == "stranger":
                 link._forget(peer)
         after = world.router.links()[0]
-        assert (after.crc_errors, after.bytes_skipped) == (now.crc_errors, now.bytes_skipped)
+        assert (after.crc_errors, after.bytes_skipped) == (info.crc_errors, info.bytes_skipped)
         await asyncio.sleep(2)
         assert world.router.links()[0].frames_received > before.frames_received
         assert not world.fleet.get("1").status.link_lost
@@ -36,8 +36,13 @@ def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
 def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, jump, tmp_path, monkeypatch):
     async def scenario(world):
         link = world.link()
-        nothing = world.router.links()[0].recording
-        assert (nothing.file, nothing.bytes, nothing.started_unix_s, nothing.stopped) == (None, 0, None, None)
+        no_recording = world.router.links()[0].recording
+        assert (no_recording.file, no_recording.bytes, no_recording.started_unix_s, no_recording.stopped) == (
+            None,
+            0,
+            None,
+            None,
+        )
         world.autopilot(link)
         await world.ready()
         recorder = world.router._recorder

@@ -1,4 +1,4 @@
-"""Missions past an obstacle: avoidance enabled by the plan, by the operator, and not at all."""
+"""Missions past an obstacle: avoidance enabled by the plan or by the operator, and without avoidance."""
 
 import asyncio
 import math
@@ -33,8 +33,8 @@ def fly_through_the_box(jump, tmp_path, scenario, avoidance):
                 OperatorLimits(obstacle_brake=avoidance != "no brake"), by="test"
             )
             await vehicle.offboard.avoidance.wait_for_sensor()
-            word = {"plan": "true", "around": "around"}.get(avoidance, "false")
-            step = f"step: fly, points: [{{offset_ned_m: [10, 0, 0]}}], speed_m_s: 2, avoidance: {word}"
+            yaml_value = {"plan": "true", "around": "around"}.get(avoidance, "false")
+            step = f"step: fly, points: [{{offset_ned_m: [10, 0, 0]}}], speed_m_s: 2, avoidance: {yaml_value}"
             missions.begin(vehicle, mission(f"- {{{step}}}\n- {{step: hold, duration_s: 1}}\n"), in_air=True)
             await missions.reach("flying", within_s=10)
             await scenario(missions, vehicle, world.sim.simulation.truth.position_ned_m[0])
@@ -45,7 +45,8 @@ def fly_through_the_box(jump, tmp_path, scenario, avoidance):
 
 
 def estimated_down_m(vehicle):
-    """The estimate that the mission's heights refer to; it differs from the truth by some decimetres."""
+    """The estimated down position, which the mission's altitudes use; it differs from the truth by some
+    decimetres."""
     return vehicle.topic("local_position").value.position_ned_m[2]
 
 
@@ -54,7 +55,7 @@ def has_collided(vehicle):
 
 
 async def highest_over_the_box_m(missions, position_ned_m):
-    """Flies to the end; returns the greatest height over the box."""
+    """Flies to the end; returns the greatest altitude above the start over the box."""
     highest_m = 0.0
     for _ in range(900):
         if missions.state not in ("flying", "waiting"):
@@ -111,7 +112,7 @@ def test_without_avoidance_the_brake_stops_the_vehicle_until_avoidance_is_enable
         assert await highest_over_the_box_m(missions, position_ned_m) > 4.4
         assert missions.state == "done"
         assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
-        assert vehicle.offboard.status().avoidance.on, "the operator's choice remains"
+        assert vehicle.offboard.status().avoidance.on, "avoidance that the operator enabled was disabled"
 
     fly_through_the_box(jump, tmp_path, scenario, "off")
 

@@ -29,7 +29,7 @@ class FlightRecorder:
         self.flown, self.sent, self.gimbal = [], [], []
 
     async def fly(self):
-        """Flies until the mission ends, and confirms its questions."""
+        """Flies until the mission ends, and answers its questions."""
         flight, view = self.missions.flight, self.world.sim.autopilots[0].view
         while not flight.over:
             status = flight.status()

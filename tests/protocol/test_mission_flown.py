@@ -22,12 +22,12 @@ FLIGHT = """
 HOVER = "- {step: hold, duration_s: 120}\n"
 
 
-async def shown(missions, vehicle):
-    """The answer of the route, which agrees with its model."""
-    answer = view(await routes.show_flown(vehicle, SimpleNamespace(missions=missions.all)))
-    models.FlownMissionView.model_validate(answer)
-    assert answer["vehicle"] == vehicle.id
-    return answer["flown"]
+async def flown_path(missions, vehicle):
+    """The flown path in the route's response, which must match its model."""
+    response = view(await routes.show_flown(vehicle, SimpleNamespace(missions=missions.offboard)))
+    models.FlownMissionView.model_validate(response)
+    assert response["vehicle"] == vehicle.id
+    return response["flown"]
 
 
 @pytest.mark.story
@@ -40,9 +40,9 @@ def test_an_ended_mission_is_compared_with_its_plan(jump, tmp_path):
             home = vehicle.topic("home").value
             missions.begin(vehicle, mission(FLIGHT))
             await missions.reach("done")
-            flown = await shown(missions, vehicle)
+            flown = await flown_path(missions, vehicle)
             await seconds(5)
-            assert await shown(missions, vehicle) == flown, "nothing is recorded after the end"
+            assert await flown_path(missions, vehicle) == flown, "samples were recorded after the end"
         finally:
             await world.close()
 
@@ -60,8 +60,8 @@ def test_an_ended_mission_is_compared_with_its_plan(jump, tmp_path):
         streamed = [each for each in flown["samples"] if each["planned_ned_m"] is not None]
         assert {each["place"] for each in streamed} == {"step 2"}
         for each in streamed:
-            apart_m = math.dist(each["flown_ned_m"], each["planned_ned_m"])
-            assert each["deviation_m"] == pytest.approx(apart_m, abs=0.01)
+            distance_m = math.dist(each["flown_ned_m"], each["planned_ned_m"])
+            assert each["deviation_m"] == pytest.approx(distance_m, abs=0.01)
         assert flown["deviation_max_m"] == max(each["deviation_m"] for each in streamed)
 
     jump(scenario)
@@ -69,24 +69,24 @@ def test_an_ended_mission_is_compared_with_its_plan(jump, tmp_path):
 
 def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abort(jump, tmp_path):
     async def scenario(missions, vehicle, autopilot):
-        flying = await shown(missions, vehicle)
+        in_flight = await flown_path(missions, vehicle)
         await seconds(5)
-        later = await shown(missions, vehicle)
-        assert (flying["over"], later["over"]) == (False, False)
-        assert later["duration_s"] == pytest.approx(flying["duration_s"] + 5, abs=0.2)
+        later = await flown_path(missions, vehicle)
+        assert (in_flight["over"], later["over"]) == (False, False)
+        assert later["duration_s"] == pytest.approx(in_flight["duration_s"] + 5, abs=0.2)
         assert later["started_unix_s"] == missions.flight.status().started_unix_s
         missions.flight.abort("Alice", "hold")
-        ended = await shown(missions, vehicle)
+        ended = await flown_path(missions, vehicle)
         await seconds(5)
         assert ended["over"]
-        assert (await shown(missions, vehicle))["duration_s"] == ended["duration_s"]
+        assert (await flown_path(missions, vehicle))["duration_s"] == ended["duration_s"]
 
     run_in_flight(jump, tmp_path, mission(HOVER), scenario)
 
 
 def test_a_vehicle_without_an_offboard_mission_has_no_flown_path(jump):
-    async def scenario(at):
+    async def scenario(rig):
         with pytest.raises(Refused, match="no offboard mission"):
-            await routes.show_flown(at.vehicle, at.station)
+            await routes.show_flown(rig.vehicle, rig.station)
 
     with_routes(jump, scenario)

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from tests.protocol.mission_squadron import BY_PX4, BY_SETPOINTS, STEPS, fly, kinds_flown
+from tests.protocol.mission_squadron import FLOWN_BY_PX4, FLOWN_BY_SETPOINTS, STEPS, fly, kinds_flown
 from tests.protocol.simulated_world import until
 from tests.support.mission_steps import kinds_of_document
 from vehicle_sim.autopilot.modes import NavState
@@ -19,10 +19,10 @@ def test_a_pause_stops_all_and_resume_completes_all_missions(jump, tmp_path):
     async def scenario(squadron):
         for flight in squadron.flights.values():
             flight.pause("Alice")
-        states = {kind: "suspended" if kind in BY_PX4 else "paused" for kind in STEPS}
+        states = {kind: "suspended" if kind in FLOWN_BY_PX4 else "paused" for kind in STEPS}
         await squadron.reach(states, within_s=15)
-        await until(lambda: all(squadron.modes()[kind] == "hold" for kind in BY_PX4), 5)
-        assert {squadron.modes()[kind] for kind in BY_SETPOINTS} == {"offboard"}
+        await until(lambda: all(squadron.modes()[kind] == "hold" for kind in FLOWN_BY_PX4), 5)
+        assert {squadron.modes()[kind] for kind in FLOWN_BY_SETPOINTS} == {"offboard"}
         await asyncio.sleep(5.0)
         await squadron.stay([kind for kind in STEPS if kind != "take_off"])
         for flight in squadron.flights.values():
@@ -73,12 +73,12 @@ def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump
             squadron.sim.set_parameter(row, "COM_RC_OVERRIDE", 3)
         forward = 0
 
-        async def hold_sticks():
+        async def send_sticks():
             while True:
                 squadron.move_sticks(forward)
                 await asyncio.sleep(0.1)
 
-        holding = asyncio.ensure_future(hold_sticks())
+        sending = asyncio.ensure_future(send_sticks())
         try:
             await asyncio.sleep(1.0)
             if how == "stick":
@@ -93,7 +93,7 @@ def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump
             assert set(squadron.modes().values()) == {"position"}
             assert not any(vehicle.offboard.status().streaming for vehicle in squadron.vehicles.values())
         finally:
-            holding.cancel()
+            sending.cancel()
 
     fly(jump, tmp_path, scenario, link_loss="continue", low_battery="return", failure="return")
 
@@ -101,18 +101,18 @@ def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump
 @pytest.mark.broad
 def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_its_failsafe(jump, tmp_path):
     async def scenario(squadron):
-        announced = {kind: squadron.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+        announced = {kind: squadron.flights[kind].status().if_stream_stops for kind in FLOWN_BY_SETPOINTS}
         assert all(announced.values())
         for row in range(len(STEPS)):
             squadron.sim.set_link_up(row, "gcs", False)
         await asyncio.sleep(8.0)
-        failsafe = {squadron.modes()[kind] for kind in BY_SETPOINTS}
+        failsafe = {squadron.modes()[kind] for kind in FLOWN_BY_SETPOINTS}
         assert "offboard" not in failsafe
         for row in range(len(STEPS)):
             squadron.sim.set_link_up(row, "gcs", True)
-        await squadron.reach(dict.fromkeys(BY_SETPOINTS, "suspended"), within_s=15)
-        await squadron.reach(dict.fromkeys(BY_PX4, "done"), within_s=40)
-        assert {squadron.modes()[kind] for kind in BY_SETPOINTS} <= {
+        await squadron.reach(dict.fromkeys(FLOWN_BY_SETPOINTS, "suspended"), within_s=15)
+        await squadron.reach(dict.fromkeys(FLOWN_BY_PX4, "done"), within_s=40)
+        assert {squadron.modes()[kind] for kind in FLOWN_BY_SETPOINTS} <= {
             *failsafe,
             "hold",
         }  # the stream's last command
@@ -121,7 +121,7 @@ def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_it
 
 
 @pytest.mark.broad
-def test_a_low_battery_returns_all_except_the_one_that_is_landing(jump, tmp_path):
+def test_a_low_battery_makes_all_vehicles_return_except_the_landing_one(jump, tmp_path):
     async def scenario(squadron):
         for row in range(len(STEPS)):
             squadron.sim.simulation.set_battery_remaining(row, 0.12)
@@ -140,10 +140,10 @@ def test_a_lost_position_makes_all_descend(jump, tmp_path):
         for row in range(len(STEPS)):
             squadron.sim.simulation.set_gps_enabled(row, False)
         await squadron.reach({kind: ("suspended", "done", "stopped") for kind in STEPS}, within_s=60)
-        before = {kind: -squadron.place(kind)[2] for kind in STEPS}
+        altitudes_m = {kind: -squadron.position(kind)[2] for kind in STEPS}
         await asyncio.sleep(5.0)
-        sinks = {kind: height - -squadron.place(kind)[2] for kind, height in before.items()}
-        assert all(sinks[kind] > 1.0 or -squadron.place(kind)[2] < 0.5 for kind in STEPS), sinks
+        descents_m = {kind: before + squadron.position(kind)[2] for kind, before in altitudes_m.items()}
+        assert all(descents_m[kind] > 1.0 or -squadron.position(kind)[2] < 0.5 for kind in STEPS), descents_m
 
     fly(jump, tmp_path, scenario)
 
@@ -151,7 +151,7 @@ def test_a_lost_position_makes_all_descend(jump, tmp_path):
 @pytest.mark.broad
 def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_failsafe(jump, tmp_path):
     async def scenario(squadron):
-        announced = {squadron.flights[kind].status().if_stream_stops for kind in BY_SETPOINTS}
+        announced = {squadron.flights[kind].status().if_stream_stops for kind in FLOWN_BY_SETPOINTS}
         assert all("without" in text or "lands" in text for text in announced), announced
         await squadron.world.supervisor.close()
         for _ in range(300):

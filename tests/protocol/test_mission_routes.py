@@ -17,9 +17,9 @@ from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
-PLACE = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
+POSITION = {"lat_deg": 47.397742, "lon_deg": 8.545594, "altitude": AT_20_M}
 PLAN = {
-    "items": [{"kind": "takeoff", **PLACE}, {"kind": "waypoint", **PLACE}, {"kind": "return_home"}],
+    "items": [{"kind": "takeoff", **POSITION}, {"kind": "waypoint", **POSITION}, {"kind": "return_home"}],
     "fence": [
         {
             "shape": "circle",
@@ -29,14 +29,14 @@ PLAN = {
         }
     ],
 }
-OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **PLACE, "lat_deg": 47.41}]}
+OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **POSITION, "lat_deg": 47.41}]}
 
 
-def scenario(jump, tmp_path, work, **pilot_options):
+def with_rig(jump, tmp_path, work, **autopilot_options):
     async def run():
         world = OffboardWorld()
         link = world.link()
-        autopilot = link.autopilots["peer"] = MissionAutopilot(link, **pilot_options)
+        autopilot = link.autopilots["peer"] = MissionAutopilot(link, **autopilot_options)
         try:
             vehicle = await world.ready()
             await seconds(1.5)
@@ -51,26 +51,26 @@ def scenario(jump, tmp_path, work, **pilot_options):
     jump(run)
 
 
-async def upload(at, plan=PLAN, *, by=ANNA, wait=True, **more):
+async def upload(rig, plan=PLAN, *, by=ANNA, wait=True, **more):
     body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": wait, **more})
-    return await mission_routes.upload("1", body, at.station, by)
+    return await mission_routes.upload("1", body, rig.station, by)
 
 
-async def shown(at):
-    return view(await mission_routes.show_mission(at.vehicle, at.station))
+async def show(rig):
+    return view(await mission_routes.show_mission(rig.vehicle, rig.station))
 
 
-def start(at, by=ANNA, **body):
-    return mission_routes.start("1", at.station, by, mission_models.StartRequest.model_validate(body))
+def start(rig, by=ANNA, **body):
+    return mission_routes.start("1", rig.station, by, mission_models.StartRequest.model_validate(body))
 
 
 def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(jump, tmp_path):
-    async def work(at):
-        stored = await at.station.plans.create(
+    async def work(rig):
+        stored = await rig.station.plans.create(
             "Tower", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
         )
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
-        started = await mission_routes.upload("1", body, at.station, ANNA)
+        started = await mission_routes.upload("1", body, rig.station, ANNA)
         assert started.status_code == 202
         operation = view(started)
         assert started.headers["Location"] == f"/api/v1/operations/{operation['id']}"
@@ -79,154 +79,168 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(jump, tm
             "1",
             "running",
         )
-        assert (await shown(at))["holds"]["state"] == "not_known"
+        assert (await show(rig))["holds"]["state"] == "not_known"
         with pytest.raises(Refused, match="only one can run"):
-            await upload(at)
-        ended = await at.station.operations.wait(operation["id"])
+            await upload(rig)
+        ended = await rig.station.operations.wait(operation["id"])
         assert ended.result == {"items": {"fence": 1, "rally": 0, "mission": 3}, "not_kept": []}
-        now = await shown(at)
-        assert now["holds"]["state"] == "plan"
-        assert now["holds"]["plan"] == {"id": stored.id, "version": 1, "name": "Tower"}
-        assert (now["mission"]["count"], now["mission"]["current"], now["transfer"]) == (3, 0, None)
-        assert ("anna", "mission/upload", "1", "ok") in lines(at.station)
-        read = view(await mission_routes.downloaded_plan(at.vehicle))
+        mission_view = await show(rig)
+        assert mission_view["holds"]["state"] == "plan"
+        assert mission_view["holds"]["plan"] == {"id": stored.id, "version": 1, "name": "Tower"}
+        assert (
+            mission_view["mission"]["count"],
+            mission_view["mission"]["current"],
+            mission_view["transfer"],
+        ) == (3, 0, None)
+        assert ("anna", "mission/upload", "1", "ok") in lines(rig.station)
+        read = view(await mission_routes.downloaded_plan(rig.vehicle))
         assert [item["kind"] for item in read["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
         assert (read["still_held"], read["notes"], read["plan"]["fence"][0]["radius_m"]) == (True, [], 200)
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(jump, tmp_path):
-    async def work(at):
-        await upload(at)
+    async def work(rig):
+        await upload(rig)
         many = {**PLAN, "items": PLAN["items"][:2] * 20}
-        started = view(await upload(at, many, wait=False))
+        started = view(await upload(rig, many, wait=False))
         await seconds(0.15)
-        ended = view(await operation_routes.cancel_operation(started["id"], at.station, ANNA))
+        ended = view(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
         assert ended["state"] == "cancelled"
         await seconds(2)
-        assert ((await shown(at))["holds"]["state"], (await shown(at))["mission"]["count"]) == ("plan", 3)
+        assert ((await show(rig))["holds"]["state"], (await show(rig))["mission"]["count"]) == ("plan", 3)
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
-    async def work(at):
-        await control_routes.take("1", at.station, BOB)
+    async def work(rig):
+        await control_routes.take("1", rig.station, BOB)
         for attempt in (
-            upload(at),
-            mission_routes.clear("1", at.station, ANNA),
-            start(at),
-            mission_routes.resume("1", at.station, ANNA),
+            upload(rig),
+            mission_routes.clear("1", rig.station, ANNA),
+            start(rig),
+            mission_routes.resume("1", rig.station, ANNA),
         ):
             with pytest.raises(NotInControl):
                 await attempt
-        assert at.autopilot.service._plans[0] == []
+        assert rig.autopilot.service._plans[0] == []
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
-    async def work(at):
-        await upload(at)
-        at.autopilot.armed, at.autopilot.mode, at.autopilot.landed = True, MISSION, 2
+    async def work(rig):
+        await upload(rig)
+        rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed = True, MISSION, 2
         await seconds(2.5)
-        for attempt in (upload(at), upload(at, confirm="yes"), mission_routes.clear("1", at.station, ANNA)):
+        for attempt in (
+            upload(rig),
+            upload(rig, confirm="yes"),
+            mission_routes.clear("1", rig.station, ANNA),
+        ):
             with pytest.raises(InvalidRequest, match="nothing was sent") as raised:
                 await attempt
             assert raised.value.field == "confirm"
-        assert len(at.autopilot.service._plans[0]) == 3
+        assert len(rig.autopilot.service._plans[0]) == 3
         shorter = {**PLAN, "items": PLAN["items"][:2]}
-        await upload(at, shorter, confirm="vehicle 1 flies the new mission at once")
-        assert len(at.autopilot.service._plans[0]) == 2
-        await mission_routes.clear("1", at.station, ANNA, "vehicle 1 loses the mission that it flies")
-        assert at.autopilot.service._plans[0] == []
+        await upload(rig, shorter, confirm="vehicle 1 flies the new mission at once")
+        assert len(rig.autopilot.service._plans[0]) == 2
+        await mission_routes.clear("1", rig.station, ANNA, "vehicle 1 loses the mission that it flies")
+        assert rig.autopilot.service._plans[0] == []
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path):
-    async def work(at):
+    async def work(rig):
         with pytest.raises(PlanFindings) as unknown:
-            await start(at)
+            await start(rig)
         assert unknown.value.codes == ("plan_not_known",)
-        await upload(at, OUTSIDE)
+        await upload(rig, OUTSIDE)
         with pytest.raises(PlanFindings, match="has errors") as raised:
-            await start(at)
+            await start(rig)
         codes = set(raised.value.codes)
         assert "fence_violation" in codes
         with pytest.raises(PlanFindings):
-            await start(at, despite=["plan_not_known"])
-        assert not at.autopilot.armed
-        done = view(await start(at, despite=sorted(codes)))
-        assert (done["status"]["armed"], done["status"]["mode"]) == (True, "mission")
-        await OtherStation(at.autopilot).upload([])
+            await start(rig, despite=["plan_not_known"])
+        assert not rig.autopilot.armed
+        response = view(await start(rig, despite=sorted(codes)))
+        assert (ddifference["status"]["armed"], ddifference["status"]["mode"]) == (True, "mission")
+        await OtherStation(rig.autopilot).upload([])
         await seconds(2)
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(jump, tmp_path):
     corners = ((-2e-4, -2e-4), (2e-4, -2e-4), (2e-4, 2e-4), (-2e-4, 2e-4))
-    polygon = [{"lat_deg": PLACE["lat_deg"] + n, "lon_deg": PLACE["lon_deg"] + e} for n, e in corners]
+    polygon = [{"lat_deg": POSITION["lat_deg"] + n, "lon_deg": POSITION["lon_deg"] + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 50, "reference": "home"}, "polygon": polygon}
 
-    async def work(at):
+    async def work(rig):
         plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
-        stored = await at.station.plans.create("Tower", plan, by=("anna", "key"))
-        await upload(at, None, plan_id=stored.id)
+        stored = await rig.station.plans.create("Tower", plan, by=("anna", "key"))
+        await upload(rig, None, plan_id=stored.id)
         with pytest.raises(PlanFindings, match="passes through Tower") as raised:
-            await start(at)
+            await start(rig)
         assert "obstacle_hit" in raised.value.codes
-        await at.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
+        await rig.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
         others = set(raised.value.codes) - {"obstacle_hit"}
-        done = view(await start(at, despite=sorted(others)))
-        assert done["status"]["armed"], "the obstacles of a deleted plan are not known"
+        response = view(await start(rig, despite=sorted(others)))
+        assert ddifference["status"]["armed"], "obstacles of a deleted plan kept the vehicle on the ground"
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
-    async def work(at):
-        await upload(at)
+    async def work(rig):
+        await upload(rig)
         with pytest.raises(Refused, match="not flying"):
-            await mission_routes.resume("1", at.station, ANNA)
-        await start(at, item=1)
-        assert (at.autopilot.armed, at.autopilot.mode, at.autopilot.flight.current) == (True, MISSION, 1)
-        at.autopilot.landed = 2
-        await at.vehicle.command.hold()
+            await mission_routes.resume("1", rig.station, ANNA)
+        await start(rig, item=1)
+        assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (True, MISSION, 1)
+        rig.autopilot.landed = 2
+        await rig.vehicle.command.hold()
         await seconds(1.5)
-        await mission_routes.resume("1", at.station, ANNA)
-        assert (at.autopilot.mode, at.autopilot.flight.current) == (MISSION, 1)
+        await mission_routes.resume("1", rig.station, ANNA)
+        assert (rig.autopilot.mode, rig.autopilot.flight.current) == (MISSION, 1)
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission_mode(jump, tmp_path):
-    async def work(at):
-        await upload(at)
-        at.autopilot.arm_denied = True
+    async def work(rig):
+        await upload(rig)
+        rig.autopilot.arm_denied = True
         with pytest.raises(Rejected):
-            await start(at)
+            await start(rig)
         await seconds(1)
-        assert (at.autopilot.armed, at.vehicle.status.mode) == (False, "hold")
+        assert (rig.autopilot.armed, rig.vehicle.status.mode) == (False, "hold")
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
-    async def work(at):
-        await upload(at)
+    async def work(rig):
+        await upload(rig)
         body = mission_models.WhichPlan.model_validate({"plan": PLAN})
-        same = view(await mission_routes.compare(at.vehicle, body, at.station))
+        same = view(await mission_routes.compare(rig.vehicle, body, rig.station))
         assert (same["equal"], same["differences"], same["still_held"]) == (True, [], True)
         other = json.loads(json.dumps(PLAN))
         other["items"][1]["altitude"]["value_m"] = 35
         body = mission_models.WhichPlan.model_validate({"plan": other})
-        found = view(await mission_routes.compare(at.vehicle, body, at.station))
+        found = view(await mission_routes.compare(rig.vehicle, body, rig.station))
         assert not found["equal"]
-        (one,) = found["differences"]
-        assert (one["part"], one["seq"], one["field"], one["planned"], one["held"]) == (
+        (difference,) = found["differences"]
+        assert (
+            difference["part"],
+            difference["seq"],
+            difference["field"],
+            difference["planned"],
+            difference["held"],
+        ) == (
             "mission",
             1,
             "z",
@@ -234,70 +248,72 @@ def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
             20,
         )
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_path):
-    async def work(at):
-        await upload(at)  # a plan without a name on this server
-        which = mission_models.WhichPlan.model_validate
-        stored = await at.station.plans.create("Tower", which({"plan": PLAN}).plan, by=("anna", "key"))
-        other = await at.station.plans.create("Other", which({"plan": OUTSIDE}).plan, by=("anna", "key"))
+    async def work(rig):
+        await upload(rig)  # a plan without a name on this server
+        plan_choice = mission_models.WhichPlan.model_validate
+        stored = await rig.station.plans.create("Tower", plan_choice({"plan": PLAN}).plan, by=("anna", "key"))
+        other = await rig.station.plans.create(
+            "Other", plan_choice({"plan": OUTSIDE}).plan, by=("anna", "key")
+        )
         for plan, held in ((other, None), (stored, stored.id)):
-            await mission_routes.compare(at.vehicle, which({"plan_id": plan.id}), at.station)
-            assert (await shown(at))["holds"]["plan"]["id"] == held
-        theirs = at.vehicle.mission.items_on_vehicle.items["mission"][1]
-        await OtherStation(at.autopilot).upload([replace(theirs, seq=0, z=9.0)])
+            await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": plan.id}), rig.station)
+            assert (await show(rig))["holds"]["plan"]["id"] == held
+        other_item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
+        await OtherStation(rig.autopilot).upload([replace(other_item, seq=0, z=9.0)])
         await seconds(2)
-        await mission_routes.compare(at.vehicle, which({"plan_id": stored.id}), at.station)
-        assert (await shown(at))["holds"]["state"] == "another"
+        await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": stored.id}), rig.station)
+        assert (await show(rig))["holds"]["state"] == "another"
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
-    async def work(at):
+    async def work(rig):
         with pytest.raises(Refused, match="has not been downloaded"):
-            await mission_routes.downloaded_plan(at.vehicle)
-        await upload(at)
-        item = at.vehicle.mission.items_on_vehicle.items["mission"][1]
-        theirs = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
-        await OtherStation(at.autopilot).upload([theirs])
+            await mission_routes.downloaded_plan(rig.vehicle)
+        await upload(rig)
+        item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
+        other_item = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
+        await OtherStation(rig.autopilot).upload([other_item])
         await seconds(2)
-        assert (await shown(at))["holds"]["state"] == "another"
+        assert (await show(rig))["holds"]["state"] == "another"
         body = mission_models.DownloadRequest(wait=True)
-        done = view(await mission_routes.download(at.vehicle, at.station, BOB, body))
-        assert done["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
-        read = view(await mission_routes.downloaded_plan(at.vehicle))
+        response = view(await mission_routes.download(rig.vehicle, rig.station, BOB, body))
+        assert ddifference["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
+        read = view(await mission_routes.downloaded_plan(rig.vehicle))
         assert (len(read["plan"]["items"]), read["plan_name"], read["still_held"]) == (1, None, True)
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 @pytest.mark.parametrize("body", [{}, {"plan": PLAN, "plan_id": "x"}, {"plan": PLAN, "version": 1}])
-def test_exactly_one_plan_must_be_given(body):
+def test_a_request_with_no_plan_or_several_is_refused(body):
     with pytest.raises(ValueError, match=r"exactly one|belongs to"):
         mission_models.WhichPlan.model_validate(body)
 
 
 def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(jump, tmp_path):
-    async def work(at):
-        uploading = asyncio.ensure_future(upload(at, {**PLAN, "items": PLAN["items"][:2] * 50}))
+    async def work(rig):
+        uploading = asyncio.ensure_future(upload(rig, {**PLAN, "items": PLAN["items"][:2] * 50}))
         await seconds(0.2)
-        at.autopilot.alive = False
+        rig.autopilot.alive = False
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert "lost" in str(result)
-        assert at.vehicle.mission.running_transfer is None
+        assert rig.vehicle.mission.running_transfer is None
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_an_offboard_mission_cannot_be_uploaded(jump, tmp_path):
-    async def work(at):
+    async def work(rig):
         mission = OffboardMission(name="Mast", steps=(Land(),), missions={})
-        stored = await at.station.plans.create("Mast", mission, by=("anna", "key"))
+        stored = await rig.station.plans.create("Mast", mission, by=("anna", "key"))
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         with pytest.raises(InvalidRequest, match="the server flies it"):
-            await mission_routes.upload("1", body, at.station, ANNA)
+            await mission_routes.upload("1", body, rig.station, ANNA)
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)

@@ -18,9 +18,11 @@ PLAN = PlanReference("abc", 3, "Tower")
 LOSS = [(0.0, 1), (0.05, 2), (0.3, 3)]
 """The share of packets lost in each direction, and the seed of the losses."""
 NAN = float("nan")
+WAYPOINT, TAKEOFF, CHANGE_SPEED, UNSUPPORTED, FENCE_VERTEX, RALLY_POINT = 16, 22, 178, 212, 5001, 5100
+"""Commands of mission items."""
 
 
-def scenario(jump, work, *, loss=0.0, seed=0):
+def with_rig(jump, work, *, loss=0.0, seed=0):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -29,10 +31,10 @@ def scenario(jump, work, *, loss=0.0, seed=0):
             vehicle = await world.ready()
             await seconds(1.5)
             autopilot.loss = loss
-            at = SimpleNamespace(
+            rig = SimpleNamespace(
                 world=world, vehicle=vehicle, autopilot=autopilot, link=link, mission=vehicle.mission
             )
-            await work(at)
+            await work(rig)
         finally:
             autopilot.alive = False
             await world.close()
@@ -40,7 +42,7 @@ def scenario(jump, work, *, loss=0.0, seed=0):
     jump(run)
 
 
-def waypoint(seq, rng=None, command=16):
+def waypoint(seq, rng=None, command=WAYPOINT):
     rng = rng or random.Random(seq)
     params = (float(rng.randrange(0, 60)), 0.0, 0.0, rng.choice([NAN, 90.0, -45.5]))
     x, y = 473977420 + rng.randrange(-50_000, 50_000), 85455940 + rng.randrange(-50_000, 50_000)
@@ -49,22 +51,23 @@ def waypoint(seq, rng=None, command=16):
 
 def mission(count, seed=0):
     rng = random.Random(seed)
-    first = WireItem(0, 6, 22, 0.0, 0.0, 0.0, NAN, 473977420, 85455940, 20.0)
-    speed = WireItem(1, 2, 178, 1.0, 4.5, -1.0, 0.0, 0, 0, 0.0)
+    first = WireItem(0, 6, TAKEOFF, 0.0, 0.0, 0.0, NAN, 473977420, 85455940, 20.0)
+    speed = WireItem(1, 2, CHANGE_SPEED, 1.0, 4.5, -1.0, 0.0, 0, 0, 0.0)
     return (first, speed, *(waypoint(seq, rng) for seq in range(2, count)))[:count]
 
 
 def square(side=20_000):
     corners = [(-side, -side), (-side, side), (side, side), (side, -side)]
     return tuple(
-        WireItem(n, 6, 5001, 4.0, 0.0, 0.0, 0.0, 473977420 + x, 85455940 + y, 0.0)
+        WireItem(n, 6, FENCE_VERTEX, 4.0, 0.0, 0.0, 0.0, 473977420 + x, 85455940 + y, 0.0)
         for n, (x, y) in enumerate(corners)
     )
 
 
 def rally(count=2):
     return tuple(
-        WireItem(n, 3, 5100, 0.0, 0.0, 0.0, 0.0, 473977420 + 100 * n, 85455940, 25.0) for n in range(count)
+        WireItem(n, 3, RALLY_POINT, 0.0, 0.0, 0.0, 0.0, 473977420 + 100 * n, 85455940, 25.0)
+        for n in range(count)
     )
 
 
@@ -88,163 +91,166 @@ def bytes_of(items):
 def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(jump, loss, seed):
     sent = plan(1000, seed)
 
-    async def work(at):
+    async def work(rig):
         shares = []
-        uploaded = await at.mission.upload(sent, PLAN, progress=lambda _, share: shares.append(share))
-        assert at.mission.plan_on_vehicle() == "plan"
+        uploaded = await rig.mission.upload(sent, PLAN, progress=lambda _, share: shares.append(share))
+        assert rig.mission.plan_on_vehicle() == "plan"
         assert uploaded.not_kept == []
         assert shares == sorted(shares)
         assert shares[-1] > 0.99
         for part in PARTS:
             assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(sent[part])
 
-    scenario(jump, work, loss=loss, seed=seed)
+    with_rig(jump, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, (0.3, 4), (0.3, 5), (0.3, 6), (0.3, 7)])
 def test_small_plans_replace_each_other_and_empty_parts_are_cleared(jump, loss, seed):
-    async def work(at):
-        await at.mission.upload(plan(4), PLAN)
+    async def work(rig):
+        await rig.mission.upload(plan(4), PLAN)
         other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
-        await at.mission.upload(other, PlanReference("def", 1, "Barn"))
-        assert (at.mission.plan_on_vehicle(), at.mission.items_on_vehicle.plan.id) == ("plan", "def")
-        read = await at.mission.download()
+        await rig.mission.upload(other, PlanReference("def", 1, "Barn"))
+        assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan.id) == ("plan", "def")
+        read = await rig.mission.download()
         assert [len(read.items[part]) for part in ("mission", "fence", "rally")] == [7, 0, 0]
-        assert read.plan.id == "def", "the downloaded plan is the uploaded one"
-        await at.mission.clear()
+        assert read.plan.id == "def", "the downloaded plan is not the uploaded plan"
+        await rig.mission.clear()
         await seconds(3)
-        assert at.vehicle.topic("mission").value.count == 0
-        assert at.mission.items_on_vehicle.plan is None
+        assert rig.vehicle.topic("mission").value.count == 0
+        assert rig.mission.items_on_vehicle.plan is None
 
-    scenario(jump, work, loss=loss, seed=seed)
+    with_rig(jump, work, loss=loss, seed=seed)
 
 
 def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump):
-    async def work(at):
-        await at.mission.upload(plan(4), PLAN)
+    async def work(rig):
+        await rig.mission.upload(plan(4), PLAN)
         for index in (0, 3, 6):
             items = list(mission(7, seed=2))
-            items[index] = waypoint(index, command=212)
+            items[index] = waypoint(index, command=UNSUPPORTED)
             with pytest.raises(Rejected, match=f"refused item {index + 1} of the mission") as raised:
-                await at.mission.upload({**plan(), "mission": tuple(items)}, PlanReference("bad", 1, "Bad"))
+                await rig.mission.upload({**plan(), "mission": tuple(items)}, PlanReference("bad", 1, "Bad"))
             assert "not supported in a mission" in str(raised.value)
             assert "still has its previous items" in str(raised.value)
-            assert (at.mission.plan_on_vehicle(), at.mission.items_on_vehicle.plan) == ("plan", PLAN)
-        read = await at.mission.download()
+            assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan) == ("plan", PLAN)
+        read = await rig.mission.download()
         assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
 
-    scenario(jump, work)
+    with_rig(jump, work)
 
 
 def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
-    async def work(at):
-        await at.mission.upload(plan(4), PLAN)
-        bad = {"mission": (waypoint(0, command=212),), "fence": square(9_000), "rally": rally()}
+    async def work(rig):
+        await rig.mission.upload(plan(4), PLAN)
+        bad = {"mission": (waypoint(0, command=UNSUPPORTED),), "fence": square(9_000), "rally": rally()}
         with pytest.raises(Rejected, match=r"now has a new geofence\. Its rally points and mission are as"):
-            await at.mission.upload(bad, PlanReference("bad", 1, "Bad"))
+            await rig.mission.upload(bad, PlanReference("bad", 1, "Bad"))
         await seconds(1.5)
-        assert at.mission.plan_on_vehicle() == "another"
+        assert rig.mission.plan_on_vehicle() == "another"
 
-    scenario(jump, work)
+    with_rig(jump, work)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 @pytest.mark.parametrize("after_s", [0.0, 0.01, 0.05, 0.1, 0.3, 0.6, 1.0, 2.0, 3.0])
 def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which(jump, after_s, loss):
-    async def work(at):
+    async def work(rig):
         old, new = plan(5), plan(60, seed=4)
-        await at.mission.upload(old, PLAN)
-        uploading = asyncio.ensure_future(at.mission.upload(new, PlanReference("new", 1, "New")))
+        await rig.mission.upload(old, PLAN)
+        uploading = asyncio.ensure_future(rig.mission.upload(new, PlanReference("new", 1, "New")))
         await seconds(after_s)
-        uploading.cancel()  # at 3 s without loss it is already finished
+        uploading.cancel()  # at 3 s without loss the upload is already finished
         await asyncio.wait([uploading])
-        assert at.mission.running_transfer is None
-        done = not uploading.cancelled()
-        at.autopilot.loss = 0.0
-        read = await at.mission.download()
+        assert rig.mission.running_transfer is None
+        completed = not uploading.cancelled()
+        rig.autopilot.loss = 0.0
+        read = await rig.mission.download()
         assert bytes_of(read.items["mission"]) in (bytes_of(old["mission"]), bytes_of(new["mission"]))
         is_old = all(bytes_of(read.items[part]) == bytes_of(old[part]) for part in PARTS)
-        assert not (done and is_old)
-        holds = "plan" if is_old or done else "not_known"
-        assert (at.mission.plan_on_vehicle(), at.mission.items_on_vehicle.plan is not None) == (
+        assert not (completed and is_old)
+        holds = "plan" if is_old or completed else "not_known"
+        assert (rig.mission.plan_on_vehicle(), rig.mission.items_on_vehicle.plan is not None) == (
             holds,
             holds == "plan",
         )
 
-    scenario(jump, work, loss=loss, seed=int(after_s * 100) + 1)
+    with_rig(jump, work, loss=loss, seed=int(after_s * 100) + 1)
 
 
 def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
-    async def work(at):
-        await at.mission.upload(plan(4), PLAN)
-        await OtherStation(at.autopilot).upload([waypoint(n) for n in range(3)])
+    async def work(rig):
+        await rig.mission.upload(plan(4), PLAN)
+        await OtherStation(rig.autopilot).upload([waypoint(n) for n in range(3)])
         await seconds(2)
-        assert at.mission.plan_on_vehicle() == "another"
-        read = await at.mission.download()
-        assert (len(read.items["mission"]), read.plan, at.mission.plan_on_vehicle()) == (3, None, "not_known")
-        await at.mission.upload(plan(4), PLAN)
-        assert at.mission.plan_on_vehicle() == "plan"
+        assert rig.mission.plan_on_vehicle() == "another"
+        read = await rig.mission.download()
+        assert (len(read.items["mission"]), read.plan, rig.mission.plan_on_vehicle()) == (3, None, "not_known")
+        await rig.mission.upload(plan(4), PLAN)
+        assert rig.mission.plan_on_vehicle() == "plan"
 
-    scenario(jump, work)
+    with_rig(jump, work)
 
 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
 def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
-    """PX4 accepts items from any station: unrequested items may spoil an upload, which is then reported."""
+    """PX4 accepts items from any station. So unrequested items may corrupt an upload, which the server
+    reports."""
 
-    async def work(at):
-        ours, theirs = plan(12, seed=5), [waypoint(n) for n in range(8)]
-        uploading = asyncio.ensure_future(at.mission.upload(ours, PLAN))
+    async def work(rig):
+        uploaded, other_items = plan(12, seed=5), [waypoint(n) for n in range(8)]
+        uploading = asyncio.ensure_future(rig.mission.upload(uploaded, PLAN))
         await seconds(after_s)
-        await OtherStation(at.autopilot).upload(theirs)
+        await OtherStation(rig.autopilot).upload(other_items)
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert isinstance(result, GcsError) or result.items_on_vehicle.plan == PLAN
         await seconds(2)
-        claimed = at.mission.plan_on_vehicle() == "plan"
-        read = await at.mission.download()
-        is_ours = bytes_of(read.items["mission"]) == bytes_of(ours["mission"])
-        assert claimed == is_ours
+        claimed = rig.mission.plan_on_vehicle() == "plan"
+        read = await rig.mission.download()
+        is_uploaded = bytes_of(read.items["mission"]) == bytes_of(uploaded["mission"])
+        assert claimed == is_uploaded
 
-    scenario(jump, work)
+    with_rig(jump, work)
 
 
 def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
-    async def work(at):
-        short = asyncio.ensure_future(OtherStation(at.autopilot).upload([waypoint(n) for n in range(40)]))
+    async def work(rig):
+        short = asyncio.ensure_future(OtherStation(rig.autopilot).upload([waypoint(n) for n in range(40)]))
         await seconds(0.3)
-        await at.mission.upload(plan(3), PLAN)
+        await rig.mission.upload(plan(3), PLAN)
         await short
-        assert at.mission.plan_on_vehicle() == "plan"
-        long = asyncio.ensure_future(OtherStation(at.autopilot).upload([waypoint(n) for n in range(60)], 0.5))
+        assert rig.mission.plan_on_vehicle() == "plan"
+        long = asyncio.ensure_future(
+            OtherStation(rig.autopilot).upload([waypoint(n) for n in range(60)], 0.5)
+        )
         await seconds(1.1)
         with pytest.raises(Rejected, match="busy with another transfer"):
-            await at.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
+            await rig.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
         long.cancel()
 
-    scenario(jump, work)
+    with_rig(jump, work)
 
 
 def test_a_transfer_is_refused_during_another_one_but_not_after_it(jump):
-    async def work(at):
-        first = asyncio.ensure_future(at.mission.upload(plan(30), PLAN))
+    async def work(rig):
+        first = asyncio.ensure_future(rig.mission.upload(plan(30), PLAN))
         await seconds(0.05)
-        for second in (at.mission.download(), at.mission.clear(), at.mission.upload(plan(2), PLAN)):
+        for second in (rig.mission.download(), rig.mission.clear(), rig.mission.upload(plan(2), PLAN)):
             with pytest.raises(Refused, match="is busy with"):
                 await second
         await first
-        await at.mission.download()
+        await rig.mission.download()
 
-    scenario(jump, work)
+    with_rig(jump, work)
 
 
-def test_a_vehicle_without_mission_answers_is_reported_as_silent(jump):
-    async def work(at):
-        at.autopilot.receive = lambda _: None
+def test_a_vehicle_without_mission_replies_is_reported(jump):
+    async def work(rig):
+        rig.autopilot.receive = lambda _: None
         with pytest.raises(NoReply, match="did not answer for 8 s"):
-            await at.mission.download()
+            await rig.mission.download()
         with pytest.raises(NoReply, match="still has its previous items"):
-            await at.mission.upload(plan(3), PLAN)
+            await rig.mission.upload(plan(3), PLAN)
         with pytest.raises(NoReply, match="clear the geofence"):
-            await at.mission.clear()
+            await rig.mission.clear()
 
-    scenario(jump, work)
+    with_rig(jump, work)

@@ -13,7 +13,7 @@ NAME = "Inspect bridge"
 
 
 class Program:
-    """A program that registers a mode over ROS 2 and answers the arming checks."""
+    """A program that registers a mode over ROS 2 and replies to the arming checks."""
 
     def __init__(self, world: Ros2World) -> None:
         self._topics = world.topics[0]
@@ -60,7 +60,7 @@ def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(jump: A
     jump(run)
 
 
-def test_a_mode_that_was_registered_before_the_server_connected_has_its_name_when_it_is_entered(
+def test_a_mode_that_was_registered_before_the_server_connected_has_its_name_when_the_vehicle_enters_it(
     jump: Any,
 ) -> None:
     async def run() -> None:

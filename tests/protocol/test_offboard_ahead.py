@@ -20,6 +20,7 @@ from missions.setpoints import (
     Trajectory,
     Velocity,
 )
+from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import codes, flight, seconds, stream_request
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -41,7 +42,7 @@ NEED_POSITION = {"position", "position_global", "position_body", "path", "follow
 
 
 @pytest.mark.parametrize(
-    ("flags", "impossible"),
+    ("flags", "expected"),
     [
         (ATTITUDE | VELOCITY | POSITION | HEIGHT, NEVER_AVAILABLE),
         (ATTITUDE | VELOCITY | HEIGHT, NEVER_AVAILABLE | NEED_POSITION),
@@ -50,12 +51,12 @@ NEED_POSITION = {"position", "position_global", "position_body", "path", "follow
         (0, set(KINDS)),
     ],
 )
-def test_the_available_setpoints_depend_on_the_vehicles_estimates(jump, flags, impossible):
+def test_the_available_setpoints_depend_on_the_vehicles_estimates(jump, flags, expected):
     async def scenario(world, vehicle, autopilot, link):
         send_estimator_flags(autopilot, flags)
         await seconds(0.1)
-        assert unavailable(vehicle) == impossible
-        for name in impossible - NEVER_AVAILABLE:
+        assert unavailable(vehicle) == expected
+        for name in expected - NEVER_AVAILABLE:
             assert "estimate" in vehicle.offboard.available()[name].why_not
 
     flight(jump, scenario)
@@ -65,14 +66,14 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
     async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
         await seconds(1.5)
-        for setpoint, words in (
+        for setpoint, text in (
             (Position((0.0, 0.0, -5.0)), "no fresh position"),
             (Velocity((0.0, 0.0, 0.0)), "no fresh velocity"),
             (Trajectory((None, None, None), (1.0, 0.0, 0.0)), "no fresh velocity"),
         ):
-            with pytest.raises(Refused, match=words):
+            with pytest.raises(Refused, match=text):
                 await vehicle.offboard.start(StreamRequest(setpoint))
-        assert autopilot.commands(176) == []
+        assert autopilot.commands(DO_SET_MODE) == []
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         assert autopilot.mode == OFFBOARD
 
@@ -81,13 +82,13 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
 
 def test_setpoints_that_are_never_available_have_a_reason(jump):
     async def scenario(world, vehicle, autopilot, link):
-        for setpoint, error, words in (
+        for setpoint, error, text in (
             (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
             (Position((1.0, None, -5.0)), InvalidRequest, "north and east are needed together"),
             (Actuators((0.5,)), Refused, "MAVLink link carries no actuators"),
             (Follow("1", (3.0, 0.0, 0.0)), InvalidRequest, "cannot follow itself"),
         ):
-            with pytest.raises(error, match=f"(?i){words}"):
+            with pytest.raises(error, match=f"(?i){text}"):
                 await vehicle.offboard.start(StreamRequest(setpoint))
         assert autopilot.setpoints == []
 
@@ -102,12 +103,12 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
         targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Rates((0.0, 0.0, 1.0), 0.6), 0.5, OnExpiry("hold", 1.0)))
         assert targets[-1][1].type_mask == 128
-        autopilot.silent_commands.add(176)
+        autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(1.0)
         assert "expired" in codes(vehicle)
         assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (7, pytest.approx(0.44))
         assert abs(targets[-1][1].q[1]) < 1e-6
-        assert [int(m.param3) for m in autopilot.commands(176)][-1] == 6  # Land has been requested
+        assert [int(m.param3) for m in autopilot.commands(DO_SET_MODE)][-1] == 6  # Land has been requested
 
     flight(jump, scenario)
 
@@ -131,7 +132,7 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
     flight(jump, scenario)
 
 
-def test_of_the_vehicles_and_the_operators_limit_the_lower_one_applies(jump):
+def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(jump):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.params |= {
             "MPC_XY_VEL_MAX": (9, 4.0),
@@ -169,16 +170,16 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ju
         await seconds(1.5)
         with pytest.raises(Refused, match="limits cannot be enforced"):
             await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5)))
-        assert autopilot.commands(176) == []
+        assert autopilot.commands(DO_SET_MODE) == []
 
     flight(jump, scenario)
 
 
-def test_an_altitude_above_home_is_converted_to_one_above_sea_level(jump):
+def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(jump):
     async def scenario(world, vehicle, autopilot, link):
         targets = autopilot.other_targets
-        place = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
-        await vehicle.offboard.start(StreamRequest(place, 60.0))
+        target = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
+        await vehicle.offboard.start(StreamRequest(target, 60.0))
         assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
         assert vehicle.offboard.status().setpoint["alt_amsl_m"] == pytest.approx(496.0)
 

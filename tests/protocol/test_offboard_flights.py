@@ -1,10 +1,11 @@
-"""Offboard flights from start to end, with everything between the call and the bytes."""
+"""Offboard flights from start to end, from the call to the sent bytes."""
 
 import asyncio
 
 import pytest
 
 from gcs_server.errors import Disconnected, NoReply, Refused, Rejected
+from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
@@ -81,7 +82,7 @@ def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
 # --- starting -------------------------------------------------------------------------------------
 
 
-def test_of_two_simultaneous_starts_one_flies_and_the_other_is_refused(jump):
+def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(jump):
     async def scenario(world, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await asyncio.sleep(0)
@@ -140,7 +141,7 @@ def test_a_stopped_start_affects_no_later_start(jump):
     flight(jump, scenario)
 
 
-def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(jump):
+def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_without_a_stream(jump):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.6
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -157,7 +158,7 @@ def test_another_command_during_a_start_never_leaves_offboard_without_a_stream(j
     flight(jump, scenario)
 
 
-def test_a_start_with_a_cancelled_caller_never_leaves_offboard_without_a_stream(jump):
+def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_without_a_stream(jump):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -206,7 +207,7 @@ def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
             await starting
         await seconds(9)
         assert not vehicle.offboard.status().streaming
-        assert autopilot.mode == HOLD, "although the vehicle received the request"
+        assert autopilot.mode == HOLD, "the vehicle stayed in Offboard"
         assert autopilot.failsafes == 0
         await assert_silent(autopilot, link)
 
@@ -239,7 +240,7 @@ def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
-        assert autopilot.mode == HOLD, "armed now, it stays on the ground"
+        assert autopilot.mode == HOLD, "an armed vehicle would not stay on the ground"
         assert not vehicle.offboard.status().streaming
 
     flight(jump, scenario, flying=False)
@@ -260,11 +261,11 @@ def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(jum
         await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=0.5))
         while vehicle.offboard.status().state == "streaming":
             await seconds(0.004)
-        at = autopilot.ned[0]
+        north_m = autopilot.ned[0]
         await seconds(0.05)
-        held = autopilot.setpoints[-1][1]
-        assert held.type_mask == 2552
-        assert held.x == pytest.approx(at, abs=0.6), "10 m/s and 60 ms"
+        hold_setpoint = autopilot.setpoints[-1][1]
+        assert hold_setpoint.type_mask == 2552
+        assert hold_setpoint.x == pytest.approx(north_m, abs=0.6), "more than 60 ms at 10 m/s"
         moving.cancel()
 
     flight(jump, scenario)
@@ -277,8 +278,8 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
         await seconds(2)
         assert autopilot.mode == HOLD
         assert not mode_requests(autopilot, LAND)
-        after = [m for t, m in autopilot.setpoints if m.type_mask == 2552]
-        assert not after, "a position one second old is behind the vehicle"
+        hold_setpoints = [m for t, m in autopilot.setpoints if m.type_mask == 2552]
+        assert not hold_setpoints, "a position one second old is behind the vehicle"
         await seconds(8)
         assert not vehicle.offboard.status().streaming
 
@@ -311,7 +312,7 @@ def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed
 def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
-        autopilot.refuse[176] = 1
+        autopilot.refuse[DO_SET_MODE] = 1
         await seconds(9)
         assert codes(vehicle) == ["expired", "not_confirmed"]
         assert len(mode_requests(autopilot, HOLD)) == 5
@@ -328,7 +329,7 @@ def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_req
         assert vehicle.offboard.status().state == "holding"
         resumed = await vehicle.offboard.setpoint(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         assert resumed.state == "streaming"
-        autopilot.silent_commands.add(176)
+        autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(1.0)
         assert vehicle.offboard.status().state == "to_hold"
         with pytest.raises(Refused, match="ending"):
@@ -350,7 +351,7 @@ def test_a_start_during_expiry_is_refused(jump):
 def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, action="land"))
-        autopilot.silent_commands.add(176)
+        autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(1)
         assert vehicle.offboard.status().state == "landing"
         assert (await vehicle.offboard.stop()).state == "landing"
@@ -364,7 +365,7 @@ def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
 def test_a_stop_on_a_lost_link_is_repeated(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(hold_for_s=3600.0))
-        autopilot.silent_commands.add(176)
+        autopilot.silent_commands.add(DO_SET_MODE)
         with pytest.raises(NoReply):
             await vehicle.offboard.stop()
         assert autopilot.failsafes == 0
@@ -376,14 +377,14 @@ def test_a_stop_on_a_lost_link_is_repeated(jump):
     flight(jump, scenario)
 
 
-def test_of_two_clients_the_last_setpoint_applies_and_both_may_stop(jump):
+def test_the_last_setpoint_of_two_clients_applies_and_each_client_may_stop(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(client="a"))
         for number in range(10):
             client = "ab"[number % 2]
-            place = (float(number), 0.0, -5.0)
-            status = await vehicle.offboard.setpoint(stream_request(position=place, client=client))
-            assert (status.client, status.setpoint["position_ned_m"]) == (client, place)
+            position_ned_m = (float(number), 0.0, -5.0)
+            status = await vehicle.offboard.setpoint(stream_request(position=position_ned_m, client=client))
+            assert (status.client, status.setpoint["position_ned_m"]) == (client, position_ned_m)
             await seconds(0.05)
             assert autopilot.setpoints[-1][1].x == number
         await vehicle.offboard.stop()

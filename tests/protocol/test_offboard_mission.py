@@ -10,8 +10,8 @@ from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.streamer.missions.readings import reported_values
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from tests.protocol.api_calls import ANNA, WorkHere, lines, view, with_routes
-from tests.protocol.api_calls import BOB as BOB_
+from tests.protocol.api_calls import ANNA, InlinePlanWork, lines, view, with_routes
+from tests.protocol.api_calls import BOB as ROUTE_BOB
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, run_in_flight
 from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests, seconds, stream_request
@@ -119,7 +119,7 @@ def test_stopping_a_missions_stream_suspends_it_like_hold(jump, tmp_path):
     run_in_flight(jump, tmp_path, hover(), scenario)
 
 
-def test_an_aborted_mission_holds_and_nothing_more_is_sent(jump, tmp_path):
+def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(jump, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         missions.flight.abort("Alice", "hold")
         assert missions.state == "aborted"
@@ -246,7 +246,7 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp
         autopilot.loss = 1.0
         await seconds(8)
         autopilot.loss = 0.0
-        autopilot.mode = autopilot.requested_mode = HOLD  # it received the stream's last command
+        autopilot.mode = autopilot.requested_mode = HOLD  # the vehicle received the stream's last command
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
@@ -255,7 +255,7 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp
 
 def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(jump, tmp_path):
     async def scenario(missions, vehicle, autopilot):
-        missions.all.update = lambda: None
+        missions.offboard.update = lambda: None
         await seconds(4)
         assert vehicle.offboard.status().state == "holding"
         await until(lambda: autopilot.mode == HOLD, 10)
@@ -267,14 +267,14 @@ def test_a_mission_without_updates_from_the_server_holds_position_and_then_switc
 def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         assert "Position" in missions.flight.status().if_stream_stops
-        streamer, update = missions.world.streamer, missions.all.update
-        update_once, streamer.update_once, missions.all.update = (
+        streamer, update = missions.world.streamer, missions.offboard.update
+        update_once, streamer.update_once, missions.offboard.update = (
             streamer.update_once,
             lambda: None,
             lambda: None,
         )
         await until(lambda: autopilot.mode == POSITION, 6)
-        streamer.update_once, missions.all.update = update_once, update
+        streamer.update_once, missions.offboard.update = update_once, update
         await missions.reach("suspended", within_s=3)
         await assert_silent(autopilot, None, settle_s=0.5)
         assert autopilot.failsafes == 1
@@ -282,7 +282,7 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
     run_in_flight(jump, tmp_path, hover(link_loss="continue", failure="return"), scenario)
 
 
-def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
+def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(jump, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await missions.world.streamer.stop_all()
         assert autopilot.mode == HOLD
@@ -292,51 +292,51 @@ def test_a_server_shutdown_holds_a_mission(jump, tmp_path):
     run_in_flight(jump, tmp_path, hover(), scenario)
 
 
-# --- its routes -----------------------------------------------------------------------------------
+# --- routes --------------------------------------------------------------------------------------
 
 
 def run_with_routes(jump, scenario):
-    async def with_missions(at):
-        at.station.plan_work = WorkHere()
-        at.station.missions.attach(at.vehicle)
-        at.station.missions.start()
-        await scenario(at)
+    async def with_missions(rig):
+        rig.station.plan_work = InlinePlanWork()
+        rig.station.missions.attach(rig.vehicle)
+        rig.station.missions.start()
+        await scenario(rig)
 
     with_routes(jump, with_missions)
 
 
-async def started(at, document=HOVER, by=ANNA, **more):
-    wanted = mission(document).model_dump(mode="json", exclude_none=True)
-    body = models.StartMission.model_validate({"mission": wanted, **more})
-    return view(await routes.start("1", body, at.station, by))["mission"]
+async def start_mission(rig, document=HOVER, by=ANNA, **more):
+    mission_fields = mission(document).model_dump(mode="json", exclude_none=True)
+    body = models.StartMission.model_validate({"mission": mission_fields, **more})
+    return view(await routes.start("1", body, rig.station, by))["mission"]
 
 
 def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_command_is_journaled(jump):
-    async def scenario(at):
-        started_mission = await started(at)
+    async def scenario(rig):
+        started_mission = await start_mission(rig)
         assert (started_mission["state"], started_mission["client"], started_mission["plan_id"]) == (
             "starting",
             "anna",
             None,
         )
         assert "Position" in started_mission["if_stream_stops"]
-        await until(lambda: at.vehicle.offboard_mission.status().state == "flying", 10)
+        await until(lambda: rig.vehicle.offboard_mission.status().state == "flying", 10)
         for call in (routes.pause, routes.skip, routes.abort):
             with pytest.raises(NotInControl):
-                await call("1", at.station, BOB_)
-        paused = view(await routes.pause("1", at.station, ANNA))["mission"]
+                await call("1", rig.station, ROUTE_BOB)
+        paused = view(await routes.pause("1", rig.station, ANNA))["mission"]
         assert paused["state"] == "pausing"
         with pytest.raises(Refused, match="not waiting for the operator"):
-            await routes.go_on("1", at.station, ANNA)
-        await until(lambda: at.vehicle.offboard_mission.status().state == "paused", 5)
-        await routes.resume("1", at.station, ANNA)
-        await routes.skip("1", at.station, ANNA)
-        await until(lambda: at.vehicle.offboard_mission.status().place == "step 2", 5)
-        ended = view(await routes.abort("1", at.station, ANNA, models.AbortMission(then="land")))["mission"]
+            await routes.go_on("1", rig.station, ANNA)
+        await until(lambda: rig.vehicle.offboard_mission.status().state == "paused", 5)
+        await routes.resume("1", rig.station, ANNA)
+        await routes.skip("1", rig.station, ANNA)
+        await until(lambda: rig.vehicle.offboard_mission.status().place == "step 2", 5)
+        ended = view(await routes.abort("1", rig.station, ANNA, models.AbortMission(then="land")))["mission"]
         assert (ended["state"], ended["reason"]) == ("aborted", "anna aborted the mission")
-        shown = view(await routes.show_mission(at.vehicle, at.station))["mission"]
-        assert shown["state"] == "aborted"
-        commands = [line[1] for line in lines(at.station) if line[3] == "ok"]
+        mission_view = view(await routes.show_mission(rig.vehicle, rig.station))["mission"]
+        assert mission_view["state"] == "aborted"
+        commands = [line[1] for line in lines(rig.station) if line[3] == "ok"]
         assert commands == [f"offboard_mission/{a}" for a in ("start", "pause", "resume", "skip", "abort")]
 
     run_with_routes(jump, scenario)
@@ -345,13 +345,13 @@ def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_comma
 def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
     far = HOVER + "- {step: fly, points: [{offset_ned_m: [40, 0, -5]}]}\n- {step: land}\n"
 
-    async def scenario(at):
-        await at.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=30.0), by="anna")
+    async def scenario(rig):
+        await rig.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=30.0), by="anna")
         with pytest.raises(PlanFindings, match="your limit is 30 m from home") as refused:
-            await started(at, far)
+            await start_mission(rig, far)
         assert refused.value.codes == ("limit_exceeded",)
-        await at.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=50.0), by="anna")
-        await started(at, far)
+        await rig.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=50.0), by="anna")
+        await start_mission(rig, far)
 
     run_with_routes(jump, scenario)
 
@@ -359,32 +359,32 @@ def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
 def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(jump):
     bad = HOVER + "- {step: velocity, velocity_ned_m_s: [90, 0, 0], duration_s: 5}\n- {step: land}\n"
 
-    async def scenario(at):
+    async def scenario(rig):
         with pytest.raises(PlanFindings, match="above the vehicle's limits") as refused:
-            await started(at, bad)
+            await start_mission(rig, bad)
         assert refused.value.codes[0] == "speed_exceeded"
-        assert at.vehicle.offboard_mission.status() is None
-        await started(at, bad, despite=list(refused.value.codes))
-        assert at.vehicle.offboard_mission.status().state != "aborted"
+        assert rig.vehicle.offboard_mission.status() is None
+        await start_mission(rig, bad, despite=list(refused.value.codes))
+        assert rig.vehicle.offboard_mission.status().state != "aborted"
 
     run_with_routes(jump, scenario)
 
 
 def test_without_a_position_a_mission_is_refused_before_anything_is_sent(jump):
-    async def scenario(at):
-        at.autopilot.estimates = False
+    async def scenario(rig):
+        rig.autopilot.estimates = False
         await seconds(2)
         with pytest.raises(Refused, match="no valid position"):
-            await started(at)
-        assert at.autopilot.setpoints == []
+            await start_mission(rig)
+        assert rig.autopilot.setpoints == []
 
     run_with_routes(jump, scenario)
 
 
 def test_a_vehicle_without_an_offboard_mission_refuses_its_commands(jump):
-    async def scenario(at):
-        assert view(await routes.show_mission(at.vehicle, at.station))["mission"] is None
+    async def scenario(rig):
+        assert view(await routes.show_mission(rig.vehicle, rig.station))["mission"] is None
         with pytest.raises(Refused, match="no offboard mission"):
-            await routes.pause("1", at.station, ANNA)
+            await routes.pause("1", rig.station, ANNA)
 
     run_with_routes(jump, scenario)

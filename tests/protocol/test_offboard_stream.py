@@ -1,4 +1,5 @@
-"""Setpoints over the WebSocket on simulated time: answers, newest wins, a flood, a closed socket."""
+"""Setpoints over the WebSocket on simulated time: replies, several pending setpoints, a flood, a closed
+socket."""
 
 import asyncio
 import json
@@ -18,14 +19,14 @@ class Closed(Exception):
 
 
 class FakeSocket:
-    """The client's end of a socket: `submit` sends, `received` has the answers."""
+    """The client's end of a socket: `submit` sends, `received` has the replies."""
 
     def __init__(self):
         self.inbox = asyncio.Queue()
         self.received = []
         self.closed = None
-        self.reads = asyncio.Event()
-        self.reads.set()
+        self.reading = asyncio.Event()
+        self.reading.set()
 
     def submit(self, **fields):
         self.inbox.put_nowait(json.dumps(fields))
@@ -37,7 +38,7 @@ class FakeSocket:
         return text
 
     async def send_text(self, data):
-        await self.reads.wait()
+        await self.reading.wait()
         self.received.append(json.loads(data))
 
     async def close(self, code=1000, reason=None):
@@ -45,8 +46,8 @@ class FakeSocket:
 
 
 def north(metres, **more):
-    place = {"type": "position", "position_ned_m": [metres, 0, -5]}
-    return {"setpoint": place, "valid_for_s": 60, **more}
+    setpoint = {"type": "position", "position_ned_m": [metres, 0, -5]}
+    return {"setpoint": setpoint, "valid_for_s": 60, **more}
 
 
 def with_socket(jump, scenario, *, start=True):
@@ -69,7 +70,7 @@ def with_socket(jump, scenario, *, start=True):
     flight(jump, fly)
 
 
-def test_each_setpoint_is_sent_at_once_and_answered_with_the_applied_values(jump):
+def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(jump):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(1, 51):
             before = len(autopilot.setpoints)
@@ -85,23 +86,23 @@ def test_each_setpoint_is_sent_at_once_and_answered_with_the_applied_values(jump
     with_socket(jump, scenario)
 
 
-def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
+def test_the_newest_valid_of_several_pending_setpoints_is_sent(jump):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(10):
             socket.submit(seq=seq, **north(seq))
         socket.submit(seq=10, setpoint={"type": "position", "position_ned_m": ["far", 0, 0]})
         await seconds(0.1)
-        answers = {a["seq"]: a for a in socket.received}
-        assert answers[10]["error"]["field"] == "setpoint.position_ned_m.0"
-        assert answers[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
-        assert all(answers[seq] == {"seq": seq, "superseded": True} for seq in range(9))
+        replies = {a["seq"]: a for a in socket.received}
+        assert replies[10]["error"]["field"] == "setpoint.position_ned_m.0"
+        assert replies[9]["applied"]["position_ned_m"] == [9.0, 0.0, -5.0]
+        assert all(replies[seq] == {"seq": seq, "superseded": True} for seq in range(9))
         assert {m.x for _, m in autopilot.setpoints[-3:]} == {9.0}
 
     with_socket(jump, scenario)
 
 
 @pytest.mark.parametrize(
-    ("message", "words", "field"),
+    ("message", "text", "field"),
     [
         ("not json", "not JSON", "body"),
         ("[1, 2]", "JSON object", "body"),
@@ -157,15 +158,15 @@ def test_of_pending_setpoints_the_newest_valid_one_is_sent(jump):
         ),
     ],
 )
-def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump, message, words, field):
+def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump, message, text, field):
     async def scenario(vehicle, autopilot, socket):
         await seconds(0.1)
         before = (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask)
         socket.inbox.put_nowait(message)
         await seconds(0.1)
-        (answer,) = socket.received
-        assert words in answer["error"]["detail"]
-        assert field is None or answer["error"]["field"] == field
+        (reply,) = socket.received
+        assert text in reply["error"]["detail"]
+        assert field is None or reply["error"]["field"] == field
         assert (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask) == before
 
     with_socket(jump, scenario)
@@ -183,16 +184,16 @@ def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(j
 
 
 @pytest.mark.story
-def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
+def test_setpoints_of_a_client_that_reads_no_replies_are_applied(jump):
     async def scenario(vehicle, autopilot, socket):
-        socket.reads.clear()
+        socket.reading.clear()
         for seq in range(1000):
             socket.submit(seq=seq, **north(seq / 100))
             await seconds(0.01)
         assert autopilot.setpoints[-1][1].x == pytest.approx(9.99, abs=0.03)
-        socket.reads.set()
+        socket.reading.set()
         await seconds(0.2)
-        assert len(socket.received) <= 202  # the oldest answers were dropped
+        assert len(socket.received) <= 202  # the oldest replies were dropped
         assert socket.received[-1]["seq"] == 999
 
     with_socket(jump, scenario)
@@ -206,18 +207,18 @@ def test_setpoints_of_a_client_that_reads_no_answers_are_applied(jump):
         pytest.param('{"type": "' + "y" * 500_000 + '"}', marks=pytest.mark.broad),
     ],
 )
-def test_invalid_setpoints_with_unread_answers_use_no_memory_and_do_not_end_the_stream(jump, text):
+def test_invalid_setpoints_with_unread_replies_use_no_memory_and_do_not_end_the_stream(jump, text):
     async def scenario(vehicle, autopilot, socket):
-        socket.reads.clear()
+        socket.reading.clear()
         for _ in range(100):
             socket.inbox.put_nowait(text)
             await seconds(0.02)
         socket.submit(seq=7, **north(3))
         await seconds(0.1)
         assert autopilot.setpoints[-1][1].x == pytest.approx(3, abs=0.03)
-        socket.reads.set()
+        socket.reading.set()
         await seconds(0.2)
-        assert sum(len(json.dumps(answer)) for answer in socket.received) < MAX_RESPONSES_BYTES + 10_000
+        assert sum(len(json.dumps(reply)) for reply in socket.received) < MAX_RESPONSES_BYTES + 10_000
         assert socket.received[-1]["seq"] == 7
 
     with_socket(jump, scenario)
@@ -230,7 +231,7 @@ def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
         await seconds(0.1)
         assert socket.closed[0] == CLOSE_FLOOD
         await seconds(7)
-        assert autopilot.mode != OFFBOARD  # held, then Hold
+        assert autopilot.mode != OFFBOARD  # position hold in Offboard, then Hold
         assert autopilot.failsafes == 0
 
     with_socket(jump, scenario)

@@ -7,6 +7,7 @@ import errno
 import pytest
 
 from gcs_server.errors import NoReply, Refused, Rejected
+from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
@@ -78,7 +79,7 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         autopilot.alive = False
-        autopilot.silent_commands.add(176)
+        autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(3.5 + 5 + 1.5)
         assert not vehicle.offboard.status().streaming
         assert codes(vehicle) == ["lost", "not_confirmed"]
@@ -96,7 +97,7 @@ def test_a_kill_in_flight_ends_the_stream(jump):
     flight(jump, scenario)
 
 
-def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
+def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline(jump):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -109,7 +110,7 @@ def test_a_server_shutdown_holds_all_vehicles_at_once_with_a_deadline(jump):
             vehicles = [await world.ready(str(i)) for i in (1, 2, 3)]
             await seconds(1.5)
             await asyncio.gather(*(vehicle.offboard.start(stream_request()) for vehicle in vehicles))
-            autopilots[0].silent_commands.add(176)
+            autopilots[0].silent_commands.add(DO_SET_MODE)
             began = world.loop.time()
             stopped = {s.vehicle: s.error for s in await world.streamer.stop_all()}
             assert world.loop.time() - began < 3.5
@@ -133,12 +134,12 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
         autopilot.mode = POSITION
         dropped = []
 
-        def lose_the_first(message):
-            if getattr(message, "command", None) == 176 and message.param3 == 3 and not dropped:
+        def drop_first_hold_request(message):
+            if getattr(message, "command", None) == DO_SET_MODE and message.param3 == 3 and not dropped:
                 dropped.append(message)
             return message in dropped
 
-        autopilot.handlers.append(lose_the_first)
+        autopilot.handlers.append(drop_first_hold_request)
         await vehicle.command.hold()
         assert dropped
         assert autopilot.mode == HOLD
@@ -154,7 +155,7 @@ def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.005)
-        autopilot.refuse[176] = 2
+        autopilot.refuse[DO_SET_MODE] = 2
         autopilot.mode = POSITION
         with pytest.raises(Rejected, match="denied"):
             await vehicle.command.hold()
@@ -167,12 +168,14 @@ def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
 @pytest.mark.parametrize("call", ["land", "rtl"])
 def test_the_stream_does_not_request_hold_during_another_command(jump, call):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and m.param3 == 3)
+        autopilot.handlers.append(lambda m: getattr(m, "command", None) == DO_SET_MODE and m.param3 == 3)
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
         while vehicle.offboard.status().state != "to_hold":
             await seconds(0.01)
         await seconds(0.9)
-        autopilot.handlers.append(lambda m: getattr(m, "command", None) == 176 and world.loop.time() < late_s)
+        autopilot.handlers.append(
+            lambda m: getattr(m, "command", None) == DO_SET_MODE and world.loop.time() < late_s
+        )
         late_s = world.loop.time() + 1.3
         requests = len(mode_requests(autopilot, HOLD))
         await getattr(vehicle.command, call)()
@@ -234,8 +237,8 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(jump):
             await by_link["two"].command.kill()
             assert autopilots[0].armed
             assert not autopilots[0].setpoints
-            assert not autopilots[0].commands(400)
-            assert not autopilots[0].commands(176)
+            assert not autopilots[0].commands(ARM_DISARM)
+            assert not autopilots[0].commands(DO_SET_MODE)
             assert not autopilots[1].armed
         finally:
             await world.close()

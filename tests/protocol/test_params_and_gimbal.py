@@ -7,6 +7,7 @@ import pytest
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.gimbal import Roi
+from tests.protocol.command_numbers import GIMBAL_PITCHYAW
 from tests.protocol.one_vehicle import LOSS, flight
 
 
@@ -75,10 +76,10 @@ def test_gimbal_control_is_taken_used_and_released(kit, jump, loss, seed):
         await vehicle.gimbal.take_control()
         assert autopilot.control == (255, 190)
         await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
-        sent = autopilot.commands(1000)[-1]
+        sent = autopilot.commands(GIMBAL_PITCHYAW)[-1]
         assert (sent.param1, sent.param2, sent.param5) == (-30, pytest.approx(-170), 16)
         await vehicle.gimbal.set_rates(10, -5)
-        sent = autopilot.commands(1000)[-1]
+        sent = autopilot.commands(GIMBAL_PITCHYAW)[-1]
         assert (sent.param3, sent.param4) == (10, -5)
         await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
         assert autopilot.gimbal_q[1] != 0

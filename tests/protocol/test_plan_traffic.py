@@ -50,29 +50,29 @@ ACROSS = {"items": OVER, "fence": [ZONE]}
 run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, apart_m=APART_M)
 
 
-async def upload(at, vehicle_id, plan):
+async def upload(rig, vehicle_id, plan):
     body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
-    await mission_routes.upload(vehicle_id, body, at.station, ANNA)
+    await mission_routes.upload(vehicle_id, body, rig.station, ANNA)
     await seconds(1.2)
 
 
-async def start(at, vehicle_id, *despite, item=0):
+async def start(rig, vehicle_id, *despite, item=0):
     body = mission_models.StartRequest.model_validate({"item": item, "despite": list(despite)})
-    await mission_routes.start(vehicle_id, at.station, ANNA, body)
+    await mission_routes.start(vehicle_id, rig.station, ANNA, body)
 
 
-async def refused(at, *despite):
+async def refused(rig, *despite):
     """The refusal of the start of vehicle 2."""
     with pytest.raises(PlanFindings) as caught:
-        await start(at, "2", *despite)
-    assert not at.two.status.armed
-    assert at.two.status.mode != "mission"
+        await start(rig, "2", *despite)
+    assert not rig.two.status.armed
+    assert rig.two.status.mode != "mission"
     return caught.value
 
 
-async def warnings_of_check(at, plan=ACROSS):
+async def warnings_of_check(rig, plan=ACROSS):
     body = plan_models.PlanToCheck.model_validate({"plan": plan, "vehicle": "2"})
-    answer = view(await plan_routes.check_plan(body, at.station))
+    answer = view(await plan_routes.check_plan(body, rig.station))
     plan_models.PlanCheck.model_validate(answer)
     found = [each for each in answer["findings"] if each["code"].startswith("separation")]
     assert {each["severity"] for each in found} <= {"warning"}
@@ -80,66 +80,66 @@ async def warnings_of_check(at, plan=ACROSS):
 
 
 def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_has_landed(jump):
-    async def scenario(at):
-        await upload(at, "1", HOP)
-        await upload(at, "2", ACROSS)
-        assert await warnings_of_check(at) == []
-        await start(at, "1")
-        both = await refused(at)
+    async def scenario(rig):
+        await upload(rig, "1", HOP)
+        await upload(rig, "2", ACROSS)
+        assert await warnings_of_check(rig) == []
+        await start(rig, "1")
+        both = await refused(rig)
         assert both.codes == ("fence_crossed", "separation")
         assert "The plan on vehicle 2 has errors: " in str(both)
         assert "Vehicle 2 may come too near to another vehicle: " in str(both)
-        near = await refused(at, "fence_crossed")
+        near = await refused(rig, "fence_crossed")
         (text,) = near.reasons
         assert "at item 2, " in text
         assert "m along its path" in text
         assert "of vehicle 1 (item " in text
         assert "Required: 5 m plus 1.9 m of margin." in text
-        assert await warnings_of_check(at) == [("separation", 1)]
-        await until(lambda: not at.one.status.armed, 60)
-        await start(at, "2", "fence_crossed")
-        assert at.two.status.armed
+        assert await warnings_of_check(rig) == [("separation", 1)]
+        await until(lambda: not rig.one.status.armed, 60)
+        await start(rig, "2", "fence_crossed")
+        assert rig.two.status.armed
 
     run_with_two_vehicles(jump, scenario)
 
 
 def test_of_two_starts_at_the_same_time_the_second_is_compared_with_the_first_and_can_be_accepted(jump):
-    async def scenario(at):
-        await upload(at, "1", HOP)
-        await upload(at, "2", {"items": OVER})
-        answers = await asyncio.gather(start(at, "1"), start(at, "2"), return_exceptions=True)
+    async def scenario(rig):
+        await upload(rig, "1", HOP)
+        await upload(rig, "2", {"items": OVER})
+        answers = await asyncio.gather(start(rig, "1"), start(rig, "2"), return_exceptions=True)
         assert answers[0] is None
         assert answers[1].codes == ("separation",)
-        assert not at.two.status.armed
-        await start(at, "2", "separation")
-        assert (at.two.status.armed, at.two.status.mode) == (True, "mission")
+        assert not rig.two.status.armed
+        await start(rig, "2", "separation")
+        assert (rig.two.status.armed, rig.two.status.mode) == (True, "mission")
 
     run_with_two_vehicles(jump, scenario)
 
 
 def test_later_starts_are_not_compared_with_a_failed_start(jump):
-    async def scenario(at):
-        await upload(at, "1", HOP)
-        await upload(at, "2", {"items": OVER})
-        at.one.command.start_mission = None  # fails
+    async def scenario(rig):
+        await upload(rig, "1", HOP)
+        await upload(rig, "2", {"items": OVER})
+        rig.one.command.start_mission = None  # fails
         with pytest.raises(TypeError):
-            await start(at, "1")
-        await start(at, "2")
-        assert at.two.status.armed
+            await start(rig, "1")
+        await start(rig, "2")
+        assert rig.two.status.armed
 
     run_with_two_vehicles(jump, scenario)
 
 
 @pytest.mark.story
 def test_a_start_is_refused_over_a_hovering_vehicle_and_warned_about_one_whose_path_is_unknown(jump):
-    async def scenario(at):
-        await upload(at, "2", {"items": OVER})
-        await at.one.command.takeoff(6.0)
+    async def scenario(rig):
+        await upload(rig, "2", {"items": OVER})
+        await rig.one.command.takeoff(6.0)
         await seconds(4)
-        assert await warnings_of_check(at, {"items": OVER}) == [("separation_unknown", None)]
-        await until(lambda: at.one.status.mode == "hold", 40)
+        assert await warnings_of_check(rig, {"items": OVER}) == [("separation_unknown", None)]
+        await until(lambda: rig.one.status.mode == "hold", 40)
         await seconds(2)
-        found = await refused(at)
+        found = await refused(rig)
         assert "of vehicle 1 (hovering)" in found.reasons[0]
         assert "The time of vehicle 1 at this position is not known." in found.reasons[0]
 
@@ -150,48 +150,48 @@ UP_THERE = "- {step: hold, duration_s: 30}\n"
 OVER_THERE = "- {step: fly, points: [{offset_ned_m: [0, -80, -6]}]}\n"
 
 
-async def start_mission(at, vehicle_id, steps, *despite):
+async def start_mission(rig, vehicle_id, steps, *despite):
     mission = read(f"name: Up\nsteps:\n- {{step: take_off, height_m: 6}}\n{steps}- {{step: land}}\n")
     wanted = {"mission": json.loads(document.write(mission)), "despite": list(despite)}
     body = offboard_mission_models.StartMission.model_validate(wanted)
-    await offboard_mission_routes.start(vehicle_id, body, at.station, ANNA)
+    await offboard_mission_routes.start(vehicle_id, body, rig.station, ANNA)
 
 
 def test_an_offboard_mission_is_refused_where_it_comes_too_near_and_can_be_accepted(jump):
-    async def scenario(at):
-        await upload(at, "1", HOP)
-        await start(at, "1")
+    async def scenario(rig):
+        await upload(rig, "1", HOP)
+        await start(rig, "1")
         with pytest.raises(PlanFindings) as caught:
-            await start_mission(at, "2", OVER_THERE)
+            await start_mission(rig, "2", OVER_THERE)
         assert caught.value.codes == ("separation",)
         (text,) = caught.value.reasons
         assert text.startswith("step 2: ")
         assert "of vehicle 1 (item " in text
         await seconds(1.0)
-        assert not at.two.status.armed
-        await start_mission(at, "2", OVER_THERE, "separation")
-        await until(lambda: at.two.status.armed, 10)
+        assert not rig.two.status.armed
+        await start_mission(rig, "2", OVER_THERE, "separation")
+        await until(lambda: rig.two.status.armed, 10)
 
     run_with_two_vehicles(jump, scenario)
 
 
 def test_of_two_offboard_missions_started_at_the_same_time_the_second_is_compared_with_the_first(jump):
-    async def scenario(at):
-        missions = (start_mission(at, "1", UP_THERE), start_mission(at, "2", OVER_THERE))
+    async def scenario(rig):
+        missions = (start_mission(rig, "1", UP_THERE), start_mission(rig, "2", OVER_THERE))
         answers = await asyncio.gather(*missions, return_exceptions=True)
         assert answers[0] is None
         assert answers[1].codes == ("separation",)
         await seconds(1.0)
-        assert not at.two.status.armed
+        assert not rig.two.status.armed
 
     run_with_two_vehicles(jump, scenario)
 
 
 def test_an_offboard_mission_in_flight_is_compared_along_its_steps(jump):
-    async def scenario(at):
-        await upload(at, "2", {"items": OVER})
-        await start_mission(at, "1", UP_THERE)
-        found = await refused(at)
+    async def scenario(rig):
+        await upload(rig, "2", {"items": OVER})
+        await start_mission(rig, "1", UP_THERE)
+        found = await refused(rig)
         assert found.codes == ("separation",)
         assert "of vehicle 1 (step " in found.reasons[0]
 

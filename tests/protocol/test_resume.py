@@ -44,13 +44,13 @@ def scenario(jump, tmp_path, work):
         world = OffboardWorld()
         link = world.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link)
-        at = SimpleNamespace(world=world, autopilot=autopilot, folder=tmp_path)
+        rig = SimpleNamespace(world=world, autopilot=autopilot, folder=tmp_path)
         try:
-            at.vehicle = await world.ready()
+            rig.vehicle = await world.ready()
             await seconds(1.5)
-            await start_server(at)
-            await work(at)
-            at.progress.close()
+            await start_server(rig)
+            await work(rig)
+            rig.progress.close()
         finally:
             autopilot.alive = False
             await world.close()
@@ -58,71 +58,71 @@ def scenario(jump, tmp_path, work):
     jump(run)
 
 
-async def start_server(at):
+async def start_server(rig):
     """Starts a server on the data folder of the test."""
-    at.progress = ProgressStore(Records(at.folder / "flights"))
-    await at.progress.load()
-    at.station = station_of(at.world, at.progress)
-    at.station.plans = PlanStore(at.folder / "plans", at.world.clock)
-    at.flights = at.station.waypoint_flights
+    rig.progress = ProgressStore(Records(rig.folder / "flights"))
+    await rig.progress.load()
+    rig.station = station_of(rig.world, rig.progress)
+    rig.station.plans = PlanStore(rig.folder / "plans", rig.world.clock)
+    rig.flights = rig.station.waypoint_flights
 
 
-async def monitor_for(at, duration_s):
+async def monitor_for(rig, duration_s):
     """The server monitors the vehicle for some seconds."""
     for _ in range(int(duration_s * 10)):
-        at.flights.update()
+        rig.flights.update()
         await seconds(0.1)
 
 
-async def upload(at, plan=PLAN):
+async def upload(rig, plan=PLAN):
     body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
-    await mission_routes.upload("1", body, at.station, ANNA)
+    await mission_routes.upload("1", body, rig.station, ANNA)
     await seconds(1.5)
 
 
-async def start(at, by=ANNA, **body):
-    await mission_routes.start("1", at.station, by, mission_models.StartRequest.model_validate(body))
+async def start(rig, by=ANNA, **body):
+    await mission_routes.start("1", rig.station, by, mission_models.StartRequest.model_validate(body))
 
 
-async def shown(at):
-    answer = view(await mission_routes.show_mission(at.vehicle, at.station))
+async def shown(rig):
+    answer = view(await mission_routes.show_mission(rig.vehicle, rig.station))
     mission_models.MissionView.model_validate(answer)
     return answer
 
 
-async def fly_to(at, item, north_m):
-    at.autopilot.landed, at.autopilot.flight.current = 2, item
-    at.autopilot.position[0] = LAT + north_m * NORTH_DEG
-    await monitor_for(at, 2.5)
+async def fly_to(rig, item, north_m):
+    rig.autopilot.landed, rig.autopilot.flight.current = 2, item
+    rig.autopilot.position[0] = LAT + north_m * NORTH_DEG
+    await monitor_for(rig, 2.5)
 
 
-async def land(at, north_m=0.0):
+async def land(rig, north_m=0.0):
     """Returns because of its battery, lands and disarms."""
-    at.autopilot.mode = RTL
-    await monitor_for(at, 2.5)
-    at.autopilot.position[0] = LAT + north_m * NORTH_DEG
-    at.autopilot.armed, at.autopilot.landed, at.autopilot.mode = False, 1, HOLD
-    await monitor_for(at, 2.5)
+    rig.autopilot.mode = RTL
+    await monitor_for(rig, 2.5)
+    rig.autopilot.position[0] = LAT + north_m * NORTH_DEG
+    rig.autopilot.armed, rig.autopilot.landed, rig.autopilot.mode = False, 1, HOLD
+    await monitor_for(rig, 2.5)
 
 
-async def interrupt_at_item_4(at):
-    await upload(at)
-    await start(at, item=0)
-    await fly_to(at, 1, 10)
-    await fly_to(at, 3, 90)
-    await land(at)
+async def interrupt_at_item_4(rig):
+    await upload(rig)
+    await start(rig, item=0)
+    await fly_to(rig, 1, 10)
+    await fly_to(rig, 3, 90)
+    await land(rig)
 
 
 def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(jump, tmp_path):
-    async def work(at):
-        assert ((await shown(at))["resume"], (await shown(at))["no_resume"]) == (None, None)
-        await interrupt_at_item_4(at)
-        at.autopilot.alive = False
-        await monitor_for(at, 12)
-        at.autopilot.alive, at.autopilot.flight.current = True, 0
-        await monitor_for(at, 3)
-        offer = (await shown(at))["resume"]
-        landed_s = at.world.clock.unix_s() - offer["interrupted_unix_s"]
+    async def work(rig):
+        assert ((await shown(rig))["resume"], (await shown(rig))["no_resume"]) == (None, None)
+        await interrupt_at_item_4(rig)
+        rig.autopilot.alive = False
+        await monitor_for(rig, 12)
+        rig.autopilot.alive, rig.autopilot.flight.current = True, 0
+        await monitor_for(rig, 3)
+        offer = (await shown(rig))["resume"]
+        landed_s = rig.world.clock.unix_s() - offer["interrupted_unix_s"]
         assert 17 < landed_s < 22, "the flight was interrupted when the vehicle began to return"
         assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
             1,
@@ -133,127 +133,127 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(jump
         assert (offer["altitude_m"], offer["altitude_reference"]) == (20, "home")
         assert offer["distance_m"] == pytest.approx(40, abs=0.5)
         assert offer["cautions"] == []
-        await start(at, item=offer["item"], mission_id=offer["mission_id"])
-        assert (at.autopilot.armed, at.autopilot.mode, at.autopilot.flight.current) == (True, MISSION, 1)
-        await fly_to(at, 1, 20)
-        assert "armed" in (await shown(at))["no_resume"]
-        await land(at)
-        assert (await shown(at))["resume"]["item"] == 1, (
+        await start(rig, item=offer["item"], mission_id=offer["mission_id"])
+        assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (True, MISSION, 1)
+        await fly_to(rig, 1, 20)
+        assert "armed" in (await shown(rig))["no_resume"]
+        await land(rig)
+        assert (await shown(rig))["resume"]["item"] == 1, (
             "the waypoint at which it was resumed was not reached"
         )
-        await start(at, item=1)
-        await fly_to(at, 4, 150)
-        await land(at)
-        assert (await shown(at))["resume"]["item"] == 3
+        await start(rig, item=1)
+        await fly_to(rig, 4, 150)
+        await land(rig)
+        assert (await shown(rig))["resume"]["item"] == 3
 
     scenario(jump, tmp_path, work)
 
 
 def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(jump, tmp_path):
-    async def work(at):
-        await interrupt_at_item_4(at)
-        at.progress.close()
-        at.vehicle.mission.items_on_vehicle = None
-        await start_server(at)
-        now = await shown(at)
+    async def work(rig):
+        await interrupt_at_item_4(rig)
+        rig.progress.close()
+        rig.vehicle.mission.items_on_vehicle = None
+        await start_server(rig)
+        now = await shown(rig)
         assert now["resume"] is None
         assert now["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
-        stored = await at.station.plans.create(
+        stored = await rig.station.plans.create(
             "Field", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
         )
         body = mission_models.DownloadRequest(wait=True)
-        await mission_routes.download(at.vehicle, at.station, ANNA, body)
+        await mission_routes.download(rig.vehicle, rig.station, ANNA, body)
         which = mission_models.WhichPlan(plan_id=stored.id)
-        await mission_routes.compare(at.vehicle, which, at.station)
-        assert (await shown(at))["resume"]["item"] == 1
+        await mission_routes.compare(rig.vehicle, which, rig.station)
+        assert (await shown(rig))["resume"]["item"] == 1
 
     scenario(jump, tmp_path, work)
 
 
 def test_another_plan_is_not_resumed_and_the_reason_is_shown(jump, tmp_path):
-    async def work(at):
-        await interrupt_at_item_4(at)
-        offer = (await shown(at))["resume"]
+    async def work(rig):
+        await interrupt_at_item_4(rig)
+        offer = (await shown(rig))["resume"]
         higher = [{**each} for each in PLAN["items"]]
         higher[1] = item("waypoint", 40, 25)
-        await upload(at, {"items": higher})
-        now = await shown(at)
+        await upload(rig, {"items": higher})
+        now = await shown(rig)
         assert now["resume"] is None
         assert now["no_resume"].startswith(
             "Vehicle 1 has flown the plan up to item 4, and now has another plan"
         )
         with pytest.raises(Refused, match="another mission than the one that the start was chosen for"):
-            await start(at, item=offer["item"], mission_id=offer["mission_id"])
-        assert not at.autopilot.armed
-        await upload(at)
-        assert (await shown(at))["resume"] == {
+            await start(rig, item=offer["item"], mission_id=offer["mission_id"])
+        assert not rig.autopilot.armed
+        await upload(rig)
+        assert (await shown(rig))["resume"] == {
             **offer,
-            "distance_m": (await shown(at))["resume"]["distance_m"],
+            "distance_m": (await shown(rig))["resume"]["distance_m"],
         }
-        await OtherStation(at.autopilot).upload([])
+        await OtherStation(rig.autopilot).upload([])
         await seconds(2)
-        assert (await shown(at))["resume"] is None
+        assert (await shown(rig))["resume"] is None
 
     scenario(jump, tmp_path, work)
 
 
 def test_a_finished_plan_is_not_resumed_nor_is_one_that_did_not_reach_its_first_waypoint(jump, tmp_path):
-    async def work(at):
-        await upload(at)
-        await start(at, item=0)
-        await fly_to(at, 1, 10)
-        await land(at)
-        now = await shown(at)
+    async def work(rig):
+        await upload(rig)
+        await start(rig, item=0)
+        await fly_to(rig, 1, 10)
+        await land(rig)
+        now = await shown(rig)
         assert (now["resume"], now["no_resume"]) == (None, None)
-        await interrupt_at_item_4(at)
-        await start(at, item=0)
-        await fly_to(at, 1, 10)
-        await land(at)
-        assert (await shown(at))["resume"]["interrupted_item"] == 3, (
+        await interrupt_at_item_4(rig)
+        await start(rig, item=0)
+        await fly_to(rig, 1, 10)
+        await land(rig)
+        assert (await shown(rig))["resume"]["interrupted_item"] == 3, (
             "a new start that flew no leg changes nothing"
         )
-        await start(at, item=0)
-        await fly_to(at, 4, 150)
-        await fly_to(at, 5, 180)
-        at.autopilot.armed, at.autopilot.landed = False, 1
-        await monitor_for(at, 2.5)
-        now = await shown(at)
+        await start(rig, item=0)
+        await fly_to(rig, 4, 150)
+        await fly_to(rig, 5, 180)
+        rig.autopilot.armed, rig.autopilot.landed = False, 1
+        await monitor_for(rig, 2.5)
+        now = await shown(rig)
         assert (now["resume"], now["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
 
     scenario(jump, tmp_path, work)
 
 
 def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(jump, tmp_path):
-    async def work(at):
+    async def work(rig):
         corners = ((170, -30), (190, -30), (190, 30), (170, 30))
         polygon = [{"lat_deg": LAT + n * NORTH_DEG, "lon_deg": LON + e * NORTH_DEG} for n, e in corners]
         tower = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
         plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
-        stored = await at.station.plans.create("Field", plan, by=("anna", "key"))
+        stored = await rig.station.plans.create("Field", plan, by=("anna", "key"))
         body = mission_models.UploadRequest(plan_id=stored.id, wait=True)
-        await mission_routes.upload("1", body, at.station, ANNA)
+        await mission_routes.upload("1", body, rig.station, ANNA)
         await seconds(1.5)
-        await start(at, item=0)
-        await fly_to(at, 3, 90)
-        await land(at, north_m=260)
-        offer = (await shown(at))["resume"]
+        await start(rig, item=0)
+        await fly_to(rig, 3, 90)
+        await land(rig, north_m=260)
+        offer = (await shown(rig))["resume"]
         assert offer["cautions"][0].startswith(
             "The vehicle is 260 m from where the interrupted flight took off."
         )
-        await control_routes.release("1", at.station, ANNA)
-        await control_routes.take("1", at.station, BOB)
+        await control_routes.release("1", rig.station, ANNA)
+        await control_routes.take("1", rig.station, BOB)
         with pytest.raises(NotInControl):
-            await start(at, item=offer["item"])
-        assert not at.autopilot.armed
+            await start(rig, item=offer["item"])
+        assert not rig.autopilot.armed
         with pytest.raises(PlanFindings) as refused:
-            await start(at, BOB, item=offer["item"], despite=["obstacle_hit"])
+            await start(rig, BOB, item=offer["item"], despite=["obstacle_hit"])
         assert refused.value.codes == ("flight_from_here",)
         assert refused.value.reasons == ("The straight path to item 2 (waypoint) passes through Mast.",)
         with pytest.raises(Refused, match=r"cannot start at item 6 on the ground\. No waypoint follows"):
-            await start(at, BOB, item=5)
-        assert not at.autopilot.armed
-        await start(at, BOB, item=offer["item"], despite=["flight_from_here"])
-        assert (at.autopilot.armed, at.autopilot.flight.current) == (True, 1)
+            await start(rig, BOB, item=5)
+        assert not rig.autopilot.armed
+        await start(rig, BOB, item=offer["item"], despite=["flight_from_here"])
+        assert (rig.autopilot.armed, rig.autopilot.flight.current) == (True, 1)
 
     scenario(jump, tmp_path, work)
 
@@ -275,39 +275,39 @@ QUICK_RETURN = {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 6, "RTL_DESCEND_ALT": 6,
 def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_all_pictures(jump, tmp_path):
     async def run():
         world = SimulatedWorld(parameters=QUICK_RETURN)
-        at = SimpleNamespace(world=world, folder=tmp_path)
+        rig = SimpleNamespace(world=world, folder=tmp_path)
         try:
-            at.vehicle = await world.ready_to_arm()
-            await start_server(at)
-            at.flights.start()
+            rig.vehicle = await world.ready_to_arm()
+            await start_server(rig)
+            rig.flights.start()
             mission = world.sim.autopilots[0].navigator.mission
-            await upload(at, SHORT)
-            await start(at, item=0)
+            await upload(rig, SHORT)
+            await start(rig, item=0)
             await until(lambda: mission.current == 4, 40)
             await seconds(4)
             world.sim.simulation.set_battery_remaining(0, 0.06)
-            await until(lambda: at.vehicle.status.mode == "rtl", 15)
-            await until(lambda: not at.vehicle.status.armed, 60)
+            await until(lambda: rig.vehicle.status.mode == "rtl", 15)
+            await until(lambda: not rig.vehicle.status.armed, 60)
             world.sim.simulation.set_battery_remaining(0, 1.0)
             world.sim.set_link_up(0, "gcs", False)
             await seconds(12)
             world.sim.set_link_up(0, "gcs", True)
-            await until(lambda: not at.vehicle.status.link_lost, 10)
+            await until(lambda: not rig.vehicle.status.link_lost, 10)
             await seconds(3)
             await world.ready_to_arm()
-            offer = (await shown(at))["resume"]
+            offer = (await shown(rig))["resume"]
             assert (offer["item"], offer["interrupted_item"], offer["cautions"]) == (2, 4, [])
             sent = []
             world.sim.autopilots[0].own_commands.add_listener(lambda own: sent.append(own.number))
-            await start(at, item=offer["item"], mission_id=offer["mission_id"])
+            await start(rig, item=offer["item"], mission_id=offer["mission_id"])
             await until(lambda: mission.current == 4, 40)
             assert [number for number in sent if number in (178, 206)] == [178, 206], "speed, then pictures"
             await seconds(6)
-            assert at.vehicle.topic("local_position").value.velocity_ned_m_s[0] == pytest.approx(3, abs=0.7)
-            await until(lambda: not at.vehicle.status.armed, 60)
+            assert rig.vehicle.topic("local_position").value.velocity_ned_m_s[0] == pytest.approx(3, abs=0.7)
+            await until(lambda: not rig.vehicle.status.armed, 60)
             await seconds(1)
-            assert (await shown(at))["no_resume"] == "Vehicle 1 has flown the plan to its end."
-            at.progress.close()
+            assert (await shown(rig))["no_resume"] == "Vehicle 1 has flown the plan to its end."
+            rig.progress.close()
         finally:
             await world.close()
 

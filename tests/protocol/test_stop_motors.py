@@ -11,6 +11,7 @@ from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from tests.protocol.api_calls import MISSION
 from tests.protocol.api_calls import with_routes as with_station
+from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD
 from tests.protocol.group_world import ANNA, begin, position, with_routes
 from tests.protocol.offboard_world import flight, seconds, stream_request
@@ -76,16 +77,16 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(j
 
 def test_stop_motors_ends_pending_commands(jump):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.silent_commands.add(176)
+        autopilot.silent_commands.add(DO_SET_MODE)
         hold = asyncio.ensure_future(vehicle.command.hold())
         await seconds(0.2)
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         with pytest.raises(Refused, match="stop motors"):
             await hold
-        sent = len(autopilot.commands(176))
+        sent = len(autopilot.commands(DO_SET_MODE))
         await kill
-        assert len(autopilot.commands(176)) == sent
+        assert len(autopilot.commands(DO_SET_MODE)) == sent
 
     flight(jump, scenario)
 
@@ -94,11 +95,11 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         ignore_kill(autopilot, 5.0)
-        mode_requests = len(autopilot.commands(176))
+        mode_requests = len(autopilot.commands(DO_SET_MODE))
         await vehicle.command.kill()  # 2.5 s later the stream would request Hold
         assert not autopilot.armed
         await seconds(0.3)
-        assert len(autopilot.commands(176)) == mode_requests
+        assert len(autopilot.commands(DO_SET_MODE)) == mode_requests
         assert not vehicle.offboard.status().streaming
 
     flight(jump, scenario)
@@ -107,14 +108,14 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
 def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
-        mode_requests = len(autopilot.commands(176))
+        mode_requests = len(autopilot.commands(DO_SET_MODE))
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
         await seconds(0.5)
         stop = asyncio.ensure_future(vehicle.offboard.stop())
         await seconds(1.0)
         assert not stop.done()
-        assert len(autopilot.commands(176)) == mode_requests
+        assert len(autopilot.commands(DO_SET_MODE)) == mode_requests
         await kill
         await stop
         assert not vehicle.offboard.status().streaming
@@ -123,21 +124,23 @@ def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
 
 
 def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
-    async def scenario(at):
-        await begin(at, {"1": position(), "2": position()})
+    async def scenario(rig):
+        await begin(rig, {"1": position(), "2": position()})
         await seconds(2.0)
-        times = ignore_kill(at.autopilots["1"], 3.0)
-        mode_requests = len(at.autopilots["1"].commands(176))
-        kill = asyncio.ensure_future(at.vehicles["1"].command.kill())
+        times = ignore_kill(rig.autopilots["1"], 3.0)
+        mode_requests = len(rig.autopilots["1"].commands(DO_SET_MODE))
+        kill = asyncio.ensure_future(rig.vehicles["1"].command.kill())
         await seconds(0.3)
-        at.world.streamer._streams.force_hold("1", "the guard's finding")
-        await at.world.streamer.groups.hold("1", ANNA)
+        rig.world.streamer._streams.force_hold("1", "the guard's finding")
+        await rig.world.streamer.groups.hold("1", ANNA)
         await kill
-        assert not at.autopilots["1"].armed
+        assert not rig.autopilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
-        assert len(at.autopilots["1"].commands(176)) - mode_requests <= 1  # Hold follows after its end
-        assert at.vehicles["2"].status.mode == "hold"
-        assert at.autopilots["2"].armed
+        assert (
+            len(rig.autopilots["1"].commands(DO_SET_MODE)) - mode_requests <= 1
+        )  # Hold follows after its end
+        assert rig.vehicles["2"].status.mode == "hold"
+        assert rig.autopilots["2"].armed
 
     with_routes(jump, scenario, count=2)
 
@@ -150,14 +153,14 @@ def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
         def answer(message):
             if not is_kill(message) or world.loop.time() - began_s > 5.0:
                 return False
-            autopilot.ack(400, next(answers))
+            autopilot.ack(ARM_DISARM, next(answers))
             return True
 
         autopilot.handlers.append(answer)
         await vehicle.command.kill()
         assert not autopilot.armed
         autopilot.armed = True
-        autopilot.handlers.append(lambda m: is_kill(m) and not autopilot.ack(400, 2))
+        autopilot.handlers.append(lambda m: is_kill(m) and not autopilot.ack(ARM_DISARM, 2))
         await seconds(2.0)
         with pytest.raises(Rejected, match="refused to stop its motors"):
             await vehicle.command.kill()
@@ -227,19 +230,19 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
 
 @pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD)])
 def test_on_expiry_waits_for_stop_motors(jump, ignored_s, mode_after):
-    async def scenario(at):
-        at.autopilot.mode = MISSION
+    async def scenario(rig):
+        rig.autopilot.mode = MISSION
         await seconds(2.5)
-        await control_routes.take("1", at.station, ANNA, control_models.TakeControl(on_expiry="hold"))
+        await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry="hold"))
         await seconds(28.5)
-        ignore_kill(at.autopilot, ignored_s)
-        kill = asyncio.ensure_future(at.vehicle.command.kill())
+        ignore_kill(rig.autopilot, ignored_s)
+        kill = asyncio.ensure_future(rig.vehicle.command.kill())
         await seconds(3.0)  # control expires during the command
-        assert not at.autopilot.commands(176)
+        assert not rig.autopilot.commands(DO_SET_MODE)
         await asyncio.gather(kill, return_exceptions=True)
         await seconds(3.0)
-        assert bool(at.autopilot.commands(176)) == (mode_after is not None)
-        assert at.autopilot.mode == (mode_after or MISSION)
+        assert bool(rig.autopilot.commands(DO_SET_MODE)) == (mode_after is not None)
+        assert rig.autopilot.mode == (mode_after or MISSION)
 
     with_station(jump, scenario)
 

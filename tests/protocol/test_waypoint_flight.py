@@ -41,32 +41,32 @@ async def simulate_here(_command, report, *, request, max_line_bytes):
     return json.loads(json.dumps(task.run(json.loads(request), report)))
 
 
-async def run_dry_run(at, **more):
+async def run_dry_run(rig, **more):
     """Id of a dry run of the plan."""
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
-    operation = view(await dry_run_routes.start_dry_run(body, at.station, ANNA))
-    return (await at.station.operations.wait(operation["id"])).result["dry_run"]
+    operation = view(await dry_run_routes.start_dry_run(body, rig.station, ANNA))
+    return (await rig.station.operations.wait(operation["id"])).result["dry_run"]
 
 
-async def upload(at, plan=PLAN):
+async def upload(rig, plan=PLAN):
     body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": True})
-    await mission_routes.upload("1", body, at.station, ANNA)
+    await mission_routes.upload("1", body, rig.station, ANNA)
     await seconds(1.5)
 
 
-async def start(at, **more):
+async def start(rig, **more):
     body = mission_models.StartRequest.model_validate({"item": 0, **more})
-    await mission_routes.start("1", at.station, ANNA, body)
+    await mission_routes.start("1", rig.station, ANNA, body)
 
 
-async def flight(at):
-    answer = view(await mission_routes.show_mission(at.vehicle, at.station))
+async def flight(rig):
+    answer = view(await mission_routes.show_mission(rig.vehicle, rig.station))
     mission_models.MissionView.model_validate(answer)
     return answer["flight"]
 
 
-def codes(at):
-    data = [event.data or {} for event in at.vehicle.events.since()]
+def codes(rig):
+    data = [event.data or {} for event in rig.vehicle.events.since()]
     return [each["code"] for each in data if each.get("source") == "waypoint_flight"]
 
 
@@ -88,41 +88,41 @@ def scenario(jump, monkeypatch, work):
 
 @pytest.mark.story
 def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_it(jump, monkeypatch):
-    async def work(at):
-        assert await flight(at) is None
-        dry_run = await run_dry_run(at, flights=3)
+    async def work(rig):
+        assert await flight(rig) is None
+        dry_run = await run_dry_run(rig, flights=3)
         with pytest.raises(Refused, match="not made for the plan"):
-            await start(at, dry_run=dry_run, despite=["plan_not_known"])
-        await upload(at)
-        await start(at, dry_run=dry_run)
-        started = await flight(at)
+            await start(rig, dry_run=dry_run, despite=["plan_not_known"])
+        await upload(rig)
+        await start(rig, dry_run=dry_run)
+        started = await flight(rig)
         assert (started["state"], started["client"], started["dry_run"]) == ("flying", "anna", dry_run)
         assert (started["item"], started["count"], started["planned_by"]) == (0, 3, "dry_run")
         assert started["remaining_s"] == pytest.approx(started["duration_s"], abs=4)
 
-        await until(lambda: at.vehicle.topic("mission").value.current == 1, 30)
+        await until(lambda: rig.vehicle.topic("mission").value.current == 1, 30)
         await seconds(3)
-        on_leg = await flight(at)
+        on_leg = await flight(rig)
         assert (on_leg["place"], on_leg["title"]) == ("item 2", "Waypoint")
         assert on_leg["deviation_horizontal_m"] < 1.5
         assert abs(on_leg["deviation_vertical_m"]) < 1.5
         assert on_leg["outside_corridor_m"] == 0
         assert on_leg["remaining_s"] < started["remaining_s"] - 5
 
-        at.world.sim.simulation.set_wind(WIND_M_S)
-        await until(lambda: "corridor_left" in codes(at), 8)
-        outside = await flight(at)
+        rig.world.sim.simulation.set_wind(WIND_M_S)
+        await until(lambda: "corridor_left" in codes(rig), 8)
+        outside = await flight(rig)
         assert outside["outside_corridor_m"] > 0
         assert outside["deviation_horizontal_m"] > outside["outside_corridor_m"]
-        assert at.vehicle.status.mode == "mission", "a warning only"
-        at.world.sim.simulation.set_wind((0.0, 0.0, 0.0))
-        await until(lambda: "corridor_back" in codes(at), 12)
+        assert rig.vehicle.status.mode == "mission", "a warning only"
+        rig.world.sim.simulation.set_wind((0.0, 0.0, 0.0))
+        await until(lambda: "corridor_back" in codes(rig), 12)
 
-        await until(lambda: not at.vehicle.status.armed, 60)
+        await until(lambda: not rig.vehicle.status.armed, 60)
         await seconds(0.3)
-        ended = await flight(at)
+        ended = await flight(rig)
         assert (ended["state"], ended["reason"], ended["remaining_s"]) == ("done", None, None)
-        answer = view(await mission_routes.show_flown(at.vehicle, at.station))
+        answer = view(await mission_routes.show_flown(rig.vehicle, rig.station))
         mission_routes.FlownMissionView.model_validate(answer)
         flown = answer["flown"]
         assert (flown["over"], flown["planned_by"]) == (True, "dry_run")
@@ -133,7 +133,7 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         assert flown["deviation_max_m"] > outside["outside_corridor_m"]
         assert {each["place"] for each in flown["samples"]} == {"item 1", "item 2", "item 3"}
         await seconds(2)
-        assert view(await mission_routes.show_flown(at.vehicle, at.station)) == answer, "kept unchanged"
+        assert view(await mission_routes.show_flown(rig.vehicle, rig.station)) == answer, "kept unchanged"
 
     scenario(jump, monkeypatch, work)
 
@@ -145,68 +145,68 @@ def run_scripted(jump, work):
         world = OffboardWorld()
         link = world.link()
         autopilot = link.autopilots["peer"] = MissionAutopilot(link)
-        at = SimpleNamespace(world=world, autopilot=autopilot)
+        rig = SimpleNamespace(world=world, autopilot=autopilot)
         try:
-            at.vehicle = await world.ready()
+            rig.vehicle = await world.ready()
             await seconds(1.5)
-            at.station = station_of(world)
-            at.station.waypoint_flights.start()
-            await work(at)
+            rig.station = station_of(world)
+            rig.station.waypoint_flights.start()
+            await work(rig)
         finally:
             autopilot.alive = False
-            await at.world.close()
+            await rig.world.close()
 
     jump(run)
 
 
-def select(at, mode):
+def select(rig, mode):
     """The pilot arms the vehicle and selects a mode."""
-    at.autopilot.armed, at.autopilot.mode, at.autopilot.landed = True, mode, 2
+    rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed = True, mode, 2
 
 
 def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(jump):
-    async def work(at):
-        await upload(at)
-        select(at, MISSION)
+    async def work(rig):
+        await upload(rig)
+        select(rig, MISSION)
         await seconds(2.5)
-        flown = await flight(at)
+        flown = await flight(rig)
         assert (flown["state"], flown["client"], flown["dry_run"]) == ("flying", None, None)
         assert (flown["planned_by"], flown["place"], flown["count"]) == ("plan", "item 1", 3)
         assert flown["not_compared"] == "The vehicle has no valid position estimate."
-        select(at, POSITION)
+        select(rig, POSITION)
         await seconds(2.5)
-        flown = await flight(at)
+        flown = await flight(rig)
         assert flown["state"] == "paused"
         assert flown["reason"].startswith("The vehicle has left Mission mode: ")
-        select(at, MISSION)
+        select(rig, MISSION)
         await seconds(2.5)
-        assert (await flight(at))["state"] == "flying"
-        assert codes(at) == ["monitoring_paused", "monitoring_resumed"]
-        items = at.vehicle.mission.items_on_vehicle.items["mission"]
-        await OtherStation(at.autopilot).upload(items[:2])
+        assert (await flight(rig))["state"] == "flying"
+        assert codes(rig) == ["monitoring_paused", "monitoring_resumed"]
+        items = rig.vehicle.mission.items_on_vehicle.items["mission"]
+        await OtherStation(rig.autopilot).upload(items[:2])
         await seconds(2.5)
-        ended = await flight(at)
+        ended = await flight(rig)
         assert (ended["state"], ended["reason"]) == ("stopped", "The vehicle has another plan now.")
-        flown = view(await mission_routes.show_flown(at.vehicle, at.station))["flown"]
+        flown = view(await mission_routes.show_flown(rig.vehicle, rig.station))["flown"]
         assert (flown["over"], flown["planned_by"], flown["deviation_max_m"]) == (True, "plan", None)
 
     run_scripted(jump, work)
 
 
 def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_the_current_item(jump):
-    async def work(at):
-        await upload(at)
-        select(at, MISSION)
+    async def work(rig):
+        await upload(rig)
+        select(rig, MISSION)
         await seconds(2.5)
-        at.station.waypoint_flights.detach(at.vehicle)  # as after a restart of the server
-        at.station.waypoint_flights.attach(at.vehicle)
+        rig.station.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
+        rig.station.waypoint_flights.attach(rig.vehicle)
         await seconds(1)
-        flown = await flight(at)
+        flown = await flight(rig)
         assert (flown["state"], flown["planned_by"], flown["place"]) == ("flying", "plan", "item 1")
         assert flown["not_compared"] == "The vehicle has no valid position estimate."
-        at.autopilot.armed = False
+        rig.autopilot.armed = False
         await seconds(2.5)
-        assert (await flight(at))["state"] == "stopped"
+        assert (await flight(rig))["state"] == "stopped"
 
     run_scripted(jump, work)
 
@@ -220,24 +220,24 @@ async def inline(work):
 def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command(jump, tmp_path, damage):
     cache = ItemsCache(Cache(tmp_path), inline)
 
-    async def restart(at):
-        await at.world.close()
-        at.world = OffboardWorld()
-        at.autopilot.link = at.link = at.world.link()
-        at.link.autopilots["peer"] = at.autopilot
-        at.world.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(cache))
-        at.vehicle = await at.world.ready()
-        at.station = station_of(at.world)
-        at.station.waypoint_flights.start()
-        at.autopilot.received.clear()
+    async def restart(rig):
+        await rig.world.close()
+        rig.world = OffboardWorld()
+        rig.autopilot.link = rig.link = rig.world.link()
+        rig.link.autopilots["peer"] = rig.autopilot
+        rig.world.fleet.on_vehicle_added(lambda vehicle: vehicle.mission.set_cache(cache))
+        rig.vehicle = await rig.world.ready()
+        rig.station = station_of(rig.world)
+        rig.station.waypoint_flights.start()
+        rig.autopilot.received.clear()
         await seconds(4)
 
-    async def work(at):
-        at.vehicle.mission.set_cache(cache)
-        await upload(at)
-        before = at.vehicle.mission.items_on_vehicle
-        select(at, MISSION)
-        at.autopilot.flight.current = 1
+    async def work(rig):
+        rig.vehicle.mission.set_cache(cache)
+        await upload(rig)
+        before = rig.vehicle.mission.items_on_vehicle
+        select(rig, MISSION)
+        rig.autopilot.flight.current = 1
         await seconds(2.5)
         (cached,) = tmp_path.iterdir()
         content = cached.read_bytes()
@@ -245,77 +245,78 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
             cached.write_bytes(
                 content[:-20] if damage == "cut" else content.replace(b'"fence": 0', b'"fence": 7')
             )
-        await restart(at)
-        flown = await flight(at)
-        sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in at.link.sent}
+        await restart(rig)
+        flown = await flight(rig)
+        sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in rig.link.sent}
         assert not sent & (MISSION_MESSAGES | FLIGHT_MESSAGES)
         assert (
-            not {each.command for each in at.autopilot.received if hasattr(each, "command")} & FLIGHT_COMMANDS
+            not {each.command for each in rig.autopilot.received if hasattr(each, "command")}
+            & FLIGHT_COMMANDS
         )
         if damage is not None:
-            assert (flown, at.vehicle.mission.plan_on_vehicle(), cached.exists()) == (
+            assert (flown, rig.vehicle.mission.plan_on_vehicle(), cached.exists()) == (
                 None,
                 "not_known",
                 False,
             )
             return
-        held = at.vehicle.mission.items_on_vehicle
-        assert at.vehicle.mission.plan_on_vehicle() == "plan"
+        held = rig.vehicle.mission.items_on_vehicle
+        assert rig.vehicle.mission.plan_on_vehicle() == "plan"
         assert (held.ids, held.plan, held.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
         assert repr(held.items) == repr(before.items)
         assert (flown["state"], flown["item"], flown["count"], flown["client"]) == ("flying", 1, 3, None)
-        await OtherStation(at.autopilot).upload(before.items["mission"][:2])
+        await OtherStation(rig.autopilot).upload(before.items["mission"][:2])
         await seconds(2.5)
-        assert (await flight(at))["reason"] == "The vehicle has another plan now."
+        assert (await flight(rig))["reason"] == "The vehicle has another plan now."
 
     run_scripted(jump, work)
 
 
 def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(jump):
-    async def stated(at):
-        answer = view(await mission_routes.show_mission(at.vehicle, at.station))
+    async def stated(rig):
+        answer = view(await mission_routes.show_mission(rig.vehicle, rig.station))
         await seconds(2)
         return answer["if_link_lost"]
 
-    async def work(at):
-        at.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0), "COM_FAIL_ACT_T": (9, 0)}
-        assert await stated(at) is None
-        assert await stated(at) is None, "no plan: nothing is read"
-        await upload(at)
-        await stated(at)
+    async def work(rig):
+        rig.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0), "COM_FAIL_ACT_T": (9, 0)}
+        assert await stated(rig) is None
+        assert await stated(rig) is None, "no plan: nothing is read"
+        await upload(rig)
+        await stated(rig)
         returns = "After about 12 s without any ground station, the vehicle returns (RTL) (NAV_DLL_ACT 2)."
-        assert await stated(at) == returns
-        at.autopilot.params["NAV_DLL_ACT"] = (6, 0)
+        assert await stated(rig) == returns
+        rig.autopilot.params["NAV_DLL_ACT"] = (6, 0)
         await seconds(7)
-        assert await stated(at) == returns, "before the parameters are read again"
-        assert await stated(at) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
-        read = [each.param_id for each in at.autopilot.received if each.get_type() == "PARAM_REQUEST_READ"]
+        assert await stated(rig) == returns, "before the parameters are read again"
+        assert await stated(rig) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
+        read = [each.param_id for each in rig.autopilot.received if each.get_type() == "PARAM_REQUEST_READ"]
         assert read == [*PARAMETERS, *PARAMETERS]
 
     run_scripted(jump, work)
 
 
 def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_none(jump):
-    async def work(at):
+    async def work(rig):
         with pytest.raises(Refused, match="has not flown a plan that the server knows"):
-            await mission_routes.show_flown(at.vehicle, at.station)
-        await upload(at)
-        at.autopilot.arm_denied = True
+            await mission_routes.show_flown(rig.vehicle, rig.station)
+        await upload(rig)
+        rig.autopilot.arm_denied = True
         with pytest.raises(Rejected):
-            await start(at)
+            await start(rig)
         await seconds(1)
-        assert await flight(at) is None
-        at.autopilot.arm_denied = False
+        assert await flight(rig) is None
+        rig.autopilot.arm_denied = False
         with pytest.raises(UnknownDryRun):
-            await start(at, dry_run="7")
-        assert not at.autopilot.armed
-        await start(at)
-        assert ((await flight(at))["client"], codes(at)) == ("anna", [])
+            await start(rig, dry_run="7")
+        assert not rig.autopilot.armed
+        await start(rig)
+        assert ((await flight(rig))["client"], codes(rig)) == ("anna", [])
 
     run_scripted(jump, work)
 
 
-def kept_dry_run(at, plan=PLAN, north_m=0.0):
+def kept_dry_run(rig, plan=PLAN, north_m=0.0):
     """Stores the result of a dry run that began this far north of the vehicle's home; its id."""
     origin = {"lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "alt_amsl_m": 489.0}
     steps = [
@@ -325,26 +326,26 @@ def kept_dry_run(at, plan=PLAN, north_m=0.0):
     path = {"t_s": [0.0, 4.0, 8.0, 12.0], "position_ned_m": [[0, 0, 0], [0, 0, -6], [35, 0, -6], [35, 0, 0]]}
     nominal = {"origin": origin, "finished": True, "duration_s": 12.0, "path": path, "steps": steps}
     result = {"id": "1", "kind": "waypoint_plan", "nominal": nominal, "monte_carlo": None, "together": None}
-    at.station.dry_runs._results["1"], at.station.dry_runs._plans["1"] = result, json.dumps(plan)
+    rig.station.dry_runs._results["1"], rig.station.dry_runs._plans["1"] = result, json.dumps(plan)
     return "1"
 
 
 def test_in_flight_a_start_that_names_a_dry_run_begins_a_new_flight_and_any_other_continues_it(jump):
-    async def work(at):
-        await upload(at)
-        select(at, MISSION)
+    async def work(rig):
+        await upload(rig)
+        select(rig, MISSION)
         await seconds(2.5)
-        first = await flight(at)
-        await start(at, item=1)
-        assert (await flight(at))["started_unix_s"] == first["started_unix_s"]
-        await start(at, item=1, dry_run=kept_dry_run(at))
-        second = await flight(at)
+        first = await flight(rig)
+        await start(rig, item=1)
+        assert (await flight(rig))["started_unix_s"] == first["started_unix_s"]
+        await start(rig, item=1, dry_run=kept_dry_run(rig))
+        second = await flight(rig)
         assert second["started_unix_s"] > first["started_unix_s"]
         assert (second["client"], second["dry_run"], second["duration_s"]) == ("anna", "1", 12.0)
         assert second["remaining_s"] == 8.0, "without a position, the start of the item counts"
         for wrong in ({"north_m": 6.0}, {"plan": {"items": PLAN["items"][:2]}}):
             with pytest.raises(Refused, match=r"began 6 m|not made for the plan"):
-                await start(at, item=1, dry_run=kept_dry_run(at, **wrong))
-        assert (await flight(at))["started_unix_s"] == second["started_unix_s"], "nothing was sent"
+                await start(rig, item=1, dry_run=kept_dry_run(rig, **wrong))
+        assert (await flight(rig))["started_unix_s"] == second["started_unix_s"], "nothing was sent"
 
     run_scripted(jump, work)

@@ -3,7 +3,7 @@
 import functools
 from types import SimpleNamespace
 
-from tests.protocol.api_calls import WorkHere, station_of
+from tests.protocol.api_calls import InlinePlanWork, station_of
 from tests.protocol.simulated_world import SimulatedWorld
 from tests.support.ready_fleet import ready_in_a_row
 from tests.support.snapshot import snapshot
@@ -19,7 +19,7 @@ def run_with_two_vehicles(jump, scenario, apart_m):
         try:
             vehicles = [await world.ready_to_arm(each) for each in ("1", "2")]
             station = station_of(world)
-            station.plan_work = WorkHere()
+            station.plan_work = InlinePlanWork()
             for vehicle in vehicles:
                 station.missions.attach(vehicle)
             station.waypoint_flights.start()

@@ -52,7 +52,9 @@ def test_the_simulator_survives_its_server_and_is_found_and_ended(tmp_path):
         first = simulator(folder, port)
         first.start()
         await until(lambda: in_use(port))
-        assert os.getsid(first.pid) != os.getsid(0), "signals for the server do not reach it"
+        assert os.getsid(first.pid) != os.getsid(0), (
+            "the simulator is in the session of the server, whose signals reach it"
+        )
         second = simulator(folder, port)
         second.start()
         assert second.uses_running_simulator
@@ -141,7 +143,7 @@ class FastClock(SystemClock):
 
 
 @contextlib.asynccontextmanager
-async def watched(process):
+async def watching(process):
     process._clock = FastClock()
     watch = asyncio.ensure_future(process.watch())
     try:
@@ -151,7 +153,7 @@ async def watched(process):
         await process.stop()
 
 
-def test_the_server_starts_its_own_simulator_when_that_of_another_program_ends(tmp_path):
+def test_the_server_starts_its_own_simulator_when_another_programs_simulator_ends(tmp_path):
     async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
@@ -160,7 +162,7 @@ def test_the_server_starts_its_own_simulator_when_that_of_another_program_ends(t
             other.bind(("127.0.0.1", port))
             process.start()
             assert (process.uses_running_simulator, process.pid) == (True, None)
-            async with watched(process) as watch:
+            async with watching(process) as watch:
                 await asyncio.sleep(0.2)
                 assert process.pid is None
                 assert not watch.done()
@@ -187,26 +189,28 @@ def test_a_start_without_descriptors_is_reported_and_repeated(tmp_path, monkeypa
             (notice,) = process.warnings()
             reason = "Too many open files"
             assert notice.text == f"The simulator could not be started: {reason}. The server tries again."
-        async with watched(process):
+        async with watching(process):
             await until(lambda: in_use(port))
             assert process.warnings() == []
 
     asyncio.run(scenario())
 
 
-@pytest.mark.parametrize("whose", ["its own", "found"])
-def test_missing_file_descriptors_are_not_mistaken_for_the_simulators_end(tmp_path, monkeypatch, whose):
+@pytest.mark.parametrize("simulator_kind", ["started", "found"])
+def test_missing_file_descriptors_are_not_mistaken_for_the_simulators_end(
+    tmp_path, monkeypatch, simulator_kind
+):
     async def scenario():
         folder, port = DataFolder(tmp_path), free_port()
         folder.prepare()
         process = first = simulator(folder, port)
         first.start()
         await until(lambda: in_use(port))
-        if whose == "found":
+        if simulator_kind == "found":
             process = simulator(folder, port)
             process.start()
             assert process.uses_running_simulator
-        async with watched(process) as watch:
+        async with watching(process) as watch:
             with monkeypatch.context() as patched:
                 for name in ("read_bytes", "read_text"):
                     patched.setattr(simulator_process.Path, name, without_descriptors)

@@ -10,6 +10,8 @@ import pytest
 from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
 
+ARM_DISARM = 400
+
 
 class LockstepClient:
     """A client of a simulator process in lockstep, over TCP."""
@@ -50,7 +52,9 @@ def digest_of_lockstep_flight() -> str:
             for time_ms in range(500, 9_001, 500):
                 client.send("HEARTBEAT", type=6, autopilot=8, mavlink_version=3)
                 if time_ms == 8_000:
-                    client.send("COMMAND_LONG", target_system=1, target_component=1, command=400, param1=1.0)
+                    client.send(
+                        "COMMAND_LONG", target_system=1, target_component=1, command=ARM_DISARM, param1=1.0
+                    )
                 client.until(time_ms)
             return client.digest.hexdigest()
         finally:

@@ -27,6 +27,7 @@ DOMAIN = 48
 NAMESPACE = f"test_{os.getpid()}"
 """Unique, since tests that run at the same time share the loopback interface."""
 BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(5))
+ARM_DISARM = 400
 RELIABLE = Qos(Policy.Reliability.Reliable(0), Policy.History.KeepLast(5))
 
 
@@ -77,10 +78,10 @@ def test_a_command_of_a_plain_dds_program_arms_the_vehicle(vehicle, qos):
     topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
     acks = _reader("/fmu/out/vehicle_command_ack", "VehicleCommandAck")
     status = _reader("/fmu/out/vehicle_status_v1", "VehicleStatus")
-    DataWriter(participant, topic, qos=qos).write(VehicleCommand(command=400, param1=1.0))
+    DataWriter(participant, topic, qos=qos).write(VehicleCommand(command=ARM_DISARM, param1=1.0))
     vehicle.step(0.04)
     (ack,) = acks.take(5)
-    assert (ack.command, ack.result, ack.target_system) == (400, 0, 1)
+    assert (ack.command, ack.result, ack.target_system) == (ARM_DISARM, 0, 1)
     assert status.take(5)[-1].arming_state == MESSAGES["VehicleStatus"].constants["ARMING_STATE_ARMED"]
 
 
@@ -120,7 +121,7 @@ def test_the_end_of_a_program_does_not_affect_the_vehicle(vehicle):
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, dds_name("/fmu/in/vehicle_command", NAMESPACE), VehicleCommand)
     writer = DataWriter(participant, topic, qos=RELIABLE)
-    writer.write(VehicleCommand(command=400, param1=1.0))
+    writer.write(VehicleCommand(command=ARM_DISARM, param1=1.0))
     writer.dispose(VehicleCommand())
     del writer, topic, participant
     vehicle.step(0.1)

@@ -13,7 +13,7 @@ IN_FLIGHT_S = 10.5
 def test_a_vehicle_sends_the_same_bytes_alone_and_in_a_fleet():
     fleet, alone = digests(0, 3, 2.0), digests(2, 1, 2.0)
     assert fleet[2] == alone[2]
-    assert len(set(fleet.values())) == 3, "each vehicle has its own noise"
+    assert len(set(fleet.values())) == 3, "two vehicles have the same noise"
     assert digests(2, 1, 2.0, seed=12) != alone
 
 

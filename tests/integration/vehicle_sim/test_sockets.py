@@ -89,7 +89,8 @@ def test_udp_messages_go_to_the_first_sender(server: SimServer) -> None:
 def test_the_timeout_of_a_ground_station_is_longer_at_faster_than_real_time(
     server: SimServer, speed: float, connected: bool
 ) -> None:
-    """At three times real time, its heartbeats come every three seconds of the vehicle's time."""
+    """At three times real time, a ground station's heartbeats come every three seconds of the vehicle's
+    time."""
     server.run(speed, 0.02)
     context = server.fleet.nodes[0].context
     link = context.links[0]

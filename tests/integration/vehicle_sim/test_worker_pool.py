@@ -17,13 +17,13 @@ from vehicle_sim.mavlink.framing import FrameParser
 
 
 @contextlib.contextmanager
-def fleet_in_two_processes(*more: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
+def fleet_in_two_processes(*options: str) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
     """Three vehicles in two processes; yields after a message of each vehicle."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
         station.bind(("127.0.0.1", 0))
         station.settimeout(20)
         command = [sys.executable, "-m", "vehicle_sim", "--instances", "3", "--processes", "2", "--no-log"]
-        command += ["--no-api", "--tcp-port", "0", "--gcs-local-port", "0", *more]
+        command += ["--no-api", "--tcp-port", "0", "--gcs-local-port", "0", *options]
         command += ["--gcs-remote-port", str(station.getsockname()[1])]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
@@ -45,10 +45,10 @@ class ProcessFamily:
 
     def all_end(self) -> bool:
         """Whether each process ends within ten seconds."""
-        ended = [bool(select.select([end], [], [], 10.0)[0]) for end in self._ends]
+        results = [bool(select.select([end], [], [], 10.0)[0]) for end in self._ends]
         for end in self._ends:
             os.close(end)
-        return all(ended)
+        return all(results)
 
 
 @pytest.mark.story

@@ -80,11 +80,11 @@ def test_a_tcp_link_to_a_web_server_reports_http_and_waits_before_the_next_attem
     async def scenario():
         received = []
 
-        async def answer(_reader, writer):
+        async def reply(_reader, writer):
             writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n" + HEARTBEAT)
             await writer.drain()
 
-        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        server = await asyncio.start_server(reply, "127.0.0.1", 0)
         port = server.sockets[0].getsockname()[1]
         link = make_link(f"tcp://127.0.0.1:{port}")
         link.start(lambda data, _peer, _s: received.append(data), lambda _peer: None, lambda: None)
@@ -101,18 +101,18 @@ def test_a_tcp_link_to_a_web_server_reports_http_and_waits_before_the_next_attem
 def test_mavlink_bytes_pass_unchanged_in_any_pieces(data, cuts):
     data = bytes([0xFD]) + data
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
-    first = FirstBytes()
+    checker = FirstBytes()
     pieces = [data[a:b] for a, b in pairwise(edges)]
-    assert b"".join(first.accept(piece) for piece in pieces) == data
+    assert b"".join(checker.accept(piece) for piece in pieces) == data
 
 
 @given(st.from_regex(rb"[A-Z]{3,20} .{0,40}", fullmatch=True), st.lists(st.integers(1, 30), max_size=6))
 def test_a_request_line_is_detected_in_any_pieces_and_not_passed_on(data, cuts):
     edges = [0, *sorted({cut for cut in cuts if cut < len(data)}), len(data)]
-    first, passed = FirstBytes(), b""
+    checker, passed = FirstBytes(), b""
     with pytest.raises(ForeignProtocol, match="HTTP"):
         for a, b in pairwise(edges):
-            passed += first.accept(data[a:b])
+            passed += checker.accept(data[a:b])
     assert passed == b""
 
 

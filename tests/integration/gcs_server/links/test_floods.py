@@ -1,4 +1,4 @@
-"""A flooded link takes limited time of the event loop, and its active peers are kept."""
+"""A flooded link takes limited time of the event loop, and keeps its active peers."""
 
 import asyncio
 import socket
@@ -12,7 +12,7 @@ from gcs_server.links.tcp import TcpServerLink
 from gcs_server.links.udp import UdpLink
 
 HANDLING_S = 0.002
-"""Time for handling one piece in these tests."""
+"""Time for handling one received piece of data in these tests."""
 
 
 def run(scenario):
@@ -23,7 +23,7 @@ def run(scenario):
 def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
     iterations_s = [0.0]
 
-    def slowly(data, peer, received_s):
+    def handle_slowly(data, peer, received_s):
         time.sleep(HANDLING_S)
         iterations_s[-1] += HANDLING_S
 
@@ -33,7 +33,7 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
             link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
         else:
             link = TcpServerLink("in", "tcpin://x", "127.0.0.1", 0)
-        link.start(slowly, lambda peer: None, lambda: None)
+        link.start(handle_slowly, lambda peer: None, lambda: None)
         async with asyncio.timeout(5):
             while link.local_port is None:  # noqa: ASYNC110 a test polls
                 await asyncio.sleep(0.005)
@@ -87,7 +87,7 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
             async with asyncio.timeout(5):
                 while not gone:  # noqa: ASYNC110
                     await asyncio.sleep(0.005)
-            assert len(link.info().peers) == 3, "a silent peer was replaced"
+            assert len(link.info().peers) == 3, "no silent peer was replaced"
         finally:
             for sender in senders:
                 sender.close()

@@ -98,11 +98,11 @@ def test_a_failing_listener_does_not_prevent_reopening_a_link():
         await server.close()  # the peer disconnects, and the sink raises an error
         await until(lambda: router.links()[0].state == "waiting")
         assert router.sink.gone == 1
-        again = TcpServerLink("s", "tcpin", "127.0.0.1", int(router.links()[0].url.rpartition(":")[2]))
-        again.start(lambda *_: None, lambda _: None, lambda: None)
+        restarted = TcpServerLink("s", "tcpin", "127.0.0.1", int(router.links()[0].url.rpartition(":")[2]))
+        restarted.start(lambda *_: None, lambda _: None, lambda: None)
         await until(lambda: router.links()[0].state == "open")
         assert "waiting" in states
-        await again.close()
+        await restarted.close()
 
     run_with_router(scenario)
 
@@ -110,25 +110,25 @@ def test_a_failing_listener_does_not_prevent_reopening_a_link():
 @pytest.mark.parametrize("kind", ["udpin", "tcp", "tcpin"])
 def test_a_link_without_a_free_file_descriptor_waits_and_opens_later(kind, monkeypatch):
     async def scenario(router):
-        real, refused = socket.socket, []
+        real_socket, refused = socket.socket, []
 
         def fail_once(*arguments, **options):
-            if arguments == (socket.AF_INET, wanted) and len(refused) < 1:
+            if arguments == (socket.AF_INET, link_socket_type) and len(refused) < 1:
                 refused.append(1)
                 raise OSError(errno.EMFILE, "Too many open files")
-            return real(*arguments, **options)
+            return real_socket(*arguments, **options)
 
-        wanted = socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM
-        other = real(socket.AF_INET, socket.SOCK_STREAM)
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1] if kind == "tcp" else 0
+        link_socket_type = socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM
+        server = real_socket(socket.AF_INET, socket.SOCK_STREAM)
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        port = server.getsockname()[1] if kind == "tcp" else 0
         monkeypatch.setattr(socket, "socket", fail_once)
         router.add_link(f"{kind}://localhost:{port}", "l")
         await until(lambda: router.links()[0].state == "waiting")
         assert "too many files" in router.links()[0].detail
         await until(lambda: router.links()[0].state == "open")
-        other.close()
+        server.close()
 
     run_with_router(scenario)
 
@@ -142,7 +142,7 @@ def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):
         link.start(lambda data, *_: received_data.append(data), lambda _: None, lambda: None)
         real = link._socket
 
-        class Empty:
+        class WithoutDescriptors:
             def accept(self):
                 calls.append(1)
                 if len(calls) < 3:
@@ -152,11 +152,11 @@ def test_a_listener_without_descriptors_pauses_and_accepts_later(monkeypatch):
             def __getattr__(self, name):
                 return getattr(real, name)
 
-        link._socket = Empty()
+        link._socket = WithoutDescriptors()
         client = socket.create_connection(("127.0.0.1", real.getsockname()[1]))
         client.send(frame_of(1))
         await until(lambda: received_data)
-        assert len(calls) == 3, "accept is not called repeatedly during the pause"
+        assert len(calls) == 3, "accept was called repeatedly during the pause"
         client.close()
         await link.close()
 
@@ -198,7 +198,7 @@ def test_the_log_of_repeated_faults_is_limited(caplog, monkeypatch):
                 raise ValueError(f"{number} " * 200)
             except ValueError as error:
                 faults.add(error, "handling HEARTBEAT")
-        assert len(caplog.records) == 2, "one traceback, one line"
+        assert len(caplog.records) == 2, "not one traceback and one line"
         now_s[0] += LOG_PERIOD_S
         for number in range(100):
             try:

@@ -32,7 +32,7 @@ def test_a_busy_link_is_read_less_often_but_at_least_every_20_ms(pieces_per_s, w
     assert max(wait for _, wait in PACES) <= 0.020
 
 
-def test_udp_listens_answers_its_peer_and_sends_from_any_thread():
+def test_a_udpin_link_receives_sends_to_its_peer_and_sends_from_any_thread():
     async def scenario():
         recorder = LinkRecorder(make_link("udpin://127.0.0.1:0")).start()
         await recorder.until(lambda: recorder.link.info().state == "open")
@@ -69,8 +69,8 @@ def test_a_udpout_link_can_send_before_it_receives():
         (peer,) = recorder.link.peers()
         assert recorder.link.send(b"hello", peer)
         data, address = vehicle.recvfrom(100)
-        vehicle.sendto(b"answer", address)
-        await recorder.until(lambda: recorder.data == [b"answer"])
+        vehicle.sendto(b"reply", address)
+        await recorder.until(lambda: recorder.data == [b"reply"])
         assert data == b"hello"
         vehicle.close()
         await recorder.link.close()
@@ -81,11 +81,11 @@ def test_a_udpout_link_can_send_before_it_receives():
 @pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOBUFS])
 def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_ones_are_dropped(number):
     class Full:
-        left = 3
+        failures_left = 3
 
         def sendto(self, data, address):
-            if self.left:
-                self.left -= 1
+            if self.failures_left:
+                self.failures_left -= 1
                 raise OSError(number, "no room")
             return real.sendto(data, address)
 
@@ -145,7 +145,7 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
         server = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
         (to_server,) = client.link.peers()
-        big = os.urandom(400_000)  # more than a socket takes at once, so the rest waits in the outbox
+        big = os.urandom(400_000)  # more than a socket accepts at once, so the rest waits in the outbox
         assert client.link.send(big, to_server)
         await server.until(lambda: sum(map(len, server.data)) == len(big))
         assert b"".join(server.data) == big
@@ -155,11 +155,11 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
         await server.link.close()
         await client.until(lambda: client.link.info().state == "waiting")
         assert client.gone == [to_server.name]
-        again = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
+        restarted = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
         second = LinkRecorder(TcpServerLink("t", "tcpin", "127.0.0.1", port)).start()
         assert f"TCP port {port}" in second.link.info().detail
-        for link in (client.link, again.link, second.link):
+        for link in (client.link, restarted.link, second.link):
             await link.close()
 
     run(scenario)
@@ -185,17 +185,17 @@ def test_a_full_outbox_drops_whole_frames():
 
 def test_a_serial_link_carries_bytes_and_waits_after_the_device_is_unplugged():
     async def scenario():
-        ours, theirs = pty.openpty()
-        device = os.ttyname(theirs)
+        master, slave = pty.openpty()
+        device = os.ttyname(slave)
         recorder = LinkRecorder(SerialLink("radio", "serial", device, 57600)).start()
         assert recorder.link.info().state == "open", recorder.link.info().detail
-        os.write(ours, b"\xfd\x00\xffabc\n")
+        os.write(master, b"\xfd\x00\xffabc\n")
         await recorder.until(lambda: b"".join(recorder.data) == b"\xfd\x00\xffabc\n")
         (peer,) = recorder.link.peers()
         assert recorder.link.send(b"\x00\xfe\r\n", peer)
-        assert os.read(ours, 100) == b"\x00\xfe\r\n"
-        os.close(ours)
-        os.close(theirs)
+        assert os.read(master, 100) == b"\x00\xfe\r\n"
+        os.close(master)
+        os.close(slave)
         await recorder.until(lambda: recorder.link.info().state == "waiting")
         assert device in recorder.link.info().detail
         await recorder.link.close()
@@ -278,7 +278,7 @@ def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, packed):
     run(scenario)
 
 
-def test_damage_in_a_recording_is_skipped_and_one_without_mavlink_is_reported(tmp_path):
+def test_damage_in_a_recording_is_skipped_and_a_recording_without_mavlink_is_reported(tmp_path):
     record = (
         struct.pack(">Q", 1_700_000_000_000_000) + b"\xfd\x01\x00\x00\x07\x01\x01\x00\x00\x00\x05\x00\x00"
     )

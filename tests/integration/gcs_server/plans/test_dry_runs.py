@@ -15,7 +15,7 @@ from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
 
 pytestmark = pytest.mark.flight
 
-ABOUT = {
+RUN_INFO = {
     "kind": "waypoint_plan",
     "name": None,
     "plan_id": None,
@@ -47,8 +47,10 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
 
     async def scenario():
         runs = DryRuns()
-        wanted = request(hop(6.0), flights=1, spread={})
-        summary = await runs.run("1", wanted, ABOUT, lambda text, share: reports.append((text, share)))
+        run_request = request(hop(6.0), flights=1, spread={})
+        summary = await runs.run(
+            "1", run_request, RUN_INFO, lambda text, share: reports.append((text, share))
+        )
         return summary, runs.get("1")
 
     summary, found = asyncio.run(scenario())
@@ -72,12 +74,12 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     low = {"altitude": {"value_m": 8, "reference": "home"}}
     items = [{"kind": "takeoff", **south, **low}, {"kind": "waypoint", **north, **low}]
     plan = plan_document.read(json.dumps({"items": items}))
-    wanted = request(plan, elevation=[str(write(tmp_path / "hill.tif", hill(500.0, 80.0)))])
-    wanted["aircraft"]["home"] = {**south, "alt_amsl_m": 500.0}
+    run_request = request(plan, elevation=[str(write(tmp_path / "hill.tif", hill(500.0, 80.0)))])
+    run_request["aircraft"]["home"] = {**south, "alt_amsl_m": 500.0}
 
     async def scenario():
         runs = DryRuns()
-        await runs.run("1", wanted, {**ABOUT, "assumed": ["No wind."]}, lambda *_: None)
+        await runs.run("1", run_request, {**RUN_INFO, "assumed": ["No wind."]}, lambda *_: None)
         return runs.get("1")
 
     found = asyncio.run(scenario())
@@ -85,9 +87,9 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     assert found["assumed"][1].startswith(
         "The dry run flies over the ground of the elevation files, on a grid"
     )
-    (touched,) = [each for each in found["nominal"]["findings"] if each["code"] == "ground_touched"]
-    assert touched["text"] == "The flight touches the ground at item 2."
-    assert 100.0 < touched["position_ned_m"][0] < 667.0
+    (finding,) = [each for each in found["nominal"]["findings"] if each["code"] == "ground_touched"]
+    assert finding["text"] == "The flight touches the ground at item 2."
+    assert 100.0 < finding["position_ned_m"][0] < 667.0
 
 
 HOPS = """
@@ -103,14 +105,14 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
     lead = request(hop())["aircraft"]
     left = {**lead, "home": {**lead["home"], "lat_deg": lead["home"]["lat_deg"] + 3e-4}}
     roles = {"lead": {"aircraft": lead, "origin": None}, "left": {"aircraft": left, "origin": None}}
-    wanted = {**request(hop()), "kind": "offboard_mission", "plan": HOPS, "roles": roles}
-    wanted |= {"flights": 1, "spread": {}}
-    about = {**ABOUT, "kind": "offboard_mission"}
+    run_request = {**request(hop()), "kind": "offboard_mission", "plan": HOPS, "roles": roles}
+    run_request |= {"flights": 1, "spread": {}}
+    about = {**RUN_INFO, "kind": "offboard_mission"}
     reports = []
 
     async def scenario():
         runs = DryRuns()
-        await runs.run("1", wanted, about, lambda text, _: reports.append(text))
+        await runs.run("1", run_request, about, lambda text, _: reports.append(text))
         return runs.get("1")
 
     view = DryRunView.model_validate_json(json.dumps(asyncio.run(scenario())))
@@ -130,7 +132,7 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
 def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():
     async def scenario():
         plan = hop().model_copy(update={"items": ()})
-        await DryRuns().run("1", request(plan), ABOUT, lambda *_: None)
+        await DryRuns().run("1", request(plan), RUN_INFO, lambda *_: None)
 
     with pytest.raises(Refused, match="nothing to fly"):
         asyncio.run(scenario())
@@ -142,14 +144,14 @@ def test_cancelling_a_dry_run_ends_its_process(monkeypatch):
     async def scenario():
         runs = DryRuns()
         tasks = [
-            asyncio.ensure_future(runs.run(str(n), request(hop()), ABOUT, lambda *_: None))
+            asyncio.ensure_future(runs.run(str(n), request(hop()), RUN_INFO, lambda *_: None))
             for n in range(MAX_RUNNING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already running"):
             runs.next_id()
         with pytest.raises(Refused):
-            await runs.run("more", request(hop()), ABOUT, lambda *_: None)
+            await runs.run("more", request(hop()), RUN_INFO, lambda *_: None)
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
@@ -170,7 +172,7 @@ def test_the_newest_results_are_kept(monkeypatch):
     async def scenario():
         runs = DryRuns()
         for n in range(MAX_RESULTS + 1):
-            await runs.run(str(n), request(hop()), ABOUT, lambda *_: None)
+            await runs.run(str(n), request(hop()), RUN_INFO, lambda *_: None)
         return runs
 
     runs = asyncio.run(scenario())

@@ -85,7 +85,7 @@ def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
             each.cancel()
         ended = await asyncio.gather(*waiting, return_exceptions=True)
         assert all(isinstance(each, asyncio.CancelledError) for each in ended)
-        with pytest.raises(InvalidRequest):  # there is room again
+        with pytest.raises(InvalidRequest):  # further work is accepted again
             await plan_work.run(
                 "check",
                 {

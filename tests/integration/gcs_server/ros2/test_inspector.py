@@ -31,10 +31,10 @@ def _domain() -> Iterator[None]:
 
 @pytest.fixture
 def inspector() -> Iterator[DomainInspector]:
-    opened = DomainInspector(DOMAIN, None, InspectionPort)
-    yield opened
-    opened.close()
-    assert not opened.running
+    domain_inspector = DomainInspector(DOMAIN, None, InspectionPort)
+    yield domain_inspector
+    domain_inspector.close()
+    assert not domain_inspector.running
 
 
 def until(reached: Callable[[], object], act: Callable[[], None] = lambda: None) -> None:
@@ -46,8 +46,10 @@ def until(reached: Callable[[], object], act: Callable[[], None] = lambda: None)
 
 
 def topics(inspection: Inspection) -> dict[str, TopicView]:
-    own = f"/{NAMESPACE}"
-    return {each.name.removeprefix(own): each for each in inspection.topics if each.name.startswith(own)}
+    prefix = f"/{NAMESPACE}"
+    return {
+        each.name.removeprefix(prefix): each for each in inspection.topics if each.name.startswith(prefix)
+    }
 
 
 def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: DomainInspector) -> None:
@@ -58,11 +60,11 @@ def test_topics_that_no_link_reads_are_shown_with_rate_and_value(inspector: Doma
         vehicles[0].send(STATUS, status(system_id=7))
         vehicles[0].send(SENSORS, SHOWN["SensorCombined"].encode(values), "SensorCombined")
 
-    def shown() -> bool:
+    def is_shown() -> bool:
         found = topics(inspector.inspect(NAMESPACE))
         return all(name in found and found[name].rate_hz is not None for name in (STATUS, SENSORS))
 
-    until(shown, publish)
+    until(is_shown, publish)
     found = topics(inspector.inspect(NAMESPACE))
     assert found[STATUS].value is not None
     assert found[STATUS].value["system_id"] == 7
@@ -82,12 +84,12 @@ def test_a_flooded_topic_is_shown_as_flooded_and_other_topics_are_read(inspector
         for _ in range(200):
             flood.send(SENSORS, SHOWN["SensorCombined"].encode({}), "SensorCombined")
 
-    def shown() -> bool:
+    def is_shown() -> bool:
         found = topics(inspector.inspect(NAMESPACE))
         both = {STATUS, SENSORS} <= found.keys()
         return both and found[SENSORS].rate_is_minimum and found[STATUS].rate_hz is not None
 
-    until(shown, publish)
+    until(is_shown, publish)
 
 
 def test_nothing_is_read_before_the_first_request_and_after_the_last(

@@ -44,11 +44,11 @@ def in_event_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..
 
 
 def _ignore(*_arguments: object) -> None:
-    """For callbacks whose calls a test does not read."""
+    """A callback that does nothing."""
 
 
 class Received:
-    """A running link with what it received."""
+    """A running link and the frames that it received."""
 
     def __init__(self, namespace: str | None = NAMESPACE) -> None:
         self.frames: dict[str, list[tuple[int, str]]] = {}
@@ -146,7 +146,7 @@ async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch
 
 
 @in_event_loop
-async def test_of_two_vehicles_in_one_namespace_only_the_first_is_read() -> None:
+async def test_only_the_first_of_two_vehicles_in_one_namespace_is_read() -> None:
     received, first, second = Received(), Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
     await received.until(
         lambda: "HEARTBEAT" in received.names(), lambda: first.send(STATUS, status(system_id=1))
@@ -191,8 +191,8 @@ async def test_an_unknown_version_or_type_is_reported_and_not_read(
 async def test_a_command_topic_of_another_version_is_reported_and_the_vehicle_is_still_read() -> None:
     received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
     topic = wire_name("/fmu/in/vehicle_command_v1", NAMESPACE)
-    where = Topic(vehicle.participant, topic, idl_type(SHOWN["VehicleCommand"]))
-    reader = DataReader(vehicle.participant, where)
+    command_topic = Topic(vehicle.participant, topic, idl_type(SHOWN["VehicleCommand"]))
+    reader = DataReader(vehicle.participant, command_topic)
 
     def reported() -> bool:
         return "version 1 instead of 0, so that commands cannot be used" in received.link.info().detail

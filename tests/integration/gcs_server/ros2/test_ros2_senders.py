@@ -32,9 +32,9 @@ DOMAIN, MODES_DOMAIN, ENDS_DOMAIN = 51, 54, 55
 NAMESPACE = f"senders_{os.getpid()}"
 
 
-def test_a_sender_sends_once_a_vehicle_subscribes_and_closes_when_it_is_not_used() -> None:
+def test_a_sender_sends_when_a_vehicle_subscribes_and_is_closed_when_unused() -> None:
     domain = open_domain(DOMAIN, None)
-    # before the sender's thread starts: two threads cannot register a Cyclone type at the same time
+    # Created before the sender's thread starts: two threads cannot register a Cyclone type at the same time.
     participant = DomainParticipant(DOMAIN)
     topic = Topic(participant, wire_name(CONTROL_MODE, NAMESPACE), idl_type(MESSAGES["OffboardControlMode"]))
     address, senders = DdsAddress(DOMAIN, None, NAMESPACE), Ros2Senders()

@@ -1,4 +1,4 @@
-"""The server on real DDS: vehicles that send nothing usable do not affect the others, and are named."""
+"""The server on real DDS: vehicles without valid messages do not affect the others, and are named."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from tests.support.dds_samples import recorded
 from tests.support.dds_vehicle import ATTITUDE, MESSAGES_OF_TOPICS, AnsweringVehicle, Background
 
 DOMAIN = 100 + os.getpid() % 100
-"""The link reads every vehicle of its domain: no other test may use the same one."""
+"""The link reads every vehicle of its domain: no other test may use the same domain."""
 
 
 @pytest.fixture
 def background() -> Iterator[Background]:
-    shared, made = open_domain(DOMAIN, None), Background()
-    yield made
-    made.close()
+    shared, running = open_domain(DOMAIN, None), Background()
+    yield running
+    running.close()
     assert shared
 
 
@@ -56,8 +56,8 @@ def until(reached: Callable[[], object], within_s: float = 20.0) -> None:
 
 
 def connected(client: TestClient, vehicle: str) -> bool:
-    answer = client.get(f"vehicles/{vehicle}")
-    return answer.status_code == 200 and not answer.json()["status"]["link_lost"]
+    response = client.get(f"vehicles/{vehicle}")
+    return response.status_code == 200 and not response.json()["status"]["link_lost"]
 
 
 def attitude_unix_s(client: TestClient, vehicle: str) -> float:
@@ -128,8 +128,8 @@ def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
     armed = client.post("vehicles/1/arm", json={})
     assert armed.status_code == 200, armed.text
     assert client.get("vehicles/1").json()["status"]["armed"]
-    shown_unix_s = attitude_unix_s(client, "1")
-    until(lambda: attitude_unix_s(client, "1") > shown_unix_s, 2.0)
+    previous_unix_s = attitude_unix_s(client, "1")
+    until(lambda: attitude_unix_s(client, "1") > previous_unix_s, 2.0)
 
 
 def test_the_topics_of_a_vehicle_are_shown_by_request_and_to_a_subscriber_that_names_them(
@@ -138,25 +138,25 @@ def test_the_topics_of_a_vehicle_are_shown_by_request_and_to_a_subscriber_that_n
     good = AnsweringVehicle(DOMAIN, "good", 1)
     background.steps.append(good.step)
     until(lambda: connected(client, "1"))
-    answer = client.get("vehicles/1/ros2/topics").json()
-    assert (answer["state"], answer["domain_id"], answer["namespace"]) == ("open", DOMAIN, "good")
+    response = client.get("vehicles/1/ros2/topics").json()
+    assert (response["state"], response["domain_id"], response["namespace"]) == ("open", DOMAIN, "good")
     assert {f"/good{topic}" for topic in (STATUS, COMMAND, *MESSAGES_OF_TOPICS)} <= {
-        topic["name"] for topic in answer["topics"]
+        topic["name"] for topic in response["topics"]
     }
     with client.websocket_connect("ws://localhost/api/v1/telemetry") as telemetry:
-        wanted = {"type": "subscribe", "vehicles": ["1"], "topics": ["ros2_topics"], "rate_hz": 5}
-        telemetry.send_text(json.dumps(wanted))
+        subscription = {"type": "subscribe", "vehicles": ["1"], "topics": ["ros2_topics"], "rate_hz": 5}
+        telemetry.send_text(json.dumps(subscription))
         value: dict[str, Any] = {}
         while not any(topic["rate_hz"] for topic in value.get("topics", ())):
             for sample in json.loads(telemetry.receive_text()).get("samples", ()):
                 assert (sample["vehicle"], sample["topic"]) == ("1", "ros2_topics")
                 value = sample["value"]
-    shown = {topic["name"]: topic for topic in value["topics"]}
-    attitude = shown[f"/good{ATTITUDE}"]
+    topics = {topic["name"]: topic for topic in value["topics"]}
+    attitude = topics[f"/good{ATTITUDE}"]
     expected = SHOWN["VehicleAttitude"].decode(recorded()[ATTITUDE])
     assert attitude["value"]["q"] == pytest.approx(list(expected["q"]))
-    assert 1.0 < attitude["rate_hz"] < 40.0, "20 Hz, less on a busy machine"
-    assert shown[f"/good{COMMAND}"]["publishers"] == 1
+    assert 1.0 < attitude["rate_hz"] < 40.0, "not about 20 Hz, less on a busy machine"
+    assert topics[f"/good{COMMAND}"]["publishers"] == 1
 
 
 def test_a_vehicle_without_a_ros_2_link_has_no_topics_to_show(client: TestClient) -> None:
@@ -171,6 +171,6 @@ def test_a_vehicle_without_a_ros_2_link_has_no_topics_to_show(client: TestClient
             return connected(client, "9")
 
         until(connected_now)
-        answer = client.get("vehicles/9/ros2/topics")
-    assert (answer.status_code, answer.json()["code"]) == (409, "refused")
-    assert answer.json()["detail"] == "Vehicle 9 has no ROS 2 link, so it has no topics to show."
+        response = client.get("vehicles/9/ros2/topics")
+    assert (response.status_code, response.json()["code"]) == (409, "refused")
+    assert response.json()["detail"] == "Vehicle 9 has no ROS 2 link, so it has no topics to show."

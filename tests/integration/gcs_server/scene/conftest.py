@@ -9,7 +9,7 @@ from tests.integration.gcs_server.scene.scene_running import SceneServer, servin
 
 
 @pytest.fixture(scope="module")
-def running():
+def scene_server():
     """One server for the module, in a thread with its own event loop."""
     server, ready, done = SceneServer(), threading.Event(), threading.Event()
 

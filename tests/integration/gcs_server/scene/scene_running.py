@@ -75,29 +75,29 @@ class SceneServer:
 
 
 @asynccontextmanager
-async def serving(running: SceneServer):
+async def serving(scene_server: SceneServer):
     clock = SystemClock()
     supervisor = Supervisor(clock)
     app = FastAPI()
-    app.include_router(running.router())
+    app.include_router(scene_server.router())
     app.exception_handler(Refused)(lambda _r, e: JSONResponse({"detail": str(e)}, 409))
     server = uvicorn.Server(
         uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=1)
     )
     server.install_signal_handlers = lambda: None
     task = supervisor.spawn("http", server.serve())
-    running.address = await running.scene.start()
-    supervisor.start("scene", running.draw)
+    scene_server.address = await scene_server.scene.start()
+    supervisor.start("scene", scene_server.draw)
     while not server.started:  # noqa: ASYNC110 uvicorn has no event for it
         await asyncio.sleep(0.01)
-    running.port = server.servers[0].sockets[0].getsockname()[1]
+    scene_server.port = server.servers[0].sockets[0].getsockname()[1]
     try:
-        yield running
+        yield scene_server
     finally:
         server.should_exit = True
         await task
         await supervisor.close()
-        await running.scene.stop()
+        await scene_server.scene.stop()
 
 
 async def eventually(condition, seconds: float = 20.0):
@@ -124,6 +124,6 @@ def types_in(data: bytes) -> list[str]:
     return [m["type"] for m in msgspec.msgpack.decode(inner)["messages"]]
 
 
-def open_stream(running: SceneServer, query: str = "", **options):
+def open_stream(scene_server: SceneServer, query: str = "", **options):
     options.setdefault("max_size", None)
-    return connect(running.stream + query, subprotocols=[PROTOCOL], **options)
+    return connect(scene_server.stream + query, subprotocols=[PROTOCOL], **options)

@@ -44,7 +44,7 @@ def wait_for(page, condition) -> None:
 
 @pytest.mark.story
 @pytest.mark.browser
-def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
+def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(scene_server):
     requested: list[str] = []
     errors: list[str] = []
     with playwright.sync_playwright() as p:
@@ -54,13 +54,13 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         page.on("websocket", lambda w: requested.append(w.url))
         page.on("pageerror", lambda e: errors.append(str(e)))
         page.route(
-            running.url.replace("/scene/", "/host"),
+            scene_server.url.replace("/scene/", "/host"),
             lambda route: route.fulfill(
                 content_type="text/html",
                 body='<iframe src="/scene/?view=frame&theme=dark" style="width:350px;height:230px"></iframe>',
             ),
         )
-        page.goto(running.url.replace("/scene/", "/host"))
+        page.goto(scene_server.url.replace("/scene/", "/host"))
         frame = page.frame_locator("iframe")
         tag = frame.locator(".gcs-tags span", has_text="1 · 10.0 m")
         tag.wait_for(state="visible", timeout=15_000)
@@ -68,7 +68,8 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         # The tag is in the middle of the frame, where the chased vehicle is.
         box = tag.bounding_box()
         assert abs(box["x"] + box["width"] / 2 - (8 + 175)) < 60
-        # Panels cover its left half: the page sends the middle of the free area, and the vehicle moves there.
+        # Panels cover the left half of the frame: the page sends the middle of the free area, and the vehicle
+        # moves there.
         page.evaluate("frames[0].postMessage({ gcsMiddle: [0.25, -0.1] }, location.origin)")
         wait_for(page, lambda: tag.bounding_box()["x"] - box["x"] > 0.2 * 350)
         assert box["y"] - tag.bounding_box()["y"] == pytest.approx(23, abs=8)
@@ -85,11 +86,11 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         position = "() => [...window.__viserMutable.camera.position]"
         # A drag turns the camera and is not a click.
         wait_for(page, lambda: math.dist(position_before, page.frames[1].evaluate(position)) > 0.1)
-        assert running.clicks == []
+        assert scene_server.clicks == []
         page.mouse.click(ground_px[0], canvas["y"] + 3)  # the sky
         page.mouse.click(*ground_px)
-        wait_for(page, lambda: running.clicks)
-        (click,) = running.clicks
+        wait_for(page, lambda: scene_server.clicks)
+        (click,) = scene_server.clicks
         assert (click.view, click.vehicle) == ("frame", "1")
         assert click.alt_amsl_m == pytest.approx(488.0)
         assert 2.0 < ground_distance_m(click) < 60.0  # the vehicle hovers ten metres over the home
@@ -106,7 +107,7 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         assert page.evaluate("window.clicked") == pytest.approx(
             [ground_px[0] - canvas["x"], ground_px[1] - canvas["y"]], abs=1
         )
-        assert len(running.clicks) == 1
+        assert len(scene_server.clicks) == 1
         page.evaluate(
             "body => fetch('/scene/view/frame', "
             "{method: 'POST', body, headers: {'Content-Type': 'application/json'}})",
@@ -114,9 +115,9 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(running):
         )
         frame.locator('html[data-gcs-theme="light"]').wait_for(state="attached", timeout=8_000)
         browser.close()
-    ours = f"127.0.0.1:{running.port}/"
+    own_address = f"127.0.0.1:{scene_server.port}/"
     network = [u for u in requested if not u.startswith(("data:", "blob:"))]
-    foreign = [u for u in network if not u.split("://", 1)[1].startswith(ours)]
+    foreign = [u for u in network if not u.split("://", 1)[1].startswith(own_address)]
     assert foreign == []
     assert any(u.startswith("ws://") for u in requested)
     assert errors == []

@@ -53,20 +53,20 @@ def test_without_a_global_position_a_click_is_refused():
         tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
 
 
-def test_a_click_is_published_with_the_token_of_its_view(running):
+def test_a_click_is_published_with_the_token_of_its_view(scene_server):
     async def click():
-        async with open_stream(running, "?view=clicked&vehicle=2") as stream:
+        async with open_stream(scene_server, "?view=clicked&vehicle=2") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: running.scene.viewers == 1)
+            await eventually(lambda: scene_server.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
-                answer = await client.post(running.url + "view/clicked/click", json=DOWN_NORTH)
+                response = await client.post(scene_server.url + "view/clicked/click", json=DOWN_NORTH)
                 sky = {**DOWN_NORTH, "ray_enu": [0, 1, 1]}
-                nothing = await client.post(running.url + "view/clicked/click", json=sky)
-        return answer.json(), nothing.json()
+                sky_response = await client.post(scene_server.url + "view/clicked/click", json=sky)
+        return response.json(), sky_response.json()
 
-    running.clicks.clear()
+    scene_server.clicks.clear()
     assert asyncio.run(click()) == ({"ground": True}, {"ground": False})
-    (sent,) = running.clicks
+    (sent,) = scene_server.clicks
     assert (sent.view, sent.vehicle, sent.view_x, sent.view_y) == ("clicked", "2", 0.5, 0.6)
     assert sent.lat_deg == pytest.approx(47.397742 + 10.0 / 111177.0, abs=1e-7)
 
@@ -75,13 +75,13 @@ def test_a_click_is_published_with_the_token_of_its_view(running):
     ("change", "field"),
     [({"ray_enu": [0, 1]}, "ray_enu"), ({"view_x": 2}, "view_x"), ({"eye_enu_m": [0, 0, 1e9]}, "eye_enu_m")],
 )
-def test_the_error_about_an_invalid_click_names_its_field(running, change, field):
-    answer = httpx.post(running.url + "view/clicked/click", json={**DOWN_NORTH, **change})
-    assert answer.status_code == 422
-    assert field in answer.text
+def test_the_error_about_an_invalid_click_names_its_field(scene_server, change, field):
+    response = httpx.post(scene_server.url + "view/clicked/click", json={**DOWN_NORTH, **change})
+    assert response.status_code == 422
+    assert field in response.text
 
 
-def test_a_click_of_a_foreign_page_is_refused(running):
+def test_a_click_of_a_foreign_page_is_refused(scene_server):
     headers = {"Origin": "http://elsewhere.example"}
-    answer = httpx.post(running.url + "view/clicked/click", json=DOWN_NORTH, headers=headers)
-    assert answer.status_code == 409
+    response = httpx.post(scene_server.url + "view/clicked/click", json=DOWN_NORTH, headers=headers)
+    assert response.status_code == 409

@@ -33,9 +33,9 @@ def test_a_drag_becomes_a_position_in_the_vehicles_local_frame():
 def test_the_height_handle_changes_no_yaw_and_an_unknown_yaw_stays_unknown():
     up = Drag((0.0, 10.0, 9.0), q_from_yaw(1.0), changes_yaw=False)
     assert apply_drag(PREVIEW, up, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad == 0.0
-    without = Preview((0.0, 0.0, 0.0), None, handles=True, serial=1)
+    without_yaw = Preview((0.0, 0.0, 0.0), None, handles=True, serial=1)
     turn = Drag((0.0, 0.0, 0.0), q_from_yaw(1.0), changes_yaw=True)
-    assert apply_drag(without, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
+    assert apply_drag(without_yaw, turn, (0.0, 0.0, 0.0), (0.0, 0.0, 5.0)).yaw_ned_rad is None
 
 
 def test_a_drag_beyond_the_limit_is_ignored():
@@ -61,7 +61,7 @@ def test_visible_handles_do_not_move_the_camera():
 @pytest.mark.parametrize(
     ("eye_m", "handles_m"),
     [
-        pytest.param(EYE, (0.0, 9.0, 10.0), id="beside what is seen"),
+        pytest.param(EYE, (0.0, 9.0, 10.0), id="beside the view"),
         pytest.param(EYE, (-20.0, 0.0, 10.0), id="behind the eye"),
         pytest.param((-2.0, 0.0, 11.2), VEHICLE, id="too near"),
         pytest.param((-9.0, 0.0, 10.5), VEHICLE, id="from the side, where the ground's square is a line"),
@@ -72,9 +72,9 @@ def test_the_camera_follows_moved_handles_from_the_same_side(eye_m, handles_m):
     eye, look_at = camera_for_handles(eye_m, VEHICLE, handles_m, VEHICLE)
     assert look_at == handles_m
     assert math.dist(eye, handles_m) >= HANDLES_DISTANCE_M - 1e-9
-    assert eye[0] <= handles_m[0] + 1e-6  # to the east, as before
+    assert eye[0] <= handles_m[0] + 1e-6  # looks to the east, as before
     assert eye[2] > handles_m[2] + 2.0
-    # The vehicle is not behind the camera: both are in the picture, and then nothing moves any more.
+    # The vehicle is not behind the camera: vehicle and handles are in the picture, so the camera stays.
     assert math.dist(eye, handles_m) > 1.5 * math.dist(handles_m, VEHICLE)
     assert camera_for_handles(eye, look_at, handles_m, VEHICLE) == (eye, look_at)
     beside = tuple(
@@ -111,57 +111,58 @@ def test_messages_of_other_handles_are_dropped(message):
     assert parse_message(pack(message)) is None
 
 
-def handles_in(running) -> int:
-    client = next(iter(running.host.clients().values()))
+def handles_in(scene_server) -> int:
+    client = next(iter(scene_server.host.clients().values()))
     return len(client.scene._handle_from_transform_controls_name)
 
 
-def test_a_dragged_preview_is_published_with_its_view(running):
-    """Only in its own view and only while the scene is fixed; viser does not receive the message."""
+def test_a_dragged_preview_is_published_with_its_view(scene_server):
+    """The drag is published only for its own view and only while the scene does not move with the vehicle;
+    viser does not receive the message."""
 
     async def drag():
-        async with httpx.AsyncClient() as http, open_stream(running, "?view=hand&vehicle=2") as stream:
+        async with httpx.AsyncClient() as http, open_stream(scene_server, "?view=hand&vehicle=2") as stream:
             await stream.send(pack(CAMERA))
-            await eventually(lambda: running.scene.viewers == 1)
-            assert handles_in(running) == 0
-            place = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
-            await http.post(running.url + "view/hand", json={"preview": place})
+            await eventually(lambda: scene_server.scene.viewers == 1)
+            assert handles_in(scene_server) == 0
+            preview = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
+            await http.post(scene_server.url + "view/hand", json={"preview": preview})
             await stream.send(pack(MOVED))  # in chase mode the scene moves during the drag
-            await http.post(running.url + "view/hand", json={"mode": "free"})
-            await eventually(lambda: handles_in(running) == 2)
-            assert running.gizmos == []
+            await http.post(scene_server.url + "view/hand", json={"mode": "free"})
+            await eventually(lambda: handles_in(scene_server) == 2)
+            assert scene_server.gizmos == []
             await stream.send(pack(MOVED))
             await stream.send(pack(RELEASED))
-            await eventually(lambda: len(running.gizmos) == 2)
-            await http.post(running.url + "view/hand", json={"preview": None})
-            await eventually(lambda: handles_in(running) == 0)
+            await eventually(lambda: len(scene_server.gizmos) == 2)
+            await http.post(scene_server.url + "view/hand", json={"preview": None})
+            await eventually(lambda: handles_in(scene_server) == 0)
             await stream.send(pack(MOVED))
             await stream.send(pack(CAMERA))
             await asyncio.sleep(0.1)
 
-    running.gizmos.clear()
+    scene_server.gizmos.clear()
     asyncio.run(drag())
-    moved, released = running.gizmos
+    moved, released = scene_server.gizmos
     assert (moved.view, moved.vehicle, moved.released, released.released) == ("hand", "2", False, True)
     assert moved.position_ned_m == released.position_ned_m
     assert moved.yaw_ned_rad == pytest.approx(math.pi / 2)
 
 
-def test_selecting_another_vehicle_removes_the_preview(running):
-    place = {"position_ned_m": [0, 0, -5]}
-    httpx.post(running.url + "view/other", json={"vehicle": "1", "preview": place})
-    assert running.scene._views["other"].preview is not None
-    httpx.post(running.url + "view/other", json={"theme": "light"})
-    assert running.scene._views["other"].preview is not None
-    httpx.post(running.url + "view/other", json={"vehicle": "2"})
-    assert running.scene._views["other"].preview is None
+def test_selecting_another_vehicle_removes_the_preview(scene_server):
+    preview = {"position_ned_m": [0, 0, -5]}
+    httpx.post(scene_server.url + "view/other", json={"vehicle": "1", "preview": preview})
+    assert scene_server.scene._views["other"].preview is not None
+    httpx.post(scene_server.url + "view/other", json={"theme": "light"})
+    assert scene_server.scene._views["other"].preview is not None
+    httpx.post(scene_server.url + "view/other", json={"vehicle": "2"})
+    assert scene_server.scene._views["other"].preview is None
 
 
 @pytest.mark.parametrize(
     ("preview", "field"),
     [({"position_ned_m": [0, 0]}, "position_ned_m"), ({"position_ned_m": [0, 0, 1e9]}, "position_ned_m")],
 )
-def test_the_error_about_an_invalid_preview_names_its_field(running, preview, field):
-    answer = httpx.post(running.url + "view/hand", json={"preview": preview})
-    assert answer.status_code == 422
-    assert field in answer.text
+def test_the_error_about_an_invalid_preview_names_its_field(scene_server, preview, field):
+    response = httpx.post(scene_server.url + "view/hand", json={"preview": preview})
+    assert response.status_code == 422
+    assert field in response.text

@@ -32,7 +32,7 @@ def test_viser_prints_nothing_and_leaves_no_files(capfd):
     assert capfd.readouterr().out == ""
 
 
-def test_folders_of_killed_servers_are_removed_and_others_kept(monkeypatch, tmp_path):
+def test_folders_of_killed_servers_are_removed_and_other_folders_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     old, living, young = (tmp_path / f"gcs-scene-{n}" for n in ("old", "living", "young"))
     listeners = []
@@ -62,54 +62,56 @@ def test_a_scene_that_cannot_start_is_an_error_with_text(monkeypatch, tmp_path):
         asyncio.run(ViserHost().start())
 
 
-def test_vehicles_are_added_one_by_one_with_the_followed_one_first(running, monkeypatch):
+def test_vehicles_are_added_one_by_one_and_the_followed_vehicle_first(scene_server, monkeypatch):
     """A new browser must not delay the pictures of the others."""
-    more = [flying(name) for name in ("31", "32", "33", "34")]
-    step, steps, made = Scene._step, [], []
+    more_vehicles = [flying(name) for name in ("31", "32", "33", "34")]
+    step, steps, nodes = Scene._step, [], []
 
-    def counted(self, now_s, dt_s):
+    def count_step(self, now_s, dt_s):
         steps.append(now_s)
         step(self, now_s, dt_s)
 
-    class Counted(VehicleNode):
+    class CountedNode(VehicleNode):
         def __init__(self, client, index, *rest):
-            made.append((len(steps), index))
+            nodes.append((len(steps), index))
             super().__init__(client, index, *rest)
 
     async def run():
         for query in ("", "?vehicle=33"):  # in the second round all poses are known
-            await eventually(lambda: running.scene.viewers == 0)  # a closed view is removed after a moment
-            made.clear()
-            async with open_stream(running, query) as stream:
+            await eventually(
+                lambda: scene_server.scene.viewers == 0
+            )  # a closed view is removed after a moment
+            nodes.clear()
+            async with open_stream(scene_server, query) as stream:
                 await stream.send(msgspec.msgpack.encode(CAMERA))
-                await eventually(lambda: len(made) == len(running.fleet.vehicles))
+                await eventually(lambda: len(nodes) == len(scene_server.fleet.vehicles))
 
-    monkeypatch.setattr(Scene, "_step", counted)
-    monkeypatch.setattr("gcs_server.scene.browser_scene.VehicleNode", Counted)
-    monkeypatch.setattr(running.fleet, "vehicles", [*running.fleet.vehicles, *more])
+    monkeypatch.setattr(Scene, "_step", count_step)
+    monkeypatch.setattr("gcs_server.scene.browser_scene.VehicleNode", CountedNode)
+    monkeypatch.setattr(scene_server.fleet, "vehicles", [*scene_server.fleet.vehicles, *more_vehicles])
     asyncio.run(run())
-    indices = [index for _, index in made]
-    assert indices[0] == [v.id for v in running.fleet.vehicles].index("33")
-    assert sorted(indices) == list(range(len(running.fleet.vehicles)))
-    assert len({step for step, _ in made}) == len(made), "one vehicle per step"
+    indices = [index for _, index in nodes]
+    assert indices[0] == [v.id for v in scene_server.fleet.vehicles].index("33")
+    assert sorted(indices) == list(range(len(scene_server.fleet.vehicles)))
+    assert len({step for step, _ in nodes}) == len(nodes), "several vehicles in one step"
 
 
-def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(running, monkeypatch):
-    vehicle = running.fleet.vehicles[0]
+def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(scene_server, monkeypatch):
+    vehicle = scene_server.fleet.vehicles[0]
 
     async def run():
-        await eventually(lambda: running.scene.viewers == 0)
-        async with open_stream(running) as stream:
+        await eventually(lambda: scene_server.scene.viewers == 0)
+        async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: running.scene.viewers == 1 and vehicle.topic_reads > 0)
+            await eventually(lambda: scene_server.scene.viewers == 1 and vehicle.looked_at > 0)
             monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: bridge != "")
             await asyncio.sleep(0.1)
-            before = vehicle.topic_reads
+            before = vehicle.looked_at
             await asyncio.sleep(0.3)
-            assert vehicle.topic_reads == before
-            assert running.scene.viewers == 1
+            assert vehicle.looked_at == before
+            assert scene_server.scene.viewers == 1
             monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: False)
-            await eventually(lambda: vehicle.topic_reads > before)
+            await eventually(lambda: vehicle.looked_at > before)
 
     asyncio.run(run())
 

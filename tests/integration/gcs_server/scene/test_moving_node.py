@@ -54,19 +54,21 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize(("change", "of_viser"), CHANGES.values(), ids=CHANGES)
-def test_a_change_is_encoded_as_viser_encodes_it(change, of_viser):
+@pytest.mark.parametrize(("change", "viser_message"), CHANGES.values(), ids=CHANGES)
+def test_a_change_is_encoded_as_viser_encodes_it(change, viser_message):
     node, queued = node_and_queue()
     change(node)
-    (ours,) = queued
-    of_viser.owner = "7"
-    assert encoded(ours) == encoded(of_viser)
-    assert ours.redundancy_key() == of_viser.redundancy_key(), "each replaces the other in the queue"
+    (message,) = queued
+    viser_message.owner = "7"
+    assert encoded(message) == encoded(viser_message)
+    assert message.redundancy_key() == viser_message.redundancy_key(), (
+        "the messages do not replace each other in the queue"
+    )
 
 
-def test_visers_handles_queue_the_same_kinds_of_messages(running):
+def test_visers_handles_queue_the_same_kinds_of_messages(scene_server):
     """A new version of viser that uses other messages fails this test."""
-    server = running.host._server
+    server = scene_server.host._server
     sent: list[Any] = []
     frame = server.scene.add_frame("/moving", show_axes=False)
     lines = server.scene.add_line_segments("/moving/lines", POINTS, (1, 2, 3))
@@ -78,7 +80,7 @@ def test_visers_handles_queue_the_same_kinds_of_messages(running):
     finally:
         api._websock_interface = queue
         frame.remove()
-    kinds = [type(of_viser) for _, of_viser in CHANGES.values()]
+    kinds = [type(viser_message) for _, viser_message in CHANGES.values()]
     assert [type(message) for message in sent] == kinds
     assert [list(m.updates) for m in sent if isinstance(m, _messages.SceneNodeUpdateMessage)] == [
         ["scale"],
@@ -87,8 +89,8 @@ def test_visers_handles_queue_the_same_kinds_of_messages(running):
     assert sent[-1].updates["points"].dtype == POINTS.dtype
 
 
-def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
-    vehicle = running.fleet.vehicles[0]
+def test_a_browser_gets_a_vehicles_final_position(scene_server, monkeypatch):
+    vehicle = scene_server.fleet.vehicles[0]
     client_ids: set[str] = set()
 
     async def wait_for_height(stream, height_m: float) -> None:
@@ -100,12 +102,12 @@ def test_a_browser_gets_a_vehicles_final_position(running, monkeypatch):
                         return
 
     async def run():
-        async with asyncio.timeout(20), open_stream(running, f"?vehicle={vehicle.id}") as stream:
+        async with asyncio.timeout(20), open_stream(scene_server, f"?vehicle={vehicle.id}") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             for height_m in (12.0, 9.0):
                 monkeypatch.setitem(vehicle.values, "local_position", local_position(0.0, 0.0, -height_m))
                 await wait_for_height(stream, height_m)
-            assert client_ids == set(map(str, running.host.clients())), "viser shows a node only to its owner"
+            assert client_ids == set(map(str, scene_server.host.clients())), "the owner is not this browser"
 
     asyncio.run(run())
 
@@ -117,7 +119,7 @@ def test_unchanged_values_are_not_sent():
     assert queued == []
     for step in range(1, 11):
         node.place((step * MIN_MOVE_M * 0.3, 0.0, 0.0))
-    assert len(queued) == 2, "a slow drift is sent when it is large enough to be visible"
+    assert len(queued) == 2, "a slow drift is not sent exactly when it becomes visible"
 
 
 def test_numpy_numbers_are_encoded():

@@ -54,7 +54,7 @@ class Site:
     def open(self, query: str = ""):
         return connect(f"ws://{self.address}/scene/{query}", subprotocols=[PROTOCOL], max_size=None)
 
-    async def is_up(self, http: httpx.AsyncClient, before: int | None = None) -> None:
+    async def wait_until_up(self, http: httpx.AsyncClient, before: int | None = None) -> None:
         """Waits until the 3D view is available, in another process than `before`."""
         async with asyncio.timeout(60):
             # There is no event for this.
@@ -84,12 +84,12 @@ async def serving():
         await supervisor.close()
 
 
-def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
+def test_a_view_shows_the_fleet_and_handles_clicks_and_drags():
     async def run():
         async with serving() as (site, http):
             assert (await http.get(site.url)).status_code == 503
-            assert site.scene.warning() is None, "starting is not a failure"
-            await site.is_up(http)
+            assert site.scene.warning() is None, "the start is reported as a failure"
+            await site.wait_until_up(http)
             async with site.open("?view=page&vehicle=2") as stream:
                 await stream.send(pack(CAMERA))
                 kinds: set[str] = set()
@@ -97,17 +97,17 @@ def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
                     while not {"MeshMessage", "LineSegmentsMessage"} <= kinds:
                         kinds |= set(types_in(await stream.recv()))
                 await eventually(lambda: site.scene.viewers == 1)
-                answer = await http.post(site.url + "view/page/click", json=DOWN_NORTH)
-                assert answer.json() == {"ground": True}
+                response = await http.post(site.url + "view/page/click", json=DOWN_NORTH)
+                assert response.json() == {"ground": True}
                 assert (site.clicks[0].view, site.clicks[0].vehicle) == ("page", "2")
-                place = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
-                answer = await http.post(site.url + "view/page", json={"mode": "free", "preview": place})
-                assert answer.json() == {"mode": "free", "vehicle": "2", "theme": "dark"}
+                preview = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
+                response = await http.post(site.url + "view/page", json={"mode": "free", "preview": preview})
+                assert response.json() == {"mode": "free", "vehicle": "2", "theme": "dark"}
                 await stream.send(pack(MOVED))
                 await eventually(lambda: site.gizmos)
                 assert site.gizmos[0].vehicle == "2"
-                answer = await http.post(site.url + "view/page", json={"vehicle": "9"})
-                assert answer.json()["code"] == UnknownVehicle.code
+                response = await http.post(site.url + "view/page", json={"vehicle": "9"})
+                assert response.json()["code"] == UnknownVehicle.code
                 for step in range(200):
                     site.fleet.vehicles[1].values["local_position"] = local_position(step * 0.2, 0.0, -10.0)
                     site.fleet.vehicles[1].received_monotonic_s += 0.1
@@ -123,7 +123,7 @@ def test_a_view_shows_the_fleet_and_answers_clicks_and_drags():
 def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder():
     async def run():
         async with serving() as (site, http):
-            await site.is_up(http)
+            await site.wait_until_up(http)
             await http.post(site.url + "view/page", json={"mode": "top", "vehicle": "2"})
             first, folder = site.scene.pid, Path(site.scene._run.address.socket_path).parent
             assert folder.exists()
@@ -134,13 +134,13 @@ def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder()
                     await stream.wait_closed()
             await eventually(lambda: site.scene.warning() is not None)
             assert "Flying is not affected" in site.scene.warning()
-            answer = await http.post(site.url + "view/page", json={"theme": "light"})
-            assert answer.json()["code"] == SceneError.code
-            await site.is_up(http, before=first)
+            response = await http.post(site.url + "view/page", json={"theme": "light"})
+            assert response.json()["code"] == SceneError.code
+            await site.wait_until_up(http, before=first)
             assert site.scene.warning() is None
             assert not folder.exists()
-            answer = await http.post(site.url + "view/page", json={"theme": "light"})
-            assert answer.json() == {"mode": "top", "vehicle": "2", "theme": "light"}
+            response = await http.post(site.url + "view/page", json={"theme": "light"})
+            assert response.json() == {"mode": "top", "vehicle": "2", "theme": "light"}
 
     asyncio.run(run())
 
@@ -152,7 +152,7 @@ def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeyp
 
     async def run():
         async with serving() as (site, http):
-            await site.is_up(http)
+            await site.wait_until_up(http)
             first = site.scene.pid
             async with site.open() as stream:
                 await stream.send(pack(CAMERA))
@@ -163,18 +163,18 @@ def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeyp
                     began_s = time.monotonic()
                     await asyncio.sleep(0.01)
                     worst_s = max(worst_s, time.monotonic() - began_s - 0.01)
-            await site.is_up(http, before=first)
+            await site.wait_until_up(http, before=first)
             return first, worst_s
 
     first, worst_s = asyncio.run(run())
     assert not Path(f"/proc/{first}").exists()
-    assert worst_s < 0.5, "the event loop was not blocked"
+    assert worst_s < 0.5, "the event loop was blocked"
 
 
 def test_the_process_ends_with_the_server_and_removes_its_folder():
     async def run():
         async with serving() as (site, http):
-            await site.is_up(http)
+            await site.wait_until_up(http)
             return site.scene.pid, Path(site.scene._run.address.socket_path).parent
 
     pid, folder = asyncio.run(run())

@@ -49,27 +49,32 @@ def listening_tcp_ports() -> set[int]:
 # --- access to viser -----------------------------------------------------------------------------
 
 
-def test_viser_opens_no_port(running):
-    assert listening_tcp_ports() == {running.port}
+def test_viser_opens_no_port(scene_server):
+    assert listening_tcp_ports() == {scene_server.port}
 
 
-def test_the_socket_is_in_a_private_folder(running):
-    folder = running.host.socket_path.parent
+def test_the_socket_is_in_a_private_folder(scene_server):
+    folder = scene_server.host.socket_path.parent
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
 
 
-def test_http_without_the_secret_is_refused(running):
-    with httpx.Client(transport=httpx.HTTPTransport(uds=str(running.host.socket_path))) as client:
+def test_http_without_the_secret_is_refused(scene_server):
+    with httpx.Client(transport=httpx.HTTPTransport(uds=str(scene_server.host.socket_path))) as client:
         assert client.get("http://scene/").status_code == 403
         assert client.get("http://scene/", headers={SECRET_HEADER: "guess"}).status_code == 403
-        assert client.get("http://scene/", headers={SECRET_HEADER: running.host.secret}).status_code == 200
+        assert (
+            client.get("http://scene/", headers={SECRET_HEADER: scene_server.host.secret}).status_code == 200
+        )
 
 
 @pytest.mark.parametrize("headers", [{}, {SECRET_HEADER: "guess"}, {SECRET_HEADER: "\u00e9"}])
-def test_a_stream_without_the_secret_is_refused(running, headers):
+def test_a_stream_without_the_secret_is_refused(scene_server, headers):
     async def attempt():
         await unix_connect(
-            str(running.host.socket_path), "ws://scene/", subprotocols=[PROTOCOL], additional_headers=headers
+            str(scene_server.host.socket_path),
+            "ws://scene/",
+            subprotocols=[PROTOCOL],
+            additional_headers=headers,
         )
 
     with pytest.raises(websockets.exceptions.InvalidStatus) as refused:
@@ -78,18 +83,18 @@ def test_a_stream_without_the_secret_is_refused(running, headers):
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", "file://"])
-def test_a_page_of_another_origin_gets_no_stream(running, origin):
+def test_a_page_of_another_origin_gets_no_stream(scene_server, origin):
     async def attempt():
-        await open_stream(running, origin=origin)
+        await open_stream(scene_server, origin=origin)
 
     with pytest.raises(websockets.exceptions.InvalidStatus) as refused:
         asyncio.run(attempt())
     assert refused.value.response.status_code == 403
 
 
-def test_a_page_of_another_origin_may_not_change_a_view(running):
-    answer = httpx.post(running.url + "view/a", json={}, headers={"Origin": "http://evil.example"})
-    assert answer.status_code == 409
+def test_a_page_of_another_origin_may_not_change_a_view(scene_server):
+    response = httpx.post(scene_server.url + "view/a", json={}, headers={"Origin": "http://evil.example"})
+    assert response.status_code == 409
 
 
 @pytest.mark.parametrize(
@@ -149,38 +154,38 @@ def test_other_messages_are_dropped(data):
     assert parse_message(data) is None
 
 
-def test_a_request_for_a_public_tunnel_is_dropped(running, monkeypatch):
-    """The proxy does not pass it, and viser has no handler for it."""
+def test_a_request_for_a_public_tunnel_is_dropped(scene_server, monkeypatch):
+    """The proxy does not pass the request on, and viser has no handler for it."""
     import viser._tunnel
 
-    opened: list[object] = []
-    monkeypatch.setattr(viser._tunnel.ViserTunnel, "__init__", lambda *a, **k: opened.append(a))
-    server = running.host._server
-    seen: list[str] = []
+    tunnels: list[object] = []
+    monkeypatch.setattr(viser._tunnel.ViserTunnel, "__init__", lambda *a, **k: tunnels.append(a))
+    server = scene_server.host._server
+    message_types: list[str] = []
     real = server._websock_server._handle_incoming_message
 
     async def spy(client_id, message):
-        seen.append(type(message).__name__)
+        message_types.append(type(message).__name__)
         await real(client_id, message)
 
     monkeypatch.setattr(server._websock_server, "_handle_incoming_message", spy)
 
     async def request_tunnel():
-        async with open_stream(running) as stream:
+        async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: "ViewerCameraMessage" in seen)
+            await eventually(lambda: "ViewerCameraMessage" in message_types)
 
     asyncio.run(request_tunnel())
-    assert "ShareUrlRequest" not in seen
+    assert "ShareUrlRequest" not in message_types
     assert _messages.ShareUrlRequest not in server._websock_server._incoming_handlers
     assert server.request_share_url() is None
-    assert opened == []
+    assert tunnels == []
 
 
-def test_a_text_message_ends_only_the_stream_that_sent_it(running):
+def test_a_text_message_ends_only_the_stream_that_sent_it(scene_server):
     async def exchange():
-        async with open_stream(running) as good, open_stream(running) as bad:
+        async with open_stream(scene_server) as good, open_stream(scene_server) as bad:
             await bad.send("hello")
             async with asyncio.timeout(30):
                 await bad.wait_closed()
@@ -193,15 +198,15 @@ def test_a_text_message_ends_only_the_stream_that_sent_it(running):
 # --- data for a browser --------------------------------------------------------------------------
 
 
-def test_visers_page_is_served_completely(running):
-    answer = httpx.get(running.url)
-    assert answer.status_code == 200
-    assert answer.headers["content-type"].startswith("text/html")
-    assert answer.headers["content-encoding"] == "gzip"
-    assert answer.text.encode() == page().plain
-    again = httpx.get(running.url, headers={"If-None-Match": answer.headers["etag"]})
+def test_visers_page_is_served_completely(scene_server):
+    response = httpx.get(scene_server.url)
+    assert response.status_code == 200
+    assert response.headers["content-type"].startswith("text/html")
+    assert response.headers["content-encoding"] == "gzip"
+    assert response.text.encode() == page().plain
+    again = httpx.get(scene_server.url, headers={"If-None-Match": response.headers["etag"]})
     assert again.status_code == 304
-    with urlopen(Request(running.url)) as plain:  # requests no compression
+    with urlopen(Request(scene_server.url)) as plain:  # requests no compression
         assert plain.read() == page().plain
 
 
@@ -213,14 +218,16 @@ def test_visers_page_may_connect_only_to_this_server():
     assert "wss://gcs" in content_policy("gcs", secure=True)
 
 
-def test_a_hostile_host_header_adds_nothing_to_the_policy(running):
-    answer = httpx.get(running.url, headers={"Host": "a; script-src *"})
-    assert "script-src *" not in answer.headers.get("content-security-policy", "")
+def test_a_hostile_host_header_adds_nothing_to_the_policy(scene_server):
+    response = httpx.get(scene_server.url, headers={"Host": "a; script-src *"})
+    assert "script-src *" not in response.headers.get("content-security-policy", "")
 
 
-def test_a_browser_gets_its_scene_which_is_removed_afterwards(running):
+def test_a_browser_gets_its_scene_which_is_removed_afterwards(scene_server):
     async def run():
-        async with open_stream(running, "?theme=light", origin=running.url.removesuffix("/scene/")) as stream:
+        async with open_stream(
+            scene_server, "?theme=light", origin=scene_server.url.removesuffix("/scene/")
+        ) as stream:
             assert stream.subprotocol == PROTOCOL
             await stream.send(msgspec.msgpack.encode(CAMERA))
             kinds: set[str] = set()
@@ -230,15 +237,15 @@ def test_a_browser_gets_its_scene_which_is_removed_afterwards(running):
                     <= kinds
                 ):
                     kinds |= set(types_in(await stream.recv()))
-            await eventually(lambda: running.scene.viewers == 1)
+            await eventually(lambda: scene_server.scene.viewers == 1)
 
     asyncio.run(run())
-    asyncio.run(eventually(lambda: running.scene.viewers == 0))
+    asyncio.run(eventually(lambda: scene_server.scene.viewers == 0))
 
 
-def test_an_unchanged_scene_is_not_sent_again(running):
+def test_an_unchanged_scene_is_not_sent_again(scene_server):
     async def run():
-        async with open_stream(running) as stream:
+        async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             received: list[str] = []
             try:
@@ -249,7 +256,7 @@ def test_an_unchanged_scene_is_not_sent_again(running):
                 pass
             return received
 
-    for vehicle in running.fleet.vehicles:
+    for vehicle in scene_server.fleet.vehicles:
         vehicle.values.pop("motors")
     received = asyncio.run(run())
     assert received.count("MeshMessage") < 20
@@ -257,27 +264,27 @@ def test_an_unchanged_scene_is_not_sent_again(running):
 
 
 @contextmanager
-def following(running: SceneServer, token: str):
-    yield lambda: running.scene._views[token]
+def view_of(scene_server: SceneServer, token: str):
+    yield lambda: scene_server.scene._views[token]
 
 
-def test_a_page_changes_its_view(running):
-    with following(running, "page1") as view:
-        answer = httpx.post(running.url + "view/page1", json={"mode": "top", "vehicle": "2"})
-        assert answer.json() == {"mode": "top", "vehicle": "2", "theme": "dark"}
-        httpx.post(running.url + "view/page1", json={"theme": "light"})
+def test_a_page_changes_its_view(scene_server):
+    with view_of(scene_server, "page1") as view:
+        response = httpx.post(scene_server.url + "view/page1", json={"mode": "top", "vehicle": "2"})
+        assert response.json() == {"mode": "top", "vehicle": "2", "theme": "dark"}
+        httpx.post(scene_server.url + "view/page1", json={"theme": "light"})
         assert (view().mode, view().vehicle, view().theme) == ("top", "2", "light")
 
 
-def test_a_new_theme_rebuilds_the_scene(running):
+def test_a_new_theme_rebuilds_the_scene(scene_server):
     async def run():
-        async with open_stream(running, "?view=page2&theme=dark") as stream:
+        async with open_stream(scene_server, "?view=page2&theme=dark") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: running.scene.viewers == 1)
+            await eventually(lambda: scene_server.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
-                await client.post(running.url + "view/page2", json={"theme": "light"})
-            browser_scenes = running.scene._browser_scenes
-            camera = next(iter(running.host.clients().values())).camera
+                await client.post(scene_server.url + "view/page2", json={"theme": "light"})
+            browser_scenes = scene_server.scene._browser_scenes
+            camera = next(iter(scene_server.host.clients().values())).camera
             position_before = tuple(camera.position)
             await eventually(
                 lambda: all(s.theme == "light" for _, s in browser_scenes.values()) and browser_scenes
@@ -290,18 +297,18 @@ def test_a_new_theme_rebuilds_the_scene(running):
 @pytest.mark.parametrize(
     ("body", "field"), [({"mode": "side"}, "mode"), ({"colour": 1}, "colour"), ({"theme": 3}, "theme")]
 )
-def test_an_invalid_view_request_names_its_field(running, body, field):
-    answer = httpx.post(running.url + "view/page1", json=body)
-    assert answer.status_code == 422
-    assert field in answer.text
+def test_an_invalid_view_request_names_its_field(scene_server, body, field):
+    response = httpx.post(scene_server.url + "view/page1", json=body)
+    assert response.status_code == 422
+    assert field in response.text
 
 
-def test_an_invalid_view_token_is_refused(running):
-    assert httpx.post(running.url + "view/a.b", json={}).status_code == 409
+def test_an_invalid_view_token_is_refused(scene_server):
+    assert httpx.post(scene_server.url + "view/a.b", json={}).status_code == 409
 
 
-def test_the_number_of_stored_views_is_limited(running):
+def test_the_number_of_stored_views_is_limited(scene_server):
     with httpx.Client() as client:
         for i in range(MAX_VIEWS + 20):
-            client.post(f"{running.url}view/many{i}", json={})
-    assert len(running.scene._views) <= MAX_VIEWS
+            client.post(f"{scene_server.url}view/many{i}", json={})
+    assert len(scene_server.scene._views) <= MAX_VIEWS

@@ -23,18 +23,18 @@ def in_a_process(kind, packed, crc=0):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "texts"),
     [
         (b'{"version":1,"parameters":[' + b"{}," * 3_000_000 + b"{}]}", "more than 8,000,000 bytes"),
         (b'{"version":1,"x":' + b"[" * 3_000_000 + b"]" * 3_000_000 + b"}", "recursion|memory"),
         (bytes(100_000_000), "more than 8,000,000 bytes"),
     ],
 )
-def test_a_compressed_file_that_is_too_large_is_refused(content, words):
+def test_a_compressed_file_that_is_too_large_is_refused(content, texts):
     packed = lzma.compress(content, preset=1)
     with pytest.raises(ValueError) as caught:  # noqa: PT011 the text is compared below
         in_a_process(PARAMETERS, packed)
-    assert any(word in str(caught.value) for word in words.split("|"))
+    assert any(text in str(caught.value) for text in texts.split("|"))
 
 
 def test_a_file_is_read_completely_in_another_process(monkeypatch):
@@ -55,12 +55,12 @@ def test_the_process_ends_at_its_limits_of_memory_and_computing_time(work):
         "process.COMPUTING_S = 1\n"
         "process.main(['1', '0'])\n"
     )
-    ended = subprocess.run([sys.executable, "-c", code], input=b"", capture_output=True, timeout=60)
-    assert ended.returncode != 0
-    assert not ended.stdout
+    result = subprocess.run([sys.executable, "-c", code], input=b"", capture_output=True, timeout=60)
+    assert result.returncode != 0
+    assert not result.stdout
 
 
-def test_a_process_that_ends_without_an_answer_is_an_error_with_text(monkeypatch):
+def test_a_process_that_ends_without_a_result_is_an_error_with_text(monkeypatch):
     monkeypatch.setattr(metadata_process, "__name__", "gcs_server.vehicle.no_such_module")
     with pytest.raises(ValueError, match="more memory or time than"):
         in_a_process(PARAMETERS, b"{}")

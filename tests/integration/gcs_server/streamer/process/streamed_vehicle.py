@@ -26,7 +26,7 @@ VELOCITY_ONLY = 2503
 
 
 class Vehicle:
-    """The receiver of a UDP link (or of another kind), and the server's objects for this link."""
+    """The receiving end of a UDP or other link, and the server's objects for this link."""
 
     def __init__(self):
         self.receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -66,20 +66,20 @@ def with_stream_process(scenario):
     """Runs a test with the stream process and one vehicle in its own event loop."""
 
     @functools.wraps(scenario, assigned=("__name__", "__doc__"))
-    def test(**more):
+    def test(**parameters):
         async def run():
             process, vehicle = StreamProcess(SystemClock(), OWN_IDS, server_silent_limit_s=0.5), Vehicle()
             process.start()
             try:
-                await scenario(process, vehicle, **more)
+                await scenario(process, vehicle, **parameters)
             finally:
                 process.close()
                 vehicle.close()
 
         asyncio.run(run())
 
-    names = list(inspect.signature(scenario).parameters.values())[2:]
-    test.__signature__ = inspect.Signature(names)
+    pytest_parameters = list(inspect.signature(scenario).parameters.values())[2:]
+    test.__signature__ = inspect.Signature(pytest_parameters)
     del test.__wrapped__
     return test
 
@@ -97,7 +97,7 @@ async def begin(streams, name, vehicle, rate_hz=50.0, request=None, attach=True)
     return number
 
 
-def ended(pid):
+def has_ended(pid):
     with contextlib.suppress(OSError):
         os.kill(pid, 0)
         return False
@@ -110,7 +110,7 @@ def type_mask(raw):
 
 
 def stall(seconds):
-    """Blocks the event loop, in which the test runs."""
+    """Blocks the event loop of the test."""
     time.sleep(seconds)
 
 
@@ -122,9 +122,9 @@ async def until(condition, within_s=3.0):
 
 
 def bindable(address):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as another:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            another.bind(address)
+            probe.bind(address)
         except OSError:
             return False
         return True

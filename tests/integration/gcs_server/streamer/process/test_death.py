@@ -17,7 +17,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     HOVER,
     OWN_IDS,
     begin,
-    ended,
+    has_ended,
     snapshot,
     stall,
     until,
@@ -32,7 +32,7 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     os.kill(pid, signal.SIGKILL)
     await until(lambda: streams.pid != pid)
     count = len(vehicle.frames)
-    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+    assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
     state = streams.state("1")
     assert (state.phase, state.last_end.code) == ("idle", "fault")
     assert not await streams.change("1", StreamRequest(HOVER), snapshot())
@@ -53,8 +53,8 @@ async def test_a_hanging_process_is_killed(streams, vehicle, monkeypatch):
     streams.attach("2", vehicle, (8, 1))
     with pytest.raises(Refused, match="restarted"):
         await streams.begin("2", StreamRequest(HOVER), 50.0, snapshot())
-    await until(lambda: ended(pid))
-    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+    await until(lambda: has_ended(pid))
+    assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
 
 
 @with_stream_process
@@ -64,8 +64,8 @@ async def test_a_hanging_process_is_killed_without_pending_requests(streams, veh
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
     await until(lambda: streams.update_snapshots({"1": snapshot()}) or streams.pid != pid)
-    await until(lambda: ended(pid))
-    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+    await until(lambda: has_ended(pid))
+    assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
 
 
 @with_stream_process
@@ -87,7 +87,7 @@ async def test_a_stalled_event_loop_does_not_kill_a_healthy_process(streams, veh
 
 @with_stream_process
 async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
-    """The process hangs: plain calls return at once, and the loop runs while a coroutine waits for it."""
+    """While the process hangs, plain calls return at once, and the loop runs while a coroutine waits."""
     await begin(streams, "1", vehicle)
     os.kill(streams.pid, signal.SIGSTOP)
     guard = GroupGuard(
@@ -141,13 +141,13 @@ async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicl
     await begin(streams, "1", vehicle)
     pid = streams.pid
     os.kill(pid, signal.SIGSTOP)
-    big = replace(snapshot(), mode="x" * 300_000)
+    large_snapshot = replace(snapshot(), mode="x" * 300_000)
     began_s = time.monotonic()
     for _ in range(12):
-        streams.update_snapshots({"1": big})
+        streams.update_snapshots({"1": large_snapshot})
     assert time.monotonic() - began_s < 1.0, "the calls waited"
-    await until(lambda: ended(pid))
-    assert [(who, report.code) for who, report in streams.take_reports()] == [("1", "fault")]
+    await until(lambda: has_ended(pid))
+    assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -1,4 +1,5 @@
-"""How the stream process sends: by the sockets of the links, signed and recorded; otherwise by the server."""
+"""The stream process sends by the sockets of UDP links, signed and recorded, and by the server on other
+links."""
 
 import asyncio
 import time
@@ -58,13 +59,13 @@ async def test_sent_frames_are_signed_and_the_key_is_not_in_the_process_argument
     assert {message.get_link_id() for message in messages} == {5}
     first, last = (int.from_bytes(raw[-12:-6], "little") for raw in (frames[0], frames[-1]))
     assert 99 < (last - first) / TICKS_PER_S < 110
-    shown = shown_to_other_users(streams.pid)
-    assert b"gcs_server.streamer.process.worker" in shown
-    assert key not in shown
-    assert key.hex().encode() not in shown
+    visible = visible_to_other_users(streams.pid)
+    assert b"gcs_server.streamer.process.worker" in visible
+    assert key not in visible
+    assert key.hex().encode() not in visible
 
 
-def shown_to_other_users(pid):
+def visible_to_other_users(pid):
     return b"".join(Path(f"/proc/{pid}/{name}").read_bytes() for name in ("cmdline", "environ"))
 
 
@@ -77,7 +78,9 @@ async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams
     assert {msg_id for _, msg_id, _ in vehicle.relayed} == {MSG_SET_POSITION_TARGET_LOCAL_NED}
     assert vehicle.frames == []
     at_s, created_s = vehicle.relayed[-1][0], vehicle.created_s
-    assert 0 <= at_s - created_s < 0.5, "the time of creation lets the link drop a late setpoint"
+    assert 0 <= at_s - created_s < 0.5, (
+        "the link gets no recent time of creation, so it cannot drop late setpoints"
+    )
 
 
 @with_stream_process
@@ -103,7 +106,7 @@ async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(str
     address = vehicle.link_socket.getsockname()
     await begin(streams, "1", vehicle)
     await until(lambda: len(vehicle.frames) >= 2)
-    streams.end("1", "stopped", "That is all.")
+    streams.end("1", "stopped", "Test end.")
     assert streams.active() == []
     vehicle.link_socket.close()
     streams.update_snapshots({})
@@ -134,15 +137,15 @@ async def test_streams_to_vehicles_of_different_links_can_alternate(streams, veh
     other = Vehicle()
     streams.attach("2", other, (8, 1))
     await begin(streams, "1", vehicle)
-    for name, one in (("2", other), ("1", vehicle), ("2", other), ("1", vehicle)):
+    for name, receiver in (("2", other), ("1", vehicle), ("2", other), ("1", vehicle)):
         streams.end("1" if name == "2" else "2", "stopped", "")
         streams.take_reports()
         assert len(streams.active()) <= 1
-        count, recorded = len(one.frames), len(one.recorded)
-        await begin(streams, name, one, attach=False)
+        count, recorded = len(receiver.frames), len(receiver.recorded)
+        await begin(streams, name, receiver, attach=False)
         streams.update_snapshots({name: snapshot()})
-        await until(lambda one=one, count=count: len(one.frames) >= count + 3)
-        await until(lambda one=one, recorded=recorded: len(one.recorded) >= recorded + 3)
+        await until(lambda receiver=receiver, count=count: len(receiver.frames) >= count + 3)
+        await until(lambda receiver=receiver, recorded=recorded: len(receiver.recorded) >= recorded + 3)
     assert vehicle.relayed == other.relayed == []
     other.close()
 

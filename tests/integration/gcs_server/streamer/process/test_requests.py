@@ -1,4 +1,5 @@
-"""Requests of the server to the stream process: executed at once, answered, not delayed by the event loop."""
+"""Requests of the server to the stream process: executed and confirmed at once, not delayed by the event
+loop."""
 
 import asyncio
 import os
@@ -20,7 +21,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     VELOCITY_ONLY,
     Vehicle,
     begin,
-    ended,
+    has_ended,
     snapshot,
     stall,
     type_mask,
@@ -37,7 +38,7 @@ async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_a
     streams.update_snapshots({"1": snapshot()})
     stall(0.8)
     await until(lambda: streams.active() == [])
-    assert 15 <= len(vehicle.frames) <= 40, "half a second at 50 Hz, and the setpoints of the start"
+    assert 15 <= len(vehicle.frames) <= 40, "not half a second at 50 Hz and the setpoints of the start"
     count = len(vehicle.frames)
     await asyncio.sleep(0.2)
     assert len(vehicle.frames) == count
@@ -55,7 +56,7 @@ async def test_a_change_is_sent_at_once(streams, vehicle):
     assert streams.state("1").sent.velocity_ned_m_s == (1, 0, 0)
     await until(lambda: type_mask(vehicle.recorded[-1][1]) == VELOCITY_ONLY)
     sent_us = next(time_us for time_us, raw in vehicle.recorded[count:] if type_mask(raw) == VELOCITY_ONLY)
-    assert sent_us <= changed_us, "sent before the call returned, not at the next period"
+    assert sent_us <= changed_us, "sent at the next period, not before the call returned"
 
 
 @with_stream_process
@@ -74,11 +75,11 @@ async def test_a_snapshot_that_cannot_be_pickled_affects_only_its_vehicle(stream
 
 
 @with_stream_process
-async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_stream(streams, vehicle):
+async def test_a_start_that_is_cancelled_while_the_process_replies_leaves_no_stream(streams, vehicle):
     streams.attach("1", vehicle, (7, 1))
     await streams.ready()
     starting = asyncio.ensure_future(streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot()))
-    await asyncio.sleep(0)  # sent but not answered yet
+    await asyncio.sleep(0)  # the request is sent, and the reply is not received yet
     starting.cancel()
     with pytest.raises(asyncio.CancelledError):
         await starting
@@ -91,18 +92,18 @@ async def test_a_start_that_is_cancelled_while_the_process_answers_leaves_no_str
 
 
 @with_stream_process
-async def test_a_renewal_of_a_whole_group_is_shown_directly_after_its_answer(streams, vehicle):
+async def test_a_renewal_of_a_whole_group_is_visible_directly_after_the_call(streams, vehicle):
     await begin(streams, "1", vehicle)
     request, now_s = StreamRequest(HOVER, 5.0), time.monotonic()
 
-    def known():
+    def located():
         return replace(snapshot(), bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
 
-    assert await streams.change("1", request, known())
+    assert await streams.change("1", request, located())
     streams.watch(
         GroupGuard("g", {"1": request}, {"1": request}, minimum_m=3.0, start_s=now_s + 0.1, duration_s=5.0)
     )
-    await until(lambda: streams.update_snapshots({"1": known()}) or streams.guard("g").phase == "flying")
+    await until(lambda: streams.update_snapshots({"1": located()}) or streams.guard("g").phase == "flying")
     assert streams.state("1").valid_left_s < 5.2
     assert await streams.change_together("g", {}, {}, time.monotonic() + 50.0)
     assert streams.state("1").valid_left_s > 45.0
@@ -116,8 +117,8 @@ async def test_an_ended_stream_is_idle_before_the_process_reports_it(streams, ve
     state = streams.state("1")
     assert (state.phase, state.last_end.code, state.number) == ("idle", "stopped", number)
     assert not streams.starting("1", number)
-    again = await streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot())
-    assert (again, streams.state("1").phase) == (number + 1, "starting")
+    second = await streams.begin("1", StreamRequest(HOVER, 60.0), 50.0, snapshot())
+    assert (second, streams.state("1").phase) == (number + 1, "starting")
 
 
 @with_stream_process
@@ -180,7 +181,7 @@ async def test_a_second_start_is_refused_and_close_ends_stream_and_process(strea
     count = len(vehicle.frames)
     await asyncio.sleep(0.1)
     assert len(vehicle.frames) == count
-    assert ended(pid)
+    assert has_ended(pid)
     with pytest.raises(Refused):
         await streams.ready()
 
@@ -191,12 +192,12 @@ async def test_the_guard_of_a_mission_watches_vehicles_that_have_no_stream_yet(s
     streams.attach("2", vehicle, (8, 1))
     await streams.ready()
 
-    def known():
-        here = replace(snapshot(), armed=True, bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
-        return {"1": here, "2": here}
+    def located():
+        armed = replace(snapshot(), armed=True, bounds=Bounds(origin=LocalOrigin(47.0, 8.0, 500.0)))
+        return {"1": armed, "2": armed}
 
     streams.watch(MissionGuard("mission 1", ("1", "2"), minimum_m=3.0, now_s=time.monotonic()))
     assert streams.watched() == {"1": None, "2": None}
-    await until(lambda: streams.update_snapshots(known()) or streams.guard("mission 1").held == {"1", "2"})
+    await until(lambda: streams.update_snapshots(located()) or streams.guard("mission 1").held == {"1", "2"})
     name, finding = streams.take_findings()[0]
     assert (name, finding.code) == ("mission 1", "separation")
