@@ -32,11 +32,11 @@ class Line:
 
     def write(self, data: bytes) -> int:
         self._advance()
-        room = DRIVER_BYTES - len(self._buffered)
-        if room <= 0:
+        free = DRIVER_BYTES - len(self._buffered)
+        if free <= 0:
             raise BlockingIOError
-        self._buffered.extend(data[:room])
-        return min(room, len(data))
+        self._buffered.extend(data[:free])
+        return min(free, len(data))
 
     def in_driver(self) -> int:
         self._advance()
@@ -49,7 +49,7 @@ class Line:
 
     @property
     def sent_frames(self) -> list[tuple[float, object]]:
-        """(time when its last byte was sent, frame), in order."""
+        """Sent frames in order, each with the time at which its last byte was sent."""
         self._advance()
         return self._sent_frames
 

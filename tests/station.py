@@ -44,11 +44,11 @@ def running(command: Sequence[str], **options: Any) -> Iterator[subprocess.Popen
         end(process, signal.SIGTERM)
 
 
-def end(process: subprocess.Popen[bytes], how: signal.Signals) -> None:
+def end(process: subprocess.Popen[bytes], first_signal: signal.Signals) -> None:
     """Sends a signal to the process group and waits for the process; kills it after five seconds."""
-    for sent in (how, signal.SIGKILL):
+    for number in (first_signal, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, sent)
+            os.killpg(process.pid, number)
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(5)
             return
@@ -58,7 +58,7 @@ def wait_until(ready: Callable[[], object], what: str, deadline_s: float = PATIE
     """Polls until `ready` returns a true value.
 
     Raises:
-        TimeoutError: it was not ready in time.
+        TimeoutError: `ready` returned no true value in time.
     """
     end_s = time.monotonic() + deadline_s
     while time.monotonic() < end_s:
@@ -94,8 +94,8 @@ def server_command(http_port: int, links: Sequence[str], data: str | Path) -> li
     return [*command, "--data", str(data)]
 
 
-def answers(url: str) -> bool:
-    """Whether the server answers."""
+def is_up(url: str) -> bool:
+    """Whether the server responds to a request."""
     try:
         return httpx.get(f"{url}/api/v1/health", timeout=5).status_code == 200
     except httpx.TransportError:
@@ -106,12 +106,12 @@ def wait_for_start(process: subprocess.Popen[bytes], ready: Callable[[], object]
     """Waits until a server is ready.
 
     Raises:
-        TimeoutError: it was not ready in time, or its process ended. The message contains `output`.
+        TimeoutError: the server was not ready in time, or its process ended. The message contains `output`.
     """
     try:
         wait_until(lambda: process.poll() is not None or ready(), "the server's start")
-    except TimeoutError as late:
-        raise TimeoutError(f"{late}; it wrote:\n{output.read_text()}") from None
+    except TimeoutError as error:
+        raise TimeoutError(f"{error}; it wrote:\n{output.read_text()}") from None
     if process.poll() is not None:
         raise TimeoutError(f"the server ended with {process.poll()}; it wrote:\n{output.read_text()}")
 
@@ -130,5 +130,5 @@ def server(
         process = stack.enter_context(
             running(server_command(http_port, links, data), stdout=written, stderr=subprocess.STDOUT)
         )
-        wait_for_start(process, lambda: answers(url), output)
+        wait_for_start(process, lambda: is_up(url), output)
         yield url, process

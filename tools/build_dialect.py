@@ -29,7 +29,7 @@ def compile_dialect(overlay: Path, target: Path) -> None:
     """Generates the Python dialect of `overlay` merged with pymavlink's definitions.
 
     Args:
-        overlay: our definitions, including `development.xml`.
+        overlay: the package's definitions, including `development.xml`.
         target: the module to write.
 
     Raises:

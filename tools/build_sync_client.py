@@ -120,24 +120,24 @@ def _doc(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:
 
 
 def _init(cls: AsyncClass) -> str:
-    made = next(m for m in cls.node.body if isinstance(m, ast.FunctionDef) and m.name == "__init__")
-    kept = "\n".join(f"        {line}" for line in _attributes(made))
+    init = next(m for m in cls.node.body if isinstance(m, ast.FunctionDef) and m.name == "__init__")
+    attributes = "\n".join(f"        {line}" for line in _attributes(init))
     if cls.node.name == ROOT:
         return (
-            f"    def __init__({ast.unparse(made.args)}) -> None:\n"
-            f"        self._inner = aio.{ROOT}({_passed(made.args)})\n"
-            f"        super().__init__(self._inner.__aexit__)\n{kept}"
+            f"    def __init__({ast.unparse(init.args)}) -> None:\n"
+            f"        self._inner = aio.{ROOT}({_passed(init.args)})\n"
+            f"        super().__init__(self._inner.__aexit__)\n{attributes}"
         )
     return (
         f"    def __init__(self, inner: {cls.module}.{cls.node.name}, portal: BlockingPortal) -> None:\n"
-        f"        self._inner = inner\n        self._portal = portal\n{kept}"
+        f"        self._inner = inner\n        self._portal = portal\n{attributes}"
     )
 
 
-def _attributes(made: ast.FunctionDef) -> list[str]:
+def _attributes(init: ast.FunctionDef) -> list[str]:
     """The public attributes: values unchanged, parts as their blocking classes."""
     found: list[str] = []
-    for node in made.body:
+    for node in init.body:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
             continue
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
@@ -208,5 +208,5 @@ def _passed(arguments: ast.arguments) -> str:
 
 
 if __name__ == "__main__":
-    for made in FILES:
-        path(made).write_text(build(made), "utf-8")
+    for file in FILES:
+        path(file).write_text(build(file), "utf-8")

@@ -71,7 +71,7 @@ ALL = ("lint", "page")
 def run(check: Check) -> Outcome:
     """Runs one check from the repository's folder."""
     began_s = time.monotonic()
-    done = subprocess.run(
+    process = subprocess.run(
         check.command,
         cwd=REPOSITORY,
         stdout=subprocess.PIPE,
@@ -80,7 +80,7 @@ def run(check: Check) -> Outcome:
         errors="replace",
         check=False,
     )
-    return Outcome(check, done.returncode == 0, done.stdout, time.monotonic() - began_s)
+    return Outcome(check, process.returncode == 0, process.stdout, time.monotonic() - began_s)
 
 
 def run_all(checks: Iterable[Check]) -> bool:
@@ -88,8 +88,8 @@ def run_all(checks: Iterable[Check]) -> bool:
     with ThreadPoolExecutor(AT_ONCE) as pool:
         outcomes = [pool.submit(run, check) for check in checks]
         passed = True
-        for done in as_completed(outcomes):
-            outcome = done.result()
+        for future in as_completed(outcomes):
+            outcome = future.result()
             passed &= outcome.passed
             if not outcome.passed:
                 print(f"--- {outcome.check.name} failed:\n{outcome.output.rstrip()}\n---")

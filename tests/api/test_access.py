@@ -59,11 +59,11 @@ def test_the_link_and_the_form_sign_a_browser_in(server):
 
 
 def test_a_program_without_a_token_gets_an_error_that_explains_it(server):
-    answer = server.get("/api/v1/vehicles")
-    assert (answer.status_code, answer.json()["code"]) == (401, "token_missing")
-    assert answer.headers["www-authenticate"] == "Bearer"
-    assert "Bearer" in answer.json()["remedy"]
-    assert "content-security-policy" in answer.headers
+    response = server.get("/api/v1/vehicles")
+    assert (response.status_code, response.json()["code"]) == (401, "token_missing")
+    assert response.headers["www-authenticate"] == "Bearer"
+    assert "Bearer" in response.json()["remedy"]
+    assert "content-security-policy" in response.headers
     wrong = server.get("/api/v1/vehicles", headers={"Authorization": "Bearer guess"})
     assert wrong.headers["www-authenticate"] == 'Bearer error="invalid_token"'
     right = {"Authorization": f"Bearer {server.token}"}
@@ -89,20 +89,20 @@ def test_a_page_opened_from_another_site_reloads_itself_so_that_the_browser_send
 
 
 def test_the_sign_in_page_has_no_scripts_and_loads_nothing(server):
-    answer = server.get("/", headers=HTML)
-    policy = answer.headers["content-security-policy"]
+    response = server.get("/", headers=HTML)
+    policy = response.headers["content-security-policy"]
     assert re.fullmatch(
         r"default-src 'none'; style-src 'sha256-[\w+/=]+'; form-action 'self'; "
         r"frame-ancestors 'self'; base-uri 'none'",
         policy,
     )
-    assert not re.search(r"<script|<link|src=|style=|https?://", answer.text)
+    assert not re.search(r"<script|<link|src=|style=|https?://", response.text)
 
 
 def test_a_form_that_is_too_long_is_not_read(server):
     body = f"token={server.token}&more={'x' * 5000}"
-    answer = server.post("/sign-in", content=body, headers={"Origin": URL})
-    assert answer.status_code == 401
+    response = server.post("/sign-in", content=body, headers={"Origin": URL})
+    assert response.status_code == 401
 
 
 def test_wrong_tokens_are_logged_at_a_limited_rate_without_the_token(server, caplog):

@@ -66,12 +66,12 @@ POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
     ],
 )
 def test_bad_values_are_422_and_name_the_field(client, path, body, field):
-    answer = client.post(
+    response = client.post(
         f"/api/v1/vehicles/1/{path}", content=body, headers={"Content-Type": "application/json"}
     )
-    assert answer.status_code == 422
-    assert answer.headers["content-type"] == "application/problem+json"
-    problem = answer.json()
+    assert response.status_code == 422
+    assert response.headers["content-type"] == "application/problem+json"
+    problem = response.json()
     assert problem["code"] == "invalid_request"
     assert problem["field"] == field
     assert field in problem["detail"]
@@ -79,9 +79,9 @@ def test_bad_values_are_422_and_name_the_field(client, path, body, field):
 
 @pytest.mark.parametrize("path", ["arm", "hold", "offboard/stop", "gimbal/take"])
 def test_an_unknown_vehicle_is_404_and_is_journaled(client, path):
-    answer = client.post(f"/api/v1/vehicles/77/{path}", headers={"X-Client": "tester"})
-    assert answer.status_code == 404
-    assert answer.json()["vehicle"] == "77"
+    response = client.post(f"/api/v1/vehicles/77/{path}", headers={"X-Client": "tester"})
+    assert response.status_code == 404
+    assert response.json()["vehicle"] == "77"
     line = client.get("/api/v1/journal?limit=1").json()["entries"][0]
     assert (line["command"], line["client"], line["vehicle"], line["result"]) == (
         path,
@@ -118,16 +118,16 @@ BACKWARDS = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 0, -5]}
     ],
 )
 def test_a_bad_group_is_422_and_names_the_field(client, path, body, field, text):
-    answer = client.post(f"/api/v1/groups{path}", json=body)
-    assert answer.status_code == 422
-    problem = answer.json()
+    response = client.post(f"/api/v1/groups{path}", json=body)
+    assert response.status_code == 422
+    problem = response.json()
     assert (problem["code"], problem["field"]) == ("invalid_request", field)
     assert text in problem["detail"]
 
 
 def test_a_group_of_unknown_vehicles_is_404_and_lists_each_vehicle(client):
-    answer = client.post("/api/v1/groups", json={"members": MEMBERS}, headers={"X-Client": "tester"})
-    assert (answer.status_code, answer.json()["code"]) == (404, "unknown_vehicle")
+    response = client.post("/api/v1/groups", json={"members": MEMBERS}, headers={"X-Client": "tester"})
+    assert (response.status_code, response.json()["code"]) == (404, "unknown_vehicle")
     entries = client.get("/api/v1/journal?limit=2").json()["entries"]
     assert [(e["command"], e["vehicle"], e["result"]) for e in entries] == [
         ("group/start", "1", "unknown_vehicle"),
@@ -174,9 +174,9 @@ def test_other_origins_and_host_names_are_refused(client):
 
 
 def test_without_a_built_page_the_server_says_how_to_build_it(client):
-    answer = client.get("/")
-    assert answer.status_code == 503
-    assert "make" in answer.text
+    response = client.get("/")
+    assert response.status_code == 503
+    assert "make" in response.text
 
 
 def test_telemetry_sends_hello_and_explains_an_invalid_subscription(client):

@@ -80,9 +80,9 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
                 pass
             assert (closed.value.code, closed.value.reason) == (1008, "not_permitted")
             continue
-        answer = client.request(method, path)
-        assert (answer.status_code, answer.json()["code"]) == (403, "not_permitted"), call
-        assert answer.json()["permission"] == row.permission
+        response = client.request(method, path)
+        assert (response.status_code, response.json()["code"]) == (403, "not_permitted"), call
+        assert response.json()["permission"] == row.permission
         newest = app.state.station.journal.tail(1)
         if row.journaled and first:
             assert (newest[0].command, newest[0].result) == (row.name, "not_permitted")

@@ -91,6 +91,6 @@ def test_a_plan_outside_the_elevation_files_reports_unknown_ground(client):
     ],
 )
 def test_an_invalid_request_names_the_field(client, body, field):
-    answer = client.post("plans/ground", json=body)
-    assert answer.status_code == 422
-    assert field in answer.json()["field"]
+    response = client.post("plans/ground", json=body)
+    assert response.status_code == 422
+    assert field in response.json()["field"]

@@ -24,8 +24,8 @@ def client(tmp_path_factory):
         yield client
 
 
-def directives(answer):
-    parts = (part.split() for part in answer.headers["content-security-policy"].split(";"))
+def directives(response):
+    parts = (part.split() for part in response.headers["content-security-policy"].split(";"))
     return {part[0]: part[1:] for part in parts}
 
 
@@ -43,35 +43,35 @@ def directives(answer):
     ],
 )
 def test_every_response_has_the_security_headers(client, path, status):
-    answer = client.get(path)
-    assert answer.status_code == status
-    policy = directives(answer)
+    response = client.get(path)
+    assert response.status_code == status
+    policy = directives(response)
     assert policy["default-src"] == ["'none'"]
     assert policy["script-src"] == policy["style-src"] == policy["frame-src"] == ["'self'"]
     assert policy["frame-ancestors"] == ["'self'"]
     assert policy["connect-src"] == ["'self'", "ws://localhost"]
-    assert "unsafe" not in answer.headers["content-security-policy"]
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    assert answer.headers["x-frame-options"] == "SAMEORIGIN"
-    assert answer.headers["referrer-policy"] == "same-origin"
+    assert "unsafe" not in response.headers["content-security-policy"]
+    assert response.headers["x-content-type-options"] == "nosniff"
+    assert response.headers["x-frame-options"] == "SAMEORIGIN"
+    assert response.headers["referrer-policy"] == "same-origin"
 
 
 def test_refusals_have_the_headers_and_another_host_is_not_in_the_policy(client):
-    answer = client.get("/api/v1/health", headers={"Host": "x; script-src *"})
-    assert answer.status_code == 400
-    assert directives(answer)["connect-src"] == ["'self'"]
-    assert directives(answer)["script-src"] == ["'self'"]
+    response = client.get("/api/v1/health", headers={"Host": "x; script-src *"})
+    assert response.status_code == 400
+    assert directives(response)["connect-src"] == ["'self'"]
+    assert directives(response)["script-src"] == ["'self'"]
 
 
 def test_the_3d_view_has_its_own_policy(client):
-    answer = client.get("/scene/")
-    if answer.status_code == 503:  # while it starts there is no document, so the common policy applies
-        assert directives(answer)["script-src"] == ["'self'"]
+    response = client.get("/scene/")
+    if response.status_code == 503:  # while it starts there is no document, so the common policy applies
+        assert directives(response)["script-src"] == ["'self'"]
         return
-    assert "'unsafe-inline'" in directives(answer)["script-src"]
-    assert answer.headers["referrer-policy"] == "no-referrer"
-    assert len(answer.headers.get_list("content-security-policy")) == 1
-    assert answer.headers["x-frame-options"] == "SAMEORIGIN"
+    assert "'unsafe-inline'" in directives(response)["script-src"]
+    assert response.headers["referrer-policy"] == "no-referrer"
+    assert len(response.headers.get_list("content-security-policy")) == 1
+    assert response.headers["x-frame-options"] == "SAMEORIGIN"
 
 
 def test_the_reference_loads_nothing_from_other_sites(client):

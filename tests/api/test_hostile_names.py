@@ -57,18 +57,18 @@ def calls(client):
 
 @pytest.mark.story
 def test_hostile_names_in_paths_never_cause_a_5xx(client):
-    answers = {
+    statuses = {
         (method, path): client.request(method, path, content=b"{}").status_code
         for method, path in calls(client)
     }
-    assert len(answers) > 500
-    assert {call: status for call, status in answers.items() if status >= 500} == {}
+    assert len(statuses) > 500
+    assert {call: status for call, status in statuses.items() if status >= 500} == {}
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
 def test_a_link_with_a_hostile_name_is_refused_and_the_error_names_the_field(client, text):
-    answer = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": text})
-    assert (answer.status_code, answer.json()["field"]) == (422, "name")
+    response = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": text})
+    assert (response.status_code, response.json()["field"]) == (422, "name")
     assert client.get("/api/v1/links").json()["links"] == []
 
 
@@ -76,12 +76,12 @@ def test_a_link_with_a_hostile_name_is_refused_and_the_error_names_the_field(cli
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
 def test_a_link_with_a_hostile_address_is_refused_or_can_be_deleted(client, url, text):
     for address in (text, quote(text, safe="")):
-        answer = client.post("/api/v1/links", json={"url": url.format(address)})
-        if answer.status_code != 201:
-            assert answer.status_code in (409, 422), answer.text
-            assert answer.json()["detail"]
+        response = client.post("/api/v1/links", json={"url": url.format(address)})
+        if response.status_code != 201:
+            assert response.status_code in (409, 422), response.text
+            assert response.json()["detail"]
         else:
-            name = answer.json()["name"]
+            name = response.json()["name"]
             assert 1 <= len(name) <= 64
             assert name == quote(name, safe="")
             assert client.delete(f"/api/v1/links/{name}").status_code == 204
@@ -91,8 +91,8 @@ def test_a_link_with_a_hostile_address_is_refused_or_can_be_deleted(client, url,
 def test_a_link_that_fails_to_start_is_removed(client, monkeypatch):
     monkeypatch.setattr("gcs_server.links.base.Link.start", lambda *_: 1 / 0)
     for _ in range(2):
-        answer = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "one"})
-        assert answer.status_code == 500
+        response = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "one"})
+        assert response.status_code == 500
     assert client.get("/api/v1/links").json()["links"] == []
     monkeypatch.undo()
     assert client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "one"}).status_code == 201
@@ -113,8 +113,8 @@ def test_hostile_names_in_bodies_never_cause_a_5xx(client, text):
         ("vehicles/1/land_now", {"confirm": text}),
         ("links", {"url": text}),
     ):
-        answer = client.post(f"/api/v1/{path}", content=json.dumps(body))
-        assert answer.status_code < 500, (path, answer.text)
+        response = client.post(f"/api/v1/{path}", content=json.dumps(body))
+        assert response.status_code < 500, (path, response.text)
 
 
 @pytest.mark.parametrize("text", ["\ud800", "a\ud800b.tlog"])
@@ -133,9 +133,9 @@ def test_any_client_name_is_allowed(client, name):
 
 def test_a_key_in_a_links_url_never_appears_in_responses_journal_log_or_warnings(client, caplog):
     secret = bytes(range(32)).hex()
-    answer = client.post("/api/v1/links", json={"url": f"udpin://127.0.0.1:0?key={secret}"})
-    assert (answer.status_code, answer.json()["field"]) == (422, "key")
+    response = client.post("/api/v1/links", json={"url": f"udpin://127.0.0.1:0?key={secret}"})
+    assert (response.status_code, response.json()["field"]) == (422, "key")
     entries = client.get("/api/v1/journal?limit=1").json()["entries"]
     assert entries[0]["arguments"]["url"] == "udpin://127.0.0.1:0?key=(not shown)"
-    published_texts = answer.text + json.dumps(entries) + caplog.text + client.get("/api/v1/warnings").text
+    published_texts = response.text + json.dumps(entries) + caplog.text + client.get("/api/v1/warnings").text
     assert secret not in published_texts

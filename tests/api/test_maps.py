@@ -68,11 +68,11 @@ def test_damaged_files_are_listed_with_the_reason(client, folder):
     (folder / "empty.mbtiles").write_bytes(b"")
     write_mbtiles(folder / "odd.mbtiles", metadata={"format": "tiff"})
     write_mbtiles(folder / "none.mbtiles", tiles=())
-    answer = client.get("/api/v1/maps").json()
-    assert answer["maps"] == []
-    assert len(answer["unreadable"]) == 5
-    assert any("odd.mbtiles" in line and "tiff" in line for line in answer["unreadable"])
-    assert any("none.mbtiles" in line and "no tiles" in line for line in answer["unreadable"])
+    found = client.get("/api/v1/maps").json()
+    assert found["maps"] == []
+    assert len(found["unreadable"]) == 5
+    assert any("odd.mbtiles" in line and "tiff" in line for line in found["unreadable"])
+    assert any("none.mbtiles" in line and "no tiles" in line for line in found["unreadable"])
 
 
 def test_a_pmtiles_file_is_read_in_parts(client, folder):

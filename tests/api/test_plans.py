@@ -43,9 +43,9 @@ def client(tmp_path):
 
 
 def store(client, name="Tower", plan=PLAN):
-    answer = client.post("plans", json={"name": name, "plan": plan}, headers=ANNA)
-    assert answer.status_code == 201, answer.text
-    return answer.json()
+    response = client.post("plans", json={"name": name, "plan": plan}, headers=ANNA)
+    assert response.status_code == 201, response.text
+    return response.json()
 
 
 def event(socket, kind):
@@ -333,11 +333,11 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
         ),
     ):
         body = {"plan": MISSION, "plan_id": mission, "at": ["steps", 1], **changes}
-        answer = client.post(
+        response = client.post(
             "plans/insert", json={key: value for key, value in body.items() if value is not None}
         )
-        problem = answer.json()
-        assert (answer.status_code, problem.get("field")) == (status, field), (changes, problem)
+        problem = response.json()
+        assert (response.status_code, problem.get("field")) == (status, field), (changes, problem)
         assert text in f"{problem['detail']} {problem.get('remedy')}", problem
 
 
@@ -351,10 +351,10 @@ def mission_with_table(length):
 def test_a_mission_that_could_not_be_saved_is_refused(client):
     stored = store(client, "Long", mission_with_table(600_000))
     huge = {**MISSION, "tables": {"other": "x" * 600_000}}
-    answer = client.post("plans/insert", json={"plan": huge, "plan_id": stored["id"], "at": ["steps", 1]})
-    assert (answer.status_code, answer.json()["field"]) == (422, "plan_id")
-    assert "only 1044480 can be stored" in answer.json()["detail"]
-    assert "fewer rows" in answer.json()["remedy"]
+    response = client.post("plans/insert", json={"plan": huge, "plan_id": stored["id"], "at": ["steps", 1]})
+    assert (response.status_code, response.json()["field"]) == (422, "plan_id")
+    assert "only 1044480 can be stored" in response.json()["detail"]
+    assert "fewer rows" in response.json()["remedy"]
 
 
 def test_a_trajectory_file_becomes_a_table_of_a_mission(client):

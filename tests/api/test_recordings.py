@@ -47,9 +47,9 @@ def listed(client):
 
 
 def control_replay(client, name, **change):
-    answer = client.post(f"{API}/replays/{name}", json=change)
-    assert answer.status_code == 200, answer.text
-    return answer.json()
+    response = client.post(f"{API}/replays/{name}", json=change)
+    assert response.status_code == 200, response.text
+    return response.json()
 
 
 def vehicles(client):
@@ -103,18 +103,18 @@ def test_only_files_of_the_folder_are_recordings(client, folder, name):
     (folder / "notes.txt").write_bytes(b"private")
     (folder / ".hidden.tlog").write_bytes(log_bytes(flight(seconds=2)))
     for path in (f"{API}/recordings/{name}", f"{API}/recordings/{name}/index"):
-        answer = client.get(path)
-        assert answer.status_code == 404
-        assert b"private" not in answer.content
+        response = client.get(path)
+        assert response.status_code == 404
+        assert b"private" not in response.content
     plain = name.replace("%2F", "/").replace("%00", "\0")
-    answer = client.post(f"{API}/replays", json={"recording": plain})
-    assert (answer.status_code, answer.json()["code"]) == (404, "unknown_recording")
+    response = client.post(f"{API}/replays", json={"recording": plain})
+    assert (response.status_code, response.json()["code"]) == (404, "unknown_recording")
 
 
 def test_a_name_longer_than_a_file_name_can_be_is_an_unknown_recording(client):
     for path in ("", "/index"):
-        answer = client.get(f"{API}/recordings/{'a' * 300}.tlog{path}")
-        assert (answer.status_code, answer.json()["code"]) == (404, "unknown_recording")
+        response = client.get(f"{API}/recordings/{'a' * 300}.tlog{path}")
+        assert (response.status_code, response.json()["code"]) == (404, "unknown_recording")
 
 
 def test_a_symbolic_link_to_another_file_is_not_a_recording(client, folder):
@@ -124,9 +124,9 @@ def test_a_symbolic_link_to_another_file_is_not_a_recording(client, folder):
 
 
 def test_a_recording_is_downloaded_unchanged(client, folder):
-    answer = client.get(f"{API}/recordings/{NAME}")
-    assert answer.content == (folder / NAME).read_bytes()
-    assert answer.headers["content-disposition"] == f'attachment; filename="{NAME}"'
+    response = client.get(f"{API}/recordings/{NAME}")
+    assert response.content == (folder / NAME).read_bytes()
+    assert response.headers["content-disposition"] == f'attachment; filename="{NAME}"'
 
 
 @pytest.mark.parametrize(
@@ -135,13 +135,13 @@ def test_a_recording_is_downloaded_unchanged(client, folder):
 )
 def test_files_that_cannot_be_played_are_refused_with_the_reason(client, folder, content, text):
     (folder / "bad.tlog").write_bytes(content)
-    for answer in (
+    for response in (
         client.get(f"{API}/recordings/bad.tlog/index"),
         client.post(f"{API}/replays", json={"recording": "bad.tlog"}),
     ):
-        assert (answer.status_code, answer.json()["code"]) == (409, "recording_unusable")
-        assert "bad.tlog" in answer.json()["detail"]
-        assert text in answer.json()["detail"]
+        assert (response.status_code, response.json()["code"]) == (409, "recording_unusable")
+        assert "bad.tlog" in response.json()["detail"]
+        assert text in response.json()["detail"]
     assert client.get(f"{API}/replays").json() == {"replays": []}
 
 
@@ -174,9 +174,9 @@ def test_cancelled_indexing_is_reported_and_can_be_repeated(client, folder):
         while not (running := [o for o in operations(client) if o["subject"] == "long.tlog"]):
             assert not index_request.done()
         assert client.delete(f"{API}/operations/{running[0]['id']}").json()["state"] == "cancelled"
-        answer = index_request.result()
-    assert (answer.status_code, answer.json()["code"]) == (409, "recording_unusable")
-    assert "cancelled" in answer.json()["detail"]
+        response = index_request.result()
+    assert (response.status_code, response.json()["code"]) == (409, "recording_unusable")
+    assert "cancelled" in response.json()["detail"]
     assert client.get(f"{API}/recordings/long.tlog/index").json()["records"] > 500
 
 
@@ -283,6 +283,6 @@ def test_the_telemetry_socket_reports_position_and_end_of_a_replay(client):
 )
 def test_invalid_replay_requests_name_the_field(client, body, field):
     name = client.post(f"{API}/replays", json={"recording": NAME, "playing": False}).json()["name"]
-    answer = client.post(f"{API}/replays/{name}", json=body)
-    assert (answer.status_code, answer.json()["field"]) == (422, field)
+    response = client.post(f"{API}/replays/{name}", json=body)
+    assert (response.status_code, response.json()["field"]) == (422, field)
     assert client.get(f"{API}/replays/{name}").json()["speed"] == 1.0

@@ -171,10 +171,10 @@ def client(tmp_path_factory):
     ],
 )
 def test_over_http_the_error_names_the_invalid_field(client, path, body, field, text):
-    answer = client.post(
+    response = client.post(
         f"/api/v1/vehicles/1/{path}", content=body % text, headers={"Content-Type": "application/json"}
     )
-    assert answer.status_code in (400, 422)
+    assert response.status_code in (400, 422)
     if text[:2] not in ("99", "[["):  # these two are not valid JSON
-        assert answer.status_code == 422
-        assert answer.json()["field"] == field
+        assert response.status_code == 422
+        assert response.json()["field"] == field

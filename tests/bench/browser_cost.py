@@ -23,7 +23,7 @@ from pathlib import Path
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
-from tests.station import answers, free_port, running, server_command, wait_until
+from tests.station import free_port, is_up, running, server_command, wait_until
 
 from .process import family_cpu_s, load_average
 from .slow_browser import VEHICLES, open_scene, open_telemetry
@@ -57,7 +57,7 @@ def _start(stack: contextlib.ExitStack, name: str, python: str, tree: Path | Non
     _, *arguments = server_command(http_port, [f"udpin://127.0.0.1:{port}"], data)
     process = stack.enter_context(running([python, *arguments], cwd=tree))
     url = f"http://127.0.0.1:{http_port}"
-    wait_until(lambda: answers(url), f"the start of the server {name}", 60)
+    wait_until(lambda: is_up(url), f"the start of the server {name}", 60)
     return Version(name, url, process.pid)
 
 

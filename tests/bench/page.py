@@ -18,7 +18,7 @@ from urllib.parse import urlsplit
 import httpx
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
 
-from tests.station import answers, free_port, running, server_command, vehicle, wait_until
+from tests.station import free_port, is_up, running, server_command, vehicle, wait_until
 from tools.ensure_browser import installed_chromium
 
 from .process import cpu_share, load_average, quantiles_ms
@@ -75,7 +75,7 @@ def flying(*, scene: bool) -> Generator[tuple[str, int]]:
             vehicle(udp, instances=VEHICLES),
             httpx.Client(base_url=f"{url}/api/v1", timeout=30) as api,
         ):
-            wait_until(lambda: answers(url), "the server's start")
+            wait_until(lambda: is_up(url), "the server's start")
             wait_until(lambda: len(_ids(api)) == VEHICLES, f"{VEHICLES} vehicles")
             for vehicle_id in _ids(api):
                 path = f"/vehicles/{vehicle_id}"

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import httpx
 from playwright.sync_api import Page, WebSocket, sync_playwright
 
-from tests.station import answers, free_port, running, server_command, vehicle, wait_until
+from tests.station import free_port, is_up, running, server_command, vehicle, wait_until
 from tools.ensure_browser import installed_chromium
 
 WARM_UP_S = 10.0
@@ -70,7 +70,7 @@ def table() -> Iterator[str]:
             vehicle(udp),
             httpx.Client(base_url=f"{url}/api/v1", timeout=30) as api,
         ):
-            wait_until(lambda: answers(url), "the server's start")
+            wait_until(lambda: is_up(url), "the server's start")
             wait_until(lambda: api.get("/vehicles").raise_for_status().json(), "the vehicle")
             browser = playwright.chromium.launch(executable_path=installed_chromium(), args=["--no-sandbox"])
             disarmed, flying = _measure(browser.new_page(), url, api)

@@ -15,7 +15,7 @@ import pytest
 
 from gcs_server.client import SyncGcs, Unreachable
 from tests.e2e.fast_station import FAST, take_off_to_hold
-from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
+from tests.station import end, free_port, is_up, running, server_command, vehicle, wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -74,7 +74,7 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, more=FAST):
         with running(command) as first:
-            wait_until(lambda: answers(url), "the first server")
+            wait_until(lambda: is_up(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 # 25 m: the vehicle is still descending when the next server is ready, on a busy machine too.
@@ -83,7 +83,7 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
                     assert "lands at its current position" in stream.started["if_stream_stops"]
                     end(first, signal.SIGKILL)
         with running(command):
-            wait_until(lambda: answers(url), "the second server")
+            wait_until(lambda: is_up(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", timeout_s=60)
                 state = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
@@ -101,7 +101,7 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, more=FAST), running(command) as server:
-        wait_until(lambda: answers(url), "the server")
+        wait_until(lambda: is_up(url), "the server")
         with SyncGcs(url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             take_off_to_hold(drone, 25)

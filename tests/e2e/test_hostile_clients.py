@@ -8,7 +8,7 @@ import pytest
 
 from gcs_server.log_limit import LINES
 from tests.e2e.hostile import ATTACKS, HOST, Target, attacked, read_response
-from tests.station import answers, server, wait_until
+from tests.station import is_up, server, wait_until
 
 MAX_MEMORY_MB = 100
 LONGEST_PAUSE_S = 15.0
@@ -64,7 +64,7 @@ def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clie
         target.release()
         resource.prlimit(target.process, resource.RLIMIT_NOFILE, (soft, hard))
     url = f"http://{HOST}:{target.port}"
-    wait_until(lambda: answers(url), "a response")
+    wait_until(lambda: is_up(url), "a response")
     text = log.read_text()[before:]
     assert text.count("no connection can be accepted") <= LINES
     assert len(text) < 20_000

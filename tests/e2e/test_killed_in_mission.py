@@ -11,7 +11,7 @@ import pytest
 
 from gcs_server.client import SyncGcs
 from tests.e2e.fast_station import FAST
-from tests.station import answers, end, free_port, running, server_command, vehicle, wait_until
+from tests.station import end, free_port, is_up, running, server_command, vehicle, wait_until
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
 pytestmark = pytest.mark.realtime
@@ -88,7 +88,7 @@ def test_after_a_killed_server_px4_acts_as_stated_and_the_next_server_monitors_t
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     with vehicle(port, more=FAST):
         with running(command) as first:
-            wait_until(lambda: answers(url), "the first server")
+            wait_until(lambda: is_up(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
                 if_link_lost, holds = upload_and_start(gcs, drone, action)
@@ -96,7 +96,7 @@ def test_after_a_killed_server_px4_acts_as_stated_and_the_next_server_monitors_t
                 end(first, signal.SIGKILL)
         assert modes_without_server(port, modes[-1]) == modes
         with running(command):
-            wait_until(lambda: answers(url), "the second server")
+            wait_until(lambda: is_up(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", timeout_s=60)
                 wait_until(lambda: drone.mission.state()["holds"] == holds, "the plan on the vehicle")

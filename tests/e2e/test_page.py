@@ -25,7 +25,7 @@ from tests.e2e.browser import (
     violations_in_both_themes,
 )
 from tests.e2e.fast_station import FAST, Station
-from tests.station import answers, end, free_port, running, server, server_command, vehicle, wait_until
+from tests.station import end, free_port, is_up, running, server, server_command, vehicle, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -313,7 +313,7 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
     page = context.new_page()
     with vehicle(port, more=FAST):
         with running(command) as first:
-            wait_until(lambda: answers(url), "the first server")
+            wait_until(lambda: is_up(url), "the first server")
             page.goto(url)
             chip = page.get_by_role("button", name="101 Quad")
             chip.wait_for()
@@ -329,7 +329,7 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
             ) as request,
             running(command),
         ):
-            wait_until(lambda: answers(url), "the second server")
+            wait_until(lambda: is_up(url), "the second server")
             notice.wait_for(state="hidden")
             expect(page.get_by_text("Connected again")).to_be_visible()
             expect(chip).not_to_contain_text("no server")

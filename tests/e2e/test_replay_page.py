@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
 from tests.e2e.browser import number, open_page, serious_violations, shown_value
-from tests.station import answers, free_port, running, server_command, wait_until
+from tests.station import free_port, is_up, running, server_command, wait_until
 from vehicle_sim.mavlink import generated_dialect as sim
 
 pytestmark = pytest.mark.browser
@@ -36,7 +36,7 @@ def station(shared: Path, tmp_path: Path) -> Iterator[str]:
     port = free_port(socket.SOCK_STREAM)
     command = server_command(port, [f"udpin://127.0.0.1:{free_port()}"], tmp_path)
     with running([*command, "--no-scene"]):
-        wait_until(lambda: answers(f"http://127.0.0.1:{port}"), "the server's start")
+        wait_until(lambda: is_up(f"http://127.0.0.1:{port}"), "the server's start")
         yield f"http://127.0.0.1:{port}"
 
 

@@ -19,9 +19,9 @@ import pytest
 from gcs_server.client import SyncGcs
 from tests.e2e.fast_station import FAST
 from tests.station import (
-    answers,
     end,
     free_port,
+    is_up,
     running,
     server_command,
     vehicle,
@@ -55,7 +55,7 @@ def serving(command: list[str], **options: Any) -> Iterator[Server]:
     """Runs a server command, which must have a --port, until the block ends."""
     url = f"http://127.0.0.1:{command[command.index('--port') + 1]}"
     with running(command, **options) as process:
-        wait_until(lambda: answers(url), "the server's start")
+        wait_until(lambda: is_up(url), "the server's start")
         yield Server(url, process)
 
 

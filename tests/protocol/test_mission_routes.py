@@ -167,7 +167,7 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path
             await start(rig, despite=["plan_not_known"])
         assert not rig.autopilot.armed
         response = view(await start(rig, despite=sorted(codes)))
-        assert (ddifference["status"]["armed"], ddifference["status"]["mode"]) == (True, "mission")
+        assert (response["status"]["armed"], response["status"]["mode"]) == (True, "mission")
         await OtherStation(rig.autopilot).upload([])
         await seconds(2)
 
@@ -189,7 +189,7 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(jump, tmp_pat
         await rig.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
         others = set(raised.value.codes) - {"obstacle_hit"}
         response = view(await start(rig, despite=sorted(others)))
-        assert ddifference["status"]["armed"], "obstacles of a deleted plan kept the vehicle on the ground"
+        assert response["status"]["armed"], "obstacles of a deleted plan kept the vehicle on the ground"
 
     with_rig(jump, tmp_path, work)
 
@@ -283,7 +283,7 @@ def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
         assert (await show(rig))["holds"]["state"] == "another"
         body = mission_models.DownloadRequest(wait=True)
         response = view(await mission_routes.download(rig.vehicle, rig.station, BOB, body))
-        assert ddifference["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
+        assert response["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
         read = view(await mission_routes.downloaded_plan(rig.vehicle))
         assert (len(read["plan"]["items"]), read["plan_name"], read["still_held"]) == (1, None, True)
 

@@ -19,8 +19,9 @@ LIST, READ, SET, FTP = (
 LOSS = [(0.0, 1), (0.05, 2), pytest.param(0.2, 3, marks=pytest.mark.broad)]
 
 
-async def inline(scenario):
-    return scenario()
+async def inline(work):
+    """Replaces the server's background thread."""
+    return work()
 
 
 async def read_inline(kind, packed, crc):
@@ -52,7 +53,7 @@ def true_values(autopilot):
 def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, seed):
     async def scenario(world, vehicle, autopilot):
         assert vehicle.params.list.state == "unknown"
-        assert autopilot.count(LIST) == autopilot.count(FTP) == 0  # nothing that was not requested
+        assert autopilot.count(LIST) == autopilot.count(FTP) == 0  # nothing is read without a request
         known = await vehicle.params.refresh()
         assert (known.state, known.received, known.count, known.source) == ("ready", 929, 929, "vehicle")
         assert known.facts, known.facts_problem
@@ -62,10 +63,8 @@ def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, se
         assert all(vehicle.params.metadata_of(name) is not None for name in values)
         assert vehicle.params.metadata_of("MPC_XY_VEL_MAX").unit == "m/s"
         if not loss:
-            assert (autopilot.count(LIST), autopilot.count(READ)) == (
-                1,
-                2,
-            )  # the list, and the checksum twice
+            # The list, and the checksum twice.
+            assert (autopilot.count(LIST), autopilot.count(READ)) == (1, 2)
 
     run_with_vehicle(kit, jump, scenario, loss=loss, seed=seed)
 
@@ -117,7 +116,7 @@ def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
     run_with_vehicle(kit, jump, scenario)
 
 
-def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, jump):
+def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated(kit, jump):
     async def scenario(world, vehicle, autopilot):
         reading = asyncio.ensure_future(vehicle.params.refresh())
         await world.clock.sleep(0.4)
@@ -131,8 +130,8 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_it_can_be_repeated(kit, 
         assert known.problem
         autopilot.loss = 0.0
         await world.clock.sleep(2)
-        both = await asyncio.gather(vehicle.params.refresh(), vehicle.params.refresh())
-        assert {k.state for k in both} == {"ready"}
+        lists = await asyncio.gather(vehicle.params.refresh(), vehicle.params.refresh())
+        assert {parameter_list.state for parameter_list in lists} == {"ready"}
         assert autopilot.count(LIST) == 2  # two simultaneous requests share one read
         autopilot.loss = 1.0
         await world.clock.sleep(5)

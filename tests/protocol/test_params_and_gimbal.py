@@ -7,7 +7,7 @@ import pytest
 from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.gimbal import Roi
-from tests.protocol.command_numbers import GIMBAL_PITCHYAW
+from tests.protocol.command_numbers import DO_SET_ROI_LOCATION, GIMBAL_PITCHYAW
 from tests.protocol.one_vehicle import LOSS, flight
 
 
@@ -48,9 +48,9 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
         def refuse(message):
             if message.get_type() not in ("PARAM_REQUEST_READ", "PARAM_SET"):
                 return False
-            wrong = d.MAV_PARAM_ERROR_DOES_NOT_EXIST if message.get_type() == "PARAM_REQUEST_READ" else 2
+            error = d.MAV_PARAM_ERROR_DOES_NOT_EXIST if message.get_type() == "PARAM_REQUEST_READ" else 2
             name = message.param_id.encode()
-            autopilot.send(d.MAVLink_param_error_message(*station, name, -1, wrong))
+            autopilot.send(d.MAVLink_param_error_message(*station, name, -1, error))
             return message.param_id not in autopilot.params or station == [255, 190]
 
         autopilot.handlers.append(refuse)
@@ -84,7 +84,7 @@ def test_gimbal_control_is_taken_used_and_released(kit, jump, loss, seed):
         await vehicle.gimbal.set_angles(-20, 10, roll_deg=5)
         assert autopilot.gimbal_q[1] != 0
         await vehicle.gimbal.set_roi(47.3982, 8.5456, 490)
-        assert autopilot.commands(195)[-1].get_type() == "COMMAND_INT"
+        assert autopilot.commands(DO_SET_ROI_LOCATION)[-1].get_type() == "COMMAND_INT"
         assert vehicle.gimbal.roi == Roi(47.3982, 8.5456, 490)
         await vehicle.gimbal.clear_roi()
         assert vehicle.gimbal.roi is None
@@ -112,18 +112,22 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
 
 
 def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
-    """The gimbal turns at this rate and stops at an unreported pitch limit; it accepts commands beyond
-    the limit."""
-    at = {"pitch": 0.0, "setpoint": 0.0}
+    """Makes the gimbal turn at this rate and stop at a pitch limit that it does not report.
+
+    The gimbal accepts commands beyond the limit.
+    """
+    angles_deg = {"pitch": 0.0, "setpoint": 0.0}
 
     def command(message):
-        if getattr(message, "command", None) == 1000:
-            at["setpoint"] = max(pitch_min_deg, message.param1)
+        if getattr(message, "command", None) == GIMBAL_PITCHYAW:
+            angles_deg["setpoint"] = max(pitch_min_deg, message.param1)
         return False
 
     def step():
-        at["pitch"] += max(-rate_deg_s * 0.05, min(rate_deg_s * 0.05, at["setpoint"] - at["pitch"]))
-        half_rad = math.radians(at["pitch"]) / 2
+        angles_deg["pitch"] += max(
+            -rate_deg_s * 0.05, min(rate_deg_s * 0.05, angles_deg["setpoint"] - angles_deg["pitch"])
+        )
+        half_rad = math.radians(angles_deg["pitch"]) / 2
         autopilot.gimbal_q = [math.cos(half_rad), 0.0, math.sin(half_rad), 0.0]
 
     autopilot.handlers.append(command)

@@ -13,15 +13,24 @@ from missions import plan as documents
 from tests.protocol.api_calls import ANNA, InlinePlanWork, station_of, view
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
+from vehicle_sim.mavlink import generated_dialect as sim
 
 FILE = Path(__file__).parents[1] / "data" / "plans" / "survey_gimbal_fence.plan"
 """A survey, settings of camera, gimbal and speed, three kinds of altitudes, a geofence, rally points."""
 PARTS = ("mission", "fence", "rally")
-COMMANDS_OF_ITEMS = (178, 205, 206, 530, 1000, 2000, 197)
+COMMANDS_OF_ITEMS = (
+    sim.MAV_CMD_DO_CHANGE_SPEED,
+    sim.MAV_CMD_DO_MOUNT_CONTROL,
+    sim.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+    sim.MAV_CMD_SET_CAMERA_MODE,
+    sim.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW,
+    sim.MAV_CMD_IMAGE_START_CAPTURE,
+    sim.MAV_CMD_DO_SET_ROI_NONE,
+)
 """Items that PX4 executes as commands."""
 
 
-def scenario(jump, tmp_path, work):
+def with_rig(jump, tmp_path, work):
     async def run():
         world = SimulatedWorld()
         try:
@@ -38,47 +47,51 @@ def scenario(jump, tmp_path, work):
 
 
 async def import_file(rig):
-    """The file as a stored plan."""
+    """Imports the file; returns the stored plan."""
 
     async def body():
         return FILE.read_bytes()
 
-    answer = view(await plan_routes.import_plan(SimpleNamespace(body=body), rig.station, FILE.name))
-    assert answer["notes"] == []
-    plan = documents.read(json.dumps(answer["plan"]).encode())
+    response = view(await plan_routes.import_plan(SimpleNamespace(body=body), rig.station, FILE.name))
+    assert response["notes"] == []
+    plan = documents.read(json.dumps(response["plan"]).encode())
     return await rig.station.plans.create("Survey", plan, by=("anna", "key"))
 
 
 async def export_file(rig, stored):
-    """The stored plan as a .plan file."""
+    """Exports the stored plan; returns the content of the .plan file."""
     _, document = await rig.station.plans.get(stored.id, None)
     body = plan_models.PlanToExport.model_validate({"plan": json.loads(document)})
-    answer = await plan_routes.export_plan(body, rig.station, "plan")
-    assert json.loads(answer.headers["X-Plan-Notes"]) == []
-    return answer.body
+    response = await plan_routes.export_plan(body, rig.station, "plan")
+    assert json.loads(response.headers["X-Plan-Notes"]) == []
+    return response.body
 
 
 def items_on(rig):
     """Items, ids and name of the plan on the vehicle, as last read; NaN as text, so that it equals itself."""
-    held = rig.vehicle.mission.items_on_vehicle
-    return {part: [repr(item) for item in held.items[part]] for part in PARTS}, held.ids, held.plan
+    mission = rig.vehicle.mission.items_on_vehicle
+    return {part: [repr(item) for item in mission.items[part]] for part in PARTS}, mission.ids, mission.plan
 
 
-async def compare_with_vehicle(rig, which):
-    """Whether the downloaded items equal a plan, the differences, and whether the vehicle still has them."""
-    body = mission_models.WhichPlan.model_validate(which)
-    answer = view(await mission_routes.compare(rig.vehicle, body, rig.station))
-    return answer["equal"], answer["differences"], answer["still_held"]
+async def compare_with_vehicle(rig, plan):
+    """Compares the downloaded items with a plan.
+
+    Returns:
+        Whether they are equal, the differences, and whether the vehicle still has the items.
+    """
+    body = mission_models.WhichPlan.model_validate(plan)
+    response = view(await mission_routes.compare(rig.vehicle, body, rig.station))
+    return response["equal"], response["differences"], response["still_held"]
 
 
 async def flown_commands(rig):
-    """Flies the plan to its end; the items that PX4 executed as commands."""
-    sent = []
-    rig.world.sim.autopilots[0].own_commands.add_listener(sent.append)
+    """Flies the plan to its end; returns the numbers of the items that PX4 executed as commands."""
+    executed = []
+    rig.world.sim.autopilots[0].own_commands.add_listener(executed.append)
     body = mission_models.StartRequest.model_validate({"item": 0})
     await mission_routes.start("1", rig.station, ANNA, body)
     await until(lambda: not rig.vehicle.status.armed, 180)
-    return [each.number for each in sent if each.number in COMMANDS_OF_ITEMS]
+    return [command.number for command in executed if command.number in COMMANDS_OF_ITEMS]
 
 
 @pytest.mark.story
@@ -93,8 +106,8 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         plan = documents.read(document)
         rig.world.loss = loss
         uploading = mission_models.UploadRequest.model_validate({"plan_id": stored.id, "wait": True})
-        done = view(await mission_routes.upload("1", uploading, rig.station, ANNA))["result"]
-        assert done == {"items": {"mission": 19, "fence": 9, "rally": 2}, "not_kept": []}
+        result = view(await mission_routes.upload("1", uploading, rig.station, ANNA))["result"]
+        assert result == {"items": {"mission": 19, "fence": 9, "rally": 2}, "not_kept": []}
         before = items_on(rig)
         assert all(before[1].values())
         assert before[2].id == stored.id
@@ -103,9 +116,9 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         planned = [item.COMMAND for _, item in plan.simple_items() if item.COMMAND in COMMANDS_OF_ITEMS]
         assert executed == planned
         await seconds(5)
-        answer = view(await mission_routes.show_mission(rig.vehicle, rig.station))
-        assert (answer["flight"]["state"], answer["flight"]["plan_id"]) == ("done", stored.id)
-        assert (answer["mission"]["reached"], answer["holds"]["state"]) == (18, "plan")
+        response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+        assert (response["flight"]["state"], response["flight"]["plan_id"]) == ("done", stored.id)
+        assert (response["mission"]["reached"], response["holds"]["state"]) == (18, "plan")
 
         rig.vehicle.mission.items_on_vehicle = None  # as after a restart of the server
         await mission_routes.download(
@@ -119,4 +132,4 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
             json.loads(FILE.read_bytes())
         )
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)

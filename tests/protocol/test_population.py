@@ -1,4 +1,5 @@
-"""Many vehicles that do not exist: they are limited, reported and removable, and never replace a real one."""
+"""Many vehicles that do not exist: they are limited, reported and removable, and never replace a real
+vehicle."""
 
 import asyncio
 import tracemalloc
@@ -32,15 +33,19 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
             for n in range(200):
                 send_heartbeat(link, 9, f"10.0.0.1:{n}")
             await asyncio.sleep(1.0)
-        grown = tracemalloc.get_traced_memory()[0]
+        growth_bytes = tracemalloc.get_traced_memory()[0]
         tracemalloc.stop()
         assert len(world.fleet.all()) == MAX_WITH_SAME_ID
-        assert grown < 10e6, f"{grown / 1e6:.1f} MB"
-        (warning,) = [w for w in world.fleet.warnings() if w.kind == "too_many"]
+        assert growth_bytes < 10e6, f"{growth_bytes / 1e6:.1f} MB"
+        (warning,) = [found for found in world.fleet.warnings() if found.kind == "too_many"]
         assert (warning.link, "system id 9" in warning.text) == ("memory", True)
-        assert len([e for e in world.fleet.events.since() if e.kind == "warning"]) == 1, "reported once"
+        assert len([event for event in world.fleet.events.since() if event.kind == "warning"]) == 1, (
+            "not reported exactly once"
+        )
         await asyncio.sleep(70.0)
-        assert not [w for w in world.fleet.warnings() if w.kind == "too_many"], "the warning has ended"
+        assert not [found for found in world.fleet.warnings() if found.kind == "too_many"], (
+            "the warning is still shown"
+        )
 
     run_test(jump, scenario, OffboardWorld)
 
@@ -52,7 +57,7 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
         autopilot = world.offboard_autopilot(links[0], peer="real")
         autopilot.fly()
         real = await world.ready()
-        autopilot.alive = False  # its link is interrupted: it may return on any link
+        autopilot.alive = False  # the vehicle is silent, and may return on any link
         for _ in range(2):
             for n, link in enumerate(links):
                 for system in range(2 + 120 * n, 2 + 120 * (n + 1)):
@@ -68,7 +73,7 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
 
 
 @pytest.mark.story
-def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
+def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(jump):
     async def scenario(world):
         link = world.link()
         for system in range(2, 255):
@@ -77,7 +82,7 @@ def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
         assert len(world.fleet.all()) == MAX_ON_LINK
         world.autopilot(link, peer="real", system=1)
         await asyncio.sleep(10.0)
-        assert "1" not in [v.id for v in world.fleet.all()], "all others are connected"
+        assert "1" not in [vehicle.id for vehicle in world.fleet.all()], "it replaced a connected vehicle"
         await asyncio.sleep(REMOVABLE_AFTER_S)
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_ON_LINK
@@ -85,7 +90,7 @@ def test_a_new_vehicle_replaces_a_fake_one_that_stopped_sending(jump):
     run_test(jump, scenario, OffboardWorld)
 
 
-def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
+def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_vehicle(jump):
     async def scenario(world):
         world.fleet.on_vehicle_removed(world.streamer.detach)
         link = world.link()
@@ -106,10 +111,10 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_one(jump):
         with pytest.raises(UnknownVehicle):
             world.streamer._find("1")
         autopilot.alive = True
-        again = await world.ready()
-        assert again is not vehicle
-        await again.offboard.start(stream_request(valid_for_s=60.0))
-        assert again.status.mode == "offboard"
+        returned = await world.ready()
+        assert returned is not vehicle
+        await returned.offboard.start(stream_request(valid_for_s=60.0))
+        assert returned.status.mode == "offboard"
 
     run_test(jump, scenario, OffboardWorld)
 
@@ -122,6 +127,6 @@ def test_equal_system_ids_give_one_warning(jump):
                 if second > 8 * n:
                     send_heartbeat(link, 9, f"10.0.0.1:{n}")
             await asyncio.sleep(1.0)
-        assert [len(v.identity.warnings) for v in world.fleet.all()] == [1] * MAX_WITH_SAME_ID
+        assert [len(vehicle.identity.warnings) for vehicle in world.fleet.all()] == [1] * MAX_WITH_SAME_ID
 
     run_test(jump, scenario, OffboardWorld)

@@ -1,4 +1,4 @@
-"""A flight with the messages of PX4 v1.17, converted from those of the simulated v1.16."""
+"""A flight with the messages of PX4 v1.17, converted from the messages of the simulated v1.16."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ ALTITUDE_CRUISE = 0x000B0000
 
 
 class NewerPx4:
-    """Converts the messages of a simulated v1.16 vehicle to those of v1.17, on their way to the link."""
+    """Converts the messages of a simulated v1.16 vehicle to messages of v1.17, before the link gets them."""
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._sim = world.sim
         self._parser, self._received = sim.MAVLink(None), sim.MAVLink(None)
         self._packers: dict[tuple[int, int], Any] = {}
-        self._answers: list[bytes] = []
+        self._replies: list[bytes] = []
         self.in_altitude_cruise = False
         self._frames, self._feed = world.sim.frames, world.sim.feed
         world.sim.frames, world.sim.feed = self.frames, self.feed  # type: ignore[method-assign]
@@ -49,21 +49,21 @@ class NewerPx4:
                     -1,
                     sim.MAV_PARAM_ERROR_DOES_NOT_EXIST,
                 )
-                self._answers.append(error.pack(self._packer(1, 1)))
+                self._replies.append(error.pack(self._packer(1, 1)))
             else:
                 self._feed(row, link, bytes(message.get_msgbuf()))
 
     def frames(self, row: int, link: str) -> list[bytes]:
         """Messages from the vehicle, as v1.17 sends them."""
-        answers, self._answers = self._answers, []
+        replies, self._replies = self._replies, []
         messages = self._parser.parse_buffer(b"".join(self._frames(row, link))) or []
-        return [*answers, *(self._changed(message) for message in messages)]
+        return [*replies, *(self._converted(message) for message in messages)]
 
     def _packer(self, system: int, component: int) -> Any:
         key = system, component
         return self._packers.setdefault(key, sim.MAVLink(None, srcSystem=system, srcComponent=component))
 
-    def _changed(self, message: Any) -> bytes:
+    def _converted(self, message: Any) -> bytes:
         packer = self._packer(message.get_srcSystem(), message.get_srcComponent())
         extra = b""
         match message.get_type():
@@ -76,27 +76,27 @@ class NewerPx4:
             case "HEARTBEAT":
                 if self.in_altitude_cruise:
                     message.custom_mode = ALTITUDE_CRUISE
-                extra = self._unknown(packer) + self._integrity().pack(packer)
+                extra = self._unknown_frame(packer) + self._integrity_message().pack(packer)
             case "CURRENT_MODE" if self.in_altitude_cruise:
                 message.custom_mode = message.intended_custom_mode = ALTITUDE_CRUISE
         return message.pack(packer) + extra
 
     @staticmethod
-    def _unknown(packer: Any) -> bytes:
-        """A frame with the checksum of another definition, which the dialect cannot check."""
+    def _unknown_frame(packer: Any) -> bytes:
+        """A frame whose checksum the dialect cannot check, because it does not know the message."""
         payload = bytes(range(1, 40))
         head = bytes((0xFD, len(payload), 0, 0, packer.seq, packer.srcSystem, packer.srcComponent))
         packer.seq = (packer.seq + 1) % 256
         return head + GLOBAL_POSITION.to_bytes(3, "little") + payload + b"\x12\x34"
 
     @staticmethod
-    def _integrity() -> Any:
+    def _integrity_message() -> Any:
         fields = sim.MAVLink_gnss_integrity_message.fieldnames
         return sim.MAVLink_gnss_integrity_message(**dict.fromkeys(fields, 0))
 
 
 @pytest.mark.story
-def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_one_with_1_16(jump: Any) -> None:
+def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(jump: Any) -> None:
     async def scenario() -> None:
         world = SimulatedWorld()
         newer = NewerPx4(world)

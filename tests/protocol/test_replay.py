@@ -21,18 +21,20 @@ LOGS = [
     "offboard-api.tlog.gz",
     "offboard.tlog.gz",
 ]
-WANTED = {0, 33, 436, 245, 265, 285, 31}
+COMPARED_IDS = {0, 33, 436, 245, 265, 285, 31}
+"""Message ids: heartbeat, global position, mode, landed state, mount, gimbal, attitude quaternion."""
 COMPARED_EVERY = 199
 
 
 def records(path):
+    """Times and frames of a telemetry log."""
     data = path.read_bytes()
     data = gzip.decompress(data) if path.suffix == ".gz" else data
-    at = 0
-    while at + 20 <= len(data):
-        length = 12 + data[at + 9] + (13 if data[at + 10] & 1 else 0)
-        yield struct.unpack_from(">Q", data, at)[0], data[at + 8 : at + 8 + length]
-        at += 8 + length
+    offset = 0
+    while offset + 20 <= len(data):
+        length = 12 + data[offset + 9] + (13 if data[offset + 10] & 1 else 0)
+        yield struct.unpack_from(">Q", data, offset)[0], data[offset + 8 : offset + 8 + length]
+        offset += 8 + length
 
 
 @pytest.mark.parametrize("name", LOGS)
@@ -50,7 +52,7 @@ def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
                 last_us = time_us
                 link.inject(raw, "log")
                 msg_id = raw[7] | raw[8] << 8 | raw[9] << 16
-                if msg_id in WANTED and raw[6] == 1 and raw[5] < 200:
+                if msg_id in COMPARED_IDS and raw[6] == 1 and raw[5] < 200:
                     newest[msg_id] = reference_decoder.decode(bytearray(raw))
                     newest["mode"] = newest[msg_id].custom_mode if msg_id in (0, 436) else newest.get("mode")
                 if count % COMPARED_EVERY or len(newest) < 6:

@@ -10,6 +10,7 @@ from gcs_server.plans.store import PlanStore
 from gcs_server.storage.records import Records
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from tests.protocol.api_calls import ANNA, BOB, MISSION, station_of, view
+from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST
 from tests.protocol.fake_autopilot import HOLD, RTL
 from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
@@ -19,9 +20,15 @@ LAT, LON = 47.397742, 8.545594
 NORTH_DEG = 1 / 111_195
 
 
-def item(kind, north_m, alt_m, **more):
+def item(kind, north_m, alt_m, **fields):
     altitude = {"value_m": alt_m, "reference": "home"}
-    return {"kind": kind, "lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "altitude": altitude, **more}
+    return {
+        "kind": kind,
+        "lat_deg": LAT + north_m * NORTH_DEG,
+        "lon_deg": LON,
+        "altitude": altitude,
+        **fields,
+    }
 
 
 PICTURES = {"kind": "trigger_distance", "distance_m": 10}
@@ -37,7 +44,7 @@ PLAN = {
 }
 
 
-def scenario(jump, tmp_path, work):
+def with_rig(jump, tmp_path, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service."""
 
     async def run():
@@ -84,10 +91,10 @@ async def start(rig, by=ANNA, **body):
     await mission_routes.start("1", rig.station, by, mission_models.StartRequest.model_validate(body))
 
 
-async def shown(rig):
-    answer = view(await mission_routes.show_mission(rig.vehicle, rig.station))
-    mission_models.MissionView.model_validate(answer)
-    return answer
+async def mission_view(rig):
+    response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+    mission_models.MissionView.model_validate(response)
+    return response
 
 
 async def fly_to(rig, item, north_m):
@@ -97,7 +104,7 @@ async def fly_to(rig, item, north_m):
 
 
 async def land(rig, north_m=0.0):
-    """Returns because of its battery, lands and disarms."""
+    """The vehicle returns because of its battery, lands and disarms."""
     rig.autopilot.mode = RTL
     await monitor_for(rig, 2.5)
     rig.autopilot.position[0] = LAT + north_m * NORTH_DEG
@@ -115,15 +122,15 @@ async def interrupt_at_item_4(rig):
 
 def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(jump, tmp_path):
     async def work(rig):
-        assert ((await shown(rig))["resume"], (await shown(rig))["no_resume"]) == (None, None)
+        assert ((await mission_view(rig))["resume"], (await mission_view(rig))["no_resume"]) == (None, None)
         await interrupt_at_item_4(rig)
         rig.autopilot.alive = False
         await monitor_for(rig, 12)
         rig.autopilot.alive, rig.autopilot.flight.current = True, 0
         await monitor_for(rig, 3)
-        offer = (await shown(rig))["resume"]
+        offer = (await mission_view(rig))["resume"]
         landed_s = rig.world.clock.unix_s() - offer["interrupted_unix_s"]
-        assert 17 < landed_s < 22, "the flight was interrupted when the vehicle began to return"
+        assert 17 < landed_s < 22, "not the time at which the vehicle began to return"
         assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
             1,
             6,
@@ -136,17 +143,17 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(jump
         await start(rig, item=offer["item"], mission_id=offer["mission_id"])
         assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (True, MISSION, 1)
         await fly_to(rig, 1, 20)
-        assert "armed" in (await shown(rig))["no_resume"]
+        assert "armed" in (await mission_view(rig))["no_resume"]
         await land(rig)
-        assert (await shown(rig))["resume"]["item"] == 1, (
-            "the waypoint at which it was resumed was not reached"
+        assert (await mission_view(rig))["resume"]["item"] == 1, (
+            "resumed after a waypoint that was not reached"
         )
         await start(rig, item=1)
         await fly_to(rig, 4, 150)
         await land(rig)
-        assert (await shown(rig))["resume"]["item"] == 3
+        assert (await mission_view(rig))["resume"]["item"] == 3
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(jump, tmp_path):
@@ -155,72 +162,72 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
         rig.progress.close()
         rig.vehicle.mission.items_on_vehicle = None
         await start_server(rig)
-        now = await shown(rig)
-        assert now["resume"] is None
-        assert now["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
+        shown = await mission_view(rig)
+        assert shown["resume"] is None
+        assert shown["no_resume"].startswith("Vehicle 1 has flown the plan up to item 4. Read the plan back")
         stored = await rig.station.plans.create(
             "Field", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
         )
         body = mission_models.DownloadRequest(wait=True)
         await mission_routes.download(rig.vehicle, rig.station, ANNA, body)
-        which = mission_models.WhichPlan(plan_id=stored.id)
-        await mission_routes.compare(rig.vehicle, which, rig.station)
-        assert (await shown(rig))["resume"]["item"] == 1
+        body = mission_models.WhichPlan(plan_id=stored.id)
+        await mission_routes.compare(rig.vehicle, body, rig.station)
+        assert (await mission_view(rig))["resume"]["item"] == 1
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_another_plan_is_not_resumed_and_the_reason_is_shown(jump, tmp_path):
     async def work(rig):
         await interrupt_at_item_4(rig)
-        offer = (await shown(rig))["resume"]
-        higher = [{**each} for each in PLAN["items"]]
+        offer = (await mission_view(rig))["resume"]
+        higher = [{**plan_item} for plan_item in PLAN["items"]]
         higher[1] = item("waypoint", 40, 25)
         await upload(rig, {"items": higher})
-        now = await shown(rig)
-        assert now["resume"] is None
-        assert now["no_resume"].startswith(
+        shown = await mission_view(rig)
+        assert shown["resume"] is None
+        assert shown["no_resume"].startswith(
             "Vehicle 1 has flown the plan up to item 4, and now has another plan"
         )
         with pytest.raises(Refused, match="another mission than the one that the start was chosen for"):
             await start(rig, item=offer["item"], mission_id=offer["mission_id"])
         assert not rig.autopilot.armed
         await upload(rig)
-        assert (await shown(rig))["resume"] == {
+        assert (await mission_view(rig))["resume"] == {
             **offer,
-            "distance_m": (await shown(rig))["resume"]["distance_m"],
+            "distance_m": (await mission_view(rig))["resume"]["distance_m"],
         }
         await OtherStation(rig.autopilot).upload([])
         await seconds(2)
-        assert (await shown(rig))["resume"] is None
+        assert (await mission_view(rig))["resume"] is None
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
-def test_a_finished_plan_is_not_resumed_nor_is_one_that_did_not_reach_its_first_waypoint(jump, tmp_path):
+def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resumed(jump, tmp_path):
     async def work(rig):
         await upload(rig)
         await start(rig, item=0)
         await fly_to(rig, 1, 10)
         await land(rig)
-        now = await shown(rig)
-        assert (now["resume"], now["no_resume"]) == (None, None)
+        shown = await mission_view(rig)
+        assert (shown["resume"], shown["no_resume"]) == (None, None)
         await interrupt_at_item_4(rig)
         await start(rig, item=0)
         await fly_to(rig, 1, 10)
         await land(rig)
-        assert (await shown(rig))["resume"]["interrupted_item"] == 3, (
-            "a new start that flew no leg changes nothing"
+        assert (await mission_view(rig))["resume"]["interrupted_item"] == 3, (
+            "a new start that flew no leg changed the offer"
         )
         await start(rig, item=0)
         await fly_to(rig, 4, 150)
         await fly_to(rig, 5, 180)
         rig.autopilot.armed, rig.autopilot.landed = False, 1
         await monitor_for(rig, 2.5)
-        now = await shown(rig)
-        assert (now["resume"], now["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
+        shown = await mission_view(rig)
+        assert (shown["resume"], shown["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(jump, tmp_path):
@@ -236,7 +243,7 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(jump, t
         await start(rig, item=0)
         await fly_to(rig, 3, 90)
         await land(rig, north_m=260)
-        offer = (await shown(rig))["resume"]
+        offer = (await mission_view(rig))["resume"]
         assert offer["cautions"][0].startswith(
             "The vehicle is 260 m from where the interrupted flight took off."
         )
@@ -255,7 +262,7 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(jump, t
         await start(rig, BOB, item=offer["item"], despite=["flight_from_here"])
         assert (rig.autopilot.armed, rig.autopilot.flight.current) == (True, 1)
 
-    scenario(jump, tmp_path, work)
+    with_rig(jump, tmp_path, work)
 
 
 SHORT = {
@@ -268,6 +275,7 @@ SHORT = {
         item("land", 40, 0),
     ]
 }
+RESTORED = [DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST]
 QUICK_RETURN = {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 6, "RTL_DESCEND_ALT": 6, "RTL_LAND_DELAY": 0}
 
 
@@ -295,18 +303,20 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_al
             await until(lambda: not rig.vehicle.status.link_lost, 10)
             await seconds(3)
             await world.ready_to_arm()
-            offer = (await shown(rig))["resume"]
+            offer = (await mission_view(rig))["resume"]
             assert (offer["item"], offer["interrupted_item"], offer["cautions"]) == (2, 4, [])
             sent = []
-            world.sim.autopilots[0].own_commands.add_listener(lambda own: sent.append(own.number))
+            world.sim.autopilots[0].own_commands.add_listener(lambda command: sent.append(command.number))
             await start(rig, item=offer["item"], mission_id=offer["mission_id"])
             await until(lambda: mission.current == 4, 40)
-            assert [number for number in sent if number in (178, 206)] == [178, 206], "speed, then pictures"
+            assert [number for number in sent if number in RESTORED] == RESTORED, (
+                "not the speed, then the pictures"
+            )
             await seconds(6)
             assert rig.vehicle.topic("local_position").value.velocity_ned_m_s[0] == pytest.approx(3, abs=0.7)
             await until(lambda: not rig.vehicle.status.armed, 60)
             await seconds(1)
-            assert (await shown(rig))["no_resume"] == "Vehicle 1 has flown the plan to its end."
+            assert (await mission_view(rig))["no_resume"] == "Vehicle 1 has flown the plan to its end."
             rig.progress.close()
         finally:
             await world.close()

@@ -67,11 +67,11 @@ def test_a_mission_whose_program_needs_mavlink_is_flown_and_reports_what_was_ref
 
 
 @pytest.mark.story
-def test_a_group_starts_together_and_holds_together(jump: Any) -> None:
+def test_a_group_starts_together_and_switches_to_hold_together(jump: Any) -> None:
     async def run() -> None:
         world = Ros2World(2)
         vehicles = [await world.in_the_air(v, height_m=10.0) for v in ("1", "2")]
-        at = group_world.SimpleNamespace(world=world, station=station_of(world))
+        rig = group_world.SimpleNamespace(world=world, station=station_of(world))
         await fly_apart(vehicles[1])
 
         goals: dict[str, Vector3] = {}
@@ -79,7 +79,7 @@ def test_a_group_starts_together_and_holds_together(jump: Any) -> None:
             north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
             goals[vehicle.id] = (north_m + 5.0, east_m, down_m)
         setpoints = {v: {"type": "position", "position_ned_m": goal} for v, goal in goals.items()}
-        await group_world.begin(at, setpoints, minimum_separation_m=3.0)
+        await group_world.begin(rig, setpoints, minimum_separation_m=3.0)
         await until(lambda: all(distance_m(v, goals[v.id]) < 0.5 for v in vehicles), 15)
         assert [vehicle.status.mode for vehicle in vehicles] == ["offboard", "offboard"]
 
@@ -87,8 +87,8 @@ def test_a_group_starts_together_and_holds_together(jump: Any) -> None:
             await vehicles[0].offboard.setpoint(request_of(Velocity((1.0, 0.0, 0.0))))
         crossing = group_world.changes({"1": group_world.velocity(0, 3), "2": group_world.velocity(0, -3)})
         with pytest.raises(NotTogether):
-            await group_world.group_routes.setpoints("1", crossing, at.station, group_world.ANNA)
-        await group_world.group_routes.hold("1", at.station, group_world.ANNA)
+            await group_world.group_routes.setpoints("1", crossing, rig.station, group_world.ANNA)
+        await group_world.group_routes.hold("1", rig.station, group_world.ANNA)
         await until(lambda: all(v.status.mode == "hold" for v in vehicles), 5)
         await world.close()
 
@@ -114,10 +114,10 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_over_ros2(jump: 
         world = Ros2World(mavlink=True)
         world.mavlink_on = False
         vehicle = await world.ready_to_arm()
-        here = value_of(vehicle, "global_position")
-        home = (here.lat_deg, here.lon_deg, here.alt_amsl_m - 30.0)
+        position = value_of(vehicle, "global_position")
+        home = (position.lat_deg, position.lon_deg, position.alt_amsl_m - 30.0)
         OtherStation(world).command(sim.MAV_CMD_DO_SET_HOME, 0, 0, 0, 0, *home)
-        await until(lambda: value_of(vehicle, "home").alt_amsl_m < here.alt_amsl_m - 29, 5)
+        await until(lambda: value_of(vehicle, "home").alt_amsl_m < position.alt_amsl_m - 29, 5)
         with pytest.raises(InvalidRequest, match="is not above vehicle 1") as caught:
             await vehicle.command.takeoff(10)
         assert caught.value.field == "alt_home_m"

@@ -54,7 +54,7 @@ class Motion:
     yaw_ned_rad: float
 
     @classmethod
-    def of(cls, vehicle: Vehicle) -> Motion:
+    def from_vehicle(cls, vehicle: Vehicle) -> Motion:
         local, attitude = value_of(vehicle, "local_position"), value_of(vehicle, "attitude")
         angles = attitude.roll_rad, attitude.pitch_rad, attitude.yaw_ned_rad
         return cls(local.position_ned_m, local.velocity_ned_m_s, *angles)
@@ -65,8 +65,8 @@ MotionError = Callable[[Motion, Motion], float]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One control level: what is flown, what must be sent, and the motion that must follow."""
+class Level:
+    """A control level: its setpoint, the messages that must be sent, and the expected motion."""
 
     flag: str
     """The only flag that is set in OffboardControlMode."""
@@ -95,8 +95,8 @@ def lift_error(thrust: float, time_s: float) -> MotionError:
     return acceleration_error(2, GRAVITY_M_S2 - thrust * FULL_THRUST_M_S2, time_s)
 
 
-ROWS = [
-    Row(
+LEVELS = [
+    Level(
         "position",
         TRAJECTORY,
         Position((4.0, 2.0, -HEIGHT_M - 1.0), yaw_ned_rad=0.0),
@@ -104,7 +104,7 @@ ROWS = [
         lambda _, end: math.dist(end.position_ned_m, (4.0, 2.0, -HEIGHT_M - 1.0)),
         0.8,
     ),
-    Row(
+    Level(
         "velocity",
         TRAJECTORY,
         Velocity((2.0, 0.0, 0.0), yaw_ned_rad=0.0),
@@ -112,7 +112,7 @@ ROWS = [
         lambda _, end: math.dist(end.velocity_ned_m_s, (2.0, 0.0, 0.0)),
         0.5,
     ),
-    Row(
+    Level(
         "acceleration",
         TRAJECTORY,
         Acceleration((0.0, 0.8, 0.0), yaw_ned_rad=0.0),
@@ -120,7 +120,7 @@ ROWS = [
         acceleration_error(1, 0.8, 2.0),
         0.35,
     ),
-    Row(
+    Level(
         "attitude",
         {"VehicleAttitudeSetpoint"},
         Attitude((math.cos(0.05), 0.0, -math.sin(0.05), 0.0), HOVER_THRUST),
@@ -128,7 +128,7 @@ ROWS = [
         lambda _, end: math.dist((end.roll_rad, end.pitch_rad), (0.0, -0.1)),
         0.03,
     ),
-    Row(
+    Level(
         "body_rate",
         {"VehicleRatesSetpoint"},
         Rates((0.0, 0.0, 0.5), HOVER_THRUST),
@@ -136,7 +136,7 @@ ROWS = [
         lambda begin, end: end.yaw_ned_rad - begin.yaw_ned_rad - 0.5 * 1.5,
         0.15,
     ),
-    Row(
+    Level(
         "thrust_and_torque",
         {"VehicleThrustSetpoint", "VehicleTorqueSetpoint"},
         ThrustTorque((0.0, 0.0, -0.8), (0.0, 0.0, 0.0)),
@@ -144,7 +144,7 @@ ROWS = [
         lift_error(0.8, 0.6),
         0.3,
     ),
-    Row(
+    Level(
         "direct_actuator",
         {"ActuatorMotors"},
         Actuators(motors=(0.9,) * 4),
@@ -161,9 +161,9 @@ def test_the_seven_control_levels_are_flown_in_one_flight(jump: Any) -> None:
         world = Ros2World()
         vehicle = await world.in_the_air(height_m=HEIGHT_M)
         await vehicle.offboard.start(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
-        for row in ROWS:
+        for level in LEVELS:
             await hover(vehicle)
-            await fly(world, vehicle, row)
+            await fly(world, vehicle, level)
         await hover(vehicle)
         await vehicle.command.land()
         await until(lambda: not vehicle.status.armed, 60)
@@ -178,35 +178,35 @@ async def hover(vehicle: Vehicle) -> None:
     await vehicle.offboard.setpoint(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
 
     def hovers() -> bool:
-        now = Motion.of(vehicle)
+        motion = Motion.from_vehicle(vehicle)
         return (
-            math.dist(now.position_ned_m, HOVER_NED_M) < 0.5
-            and math.hypot(*now.velocity_ned_m_s) < 0.2
-            and abs(now.yaw_ned_rad) < 0.1
+            math.dist(motion.position_ned_m, HOVER_NED_M) < 0.5
+            and math.hypot(*motion.velocity_ned_m_s) < 0.2
+            and abs(motion.yaw_ned_rad) < 0.1
         )
 
     await until(hovers, 30)
 
 
-async def fly(world: Ros2World, vehicle: Vehicle, row: Row) -> None:
-    """Flies a row; checks the messages and the motion."""
+async def fly(world: Ros2World, vehicle: Vehicle, level: Level) -> None:
+    """Flies a control level; checks the messages and the motion."""
     sent = world.topics[0].sent
     before = len(sent)
-    await vehicle.offboard.setpoint(request_of(row.setpoint))
+    await vehicle.offboard.setpoint(request_of(level.setpoint))
     await asyncio.sleep(SWITCHED_S)
-    begin = Motion.of(vehicle)
-    await asyncio.sleep(row.duration_s)
-    error = row.error(begin, Motion.of(vehicle))
-    assert abs(error) < row.tolerance, (row.flag, error)
+    begin = Motion.from_vehicle(vehicle)
+    await asyncio.sleep(level.duration_s)
+    error = level.error(begin, Motion.from_vehicle(vehicle))
+    assert abs(error) < level.tolerance, (level.flag, error)
     status = vehicle.offboard.status()
-    assert (status.state, vehicle.status.mode) == ("streaming", "offboard"), (row.flag, status.ended)
-    assert (status.sends_failed, status.limited) == (0, ()), row.flag
+    assert (status.state, vehicle.status.mode) == ("streaming", "offboard"), (level.flag, status.ended)
+    assert (status.sends_failed, status.limited) == (0, ()), level.flag
 
     messages = [(TOPIC_TYPES[topic], data) for topic, data in sent[before:]]
     counts = Counter(name for name, _ in messages)
-    assert counts.keys() == {"OffboardControlMode", *row.types}, row.flag
-    assert len(set(counts.values())) == 1, (row.flag, counts)
+    assert counts.keys() == {"OffboardControlMode", *level.types}, level.flag
+    assert len(set(counts.values())) == 1, (level.flag, counts)
     for name, data in messages:
         if name == "OffboardControlMode":
             flags = MESSAGES[name].decode(data)
-            assert {flag for flag, value in flags.items() if value is True} == {row.flag}
+            assert {flag for flag, value in flags.items() if value is True} == {level.flag}

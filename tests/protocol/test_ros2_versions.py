@@ -25,8 +25,8 @@ TRAJECTORY = SETPOINT_TOPICS["TrajectorySetpoint"]
 UP = Position((0.0, 0.0, -3.0))
 
 
-def other_version(world: Ros2World, topic: str, row: int = 0) -> None:
-    """The vehicle has version 7 of this topic only."""
+def set_other_version(world: Ros2World, topic: str, row: int = 0) -> None:
+    """Gives the vehicle only version 7 of this topic."""
     namespace, versions = f"px4_{row}", TopicVersions()
     versions.add_topic(wire_name(f"{topic}_v7", namespace), publishes=False)
     world.ros2.unusable[namespace] = versions.unusable(namespace)
@@ -37,7 +37,7 @@ def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(jump: Any, topic: 
     async def run() -> None:
         world = Ros2World(2)
         vehicle, other = await world.ready_to_arm("1"), await world.ready_to_arm("2")
-        other_version(world, topic)
+        set_other_version(world, topic)
         sent = len(world.topics[0].sent)
         with pytest.raises(Refused, match=rf"{topic}_v7 is of another version.*version 7 instead") as refused:
             await world.streamer.offboard("1").start(request_of(UP))
@@ -65,7 +65,7 @@ def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connect
         vehicle = await world.ready_to_arm()
         offboard = world.streamer.offboard(vehicle.id)
         await until(lambda: vehicle.reach.setpoints == "ROS 2", 10.0)
-        other_version(world, TRAJECTORY)
+        set_other_version(world, TRAJECTORY)
         assert vehicle.reach.setpoints == "MAVLink"
         sent = len(world.topics[0].sent)
         await offboard.start(request_of(UP))
@@ -86,7 +86,7 @@ def test_a_mission_is_refused_before_take_off(jump: Any, tmp_path: Path) -> None
         world = Ros2World()
         missions = Missions(world, tmp_path)
         vehicle = await world.ready_to_arm()
-        other_version(world, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
+        set_other_version(world, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
         attitude = "{step: attitude, roll_rad: 0.1, thrust: 0.5, duration_s: 1}"
         with pytest.raises(Refused, match="setpoints of attitude cannot be used"):
             missions.begin(
@@ -103,7 +103,7 @@ def test_a_mission_is_refused_before_take_off(jump: Any, tmp_path: Path) -> None
 def test_a_mode_is_refused_at_once(jump: Any, topic: str) -> None:
     async def scenario(modes: Modes) -> None:
         world = modes.world
-        other_version(world, topic)
+        set_other_version(world, topic)
         began_s = world.loop.time()
         with pytest.raises(Refused, match=f"{topic}_v7 is of another version"):
             await modes.register()

@@ -26,7 +26,7 @@ from tests.protocol.fake_autopilot import FakeAutopilot
 from tests.protocol.memory_world import World
 
 KEY = bytes(range(100, 132))
-OTHER = bytes(range(32))
+OTHER_KEY = bytes(range(32))
 HEARTBEAT = b"\0\0\0\0\x02\x0c\x51\x04\x03"
 
 
@@ -49,7 +49,7 @@ class SignedWorld(World):
         self.router.add(link)
         return link
 
-    def now(self):
+    def timestamp_now(self):
         return int((self.clock.unix_s() - EPOCH_UNIX_S) * TICKS_PER_S)
 
     def signed_autopilot(self, link, *, key=KEY, timestamp=None, **options):
@@ -57,7 +57,7 @@ class SignedWorld(World):
         autopilot.mav.signing = autopilot.parser.signing
         signing = autopilot.parser.signing
         signing.secret_key, signing.link_id, signing.sign_outgoing = key, 2, True
-        signing.timestamp = self.now() if timestamp is None else timestamp
+        signing.timestamp = self.timestamp_now() if timestamp is None else timestamp
         self.autopilots[autopilot.peer] = autopilot
         return autopilot
 
@@ -107,11 +107,10 @@ def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(jump, 
 
 
 def intruder_frames(world):
-    """Frames that an attacker without the key can send with the vehicle's id: own frames, or replayed
-    ones."""
+    """Frames with the vehicle's id that an attacker without the key can build: unsigned, and forged."""
     unsigned = encode_frame(0, HEARTBEAT, 0, 1, 1)
     forged = encode_frame(
-        0, HEARTBEAT, 0, 1, 1, FrameSigner(SecretKey(OTHER), 2, SigningClock(world.clock.unix_s))
+        0, HEARTBEAT, 0, 1, 1, FrameSigner(SecretKey(OTHER_KEY), 2, SigningClock(world.clock.unix_s))
     )
     return unsigned, forged
 
@@ -156,10 +155,10 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
         assert KEY.hex().encode() not in file.read_bytes()
 
 
-def test_a_vehicle_with_another_key_is_not_flown_and_is_named(jump, tmp_path):
+def test_a_vehicle_with_another_key_is_not_flown_and_a_warning_names_it(jump, tmp_path):
     async def scenario(world):
         link = world.signed_link()
-        autopilot = world.signed_autopilot(link, key=OTHER, system=6)
+        autopilot = world.signed_autopilot(link, key=OTHER_KEY, system=6)
         autopilot.receive = lambda _data: None
         await asyncio.sleep(3)
         assert world.fleet.all() == []
@@ -172,7 +171,7 @@ def test_a_vehicle_with_another_key_is_not_flown_and_is_named(jump, tmp_path):
 def test_a_link_whose_key_is_missing_is_not_opened_unsigned(jump, tmp_path):
     async def scenario(world):
         with pytest.raises(InvalidRequest, match="There is no signing key 'none'; known: field") as error:
-            world.router.add_link("udpin://127.0.0.1:0?key=none", "one")
+            world.router.add_link("udpin://127.0.0.1:0?key=none", "radio")
         assert error.value.field == "url"
         assert world.router.links() == []
 
@@ -183,7 +182,7 @@ def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(jump, tmp_pa
     async def scenario(world):
         link = world.link("plain")
         autopilot = world.signed_autopilot(link)
-        autopilot.mav.signing.secret_key = OTHER
+        autopilot.mav.signing.secret_key = OTHER_KEY
         await asyncio.sleep(3)
         assert [v.id for v in world.fleet.all()] == ["1"]
         assert world.info("plain").frames_unverified > 10

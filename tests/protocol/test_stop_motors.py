@@ -11,13 +11,18 @@ from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from tests.protocol.api_calls import MISSION
 from tests.protocol.api_calls import with_routes as with_station
-from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE
+from tests.protocol.command_numbers import (
+    ARM_DISARM,
+    DO_REPOSITION,
+    DO_SET_MODE,
+    FORCE,
+    TAKEOFF_COMMAND,
+)
 from tests.protocol.fake_autopilot import HOLD
 from tests.protocol.group_world import ANNA, begin, position, with_routes
 from tests.protocol.offboard_world import flight, seconds, stream_request
 from tests.protocol.one_vehicle import LOSS
 
-KILL_PARAM = 21196.0
 GOTO = {"lat_deg": 47.398, "lon_deg": 8.546, "alt_home_m": 12}
 CALLS = {
     "hold": lambda v: v.command.hold(by="bob"),
@@ -29,16 +34,19 @@ CALLS = {
     "goto": lambda v: v.command.goto(**GOTO),
     "offboard": lambda v: v.offboard.start(stream_request()),
 }
+MOVING_COMMANDS = (TAKEOFF_COMMAND, DO_SET_MODE, DO_REPOSITION, ARM_DISARM)
 
 
 def is_kill(message):
-    return getattr(message, "command", None) == 400 and message.param2 == KILL_PARAM
+    return getattr(message, "command", None) == ARM_DISARM and message.param2 == FORCE
 
 
 def other_commands(autopilot):
     """All other received commands that could move the vehicle: arm, modes, take-off, go to."""
     return [
-        m for m in autopilot.received if getattr(m, "command", None) in (22, 176, 192, 400) and not is_kill(m)
+        message
+        for message in autopilot.received
+        if getattr(message, "command", None) in MOVING_COMMANDS and not is_kill(message)
     ]
 
 
@@ -70,7 +78,7 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(j
         assert not autopilot.armed
         assert len(other_commands(autopilot)) == before
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
-        await CALLS["hold"](vehicle)  # it has ended: commands are accepted again
+        await CALLS["hold"](vehicle)  # after stop motors, commands are accepted again
 
     flight(jump, scenario)
 
@@ -136,9 +144,8 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
         await kill
         assert not rig.autopilots["1"].armed
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
-        assert (
-            len(rig.autopilots["1"].commands(DO_SET_MODE)) - mode_requests <= 1
-        )  # Hold follows after its end
+        # Hold follows when stop motors has ended.
+        assert len(rig.autopilots["1"].commands(DO_SET_MODE)) - mode_requests <= 1
         assert rig.vehicles["2"].status.mode == "hold"
         assert rig.autopilots["2"].armed
 
@@ -147,16 +154,16 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
 
 def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
     async def scenario(world, vehicle, autopilot, link):
-        answers = itertools.cycle([2, 0, 4, 5])
+        results = itertools.cycle([2, 0, 4, 5])
         began_s = world.loop.time()
 
-        def answer(message):
+        def acknowledge(message):
             if not is_kill(message) or world.loop.time() - began_s > 5.0:
                 return False
-            autopilot.ack(ARM_DISARM, next(answers))
+            autopilot.ack(ARM_DISARM, next(results))
             return True
 
-        autopilot.handlers.append(answer)
+        autopilot.handlers.append(acknowledge)
         await vehicle.command.kill()
         assert not autopilot.armed
         autopilot.armed = True
@@ -209,7 +216,7 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
 
         def slow_arm(message):
             # The arm command is executed half a second late, after a heartbeat that shows disarmed.
-            if getattr(message, "command", None) == 400 and message.param1 == 1.0 and not late:
+            if getattr(message, "command", None) == ARM_DISARM and message.param1 == 1.0 and not late:
                 late.append(message)
                 world.loop.call_later(0.5, lambda: setattr(autopilot, "armed", True))
                 return True
@@ -274,17 +281,17 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, los
             except GcsError as error:
                 return error
 
-        calls = [call for name, call in CALLS.items() if name != "arm"]  # it would arm again intentionally
+        calls = [call for name, call in CALLS.items() if name != "arm"]  # "arm" would arm the vehicle again
         for _ in range(8):
             running.append(asyncio.ensure_future(later(dice.choice(calls), dice.uniform(0.0, 4.0))))
         running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), dice.uniform(0.0, 4.0))))
         await seconds(dice.uniform(0.0, 2.0))
         ignore_kill(autopilot, dice.uniform(0.0, 3.0))
-        seen = len(autopilot.received)
+        received_before = len(autopilot.received)
         kills = [asyncio.ensure_future(vehicle.command.kill()) for _ in range(dice.choice([1, 2]))]
         await asyncio.gather(*kills)
         assert not autopilot.armed
-        received = autopilot.received[seen:]
+        received = autopilot.received[received_before:]
         last = max(i for i, m in enumerate(received) if is_kill(m))
         first = next(i for i, m in enumerate(received) if is_kill(m))
         between = [m for m in received[first : last + 1] if m in other_commands(autopilot)]

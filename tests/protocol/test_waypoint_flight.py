@@ -13,6 +13,13 @@ from gcs_server.streamer.waypoints.link_loss import PARAMETERS
 from gcs_server.vehicle.services.held_cache import ItemsCache
 from missions.dry_run import task
 from tests.protocol.api_calls import ANNA, MISSION, station_of, view
+from tests.protocol.command_numbers import (
+    ARM_DISARM,
+    DO_PAUSE_CONTINUE,
+    DO_REPOSITION,
+    DO_SET_MODE,
+    MISSION_START,
+)
 from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
@@ -21,29 +28,35 @@ LAT, LON = 47.397742, 8.545594
 NORTH_DEG = 1 / 111_195
 
 
-def item(kind, north_m, alt_m, **more):
+def item(kind, north_m, alt_m, **fields):
     altitude = {"value_m": alt_m, "reference": "home"}
-    return {"kind": kind, "lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "altitude": altitude, **more}
+    return {
+        "kind": kind,
+        "lat_deg": LAT + north_m * NORTH_DEG,
+        "lon_deg": LON,
+        "altitude": altitude,
+        **fields,
+    }
 
 
 PLAN = {"items": [item("takeoff", 0, 6), item("waypoint", 35, 6), item("land", 35, 0)]}
 POSITION = 3 << 16
 MISSION_MESSAGES = {37, 38, 39, 40, 41, 43, 44, 45, 47, 51, 73}
+"""Messages of plan transfers, and of the current item."""
 FLIGHT_MESSAGES = {11, 69, 75, 82, 84, 86}
 """SET_MODE, MANUAL_CONTROL, COMMAND_INT, and setpoints."""
-FLIGHT_COMMANDS = {176, 192, 193, 300, 400}
-"""Mode, reposition, pause, mission start, arming."""
+FLIGHT_COMMANDS = {DO_SET_MODE, DO_REPOSITION, DO_PAUSE_CONTINUE, MISSION_START, ARM_DISARM}
 WIND_M_S = (0.0, 16.0, 0.0)
 
 
-async def simulate_here(_command, report, *, request, max_line_bytes):
-    """Replaces the process of a dry run."""
+async def simulate_in_process(_command, report, *, request, max_line_bytes):
+    """Runs a dry run in this process; replaces the separate process."""
     return json.loads(json.dumps(task.run(json.loads(request), report)))
 
 
-async def run_dry_run(rig, **more):
-    """Id of a dry run of the plan."""
-    body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
+async def run_dry_run(rig, **fields):
+    """Runs a dry run of the plan; returns its id."""
+    body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **fields})
     operation = view(await dry_run_routes.start_dry_run(body, rig.station, ANNA))
     return (await rig.station.operations.wait(operation["id"])).result["dry_run"]
 
@@ -54,15 +67,15 @@ async def upload(rig, plan=PLAN):
     await seconds(1.5)
 
 
-async def start(rig, **more):
-    body = mission_models.StartRequest.model_validate({"item": 0, **more})
+async def start(rig, **fields):
+    body = mission_models.StartRequest.model_validate({"item": 0, **fields})
     await mission_routes.start("1", rig.station, ANNA, body)
 
 
 async def flight(rig):
-    answer = view(await mission_routes.show_mission(rig.vehicle, rig.station))
-    mission_models.MissionView.model_validate(answer)
-    return answer["flight"]
+    response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+    mission_models.MissionView.model_validate(response)
+    return response["flight"]
 
 
 def codes(rig):
@@ -70,8 +83,8 @@ def codes(rig):
     return [each["code"] for each in data if each.get("source") == "waypoint_flight"]
 
 
-def scenario(jump, monkeypatch, work):
-    monkeypatch.setattr(dry_runs, "run_process", simulate_here)
+def with_rig(jump, monkeypatch, work):
+    monkeypatch.setattr(dry_runs, "run_process", simulate_in_process)
 
     async def run():
         world = SimulatedWorld()
@@ -114,7 +127,7 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         outside = await flight(rig)
         assert outside["outside_corridor_m"] > 0
         assert outside["deviation_horizontal_m"] > outside["outside_corridor_m"]
-        assert rig.vehicle.status.mode == "mission", "a warning only"
+        assert rig.vehicle.status.mode == "mission", "more than a warning"
         rig.world.sim.simulation.set_wind((0.0, 0.0, 0.0))
         await until(lambda: "corridor_back" in codes(rig), 12)
 
@@ -122,20 +135,22 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         await seconds(0.3)
         ended = await flight(rig)
         assert (ended["state"], ended["reason"], ended["remaining_s"]) == ("done", None, None)
-        answer = view(await mission_routes.show_flown(rig.vehicle, rig.station))
-        mission_routes.FlownMissionView.model_validate(answer)
-        flown = answer["flown"]
+        response = view(await mission_routes.show_flown(rig.vehicle, rig.station))
+        mission_routes.FlownMissionView.model_validate(response)
+        flown = response["flown"]
         assert (flown["over"], flown["planned_by"]) == (True, "dry_run")
         assert flown["planned_duration_s"] == started["duration_s"]
         assert flown["duration_s"] == pytest.approx(flown["planned_duration_s"], abs=4)
         assert flown["planned_length_m"] == pytest.approx(6 + 35 + 6, abs=4)
         assert [leg["place"] for leg in flown["planned_legs"]] == ["item 1", "item 2", "item 3"]
         assert flown["deviation_max_m"] > outside["outside_corridor_m"]
-        assert {each["place"] for each in flown["samples"]} == {"item 1", "item 2", "item 3"}
+        assert {sample["place"] for sample in flown["samples"]} == {"item 1", "item 2", "item 3"}
         await seconds(2)
-        assert view(await mission_routes.show_flown(rig.vehicle, rig.station)) == answer, "kept unchanged"
+        assert view(await mission_routes.show_flown(rig.vehicle, rig.station)) == response, (
+            "the flown mission changed after the flight"
+        )
 
-    scenario(jump, monkeypatch, work)
+    with_rig(jump, monkeypatch, work)
 
 
 def run_scripted(jump, work):
@@ -250,7 +265,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in rig.link.sent}
         assert not sent & (MISSION_MESSAGES | FLIGHT_MESSAGES)
         assert (
-            not {each.command for each in rig.autopilot.received if hasattr(each, "command")}
+            not {message.command for message in rig.autopilot.received if hasattr(message, "command")}
             & FLIGHT_COMMANDS
         )
         if damage is not None:
@@ -260,10 +275,10 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
                 False,
             )
             return
-        held = rig.vehicle.mission.items_on_vehicle
+        known = rig.vehicle.mission.items_on_vehicle
         assert rig.vehicle.mission.plan_on_vehicle() == "plan"
-        assert (held.ids, held.plan, held.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
-        assert repr(held.items) == repr(before.items)
+        assert (known.ids, known.plan, known.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
+        assert repr(known.items) == repr(before.items)
         assert (flown["state"], flown["item"], flown["count"], flown["client"]) == ("flying", 1, 3, None)
         await OtherStation(rig.autopilot).upload(before.items["mission"][:2])
         await seconds(2.5)
@@ -273,30 +288,34 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
 
 
 def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(jump):
-    async def stated(rig):
-        answer = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+    async def announced_action(rig):
+        response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
         await seconds(2)
-        return answer["if_link_lost"]
+        return response["if_link_lost"]
 
     async def work(rig):
         rig.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0), "COM_FAIL_ACT_T": (9, 0)}
-        assert await stated(rig) is None
-        assert await stated(rig) is None, "no plan: nothing is read"
+        assert await announced_action(rig) is None
+        assert await announced_action(rig) is None, "read without a plan"
         await upload(rig)
-        await stated(rig)
+        await announced_action(rig)
         returns = "After about 12 s without any ground station, the vehicle returns (RTL) (NAV_DLL_ACT 2)."
-        assert await stated(rig) == returns
+        assert await announced_action(rig) == returns
         rig.autopilot.params["NAV_DLL_ACT"] = (6, 0)
         await seconds(7)
-        assert await stated(rig) == returns, "before the parameters are read again"
-        assert await stated(rig) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
-        read = [each.param_id for each in rig.autopilot.received if each.get_type() == "PARAM_REQUEST_READ"]
+        assert await announced_action(rig) == returns, "changed before the parameters were read again"
+        assert await announced_action(rig) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
+        read = [
+            message.param_id
+            for message in rig.autopilot.received
+            if message.get_type() == "PARAM_REQUEST_READ"
+        ]
         assert read == [*PARAMETERS, *PARAMETERS]
 
     run_scripted(jump, work)
 
 
-def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_none(jump):
+def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(jump):
     async def work(rig):
         with pytest.raises(Refused, match="has not flown a plan that the server knows"):
             await mission_routes.show_flown(rig.vehicle, rig.station)
@@ -316,8 +335,8 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_none(jump):
     run_scripted(jump, work)
 
 
-def kept_dry_run(rig, plan=PLAN, north_m=0.0):
-    """Stores the result of a dry run that began this far north of the vehicle's home; its id."""
+def store_dry_run(rig, plan=PLAN, north_m=0.0):
+    """Stores the result of a dry run that began this far north of the vehicle's home; returns its id."""
     origin = {"lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "alt_amsl_m": 489.0}
     steps = [
         {"place": f"item {n}", "title": "Item", "row": n - 1, "start_s": 4.0 * (n - 1), "end_s": 4.0 * n}
@@ -330,7 +349,7 @@ def kept_dry_run(rig, plan=PLAN, north_m=0.0):
     return "1"
 
 
-def test_in_flight_a_start_that_names_a_dry_run_begins_a_new_flight_and_any_other_continues_it(jump):
+def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(jump):
     async def work(rig):
         await upload(rig)
         select(rig, MISSION)
@@ -338,14 +357,16 @@ def test_in_flight_a_start_that_names_a_dry_run_begins_a_new_flight_and_any_othe
         first = await flight(rig)
         await start(rig, item=1)
         assert (await flight(rig))["started_unix_s"] == first["started_unix_s"]
-        await start(rig, item=1, dry_run=kept_dry_run(rig))
+        await start(rig, item=1, dry_run=store_dry_run(rig))
         second = await flight(rig)
         assert second["started_unix_s"] > first["started_unix_s"]
         assert (second["client"], second["dry_run"], second["duration_s"]) == ("anna", "1", 12.0)
-        assert second["remaining_s"] == 8.0, "without a position, the start of the item counts"
-        for wrong in ({"north_m": 6.0}, {"plan": {"items": PLAN["items"][:2]}}):
+        assert second["remaining_s"] == 8.0, "not counted from the start of the item"
+        for changes in ({"north_m": 6.0}, {"plan": {"items": PLAN["items"][:2]}}):
             with pytest.raises(Refused, match=r"began 6 m|not made for the plan"):
-                await start(rig, item=1, dry_run=kept_dry_run(rig, **wrong))
-        assert (await flight(rig))["started_unix_s"] == second["started_unix_s"], "nothing was sent"
+                await start(rig, item=1, dry_run=store_dry_run(rig, **changes))
+        assert (await flight(rig))["started_unix_s"] == second["started_unix_s"], (
+            "a refused start began a flight"
+        )
 
     run_scripted(jump, work)

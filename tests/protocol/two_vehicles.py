@@ -17,7 +17,7 @@ def run_with_two_vehicles(jump, scenario, apart_m):
     async def run():
         world = SimulatedWorld(2, sim=snapshot(ready(2, apart_m)))
         try:
-            vehicles = [await world.ready_to_arm(each) for each in ("1", "2")]
+            vehicles = [await world.ready_to_arm(vehicle_id) for vehicle_id in ("1", "2")]
             station = station_of(world)
             station.plan_work = InlinePlanWork()
             for vehicle in vehicles:
@@ -25,9 +25,10 @@ def run_with_two_vehicles(jump, scenario, apart_m):
             station.waypoint_flights.start()
             station.missions.start()
             station.authority.start()
-            one, two = vehicles
-            at = SimpleNamespace(world=world, station=station, vehicles=vehicles, one=one, two=two)
-            await scenario(at)
+            first, second = vehicles
+            await scenario(
+                SimpleNamespace(world=world, station=station, vehicles=vehicles, first=first, second=second)
+            )
         finally:
             await world.close()
 
