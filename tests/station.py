@@ -69,14 +69,14 @@ def wait_until(ready: Callable[[], object], what: str, deadline_s: float = PATIE
 
 
 def vehicle_command(
-    gcs_port: int, *, instances: int = 1, tcp_port: int = 0, more: Sequence[str] = ()
+    gcs_port: int, *, instances: int = 1, tcp_port: int = 0, arguments: Sequence[str] = ()
 ) -> list[str]:
     """The command line of a simulated vehicle that sends to `gcs_port`; system ids from 101."""
     command = [sys.executable, "-m", "vehicle_sim", "--instances", str(instances), "--no-api"]
     command += ["--first-instance", str(FIRST_TEST_INSTANCE), "--gcs-local-port", "0"]
     # The simulator counts TCP ports from instance 0.
     tcp_of_instance_0 = tcp_port - FIRST_TEST_INSTANCE if tcp_port else 0
-    return [*command, "--gcs-remote-port", str(gcs_port), "--tcp-port", str(tcp_of_instance_0), *more]
+    return [*command, "--gcs-remote-port", str(gcs_port), "--tcp-port", str(tcp_of_instance_0), *arguments]
 
 
 @contextlib.contextmanager

@@ -83,14 +83,14 @@ def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
     assert operation["state"] == "succeeded"
     assert operation["result"]["errors"] == 1
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
-    given = view["nominal"]["request"]
+    stored = view["nominal"]["request"]
     assert (view["kind"], view["vehicle"], view["plan_id"]) == ("waypoint_plan", None, None)
     assert view["assumed"] == ["No vehicle is named: PX4's defaults and a full battery are used."]
-    assert given["aircraft"] == {"home": HOME, "endurance_s": 900, "battery_reserve": 0.2}
-    assert given["conditions"]["wind_ned_m_s"] == [0, 4, 0]
-    assert (given["flights"], given["seed"], given["spread"]["wind_m_s"]) == (20, 7, 2)
-    assert given["obstacles"][0]["base_alt_home_m"] == 0
-    assert json.loads(given["plan"])["items"][0]["kind"] == "takeoff"
+    assert stored["aircraft"] == {"home": HOME, "endurance_s": 900, "battery_reserve": 0.2}
+    assert stored["conditions"]["wind_ned_m_s"] == [0, 4, 0]
+    assert (stored["flights"], stored["seed"], stored["spread"]["wind_m_s"]) == (20, 7, 2)
+    assert stored["obstacles"][0]["base_alt_home_m"] == 0
+    assert json.loads(stored["plan"])["items"][0]["kind"] == "takeoff"
 
 
 def test_a_stored_plan_and_an_offboard_mission_are_flown(client):

@@ -30,8 +30,8 @@ class WorkInThread(PlanWork):
     """Does all work in this process: while another process works, simulated time would advance in a busy
     loop."""
 
-    async def run(self, task, arguments, *, small=True, **more):
-        return await super().run(task, arguments, small=True, **more)
+    async def run(self, task, arguments, *, small=True, **options):
+        return await super().run(task, arguments, small=True, **options)
 
 
 def operations():
@@ -54,9 +54,9 @@ def undescribed(operation, received):
         return f"status {received.status_code}"
     if received.status_code >= 500 and str(received.status_code) not in VEHICLE_STATUSES:
         return f"{received.status_code}: {received.text[:200]}"
-    given = received.headers.get("content-type", "").partition(";")[0]
-    if received.content and given not in described.get("content", {}):
-        return f"{received.status_code} as {given!r}, not {sorted(described.get('content', {}))}"
+    content_type = received.headers.get("content-type", "").partition(";")[0]
+    if received.content and content_type not in described.get("content", {}):
+        return f"{received.status_code} as {content_type!r}, not {sorted(described.get('content', {}))}"
     return None
 
 

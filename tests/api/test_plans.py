@@ -1,4 +1,4 @@
-"""Plans over HTTP: stored, changed by two clients, checked, imported, exported, made from patterns."""
+"""Plans over HTTP: stored, changed by two clients, checked, imported, exported, response from patterns."""
 
 import io
 import json
@@ -206,13 +206,13 @@ def test_patterns_become_items(client):
         "coverage": {"camera": CAMERA, "distance_m": 40},
         "altitude": {"value_m": 40, "reference": "home"},
     }
-    made = client.post("plans/pattern", json=survey)
-    assert made.status_code == 200, made.text
-    figures = made.json()["figures"]
+    response = client.post("plans/pattern", json=survey)
+    assert response.status_code == 200, response.text
+    figures = response.json()["figures"]
     assert figures["photos"] > 10
     assert figures["lines_length_m"] >= figures["lower_bound_m"] > 0
-    assert len(made.json()["lines"]) >= 2
-    assert {each["altitude"]["value_m"] for each in made.json()["path"]} == {40}
+    assert len(response.json()["lines"]) >= 2
+    assert {each["altitude"]["value_m"] for each in response.json()["path"]} == {40}
     orbit = {"kind": "orbit", "center": SQUARE[0], "radius_m": 20, "altitude": AT_20_M}
     circle = client.post("plans/pattern", json=orbit).json()
     assert circle["figures"]["lines_length_m"] == pytest.approx(2 * math.pi * 20, rel=0.02)
@@ -241,7 +241,7 @@ def test_patterns_become_items(client):
     steps = client.post("plans/pattern", json=survey, params={"document": "offboard_mission"})
     assert steps.status_code == 200, steps.text
     assert steps.json()["plan"]["steps"][1]["name"] == "Survey line 1"
-    assert steps.json()["figures"] == made.json()["figures"]
+    assert steps.json()["figures"] == response.json()["figures"]
     terrain = {**orbit, "altitude": {"value_m": 20, "reference": "terrain"}}
     unknown = client.post("plans/pattern", json=terrain, params={"document": "offboard_mission"})
     assert (unknown.status_code, unknown.json()["field"]) == (422, "altitude")
@@ -290,10 +290,10 @@ def test_a_check_of_a_mission_returns_findings_step_times_and_the_path(client):
 
 def test_a_plan_is_converted_to_a_mission_with_notes(client):
     rally = {**PLAN, "rally_points": [{"lat_deg": 47.4, "lon_deg": 8.5, "altitude": AT_20_M}]}
-    made = client.post("plans/convert", json={"plan": rally, "name": "Mast"}).json()
-    assert [step["step"] for step in made["plan"]["steps"]] == ["take_off", "fly", "fly", "land"]
-    assert made["plan"]["name"] == "Mast"
-    assert "Rally points are omitted" in made["notes"][0]
+    response = client.post("plans/convert", json={"plan": rally, "name": "Mast"}).json()
+    assert [step["step"] for step in response["plan"]["steps"]] == ["take_off", "fly", "fly", "land"]
+    assert response["plan"]["name"] == "Mast"
+    assert "Rally points are omitted" in response["notes"][0]
     refused = client.post("plans/convert", json={"plan": {"items": []}, "name": "Mast"})
     assert (refused.status_code, refused.json()["field"]) == (422, "plan")
 

@@ -169,8 +169,8 @@ def test_indexing_is_one_operation_with_events(client, folder):
 
 def test_cancelled_indexing_is_reported_and_can_be_repeated(client, folder):
     (folder / "long.tlog").write_bytes(log_bytes(flight(seconds=60)))
-    with ThreadPoolExecutor(1) as other:
-        index_request = other.submit(client.get, f"{API}/recordings/long.tlog/index")
+    with ThreadPoolExecutor(1) as executor:
+        index_request = executor.submit(client.get, f"{API}/recordings/long.tlog/index")
         while not (running := [o for o in operations(client) if o["subject"] == "long.tlog"]):
             assert not index_request.done()
         assert client.delete(f"{API}/operations/{running[0]['id']}").json()["state"] == "cancelled"
@@ -223,8 +223,8 @@ def test_a_replay_is_opened_controlled_and_closed(client):
     assert "recording" in refused.json()["detail"]
 
     assert control_replay(client, name, position_unix_s=0)["position_unix_s"] == pytest.approx(BEGIN_S)
-    again = client.post(f"{API}/replays", json={"recording": NAME}).json()
-    assert again["position_unix_s"] == pytest.approx(BEGIN_S)
+    second = client.post(f"{API}/replays", json={"recording": NAME}).json()
+    assert second["position_unix_s"] == pytest.approx(BEGIN_S)
     assert client.get(f"{API}/replays/{name}/index").json()["records"] > 500
     assert client.delete(f"{API}/replays/{name}").status_code == 204
     assert client.get(f"{API}/replays").json() == {"replays": []}
@@ -235,17 +235,17 @@ def test_a_replay_is_opened_controlled_and_closed(client):
 def test_a_replay_plays_to_its_end_and_again_from_the_start(client):
     name = client.post(f"{API}/replays", json={"recording": NAME, "speed": 50}).json()["name"]
     deadline = time.monotonic() + 60
-    while (now := client.get(f"{API}/replays/{name}").json())["state"] != "ended":
+    while (view := client.get(f"{API}/replays/{name}").json())["state"] != "ended":
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    assert not now["playing"]
-    assert now["position_unix_s"] == now["end_unix_s"]
+    assert not view["playing"]
+    assert view["position_unix_s"] == view["end_unix_s"]
     played = vehicles(client)
     assert played["1"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(29.9)
     assert not played["1"]["status"]["link_lost"]
     at_end = control_replay(client, name, position_unix_s=BEGIN_S + 30)
     assert vehicles(client)["1"]["topics"]["attitude"] == played["1"]["topics"]["attitude"]
-    assert at_end["position_unix_s"] == now["end_unix_s"]
+    assert at_end["position_unix_s"] == view["end_unix_s"]
     playing = control_replay(client, name, playing=True, speed=0.25)
     assert playing["playing"]
     assert playing["position_unix_s"] < BEGIN_S + 29

@@ -48,13 +48,13 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
 }
 
 
-def main(wanted: list[str]) -> int:
-    unknown = [name for name in wanted if name not in SECTIONS]
+def main(selected: list[str]) -> int:
+    unknown = [name for name in selected if name not in SECTIONS]
     if unknown:
         print(f"no such section: {', '.join(unknown)}; there are {', '.join(SECTIONS)}", file=sys.stderr)
         return 2
     for name, (title, table) in SECTIONS.items():
-        if not wanted or name in wanted:
+        if not selected or name in selected:
             print(f"\n## {title}\n", flush=True)
             for row in table():
                 print(row, flush=True)

@@ -134,7 +134,7 @@ def compare(plan: dict[str, Any]) -> Comparison:
         url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{udp}"]))
         for k in range(FLOWN_COUNT):
             instance = ["--first-instance", str(FIRST_TEST_INSTANCE + k)]
-            stack.enter_context(vehicle(udp, more=[*options, *instance]))
+            stack.enter_context(vehicle(udp, arguments=[*options, *instance]))
         return asyncio.run(_compare(url, plan))
 
 

@@ -75,12 +75,12 @@ def load(name: str, folder: Path = FAULTS) -> Scenario:
     """Read the recordings of a fault."""
     runs = [_read(path) for path in sorted((folder / "data").glob(f"{name}.run*.json.gz"))]
     first = runs[0]
-    now = next(row for row in first["rows"] if row[0] >= 0.0)
+    first_row = next(row for row in first["rows"] if row[0] >= 0.0)
     return Scenario(
         name,
         first["header"]["boot_parameters"],
         first["stimulus"],
-        bool(now[first["columns"].index("armed")]),
+        bool(first_row[first["columns"].index("armed")]),
         sum(run["header"]["time_boot_s_at_t0"] for run in runs) / len(runs),
         min(MAX_TIME_S, *(float(run["rows"][-1][0]) for run in runs)),
         tuple(map(_flight, runs)),

@@ -127,14 +127,16 @@ class _ScenarioPlayer:
         simulation, i = self.sim.simulation, self.row
         faults = simulation.sensor_faults
         faults.clear(i)
-        given = fields.get
-        faults.gps_offset_ned_m[i] = given("gps_n", 0.0), given("gps_e", 0.0), 0.0
-        faults.gps_offset_ned_m_s[i] = given("gps_vn", 0.0), given("gps_ve", 0.0), 0.0
+        value_of = fields.get
+        faults.gps_offset_ned_m[i] = value_of("gps_n", 0.0), value_of("gps_e", 0.0), 0.0
+        faults.gps_offset_ned_m_s[i] = value_of("gps_vn", 0.0), value_of("gps_ve", 0.0), 0.0
         for driver in Driver:
-            faults.stuck[driver][i] = bool(given(f"{driver.name.lower()}_stuck", 0))
-        gyro, accel = (np.array([given(f"{kind}_{axis}", 0.0) for axis in "xyz"]) for kind in ("gyr", "acc"))
+            faults.stuck[driver][i] = bool(value_of(f"{driver.name.lower()}_stuck", 0))
+        gyro, accel = (
+            np.array([value_of(f"{kind}_{axis}", 0.0) for axis in "xyz"]) for kind in ("gyr", "acc")
+        )
         faults.set_imu_offset(i, gyro, accel)
-        simulation.set_wind(np.array([given("wind_n", 0.0), given("wind_e", 0.0), 0.0]), i)
+        simulation.set_wind(np.array([value_of("wind_n", 0.0), value_of("wind_e", 0.0), 0.0]), i)
         if "mot_off" in fields:
             simulation.motor_health[i, int(fields["mot_off"]) - 1] = 0.0
 

@@ -31,7 +31,7 @@ def flying(count: int) -> Generator[tuple[str, int]]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(port, instances=count, more=["--no-log"]),
+        vehicle(port, instances=count, arguments=["--no-log"]),
         httpx.Client(base_url=f"{url}/api/v1", timeout=60) as api,
     ):
         wait_until(lambda: len(_vehicles(api)) == count, f"{count} vehicles", 120)
@@ -76,11 +76,11 @@ class Meter:
         return {m["name"]: m["value"] for m in self._cdp.send("Performance.getMetrics")["metrics"]}
 
 
-def _took_ms(page: Page, act: Callable[[], None], shown: str) -> float:
-    """Time from an action until the page shows what `shown` (JavaScript) checks [ms]."""
+def _took_ms(page: Page, act: Callable[[], None], condition: str) -> float:
+    """Time from an action until a condition (JavaScript) is true in the page [ms]."""
     began_s = time.monotonic()
     act()
-    page.wait_for_function(shown, timeout=60_000, polling=20)
+    page.wait_for_function(condition, timeout=60_000, polling=20)
     return (time.monotonic() - began_s) * 1000
 
 

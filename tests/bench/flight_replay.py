@@ -356,10 +356,10 @@ class _Log:
 
     def replay_of(self, player: _StimulusPlayer) -> Replay:
         t_s = np.array(self._times) - player.began_s
-        kept = (t_s >= player.recording.t_s[0] - 0.1) & (t_s <= player.recording.t_s[-1] + 0.1)
-        rows = [row for row, keep in zip(self._rows, kept, strict=True) if keep]
+        in_recording = (t_s >= player.recording.t_s[0] - 0.1) & (t_s <= player.recording.t_s[-1] + 0.1)
+        rows = [row for row, keep in zip(self._rows, in_recording, strict=True) if keep]
         table = np.array([np.concatenate([block[player.row] for block in row]) for row in rows])
-        return Replay(t_s[kept], dict(zip(LOGGED, table.T, strict=True)))
+        return Replay(t_s[in_recording], dict(zip(LOGGED, table.T, strict=True)))
 
 
 def with_angles(columns: dict[str, FloatArray]) -> dict[str, FloatArray]:

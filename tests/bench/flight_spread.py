@@ -32,9 +32,9 @@ class Repeats:
     rises_s: tuple[float, ...]
 
 
-def measure(wanted: Sequence[str], flights: int = FLIGHTS) -> dict[str, Repeats]:
+def measure(selected: Sequence[str], flights: int = FLIGHTS) -> dict[str, Repeats]:
     """Flies each flight `flights` times, each time with another seed of the noise."""
-    recordings = [flight_recordings.load(name) for name in wanted]
+    recordings = [flight_recordings.load(name) for name in selected]
     flown = [flight_replay.fly(recordings, noise=True, seed=seed) for seed in range(flights)]
     return {each.name: _repeats(each, [Track(flight[each.name]) for flight in flown]) for each in recordings}
 

@@ -52,9 +52,9 @@ def load_average() -> str:
 
 def udp_drops(port: int) -> int:
     """Datagrams that the kernel dropped because the reader of `port` was too slow."""
-    wanted = f":{port:04X}"
+    suffix = f":{port:04X}"
     rows = Path("/proc/net/udp").read_text().splitlines()[1:]
-    return sum(int(row.split()[-1]) for row in rows if row.split()[1].endswith(wanted))
+    return sum(int(row.split()[-1]) for row in rows if row.split()[1].endswith(suffix))
 
 
 def quantiles_ms(samples_s: Sequence[float]) -> str:

@@ -16,9 +16,9 @@ from .flight_spread import pair
 NOISY_FLIGHTS = 8
 
 
-def measure(wanted: list[str] | None = None) -> list[Comparison]:
+def measure(selected: list[str] | None = None) -> list[Comparison]:
     """Flies and compares these flights (default: all)."""
-    recordings = [flight_recordings.load(name) for name in wanted or flight_recordings.names()]
+    recordings = [flight_recordings.load(name) for name in selected or flight_recordings.names()]
     flown = flight_replay.fly(recordings)
     return [compare(recording, flown[recording.name]) for recording in recordings]
 

@@ -70,9 +70,9 @@ class Relay:
 
     def sent_at_s(self, north_m: float, since: int) -> float | None:
         """Arrival time of a local setpoint with this position; skips the first `since` setpoints."""
-        wanted = struct.pack("<f", north_m)
+        expected_north = struct.pack("<f", north_m)
         for arrival_s, frame in self.setpoints[since:]:
-            if int.from_bytes(frame[7:10], "little") == LOCAL_NED and frame[14:18] == wanted:
+            if int.from_bytes(frame[7:10], "little") == LOCAL_NED and frame[14:18] == expected_north:
                 return arrival_s
         return None
 

@@ -61,9 +61,9 @@ MANOEUVRES: dict[str, tuple[Manoeuvre, str]] = {
 NOISY_FLIGHTS = 4
 
 
-def measure(wanted: list[str] | None = None) -> list[Comparison]:
+def measure(selected: list[str] | None = None) -> list[Comparison]:
     """Flies and compares these flights (default: all)."""
-    recordings = [ros2_recordings.load(name, MANOEUVRES[name][1]) for name in wanted or MANOEUVRES]
+    recordings = [ros2_recordings.load(name, MANOEUVRES[name][1]) for name in selected or MANOEUVRES]
     flown = flight_replay.fly(recordings)
     return [compare(each, flown[each.name], MANOEUVRES[each.name][0]) for each in recordings]
 

@@ -88,7 +88,7 @@ def over_ros2(vehicles: int) -> Generator[Station]:
     tcp_port = free_port(socket.SOCK_STREAM)  # unused, but a simulator without any port does not start
     with (
         server([f"ros2://{DOMAIN}"]) as (url, process),
-        vehicle(0, instances=vehicles, tcp_port=tcp_port, more=["--ros2", str(DOMAIN)]) as simulator,
+        vehicle(0, instances=vehicles, tcp_port=tcp_port, arguments=["--ros2", str(DOMAIN)]) as simulator,
     ):
         names = [f"px4_{each}" for each in instances]
         yield Station(url, (process.pid, simulator.pid), lambda: Ros2Tap(DOMAIN, names))

@@ -67,9 +67,11 @@ class Ros2Tap:
 
     def sent_at_s(self, north_m: float, since: int) -> float | None:
         """Time of the first setpoint with this position; the first `since` recorded setpoints are skipped."""
-        wanted = struct.pack("<f", north_m)
+        expected_north = struct.pack("<f", north_m)
         found = (
-            at_s for at_s, cdr in self.setpoints[since:] if cdr[NORTH_OFFSET : NORTH_OFFSET + 4] == wanted
+            at_s
+            for at_s, cdr in self.setpoints[since:]
+            if cdr[NORTH_OFFSET : NORTH_OFFSET + 4] == expected_north
         )
         return next(found, None)
 

@@ -21,11 +21,19 @@ T = TypeVar("T")
 
 
 @asynccontextmanager
-async def connected_drone(*, more: Sequence[str] = ()) -> AsyncIterator[System]:
+async def connected_drone(*, arguments: Sequence[str] = ()) -> AsyncIterator[System]:
     """Starts a vehicle that can be armed, in a separate process, and connects MAVSDK to its TCP port."""
     port = free_port(socket.SOCK_STREAM)
     command = [sys.executable, "-m", "vehicle_sim", "--no-api", "--gcs-local-port", "0"]
-    command += ["--gcs-remote-port", str(free_port()), "--tcp-port", str(port), "--speed", str(SPEED), *more]
+    command += [
+        "--gcs-remote-port",
+        str(free_port()),
+        "--tcp-port",
+        str(port),
+        "--speed",
+        str(SPEED),
+        *arguments,
+    ]
     with running(command):
         await asyncio.to_thread(wait_until, lambda: _listens(port), "the simulator's start")
         drone = System(port=free_port(socket.SOCK_STREAM))

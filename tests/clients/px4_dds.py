@@ -33,9 +33,9 @@ def message(name: str, declaration: str) -> Any:
         single = _PRIMITIVES[kind]
         fields[field] = idl.array[single, int(length)] if length else single
         zeros[field] = [0.0] * int(length) if length else 0
-    made = make_idl_struct(name, f"px4_msgs.msg.dds_.{name}_", fields)
-    _ZEROS[made] = zeros
-    return made
+    message_type = make_idl_struct(name, f"px4_msgs.msg.dds_.{name}_", fields)
+    _ZEROS[message_type] = zeros
+    return message_type
 
 
 OffboardControlMode = message(

@@ -23,7 +23,7 @@ def test_pictures_are_taken_listed_downloaded_and_deleted(tmp_path: Path) -> Non
 
 
 async def _photograph(folder: Path) -> None:
-    async with asyncio.timeout(TIMEOUT_S), connected_drone(more=["--camera"]) as drone:
+    async with asyncio.timeout(TIMEOUT_S), connected_drone(arguments=["--camera"]) as drone:
         camera = drone.camera
         listed = await until(camera.camera_list(), lambda found: found.cameras, "a camera", 40)
         (model,) = listed.cameras

@@ -120,8 +120,10 @@ def test_each_unrecorded_starting_state_has_evidence_in_the_dialogue(shared: Pat
     assert not without_evidence
     assert {name for name, _ in LATE_S} | STREAMED_ON <= dialogues.keys()
     whole = completed(dialogues["mission_upload_200_items"])
-    kept = {e["fields"]["seq"]: e["fields"] for e in dialogues["mission_upload_200_items"]["send"][1:]}
+    items = {
+        entry["fields"]["seq"]: entry["fields"] for entry in dialogues["mission_upload_200_items"]["send"][1:]
+    }
     filled_in = {e["fields"]["seq"]: e["fields"] for e in whole["send"][1:]}
     assert len(filled_in) == 200
-    for seq, fields in kept.items():
+    for seq, fields in items.items():
         assert fields.items() <= {**filled_in[seq], "target_system": fields["target_system"]}.items()

@@ -36,7 +36,7 @@ def station() -> Iterator[Station]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, more=FAST),
+        vehicle(port, arguments=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
         yield Station(url, gcs, gcs.wait_for_vehicle("101", ready=True, timeout_s=120))

@@ -173,7 +173,7 @@ def second_vehicle(setup: PictureSetup) -> Generator[SyncVehicle]:
     """A second vehicle takes off, and lands at the end; its simulator continues to run."""
     with SyncGcs(setup.url, client="pictures", client_id=CLIENT_ID) as gcs:
         if len(gcs.request("GET", "/vehicles")) < 2:
-            setup.stack.enter_context(vehicle(setup.port, more=["--first-instance", "101", *FAST]))
+            setup.stack.enter_context(vehicle(setup.port, arguments=["--first-instance", "101", *FAST]))
         second = gcs.wait_for_vehicle("102", ready=True, timeout_s=60)
         second.takeoff(8)
         second.until(lambda v: v["status"]["mode"] == "hold", what="the end of the climb")
@@ -265,7 +265,7 @@ def airborne(folder: Path) -> Generator[PictureSetup]:
     port = free_port()
     with contextlib.ExitStack() as stack:
         url, _ = stack.enter_context(server([f"udpin://127.0.0.1:{port}"]))
-        simulator = stack.enter_context(vehicle(port, more=FAST))
+        simulator = stack.enter_context(vehicle(port, arguments=FAST))
         gcs = stack.enter_context(SyncGcs(url, client="pictures", client_id=CLIENT_ID))
         browser = stack.enter_context(chromium())
         page = browser.new_context(
@@ -288,8 +288,8 @@ def main() -> int:
         "--only", default="", help=f"states to take, separated by commas, of {', '.join(names)}"
     )
     options = parser.parse_args()
-    wanted = [name for name in options.only.split(",") if name] or names
-    unknown = sorted(set(wanted) - set(names))
+    selected = [name for name in options.only.split(",") if name] or names
+    unknown = sorted(set(selected) - set(names))
     if unknown:
         parser.error(f"unknown: {', '.join(unknown)}; there are {', '.join(names)}")
     options.out.mkdir(parents=True, exist_ok=True)
@@ -297,7 +297,7 @@ def main() -> int:
     failed: list[str] = []
     with airborne(options.out) as setup:
         for state in STATES:
-            if state.__name__ not in wanted:
+            if state.__name__ not in selected:
                 continue
             print(state.__name__, flush=True)
             try:

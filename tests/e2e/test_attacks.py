@@ -132,8 +132,8 @@ def processes(root: int) -> set[int]:
         with contextlib.suppress(OSError):
             parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
     found = {root}
-    while more := {child for child, parent in parents.items() if parent in found} - found:
-        found |= more
+    while children := {child for child, parent in parents.items() if parent in found} - found:
+        found |= children
     return found
 
 
@@ -169,7 +169,7 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
         running(
             command, stdout=out, stderr=subprocess.STDOUT, env=environment | {"TMPDIR": str(folder)}
         ) as process,
-        vehicle(mavlink, more=FAST),
+        vehicle(mavlink, arguments=FAST),
     ):
         wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
         token = (folder / "token").read_text().strip() if exposed else None

@@ -72,7 +72,7 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, more=FAST):
+    with vehicle(port, arguments=FAST):
         with running(command) as first:
             wait_until(lambda: is_up(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:
@@ -100,7 +100,7 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, more=FAST), running(command) as server:
+    with vehicle(port, arguments=FAST), running(command) as server:
         wait_until(lambda: is_up(url), "the server")
         with SyncGcs(url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)

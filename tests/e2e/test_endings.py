@@ -40,7 +40,7 @@ def flying() -> Iterator[Any]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(port, more=FAST),
+        vehicle(port, arguments=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -142,7 +142,7 @@ def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
-        vehicle(port, more=FAST),
+        vehicle(port, arguments=FAST),
         SyncGcs(url) as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -160,7 +160,7 @@ def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
 def test_sigterm_puts_the_vehicle_into_hold_before_the_server_ends(tmp_path: Path) -> None:
     port = free_port()
     log = tmp_path / "server.log"
-    with vehicle(port, more=FAST):
+    with vehicle(port, arguments=FAST):
         with server([f"udpin://127.0.0.1:{port}"], log=log) as (url, process):
             with SyncGcs(url) as gcs:
                 drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)

@@ -64,7 +64,7 @@ def test_the_example_flies_over_the_obstacle_and_lands_behind_it() -> None:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, more=[*FAST, "--world", "obstacle-box"]),
+        vehicle(port, arguments=[*FAST, "--world", "obstacle-box"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
@@ -88,7 +88,7 @@ def test_the_two_vehicle_show_is_flown_by_the_first_and_the_last_vehicle_until_b
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=4, more=FAST),
+        vehicle(port, instances=4, arguments=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in ("101", "104")]

@@ -21,7 +21,7 @@ def test_a_group_flies_changes_its_setpoints_and_ends_in_hold_after_its_block_or
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=2, more=FAST),
+        vehicle(port, instances=2, arguments=FAST),
         SyncGcs(url, client="pair") as gcs,
     ):
         drones = [gcs.wait_for_vehicle(v, ready=True, timeout_s=120) for v in IDS]

@@ -59,7 +59,7 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
     with (
         chromium() as browser,
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=2, more=FAST),
+        vehicle(port, instances=2, arguments=FAST),
         SyncGcs(url, client="e2e") as gcs,
         open_page(browser, url, scene=False, size=(1280, 720)) as page,
     ):

@@ -86,7 +86,7 @@ def test_after_a_killed_server_px4_acts_as_stated_and_the_next_server_monitors_t
     port, http_port = free_port(), free_port(socket.SOCK_STREAM)
     url = f"http://127.0.0.1:{http_port}"
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, more=FAST):
+    with vehicle(port, arguments=FAST):
         with running(command) as first:
             wait_until(lambda: is_up(url), "the first server")
             with SyncGcs(url, client="e2e") as gcs:

@@ -44,7 +44,7 @@ def landed() -> Iterator[Station]:
     ros2 = ["--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
     with (
         server([f"udpin://127.0.0.1:{port}", f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
-        vehicle(port, more=["--no-log", "--world", "obstacle-box", *ros2]),
+        vehicle(port, arguments=["--no-log", "--world", "obstacle-box", *ros2]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)

@@ -40,7 +40,7 @@ def field() -> Iterator[Station]:
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
         # Return hovers above home until the page's next click
-        vehicle(port, more=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
+        vehicle(port, arguments=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
         yield Station(url, gcs, gcs.vehicle("101"))
@@ -311,7 +311,7 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
     command = server_command(http_port, [f"udpin://127.0.0.1:{port}"], tmp_path)
     context = browser.new_context()
     page = context.new_page()
-    with vehicle(port, more=FAST):
+    with vehicle(port, arguments=FAST):
         with running(command) as first:
             wait_until(lambda: is_up(url), "the first server")
             page.goto(url)

@@ -25,8 +25,8 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, more=FAST),
-        vehicle(port, more=SECOND) as second,
+        vehicle(port, arguments=FAST),
+        vehicle(port, arguments=SECOND) as second,
         SyncGcs(url, client="e2e") as gcs,
         open_page(browser, url, scene=False) as page,
     ):

@@ -51,8 +51,8 @@ def test_the_reasons_against_offboard_and_the_metadata_of_parameters_are_availab
         changed = http.put("/params/MPC_XY_CRUISE", json={"value": 4}).json()
         assert (changed["value"], changed["is_default"]) == (4.0, False)
         assert http.put("/params/COM_OBL_RC_ACT", json={"value": "x"}).json()["field"] == "value"
-        again = http.post("/params/refresh", json={"wait": True}).json()
-        assert (again["source"], again["received"]) == ("vehicle", 929)
+        reread = http.post("/params/refresh", json={"wait": True}).json()
+        assert (reread["source"], reread["received"]) == ("vehicle", 929)
         assert http.post("/params/refresh", json={"wait": True}).json()["received"] == 929
 
 

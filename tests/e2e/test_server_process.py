@@ -133,11 +133,16 @@ def test_a_replay_is_shown_as_a_recording_and_refuses_commands(shared: Path, tmp
 @pytest.mark.realtime
 def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp_path: Path) -> None:
     mavlink, local_port = free_port(), free_port()
-    more = f"--gcs-remote-port {mavlink} --gcs-local-port {local_port} --no-api --tcp-port 0"
+    sim_arguments = f"--gcs-remote-port {mavlink} --gcs-local-port {local_port} --no-api --tcp-port 0"
 
     def command() -> list[str]:
         arguments = command_without_scene([f"udpin://127.0.0.1:{mavlink}"], tmp_path)
-        return [*(part for part in arguments if part != "--no-sim"), "--sim", "1", f"--sim-args={more}"]
+        return [
+            *(part for part in arguments if part != "--no-sim"),
+            "--sim",
+            "1",
+            f"--sim-args={sim_arguments}",
+        ]
 
     def booted_s(server: Server) -> float:
         wait_until(lambda: "attitude" in server.vehicles().get("1", {}).get("topics", {}), "the vehicle")
@@ -197,7 +202,7 @@ def test_two_vehicles_with_the_same_system_id_are_both_shown_each_with_a_warning
     with (
         serving(command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)) as server,
         vehicle(port),
-        vehicle(port, more=["--home", "47.5,8.6,500"]),
+        vehicle(port, arguments=["--home", "47.5,8.6,500"]),
     ):
         wait_until(lambda: {"101", "101~2"} <= set(server.vehicles()), "the second vehicle")
         wait_until(lambda: len(server.texts()) == 2, "the warnings")
@@ -217,7 +222,7 @@ def test_a_hold_command_is_reported_and_the_servers_shutdown_puts_a_streamed_veh
 ) -> None:
     port = free_port()
     command = command_without_scene([f"udpin://127.0.0.1:{port}"], tmp_path)
-    with vehicle(port, more=FAST), serving(command) as server:
+    with vehicle(port, arguments=FAST), serving(command) as server:
         with SyncGcs(server.url, client="e2e") as gcs:
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             drone.takeoff(5)

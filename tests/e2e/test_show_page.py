@@ -28,7 +28,7 @@ def station() -> Iterator[Station]:
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        vehicle(port, instances=4, more=FAST),
+        vehicle(port, instances=4, arguments=FAST),
         SyncGcs(url, client="e2e") as gcs,
     ):
         drones = [gcs.wait_for_vehicle(each, ready=True, timeout_s=120) for each in VEHICLES.values()]

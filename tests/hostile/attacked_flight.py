@@ -122,7 +122,7 @@ def attacked_flight(folder: Path) -> Generator[AttackedFlight]:
         )
         wait_until(lambda: _is_running(url), "the server")
         relay = stack.enter_context(Relay(flight_port))
-        stack.enter_context(vehicle(relay.vehicle_port, more=["--no-log"]))
+        stack.enter_context(vehicle(relay.vehicle_port, arguments=["--no-log"]))
         gcs = stack.enter_context(SyncGcs(url, client="pilot", client_id="pilot"))
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         stack.enter_context(drone.offboard(position_ned_m=(0, 0, -5), valid_for_s=VALID_FOR_S))

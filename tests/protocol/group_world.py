@@ -67,18 +67,18 @@ def path(*points):
     }
 
 
-def body(setpoints, **more):
+def body(setpoints, **fields):
     members = [{"vehicle": v, "setpoint": s} for v, s in setpoints.items()]
-    return group_models.StartGroup.model_validate({"members": members, "valid_for_s": 60, **more})
+    return group_models.StartGroup.model_validate({"members": members, "valid_for_s": 60, **fields})
 
 
-def changes(setpoints, **more):
+def changes(setpoints, **fields):
     members = [{"vehicle": v, "setpoint": s} for v, s in setpoints.items()]
-    return group_models.GroupSetpoints.model_validate({"setpoints": members, "valid_for_s": 60, **more})
+    return group_models.GroupSetpoints.model_validate({"setpoints": members, "valid_for_s": 60, **fields})
 
 
-async def begin(rig, setpoints, client=ANNA, **more):
-    return view(await group_routes.start(body(setpoints, **more), rig.station, client))
+async def begin(rig, setpoints, client=ANNA, **fields):
+    return view(await group_routes.start(body(setpoints, **fields), rig.station, client))
 
 
 def modes(rig):

@@ -19,8 +19,8 @@ ME, ANNA, BERT, CARLA = (Principal.from_identity(name, name) for name in ("me", 
 HOVER = {"type": "position", "position_ned_m": [0, 0, -5]}
 
 
-def setpoint_request(setpoint, **more):
-    return SetpointRequest.model_validate({"setpoint": setpoint, **more})
+def setpoint_request(setpoint, **fields):
+    return SetpointRequest.model_validate({"setpoint": setpoint, **fields})
 
 
 def with_two_equal_ids(jump, scenario):

@@ -30,9 +30,9 @@ class DryRuns:
         return {"dry_run": dry_run_id}
 
 
-async def request_by(rig, by=ANNA, **more):
+async def request_by(rig, by=ANNA, **fields):
     rig.station.dry_runs = DryRuns()
-    body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **more})
+    body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **fields})
     operation = view(await dry_run_routes.start_dry_run(body, rig.station, by))
     await rig.station.operations.wait(operation["id"])
     return rig.station.dry_runs.requests[-1]

@@ -46,10 +46,10 @@ def steps(height_m, east_m):
 run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, apart_m=APART_M)
 
 
-async def start(rig, mission, by=ANNA, **more):
+async def start(rig, mission, by=ANNA, **fields):
     mission_fields = json.loads(document.write(mission))
-    fields = {"mission": mission_fields, "vehicles": {"lead": "1", "left": "2"}, **more}
-    body = models.StartJointMission.model_validate(fields)
+    request = {"mission": mission_fields, "vehicles": {"lead": "1", "left": "2"}, **fields}
+    body = models.StartJointMission.model_validate(request)
     return view(await joint_mission_routes.start_joint_mission(body, rig.station, by))["vehicles"]
 
 

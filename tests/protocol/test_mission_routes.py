@@ -51,8 +51,8 @@ def with_rig(jump, tmp_path, work, **autopilot_options):
     jump(run)
 
 
-async def upload(rig, plan=PLAN, *, by=ANNA, wait=True, **more):
-    body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": wait, **more})
+async def upload(rig, plan=PLAN, *, by=ANNA, wait=True, **fields):
+    body = mission_models.UploadRequest.model_validate({"plan": plan, "wait": wait, **fields})
     return await mission_routes.upload("1", body, rig.station, by)
 
 

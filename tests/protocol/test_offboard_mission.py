@@ -305,9 +305,9 @@ def run_with_routes(jump, scenario):
     with_routes(jump, with_missions)
 
 
-async def start_mission(rig, document=HOVER, by=ANNA, **more):
+async def start_mission(rig, document=HOVER, by=ANNA, **fields):
     mission_fields = mission(document).model_dump(mode="json", exclude_none=True)
-    body = models.StartMission.model_validate({"mission": mission_fields, **more})
+    body = models.StartMission.model_validate({"mission": mission_fields, **fields})
     return view(await routes.start("1", body, rig.station, by))["mission"]
 
 

@@ -45,9 +45,9 @@ class FakeSocket:
         self.closed = (code, reason)
 
 
-def north(metres, **more):
+def north(metres, **fields):
     setpoint = {"type": "position", "position_ned_m": [metres, 0, -5]}
-    return {"setpoint": setpoint, "valid_for_s": 60, **more}
+    return {"setpoint": setpoint, "valid_for_s": 60, **fields}
 
 
 def with_socket(jump, scenario, *, start=True):

@@ -46,9 +46,9 @@ class Ros2Vehicle:
 
     # --- the program's side ----------------------------------------------------------------------------
 
-    def send(self, topic: str, fields: Mapping[str, Any] = {}, **more: Any) -> None:
+    def send(self, topic: str, fields: Mapping[str, Any] = {}, **more_fields: Any) -> None:
         """Sends a message; fields that are not given are zero."""
-        self._inbox.append((topic, TYPES[topic].encode({**fields, **more})))
+        self._inbox.append((topic, TYPES[topic].encode({**fields, **more_fields})))
 
     def send_bytes(self, topic: str, data: bytes) -> None:
         """Sends any bytes."""

@@ -20,7 +20,7 @@ def port() -> int:
 @pytest.fixture(scope="module")
 def vehicles(port: int) -> Iterator[int]:
     """The process group of two vehicles, so that groups are available; 101 flies."""
-    with vehicle(port, instances=2, more=FAST) as process:
+    with vehicle(port, instances=2, arguments=FAST) as process:
         yield process.pid
 
 

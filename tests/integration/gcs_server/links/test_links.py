@@ -219,10 +219,10 @@ def test_the_errors_about_serial_ports_have_a_remedy():
 def test_a_serial_port_without_permission_is_reported_with_the_remedy(monkeypatch):
     real = os.open
 
-    def forbidden(path, flags, *more, **options):
+    def forbidden(path, flags, *arguments, **options):
         if path == "/dev/ttyFORBIDDEN":
             raise PermissionError(errno.EACCES, "Permission denied", path)
-        return real(path, flags, *more, **options)
+        return real(path, flags, *arguments, **options)
 
     async def scenario():
         recorder = LinkRecorder(make_link("serial:///dev/ttyFORBIDDEN:921600")).start()
