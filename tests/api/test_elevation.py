@@ -28,12 +28,12 @@ def client(tmp_path_factory):
 
 
 def codes(check):
-    return [each["code"] for each in check["findings"]]
+    return [finding["code"] for finding in check["findings"]]
 
 
-def test_files_are_listed_and_unreadable_ones_have_an_error(client):
+def test_files_are_listed_and_unreadable_files_have_an_error(client):
     found = client.get("elevation").json()
-    assert [each["name"] for each in found["files"]] == ["hill.tif"]
+    assert [file["name"] for file in found["files"]] == ["hill.tif"]
     assert found["files"][0]["south_deg"] < LAT_DEG < found["files"][0]["north_deg"]
     (problem,) = found["unreadable"]
     assert "broken.tif" in problem
@@ -68,7 +68,9 @@ def test_a_finding_about_a_mission_into_a_hill_names_the_step(client):
     }
     check = client.post("plans/check", json={"plan": mission}).json()
     assert [
-        (each["code"], each["place"]["step"]) for each in check["findings"] if "terrain" in each["code"]
+        (finding["code"], finding["place"]["step"])
+        for finding in check["findings"]
+        if "terrain" in finding["code"]
     ] == [("terrain_hit", "step 2")]
     assert check["ground"]
 

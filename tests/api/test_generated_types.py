@@ -31,6 +31,6 @@ def test_the_pages_types_match_the_server(tmp_path: Path) -> None:
         )
 
 
-def test_the_blocking_client_is_generated_from_the_asynchronous_one() -> None:
+def test_the_blocking_client_is_generated_from_the_asynchronous_client() -> None:
     for file in FILES:
         assert path(file).read_text("utf-8") == build(file), "run `make types`"

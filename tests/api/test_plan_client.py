@@ -60,11 +60,11 @@ def test_plans_are_stored_changed_checked_exported_and_imported(tmp_path):
         with pytest.raises(Refused) as raised:
             await plans.save(stored["id"], "Tower", PLAN, base_version=1)
         assert raised.value.code == "conflict"
-        assert [each["version"] for each in await plans.versions(stored["id"])] == [2, 1]
+        assert [version["version"] for version in await plans.versions(stored["id"])] == [2, 1]
         assert (await plans.get(stored["id"], 1))["name"] == "Tower"
         assert (await plans.all())[0]["name"] == saved["name"] == "Old tower"
         found = await plans.check(stored["plan"], vehicle_id="1")
-        assert "parameters_unknown" in {each["code"] for each in found["findings"]}
+        assert "parameters_unknown" in {finding["code"] for finding in found["findings"]}
         file = await plans.write_file(PLAN, "kml")
         read = await plans.read_file(file, "a.kml")
         assert len(read["plan"]["items"]) == 3

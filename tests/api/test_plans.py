@@ -77,7 +77,7 @@ def test_a_conflicting_save_names_the_other_client(client):
     assert (problem["version"], problem["changed_unix_s"]) == (2, saved.json()["changed_unix_s"])
     assert client.delete(f"plans/{stored['id']}", params={"base_version": 1}).status_code == 409
     versions = client.get(f"plans/{stored['id']}/versions").json()["versions"]
-    assert [(each["version"], each["name"]) for each in versions] == [(2, "Old tower"), (1, "Tower")]
+    assert [(version["version"], version["name"]) for version in versions] == [(2, "Old tower"), (1, "Tower")]
     assert client.get(f"plans/{stored['id']}", params={"version": 1}).json() == stored
     assert client.delete(f"plans/{stored['id']}", params={"base_version": 2}).status_code == 204
     assert client.get("plans").json() == {"plans": []}
@@ -182,7 +182,7 @@ def test_an_exported_file_can_be_imported_again(client, format):
 
 
 def test_a_file_without_altitudes_needs_an_altitude_and_returns_its_areas(client):
-    ring = [[each["lon_deg"], each["lat_deg"]] for each in [*SQUARE, SQUARE[0]]]
+    ring = [[corner["lon_deg"], corner["lat_deg"]] for corner in [*SQUARE, SQUARE[0]]]
     shapes = [
         {"type": "LineString", "coordinates": ring[:2]},
         {"type": "Polygon", "coordinates": [ring]},
@@ -212,7 +212,7 @@ def test_patterns_become_items(client):
     assert figures["photos"] > 10
     assert figures["lines_length_m"] >= figures["lower_bound_m"] > 0
     assert len(response.json()["lines"]) >= 2
-    assert {each["altitude"]["value_m"] for each in response.json()["path"]} == {40}
+    assert {point["altitude"]["value_m"] for point in response.json()["path"]} == {40}
     orbit = {"kind": "orbit", "center": SQUARE[0], "radius_m": 20, "altitude": AT_20_M}
     circle = client.post("plans/pattern", json=orbit).json()
     assert circle["figures"]["lines_length_m"] == pytest.approx(2 * math.pi * 20, rel=0.02)
@@ -224,8 +224,8 @@ def test_patterns_become_items(client):
         "height_m": 20,
     }
     path = client.post("plans/pattern", json=tower).json()["path"]
-    assert {each["altitude"]["reference"] for each in path} == {"amsl"}
-    heights_m = [each["altitude"]["value_m"] for each in path]
+    assert {point["altitude"]["reference"] for point in path} == {"amsl"}
+    heights_m = [point["altitude"]["value_m"] for point in path]
     assert (heights_m[0], heights_m == sorted(heights_m), len(set(heights_m)) > 1) == (503, True, True)
     refused = client.post("plans/pattern", json={**survey, "outer": SQUARE[:2]})
     assert refused.status_code == 422
@@ -252,7 +252,7 @@ def test_an_offboard_mission_is_stored_in_the_same_list_as_plans(client):
     stored = store(client, "Mast", MISSION)
     assert (stored["kind"], stored["item_count"], stored["plan"]["name"]) == ("offboard_mission", 3, "Mast")
     listed = client.get("plans").json()["plans"]
-    assert [(each["name"], each["kind"]) for each in listed] == [
+    assert [(entry["name"], entry["kind"]) for entry in listed] == [
         ("Mast", "offboard_mission"),
         ("Tower", "waypoint_plan"),
     ]
@@ -275,7 +275,9 @@ def test_a_check_of_a_mission_returns_findings_step_times_and_the_path(client):
     invalid = {**MISSION, "steps": [*MISSION["steps"][:2], {"step": "take_off", "height_m": 5}]}
     power = {"hover_power_w": 180.0, "battery_wh": 5.0, "mass_kg": 2.0}
     found = client.post("plans/check", json={"plan": invalid, "power": power}).json()
-    places = {each["code"]: (each["severity"], each["place"]["step"]) for each in found["findings"]}
+    places = {
+        finding["code"]: (finding["severity"], finding["place"]["step"]) for finding in found["findings"]
+    }
     assert places["takeoff_in_air"] == ("error", "step 3")
     assert places["landing_missing"] == ("warning", "the end")
     assert "endurance_exceeded" not in places
@@ -298,7 +300,7 @@ def test_a_plan_is_converted_to_a_mission_with_notes(client):
     assert (refused.status_code, refused.json()["field"]) == (422, "plan")
 
 
-def test_a_stored_mission_is_inserted_into_another_one(client):
+def test_a_stored_mission_is_inserted_into_another_mission(client):
     stored = store(client, "Tower", MISSION)
     body = {"plan": MISSION, "plan_id": stored["id"], "at": ["steps", 2], "in_air": True}
     found = client.post("plans/insert", json=body).json()
@@ -366,7 +368,7 @@ def test_a_trajectory_file_becomes_a_table_of_a_mission(client):
     steps = [MISSION["steps"][0], {"step": "table", "file": table["name"]}, MISSION["steps"][2]]
     mission = {**MISSION, "steps": steps, "tables": {table["name"]: table["text"]}}
     found = client.post("plans/check", json={"plan": mission}).json()
-    assert "step_invalid" not in [each["code"] for each in found["findings"]]
+    assert "step_invalid" not in [finding["code"] for finding in found["findings"]]
     assert [8, 0, -10] in [leg["points"][-1][1:] for leg in found["flight"]["legs"]]
     refused = client.post("plans/table", params={"filename": "a.npy"}, content=b"t_s")
     assert (refused.status_code, refused.json()["field"]) == (422, "body")

@@ -209,7 +209,8 @@ def _compared(run: dict[str, Any], flights: Sequence[RecordedFlight]) -> Compari
     all_distances_m = np.concatenate(distances_m)
     return Comparison(
         duration_s["p50"], duration_s["least"], duration_s["greatest"],
-        tuple(each.disarmed_at_s - each.armed_at_s for each in flights), planned.length_m, tuple(lengths_m),
+        tuple(flight.disarmed_at_s - flight.armed_at_s for flight in flights),
+        planned.length_m, tuple(lengths_m),
         float(all_distances_m.mean()), float(all_distances_m.max()),
     )  # fmt: skip
 

@@ -174,7 +174,7 @@ def table() -> Iterator[str]:
     yield f"| {MANY} in flight with the 14550 streams, one process | {1 / flying:.2f} x real time | 1 |"
     for state in ("on the ground", "in flight"):
         share, speed = real_time(MANY, api=False, flying=state == "in flight")
-        yield f"| {MANY} {state}, on their sockets | {share:.0%} of a core, {speed:.1%} | 100 % of real time |"
+        yield f"| {MANY} {state}, on sockets | {share:.0%} of a core, {speed:.1%} | 100 % of real time |"
     yield ""
     yield "| vehicles | physics and control in flight, µs a step | µs a vehicle | fastest factor |"
     yield "|---|---|---|---|"

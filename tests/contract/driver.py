@@ -244,7 +244,7 @@ class Player:
             for t, link, n, v in vehicle.log
             if link == recorded_link and (n != "PING" or v["target_system"] != 0)
         ]
-        if any(each["msg"] in STATE_MESSAGES for each in dialogue["received"]) and not next_follows:
+        if any(message["msg"] in STATE_MESSAGES for message in dialogue["received"]) and not next_follows:
             mark = len(vehicle.log)
             vehicle.run(2.1)
             result.after = [

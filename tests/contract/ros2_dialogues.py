@@ -232,7 +232,7 @@ class Player:
     def events(self, topic: str) -> list[tuple[Any, ...]]:
         """Messages that the vehicle published on an event topic."""
         messages = self.vehicle.all(topic, self.began_s)
-        return [tuple(each[name] for name in EVENTS[topic]) for each in messages]
+        return [tuple(message[name] for name in EVENTS[topic]) for message in messages]
 
     def changes(self, topic: str, name: str) -> list[tuple[float, Any]]:
         """Time, and old and new value, of each change of a field."""
@@ -270,29 +270,29 @@ def _messages(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]
 
 def fields_at(setpoints: list[list[Any]], at_s: float) -> dict[str, Any]:
     """The fields of a stream that changes: each entry is valid until the next one."""
-    return flat_fields(
-        [fields for begin_s, fields in setpoints if begin_s <= at_s or begin_s <= setpoints[0][0]][-1]
-    )
+    begun = [fields for begin_s, fields in setpoints if begin_s <= at_s or begin_s <= setpoints[0][0]]
+    return flat_fields(begun[-1])
 
 
 def _requests(dialogue: Dialogue) -> list[tuple[float, int]]:
     """Time and id of the recorded arming check requests: the first ones and the last."""
-    received = dialogue["received"]
-    requests = [each for each in received if each.get("topic", "").endswith("arming_check_request")]
-    return [(each["dt_s"], each["fields"]["request_id"]) for each in requests]
+    requests = _received(dialogue, "arming_check_request")
+    return [(request["dt_s"], request["fields"]["request_id"]) for request in requests]
+
+
+def _received(dialogue: Dialogue, topic: str) -> list[dict[str, Any]]:
+    return [message for message in dialogue["received"] if message.get("topic", "").endswith(topic)]
 
 
 def _replies(dialogue: Dialogue) -> list[dict[str, Any]]:
-    return [each for each in dialogue["send"] if each["topic"].endswith("arming_check_reply")]
+    return [message for message in dialogue["send"] if message["topic"].endswith("arming_check_reply")]
 
 
 def _responders(dialogue: Dialogue, *, continues: bool) -> list[_Responder]:
     requests = {request_id: at_s for at_s, request_id in reversed(_requests(dialogue))}
-    last_s = max(requests.values(), default=0.0)
+    since_s = max(requests.values(), default=0.0) - PERIOD_S
     replies = _replies(dialogue)
-    return [
-        _Responder(each, requests, continues and each["until_dt_s"] > last_s - PERIOD_S) for each in replies
-    ]
+    return [_Responder(reply, requests, continues and reply["until_dt_s"] > since_s) for reply in replies]
 
 
 def _due_replies(
@@ -306,19 +306,19 @@ def _due_replies(
 
 def _end(dialogue: Dialogue) -> float:
     times = [each["dt_s"] for each in dialogue["received"]] + [each["dt_s"] for each in dialogue["send"]]
-    times += [each["until_dt_s"] for each in dialogue["send"] if "until_dt_s" in each]
+    times += [message["until_dt_s"] for message in dialogue["send"] if "until_dt_s" in message]
     return max(times, default=0.0)
 
 
 def recorded_events(dialogue: Dialogue, topic: str) -> list[tuple[Any, ...]]:
     """Messages that PX4 published on an event topic."""
-    messages = [each["fields"] for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
-    return [tuple(each[name] for name in EVENTS[topic]) for each in messages]
+    messages = _received(dialogue, topic)
+    return [tuple(message["fields"][name] for name in EVENTS[topic]) for message in messages]
 
 
 def recorded_changes(dialogue: Dialogue, topic: str, name: str) -> list[tuple[float, Any]]:
     """Time, and old and new value, of each recorded change of a field."""
-    samples = [each for each in dialogue["received"] if each.get("topic", "").endswith(topic)]
+    samples = _received(dialogue, topic)
     return [(s["dt_s"], tuple(s["changed"][name])) for s in samples if name in s.get("changed", {})]
 
 
@@ -338,17 +338,17 @@ def by_mode(changes: list[tuple[float, Any]]) -> list[tuple[int, bool, float]]:
 
 def completed(messages: list[dict[str, Any]]) -> list[int]:
     """Completed modes in order; a landing is repeated until the vehicle is disarmed, and counts once."""
-    return [state for state, _ in itertools.groupby(each["nav_state"] for each in messages)]
+    return [state for state, _ in itertools.groupby(message["nav_state"] for message in messages)]
 
 
 def recorded_completed(dialogue: Dialogue) -> list[int]:
     """Completed modes in order, as PX4 published them."""
-    return completed([each["fields"] for each in dialogue["received"] if each.get("topic") == COMPLETED])
+    return completed([message["fields"] for message in _received(dialogue, COMPLETED)])
 
 
 def recorded_modes(dialogue: Dialogue) -> list[dict[str, Any]]:
     """AVAILABLE_MODES as PX4 sent them: one recording has all entries, the others have entries 18 to 25."""
-    return [each["fields"] for each in dialogue["received"] if each.get("msg") == "AVAILABLE_MODES"]
+    return [message["fields"] for message in dialogue["received"] if message.get("msg") == "AVAILABLE_MODES"]
 
 
 def compare(
@@ -394,6 +394,6 @@ def compare(
 
 def _listed(modes: list[dict[str, Any]], dialogue: Dialogue) -> list[list[Any]]:
     """AVAILABLE_MODES of the entries that were recorded."""
-    recorded = {each["mode_index"] for each in recorded_modes(dialogue)}
+    recorded = {mode["mode_index"] for mode in recorded_modes(dialogue)}
     names = ("mode_index", "custom_mode", "properties", "mode_name")
-    return [[each[name] for name in names] for each in modes if each["mode_index"] in recorded]
+    return [[mode[name] for name in names] for mode in modes if mode["mode_index"] in recorded]

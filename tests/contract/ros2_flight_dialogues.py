@@ -93,11 +93,11 @@ class FlightPlayer(Player):
         return self.vehicle.last(STATUS)
 
     def _register(self, dialogue: Dialogue, mode: int) -> None:
-        sent = [each["fields"] for each in dialogue["send"] if "unregister" in each["topic"]]
+        sent = [message["fields"] for message in dialogue["send"] if "unregister" in message["topic"]]
         entry = mode - FIRST_MODE + FIRST_ENTRY
-        listed = [each for each in recorded_modes(dialogue) if each["mode_index"] == entry]
-        names = [each["name"] for each in sent if each["mode_id"] == mode]
-        names += [each["mode_name"] for each in listed if not each["properties"]] + ["Lost Mode"]
+        listed = [shown for shown in recorded_modes(dialogue) if shown["mode_index"] == entry]
+        names = [message["name"] for message in sent if message["mode_id"] == mode]
+        names += [shown["mode_name"] for shown in listed if not shown["properties"]] + ["Lost Mode"]
         replaces = not dialogue["state"]["can_set_nav_states_mask"] >> RTL & 1
         request = {
             "name": names[0], "register_arming_check": True, "register_mode": True,
@@ -166,13 +166,13 @@ class FlightPlayer(Player):
 
 def landed_s(dialogue: Dialogue) -> float:
     """Recorded time of the first landing; infinite without one."""
-    texts = [each for each in dialogue["received"] if each.get("msg") == "STATUSTEXT"]
-    landings = [each["dt_s"] for each in texts if "Landing detected" in each["fields"]["text"]]
+    texts = [message for message in dialogue["received"] if message.get("msg") == "STATUSTEXT"]
+    landings = [text["dt_s"] for text in texts if "Landing detected" in text["fields"]["text"]]
     return min(landings, default=math.inf)
 
 
 def _has_executor(dialogue: Dialogue) -> bool:
     state = dialogue["state"]
-    overrides = [each["fields"] for each in dialogue["send"] if "config_overrides" in each["topic"]]
+    overrides = [message["fields"] for message in dialogue["send"] if "config_overrides" in message["topic"]]
     sources = [each.get("source_type") for each in overrides]
     return bool(state["executor_in_charge"]) or 1 in sources or "exec" in dialogue["id"]

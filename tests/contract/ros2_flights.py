@@ -68,7 +68,7 @@ class Flight:
         at, axes = column["t_s"], [column[axis] for axis in "xyz"]
         track = [(row[at], (row[axes[0]], row[axes[1]], row[axes[2]])) for row in rows]
         states = [(row[at], int(row[column["nav_state"]]), int(row[column["arming_state"]])) for row in rows]
-        switched = (each["dt_s"] for each in raw["messages"] if each.get("topic") == SWITCHED)
+        switched = (message["dt_s"] for message in raw["messages"] if message.get("topic") == SWITCHED)
         grounded = itertools.takewhile(lambda row: row[column["landed"]], rows)
         ground_drift = [(row[at], row[column["z"]], row[column["vz"]]) for row in grounded]
         return cls(
@@ -88,8 +88,8 @@ class Flight:
     @property
     def setpoint_ned_m(self) -> Position:
         """The first position setpoint; the first recorded position if there is none."""
-        sent = [each.get("fields") or {} for each in self.stimulus if each["topic"] == TRAJECTORY]
-        positions = [each["position"] for each in sent if None not in each.get("position", [None])]
+        sent = [message.get("fields") or {} for message in self.stimulus if message["topic"] == TRAJECTORY]
+        positions = [message["position"] for message in sent if None not in message.get("position", [None])]
         return positions[0] if positions else self.track[0][1]
 
     @property

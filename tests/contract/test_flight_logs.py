@@ -117,7 +117,7 @@ def disarmed_s(received: Received) -> float:
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_simulated_flight_sends_the_messages_of_the_logged_one(recorded: Path, name: str) -> None:
+def test_a_simulated_flight_sends_the_messages_of_the_logged_flight(recorded: Path, name: str) -> None:
     (path,) = (recorded / "tlogs").glob(f"{name}.tlog*")
     real, sent, boot_s = read(path)
     end_s = real[-1][0]

@@ -55,7 +55,9 @@ def names() -> list[str]:
     index = FOLDER / "index.json"
     flights = json.loads(index.read_text()) if index.exists() else []
     return [
-        each["id"] for each in flights if each["id"] not in MANOEUVRES and each["group"] not in IN_DIALOGUES
+        flight["id"]
+        for flight in flights
+        if flight["id"] not in MANOEUVRES and flight["group"] not in IN_DIALOGUES
     ]
 
 
@@ -73,7 +75,7 @@ def height_limit_m(flight: Flight) -> float:
         if each not in (FOLLOWS_VELOCITY, DRIFTS_ON_GROUND) and (WHOLE or each in ALWAYS)
     ],
 )
-def test_a_replayed_flight_is_within_the_spread_of_the_recorded_ones(name: str) -> None:
+def test_a_replayed_flight_is_within_the_spread_of_the_recorded_flights(name: str) -> None:
     flight = Flight.load(name)
     track, states = fly(flight)
     found = late_changes(states, flight.states, DISARMING_S)

@@ -88,7 +88,7 @@ def fly_to(page: Page, room: Locator, north_m: float, button: str) -> None:
     room.get_by_role("button", name=button).click()
 
 
-def test_the_vehicle_takes_off_stops_at_the_box_and_flies_over_it_with_avoidance(
+def test_the_vehicle_takes_off_stops_at_the_box_and_with_avoidance_flies_over_the_box(
     browser: Browser, landed: Station
 ) -> None:
     drone, watch = landed.drone, Watch(landed.drone)
@@ -143,5 +143,5 @@ def ahead_m(drone: Any) -> float:
     """Distance that the lidar measures forward [m]; infinite without a measurement. The lidar has no GPS
     error, unlike the estimated position."""
     sensors = drone.topic("distance_sensors")["sensors"]
-    measured = [each["distance_m"] for each in sensors if each["direction_frd"][0] > 0.9]
+    measured = [sensor["distance_m"] for sensor in sensors if sensor["direction_frd"][0] > 0.9]
     return min((each for each in measured if each is not None), default=math.inf)

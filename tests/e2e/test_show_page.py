@@ -65,10 +65,10 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
         hold_space(page)
 
         wait_for_state(station, "flying", 180)
-        assert all(each["dry_run"] is not None for each in missions(station)), (
+        assert all(mission["dry_run"] is not None for mission in missions(station)), (
             "a mission has no dry run, so no corridor"
         )
-        assert [each["role"] for each in missions(station)] == list(VEHICLES)
+        assert [mission["role"] for mission in missions(station)] == list(VEHICLES)
         page.keyboard.press("w")
         card = page.get_by_role("region", name="Offboard mission")
         expect(card).to_contain_text("Two-vehicle show")
@@ -89,6 +89,8 @@ def missions(station: Station) -> list[dict[str, Any]]:
 def wait_for_state(station: Station, state: str, within_s: float) -> None:
     """Waits until the missions of both vehicles are in this state."""
     try:
-        wait_until(lambda: [each.get("state") for each in missions(station)] == [state] * 2, state, within_s)
+        wait_until(
+            lambda: [mission.get("state") for mission in missions(station)] == [state] * 2, state, within_s
+        )
     except TimeoutError:
         raise AssertionError(missions(station)) from None

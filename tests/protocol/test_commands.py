@@ -238,7 +238,7 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, ju
     flight(kit, jump, scenario)
 
 
-def test_a_newer_command_ends_an_older_one(kit, jump):
+def test_a_newer_command_ends_an_older_command(kit, jump):
     async def scenario(world, vehicle, autopilot):
         autopilot.lift = lambda: None
         takeoff = asyncio.ensure_future(vehicle.command.takeoff(10))

@@ -67,7 +67,7 @@ async def reach(rig, *expected, within_s=60):
 async def start_crossing(rig, **heights):
     """Starts the mission; waits until both vehicles fly towards each other's start position."""
     started = await start(rig, show(**heights), despite=["separation"])
-    assert [each["mission"]["role"] for each in started] == ["lead", "left"]
+    assert [start["mission"]["role"] for start in started] == ["lead", "left"]
     assert started[0]["mission"]["others"] == ["2"]
     await until(lambda: rig.vehicles[0].status.armed, 5)
     assert rig.vehicles[1].status.armed  # at the same moment
@@ -116,7 +116,7 @@ def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(jump):
     async def scenario(rig):
         rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0, left=APART_M))
         started = await start(rig, show(), dry_run="7")
-        assert [each["mission"]["dry_run"] for each in started] == ["7", "7"]
+        assert [start["mission"]["dry_run"] for start in started] == ["7", "7"]
         await reach(rig, "flying", "flying")
         assert max(outside_m(rig)) < 3.0, "a vehicle is not above its own start"
         await until(lambda: min(outside_m(rig)) > 5.0, 20)
@@ -234,7 +234,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
 
 
 @pytest.mark.story
-def test_a_mission_for_several_vehicles_cannot_be_started_on_one(jump):
+def test_a_mission_for_several_vehicles_cannot_be_started_on_one_vehicle(jump):
     async def scenario(rig):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
         rig.station.plan_work = PlanWork(Path("no elevation"))

@@ -57,12 +57,12 @@ def test_an_ended_mission_is_compared_with_its_plan(jump, tmp_path):
         assert any(math.dist(end, (25, 20, -5)) < 1.5 for end in ends)
         assert flown["origin"]["lat_deg"] == pytest.approx(home.lat_deg, abs=1e-4)
         assert 0 < flown["battery_end_share"] <= flown["battery_start_share"] <= 1
-        streamed = [each for each in flown["samples"] if each["planned_ned_m"] is not None]
-        assert {each["place"] for each in streamed} == {"step 2"}
-        for each in streamed:
-            distance_m = math.dist(each["flown_ned_m"], each["planned_ned_m"])
-            assert each["deviation_m"] == pytest.approx(distance_m, abs=0.01)
-        assert flown["deviation_max_m"] == max(each["deviation_m"] for each in streamed)
+        streamed = [sample for sample in flown["samples"] if sample["planned_ned_m"] is not None]
+        assert {sample["place"] for sample in streamed} == {"step 2"}
+        for sample in streamed:
+            distance_m = math.dist(sample["flown_ned_m"], sample["planned_ned_m"])
+            assert sample["deviation_m"] == pytest.approx(distance_m, abs=0.01)
+        assert flown["deviation_max_m"] == max(sample["deviation_m"] for sample in streamed)
 
     jump(scenario)
 

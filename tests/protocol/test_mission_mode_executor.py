@@ -86,7 +86,7 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(j
         assert all(MESSAGES["VehicleCommand"].decode(data)["source_component"] == 1001
                    for data in rig.sent(EXECUTOR_COMMAND))  # fmt: skip
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
-        assert [(each["result"], each["nav_state"]) for each in completed] == [(0, 23)]
+        assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
         assert rig.warnings() == []
         await rig.mode("hold")
         await seconds(3)

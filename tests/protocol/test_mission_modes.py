@@ -56,7 +56,7 @@ def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> No
         await until(lambda: rig.mission == "done", 20)
         await rig.mode("hold")
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
-        assert [(each["result"], each["nav_state"]) for each in completed] == [(0, 23)]
+        assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
         assert f"Mode {NAME}" in rig.texts()
         before = len(rig.world.topics[0].sent)
         await seconds(2)
@@ -108,7 +108,7 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump
         await rig.mode("hold")
         assert rig.mission == "suspended"
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
-        assert [each["result"] for each in completed] == [100]
+        assert [message["result"] for message in completed] == [100]
 
     fly(jump, scenario)
 

@@ -121,7 +121,7 @@ def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_it
 
 
 @pytest.mark.broad
-def test_a_low_battery_makes_all_vehicles_return_except_the_landing_one(jump, tmp_path):
+def test_a_low_battery_makes_all_vehicles_return_except_a_landing_vehicle(jump, tmp_path):
     async def scenario(squadron):
         for row in range(len(STEPS)):
             squadron.sim.simulation.set_battery_remaining(row, 0.12)

@@ -230,7 +230,7 @@ def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
     with_rig(jump, work)
 
 
-def test_a_transfer_is_refused_during_another_one_but_not_after_it(jump):
+def test_a_transfer_is_refused_until_another_transfer_has_ended(jump):
     async def work(rig):
         first = asyncio.ensure_future(rig.mission.upload(plan(30), PLAN))
         await seconds(0.05)

@@ -113,7 +113,7 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
     flight(jump, scenario)
 
 
-def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_one(jump):
+def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_stall(jump):
     async def scenario(world, vehicle, autopilot, link):
         targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))

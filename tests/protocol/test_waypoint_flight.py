@@ -80,7 +80,7 @@ async def flight(rig):
 
 def codes(rig):
     data = [event.data or {} for event in rig.vehicle.events.since()]
-    return [each["code"] for each in data if each.get("source") == "waypoint_flight"]
+    return [fields["code"] for fields in data if fields.get("source") == "waypoint_flight"]
 
 
 def with_rig(jump, monkeypatch, work):

@@ -87,7 +87,7 @@ def test_another_process_is_never_taken_for_the_simulator():
     assert not is_simulator(2**22 + 1)
 
 
-def test_each_start_begins_a_new_log_and_keeps_the_previous_one(tmp_path):
+def test_each_start_begins_a_new_log_and_keeps_the_previous_log(tmp_path):
     async def scenario():
         folder = DataFolder(tmp_path)
         folder.prepare()

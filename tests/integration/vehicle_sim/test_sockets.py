@@ -50,7 +50,7 @@ def received_names(connection: socket.socket) -> set[str]:
     return names
 
 
-def test_the_next_tcp_client_is_served_after_the_previous_one(server: SimServer, tcp_port: int) -> None:
+def test_the_next_tcp_client_is_served_after_the_previous_client(server: SimServer, tcp_port: int) -> None:
     first = client(tcp_port)
     server.run(MAX_SPEED, 1.2)
     assert {"HEARTBEAT", "ATTITUDE"} <= received_names(first)

@@ -79,7 +79,7 @@ def test_a_udpout_link_can_send_before_it_receives():
 
 
 @pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOBUFS])
-def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_ones_are_dropped(number):
+def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_packets_are_dropped(number):
     class Full:
         failures_left = 3
 

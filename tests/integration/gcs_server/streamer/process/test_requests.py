@@ -31,7 +31,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
 
 
 @with_stream_process
-async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_after_a_long_one(
+async def test_the_stream_continues_during_a_short_stall_of_the_loop_and_stops_after_a_long_stall(
     streams, vehicle
 ):
     await begin(streams, "1", vehicle)
