@@ -7,8 +7,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-from tests.contract.unrecorded import GIVEN, LATE_S
-
+from tests.contract.given import GIVEN, LATE_S
 from tests.contract.recordings import (
     STATE_MESSAGES,
     Dialogue,
