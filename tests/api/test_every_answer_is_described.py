@@ -27,8 +27,10 @@ VEHICLE_STATUSES = {"503", "504"}
 
 
 class WorkInThread(PlanWork):
-    """Does all work in this process: while another process works, simulated time would advance in a busy
-    loop."""
+    """Does all work in threads of this process.
+
+    While the loop waits for another process, simulated time would advance without limit.
+    """
 
     async def run(self, task, arguments, *, small=True, **options):
         return await super().run(task, arguments, small=True, **options)

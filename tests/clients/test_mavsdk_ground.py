@@ -136,8 +136,8 @@ def test_calibration_runs_to_its_end_or_is_cancelled() -> None:
 
 async def _calibrate() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
-        for what in ("calibrate_gyro", "calibrate_level_horizon"):
-            steps = await all_values(getattr(drone.calibration, what)())
+        for method in ("calibrate_gyro", "calibrate_level_horizon"):
+            steps = await all_values(getattr(drone.calibration, method)())
             assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
             await asyncio.sleep(BUSY_S)
         with pytest.raises(CalibrationError) as failed:

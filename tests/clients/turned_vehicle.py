@@ -1,5 +1,4 @@
-"""A simulated vehicle for the accelerometer calibration: it is turned to the next side after each finished
-one.
+"""A simulated vehicle for the accelerometer calibration; after each finished side it is turned to the next.
 
 `python -m tests.clients.turned_vehicle PORT SPEED`: the vehicle's TCP port, and its speed as a multiple of
 real time."""

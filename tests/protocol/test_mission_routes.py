@@ -153,7 +153,7 @@ def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
     with_rig(jump, tmp_path, work)
 
 
-def test_a_plan_with_errors_is_started_only_if_despite_names_them(jump, tmp_path):
+def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(jump, tmp_path):
     async def work(rig):
         with pytest.raises(PlanFindings) as unknown:
             await start(rig)
@@ -210,7 +210,7 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
     with_rig(jump, tmp_path, work)
 
 
-def test_a_start_that_the_vehicle_refuses_does_not_leave_it_in_mission_mode(jump, tmp_path):
+def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(jump, tmp_path):
     async def work(rig):
         await upload(rig)
         rig.autopilot.arm_denied = True
@@ -226,14 +226,14 @@ def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
     async def work(rig):
         await upload(rig)
         body = mission_models.WhichPlan.model_validate({"plan": PLAN})
-        same = view(await mission_routes.compare(rig.vehicle, body, rig.station))
-        assert (same["equal"], same["differences"], same["still_held"]) == (True, [], True)
+        comparison = view(await mission_routes.compare(rig.vehicle, body, rig.station))
+        assert (comparison["equal"], comparison["differences"], comparison["still_held"]) == (True, [], True)
         other = json.loads(json.dumps(PLAN))
         other["items"][1]["altitude"]["value_m"] = 35
         body = mission_models.WhichPlan.model_validate({"plan": other})
-        found = view(await mission_routes.compare(rig.vehicle, body, rig.station))
-        assert not found["equal"]
-        (difference,) = found["differences"]
+        comparison = view(await mission_routes.compare(rig.vehicle, body, rig.station))
+        assert not comparison["equal"]
+        (difference,) = comparison["differences"]
         assert (
             difference["part"],
             difference["seq"],
@@ -259,9 +259,9 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_pat
         other = await rig.station.plans.create(
             "Other", plan_choice({"plan": OUTSIDE}).plan, by=("anna", "key")
         )
-        for plan, held in ((other, None), (stored, stored.id)):
+        for plan, plan_id in ((other, None), (stored, stored.id)):
             await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": plan.id}), rig.station)
-            assert (await show(rig))["holds"]["plan"]["id"] == held
+            assert (await show(rig))["holds"]["plan"]["id"] == plan_id
         other_item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
         await OtherStation(rig.autopilot).upload([replace(other_item, seq=0, z=9.0)])
         await seconds(2)
