@@ -335,9 +335,8 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
         ),
     ):
         body = {"plan": MISSION, "plan_id": mission, "at": ["steps", 1], **changes}
-        response = client.post(
-            "plans/insert", json={key: value for key, value in body.items() if value is not None}
-        )
+        fields = {key: value for key, value in body.items() if value is not None}
+        response = client.post("plans/insert", json=fields)
         problem = response.json()
         assert (response.status_code, problem.get("field")) == (status, field), (changes, problem)
         assert text in f"{problem['detail']} {problem.get('remedy')}", problem

@@ -184,7 +184,11 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
         await seconds(2)
         assert rig.mission.plan_on_vehicle() == "another"
         read = await rig.mission.download()
-        assert (len(read.items["mission"]), read.plan, rig.mission.plan_on_vehicle()) == (3, None, "not_known")
+        assert (len(read.items["mission"]), read.plan, rig.mission.plan_on_vehicle()) == (
+            3,
+            None,
+            "not_known",
+        )
         await rig.mission.upload(plan(4), PLAN)
         assert rig.mission.plan_on_vehicle() == "plan"
 
