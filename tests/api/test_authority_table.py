@@ -63,7 +63,7 @@ def test_a_route_without_a_row_stops_the_server_from_starting(app):
 
 
 def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(app, monkeypatch):
-    monkeypatch.setattr(Principal, "of", lambda *_: NOBODY)
+    monkeypatch.setattr(Principal, "from_identity", lambda *_: NOBODY)
     client = TestClient(app, base_url="http://localhost")
     refused = set()
     for call, _ in calls_of(app):

@@ -54,12 +54,12 @@ def test_only_a_trigger_that_takes_pictures_is_repeated(last, repeats):
 
 def test_a_mission_left_while_pictures_are_taken_continues_at_the_previous_waypoint():
     replay, commands = make_replay()
-    replay.left_at = 10
+    replay.left_at_seq = 10
     assert replay.begin(LINE, 10) == 9
     assert (SPEED, 1) not in commands, "the speed was not repeated at the waypoint"
     replay.reached(10)
     assert commands[-2:] == [(SPEED, 1), (DISTANCE, 10)]
-    replay.left_at = 12
+    replay.left_at_seq = 12
     assert replay.begin(LINE, 12) == 12, "continued at an earlier waypoint without pictures"
 
 

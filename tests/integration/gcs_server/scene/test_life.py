@@ -104,13 +104,13 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
         async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
             await eventually(lambda: scene_server.scene.viewers == 1 and vehicle.looked_at > 0)
-            monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: bridge != "")
+            monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: bridge != "")
             await asyncio.sleep(0.1)
             before = vehicle.looked_at
             await asyncio.sleep(0.3)
             assert vehicle.looked_at == before
             assert scene_server.scene.viewers == 1
-            monkeypatch.setattr(Bridges, "stalled", lambda self, bridge: False)
+            monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: False)
             await eventually(lambda: vehicle.looked_at > before)
 
     asyncio.run(run())
