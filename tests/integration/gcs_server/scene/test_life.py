@@ -103,15 +103,15 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
         await eventually(lambda: scene_server.scene.viewers == 0)
         async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: scene_server.scene.viewers == 1 and vehicle.looked_at > 0)
+            await eventually(lambda: scene_server.scene.viewers == 1 and vehicle.topic_reads > 0)
             monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: bridge != "")
             await asyncio.sleep(0.1)
-            before = vehicle.looked_at
+            before = vehicle.topic_reads
             await asyncio.sleep(0.3)
-            assert vehicle.looked_at == before
+            assert vehicle.topic_reads == before
             assert scene_server.scene.viewers == 1
             monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: False)
-            await eventually(lambda: vehicle.looked_at > before)
+            await eventually(lambda: vehicle.topic_reads > before)
 
     asyncio.run(run())
 
