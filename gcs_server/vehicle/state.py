@@ -86,7 +86,10 @@ class VehicleState:
         if not frame.known:  # storing all 16 million possible ids would fill the memory
             return from_autopilot
         if from_autopilot:
-            self._update_received_time(msg_id, frame.received_monotonic_s)
+            now_s = frame.received_monotonic_s
+            within_time = now_s - self._received_s <= LINK_LOST_AFTER_S
+            if within_time or msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:  # only a heartbeat restores the link
+                self._received_s = now_s
             if msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
                 self.topic("home")  # decode the previous frame before the new one replaces it
         key = msg_id if from_autopilot and msg_id not in INSTANCE_OFFSET else self._instances.key_of(frame)
@@ -100,11 +103,6 @@ class VehicleState:
         if reducer is not None:
             self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
         return True
-
-    def _update_received_time(self, msg_id: int, now_s: float) -> None:
-        within_time = now_s - self._received_s <= LINK_LOST_AFTER_S
-        if within_time or msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:  # only a heartbeat restores the link
-            self._received_s = now_s
 
     @property
     def link_lost(self) -> bool:
