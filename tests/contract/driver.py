@@ -186,7 +186,7 @@ class Player:
             vehicle.ground(True, HOLD)
         else:
             mode_request = re.search(r"mode (\w+) requested", precondition)
-            manual_chosen = "Manual mode manual_chosen" in precondition
+            manual_chosen = "Manual mode chosen" in precondition
             vehicle.ground(
                 state["armed"], HOLD if mode_request or "Hold mode" in precondition else state["custom_mode"]
             )

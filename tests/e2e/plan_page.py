@@ -111,7 +111,7 @@ def upload_plan(room: Locator) -> Locator:
 
 
 def start_plan(page: Page, on_vehicle: Locator, station: Station) -> None:
-    """Starts the upload_plan plan and confirms it."""
+    """Starts the uploaded plan and confirms the start."""
     on_vehicle.get_by_role("button", name="Fly…").click()
     hold_space(page)
     wait_until(lambda: station.drone.status()["mode"] == "mission", "the mode Mission", 60)

@@ -1,4 +1,4 @@
-"""Two vehicles on drone_101 page: selection, a refusal to arm, a connection that is lost and restored."""
+"""Two vehicles on one page: selection, a refusal to arm, a connection that is lost and restored."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
         expect(pill).to_have_text("Ready")
         page.keyboard.press("2")
 
-        # The list: searched by text, selected by keys; drone_101 click holds all flying vehicles.
+        # The list: searched by text, selected by keys; one click holds all flying vehicles.
         page.keyboard.press("1")
         page.keyboard.press("j")
         found = page.get_by_role("list", name="Vehicles found").get_by_role("button")

@@ -1,4 +1,4 @@
-"""A mission for several vehicles on the page: loaded, start_plan in simulation and start_plan to its end, by
+"""A mission for several vehicles on the page: loaded, dry-run and flown to its end by
 clicks."""
 
 from __future__ import annotations

@@ -301,7 +301,8 @@ class Autopilot:
         return self._control_mode.update(self.view.time_s, self.offboard.level, key)
 
     def _descent_limit_m_s(self) -> float:
-        """In automatic modes faster than the trajectory, to catch up with it; NaN: no limit here."""
+        """Maximum descent speed: in automatic modes faster than the trajectory, so that the vehicle can catch
+        up; NaN: no limit here."""
         if self.commander.active not in MODES_WITH_WAYPOINT:
             return math.nan
         parameter = self.view.parameter

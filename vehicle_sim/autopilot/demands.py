@@ -81,7 +81,8 @@ def flight_demands(c: Conditions) -> list[Demand]:
 
 
 def _latched(name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False) -> Demand:
-    """A demand that lasts until the operator changes the mode; a termination lasts forever."""
+    """A demand that lasts until the operator changes the mode. A termination lasts forever; a warning and a
+    disarming last while their condition exists."""
     if action is Action.TERMINATE:
         return Demand(name, action, cause, Clear.NEVER, Takeover.NEVER)
     if action is Action.DISARM:

@@ -232,7 +232,7 @@ def fuse_measurements(
                 for n in range(measured):
                     value += cross_covariance[i, k, n] * inverse[i, n, m]
                 gain[i, k, m] = value * correctable[i, k]
-        # Subtracts half of gain times innovation_covariance, so that one product gives both symmetric terms.
+        # Subtracts half of gain times innovation covariance, so that one product gives both symmetric terms.
         for k in range(SIZE):
             for m in range(measured):
                 value = cross_covariance[i, k, m]

@@ -80,7 +80,7 @@ class VehicleOperatorLimits:
         return self._vehicle.identity is not self._last_identity
 
     def recognise(self) -> None:
-        """Called when the identity has changed: restores stored limits once the vehicle is identified."""
+        """Restores stored limits once the vehicle is identified; no effect if the identity is unchanged."""
         if not self.identity_changed:
             return
         identity = self._last_identity = self._vehicle.identity

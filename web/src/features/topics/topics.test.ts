@@ -31,7 +31,7 @@ const inspection = (topics: Topic[], more: Partial<Inspection> = {}): Inspection
 });
 
 describe('the list of topics', () => {
-  it('is matchingTopics by words of name and type, and by whether a topic has messages', () => {
+  it('is filtered by words of name and type, and by whether a topic has messages', () => {
     const all = [topic('/px4_1/fmu/out/vehicle_status_v1'), topic('/camera/image', { type: 'sensor_msgs/msg/Image', age_s: null })];
     expect(matchingTopics(all, NO_FILTER)).toHaveLength(2);
     expect(matchingTopics(all, { text: 'OUT status', withMessages: false })).toEqual([all[0]]);
