@@ -88,7 +88,7 @@ class SpeedTrend:
             self._samples.popleft()
 
     def extrapolated_ned_m_s(self, by_s: float) -> Vector3:
-        """The newest velocity, extrapolated by `by_s` seconds if the vehicle is accelerating."""
+        """The newest velocity, or this velocity extrapolated by `by_s` seconds if that is faster."""
         (first_s, old_velocity), (last_s, new_velocity) = self._samples[0], self._samples[-1]
         if last_s - first_s < TREND_S / 2.0:
             return new_velocity

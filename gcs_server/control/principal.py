@@ -42,7 +42,7 @@ class Principal:
 
         Args:
             name: `X-Client`; if empty, the address is used.
-            own_id: `X-Client-Id`.
+            client_id: `X-Client-Id`.
             address: address of the request.
         """
         display_name = _printable(name)[:MAX_NAME_LENGTH] or address or "unknown"

@@ -267,9 +267,8 @@ class Fleet(FrameSink):
         for candidate in candidates:
             verdict = same_vehicle(endpoint, candidate, now_s)
             if verdict is SameVehicle.YES:
-                for old in (
-                    candidate.endpoints
-                ):  # an endpoint without messages is assigned again when it sends again
+                # An endpoint without messages is assigned again when it sends again.
+                for old in candidate.endpoints:
                     if now_s - old.received_s > NO_DATA_AFTER_S:
                         self._forget(old)
                         candidate.detach(old)

@@ -8,8 +8,9 @@
     walls: [{name: fence, from_ne_m: [5, -5], to_ne_m: [5, 5], height_m: 2}]
     lidars: {forward: true, around: true, range_m: 20}
 
-Lengths in metres; north and east from home; terrain `height_m` is the altitude above home, the `height_m` of
-boxes and walls is above their base. Boxes may have `yaw_ned_deg`; boxes and walls may have `base_alt_home_m`.
+Lengths in metres; north and east from home. The `heights_m` of a grid are altitudes above home, a hill adds
+its `height_m` to the ground, and the `height_m` of boxes and walls is above their base. Boxes may have
+`yaw_ned_deg`; boxes and walls may have `base_alt_home_m`.
 """
 
 from __future__ import annotations
