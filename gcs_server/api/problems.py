@@ -59,7 +59,7 @@ _STATUS: tuple[tuple[type[GcsError], int, str], ...] = (
     (InvalidRequest, 422, "Invalid request"),
     (NotPermitted, 403, "Not permitted"),
     (Rejected, 409, "The vehicle refused"),
-    (NotInControl, 409, "Not in control"),
+    (NotInControl, 409, "Another client has control"),
     (Refused, 409, "Not sent"),
     (FtpFailed, 409, "The vehicle's file could not be read"),
     (MetadataMissing, 409, "No component metadata"),

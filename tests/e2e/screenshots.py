@@ -76,8 +76,8 @@ def offboard(setup: PictureSetup) -> None:
     card.get_by_role("radio", name="5 m", exact=True).click()
 
     def ahead() -> None:
-        card.get_by_role("button", name="N 5 m more").click()
-        card.get_by_role("button", name="E 5 m more").click()
+        card.get_by_role("button", name="5 m north").click()
+        card.get_by_role("button", name="5 m east").click()
 
     save_in_both_themes(page, setup.folder, "offboard", ahead)
     page.keyboard.press("h")
@@ -121,7 +121,7 @@ def drag(setup: PictureSetup) -> None:
     dock = page.get_by_role("region", name="Offboard room")
     dock.get_by_role("radio", name="Drag in 3D").click()
     dock.get_by_role("button", name="Reset target to vehicle").click()
-    for name in ("North 1 m less", "East 1 m more", "Yaw 15 ° more", "Yaw 15 ° more"):
+    for name in ("1 m south", "1 m east", "15° right", "15° right"):
         dock.get_by_role("button", name=name).click()
     wait_until_unchanged(page, 5)
     save_in_both_themes(page, setup.folder, "drag")

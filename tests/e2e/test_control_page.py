@@ -44,7 +44,7 @@ def test_control_is_requested_granted_refused_with_a_reason_and_taken_by_force(u
 
             # an operator without control sees why and what to do; some commands need no control
             bob.get_by_role("button", name="Arm", exact=True).click()
-            alert = bob.get_by_role("alert").filter(has_text="Not in control")
+            alert = bob.get_by_role("alert").filter(has_text="Another client has control")
             expect(alert).to_contain_text("Anna has control of this vehicle. Request control")
             bob.keyboard.press("h")
             notice = anna.get_by_text("Bob commanded Hold of vehicle 101; Anna still has control.")

@@ -230,7 +230,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
         wait_until(lambda: math.dist(*frame.evaluate(HANDLES_AND_CAMERA)) > 4.4, "the camera moving back")
         before_step, _ = frame.evaluate(HANDLES_AND_CAMERA)
-        room.get_by_role("button", name="North 1 m more").click()
+        room.get_by_role("button", name="1 m north").click()
         wait_until(
             lambda: math.dist(frame.evaluate(HANDLES_AND_CAMERA)[0], before_step) > 0.9,
             "the handles one step further",

@@ -92,7 +92,7 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Offboard")
         target = card.locator(".cell", has_text="Up").locator("b")
         before = number(target.inner_text())
-        card.get_by_role("button", name="Up 1 m more").click()
+        card.get_by_role("button", name="1 m up").click()
         expect(target).to_contain_text(f"{before + 1:.1f}")
         wait_until(lambda: number(card.locator(".figures").inner_text()) > 30, "30 Hz on the page")
         expect(card).to_contain_text(re.compile(r"Valid [0-9.]+\s?s left"))
@@ -187,7 +187,7 @@ def test_a_vehicle_is_flown_by_keyboard_and_a_refusal_is_shown_beside_its_button
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
         up_m = -drone.request("GET", "/offboard")["setpoint"]["position_ned_m"][2]
-        tab_to(page, "Up 1 m more")
+        tab_to(page, "1 m up")
         page.keyboard.press("Enter")
         wait_until(
             lambda: -drone.request("GET", "/offboard")["setpoint"]["position_ned_m"][2] > up_m + 0.9,

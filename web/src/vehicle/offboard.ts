@@ -72,15 +72,20 @@ function triple(raw: Raw | null, name: string): MaybeVector3 | null {
   return value.map((v) => (typeof v === 'number' ? v : null)) as MaybeVector3;
 }
 
-/** What happens when the setpoints expire, as text. @param raw `on_expiry` of a setpoint. */
-export function expiryText(raw: Raw | null): string | null {
+/**
+ * What happens when the setpoints expire, as text.
+ * @param raw `on_expiry` of a setpoint.
+ * @param failsafe what the vehicle does if the stream stops, as the server's text; null: the text does not state it.
+ */
+export function expiryText(raw: Raw | null, failsafe: string | null = null): string | null {
   const action = text(raw, 'action');
   if (action === 'hold') {
     const time_s = number(raw, 'hold_for_s');
-    return `the server holds the position${time_s === null ? '' : ` for ${time_s} s`}, then selects Hold mode`;
+    return `the vehicle holds its position${time_s === null ? '' : ` for ${time_s} s`}, then the server selects Hold mode`;
   }
   if (action === 'land') return 'the vehicle lands';
-  return action === 'stop_stream' ? 'the server stops the stream' : null;
+  if (action !== 'stop_stream') return null;
+  return `the server stops the stream and the vehicle executes its failsafe${failsafe === null ? '' : `: ${failsafe.replace(/\.$/, '')}`}`;
 }
 
 export function readOffboard(value: unknown): OffboardStatus | null {

@@ -132,7 +132,7 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'trajectory',
     name: 'Trajectory point',
-    frame: 'local: position, velocity, acceleration',
+    frame: 'local frame, from the origin: position, velocity, acceleration',
     warning: null,
     yaw: 'angle_or_rate',
     groups: [

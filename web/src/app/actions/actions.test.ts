@@ -1,6 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../api/client';
 import { question, send, reasonUnavailable, type ActionFacts, type ActionName } from './actions';
+import { DEFAULT_VALIDITY } from '../../vehicle/setpoint';
 import { Confirmation, EXPIRES_AFTER_S, HOLD_DANGER_S, HOLD_S, KNOB_STEPS } from './confirmation';
 
 const facts: ActionFacts = {
@@ -25,7 +26,7 @@ describe('actions', () => {
   });
   it('state that the vehicle falls, and send the confirmation text that the server requires', () => {
     expect(question('kill', facts)).toMatchObject({ danger: true, effect: expect.stringContaining('will fall from 12.4 m') });
-    expect(question('kill', { ...facts, inAir: false })?.effect).toContain('it will fall');
+    expect(question('kill', { ...facts, inAir: false })).toMatchObject({ verb: 'Stop motors', effect: expect.stringContaining('it will fall') });
     const requests: unknown[] = [];
     const api = new ApiClient('p', undefined, (path, init) => {
       requests.push([path, init.body]);
@@ -33,6 +34,25 @@ describe('actions', () => {
     });
     void send(api, 'kill', { ...facts, vehicleId: '1~2' });
     expect(requests).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
+  });
+  it('state for each mode what arming does', () => {
+    const effectIn = (mode: string, streaming = false): string | undefined =>
+      question('arm', { ...facts, armed: false, inAir: false, mode, streaming })?.effect;
+    expect(effectIn('hold')).toBe('The motors start on the ground. The vehicle disarms automatically if it does not take off.');
+    expect(effectIn('offboard', true)).toContain('it flies to the setpoint as soon as it is armed');
+    expect(effectIn('offboard')).toContain('it flies to the setpoints of any other program');
+    expect(effectIn('mission')).toContain('it takes off and flies the mission stored on it');
+    expect(effectIn('takeoff')).toContain('it takes off as soon as it is armed');
+    expect(effectIn('external_1')).toContain('it can take off and fly as soon as it is armed');
+  });
+  it('state what a new setpoint stream does on the ground', () => {
+    const streamStart = { setpoint: { type: 'position' }, validity: DEFAULT_VALIDITY, rate_hz: 50, text: 'Position' };
+    for (const start of [null, streamStart]) {
+      const effect = (state: Partial<ActionFacts>): string | undefined => question('offboard_start', { ...facts, ...state }, null, start)?.effect;
+      expect(effect({ inAir: false, armed: false })).toContain('does not take off now. If it is armed before the setpoint expires, it flies to the setpoint.');
+      expect(effect({ inAir: false, armed: true })).toContain('it can take off immediately');
+      expect(effect({ inAir: true })).not.toMatch(/take off|armed/);
+    }
   });
   it('send Hold without confirmation, and keep Hold and Stop motors available even if the link is lost', () => {
     expect(question('hold', facts)).toBeNull();

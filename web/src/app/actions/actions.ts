@@ -65,6 +65,25 @@ function returnText(facts: ActionFacts): string {
   return `Climbs to the return altitude, ${fixed(alt_m, 0)} m above home (lower near home), flies ${distanceText(facts.homeDistance_m)} back`;
 }
 
+/** What the vehicle does when it is armed in its present mode. */
+function armText({ mode, streaming }: ActionFacts): string {
+  if (streaming) return 'A setpoint stream is running: if the vehicle is in Offboard, it flies to the setpoint as soon as it is armed.';
+  if (mode === 'offboard') return 'The vehicle is in Offboard: as soon as it is armed, it flies to the setpoints of any other program that sends them.';
+  if (mode === 'mission') return 'The vehicle is in Mission mode: as soon as it is armed, it takes off and flies the mission stored on it.';
+  if (mode === 'takeoff' || mode === 'vtol_takeoff') return 'The vehicle is in Take off mode: it takes off as soon as it is armed.';
+  if (mode.startsWith('external_'))
+    return 'The vehicle is in a flight mode of an external program or of a registered mission: it can take off and fly as soon as it is armed.';
+  return 'The motors start on the ground. The vehicle disarms automatically if it does not take off.';
+}
+
+/** What a new stream does to a vehicle on the ground; empty in the air. */
+function streamOnGroundText({ armed, inAir }: ActionFacts): string {
+  if (inAir) return '';
+  return armed
+    ? ' The vehicle is armed on the ground: it can take off immediately.'
+    : ' The vehicle is disarmed and does not take off now. If it is armed before the setpoint expires, it flies to the setpoint.';
+}
+
 /** The confirmation's texts; null if the action needs no confirmation, as Hold. */
 export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StreamStart | null = null): Question | null {
   const offboardEnds = facts.streaming ? OFFBOARD_ENDS : '';
@@ -75,7 +94,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'arm':
       return {
         title: `Arm ${name}`,
-        effect: 'The motors start on the ground. The vehicle disarms automatically if it does not take off.',
+        effect: armText(facts),
         verb: 'Arm',
         danger: false,
       };
@@ -114,14 +133,14 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'offboard_start':
       if (start !== null)
         return {
-          title: `Offboard ${name}`,
-          effect: `The server starts a setpoint stream: ${start.text}. Hold ends the stream.`,
+          title: `Start Offboard: ${name}`,
+          effect: `The server starts a setpoint stream: ${start.text}.${streamOnGroundText(facts)} Hold ends the stream.`,
           verb: 'Start',
           danger: false,
         };
       return {
-        title: `Offboard ${name}`,
-        effect: 'The server holds this position by streaming setpoints. You can move the vehicle in steps in the Offboard card. Hold ends the stream.',
+        title: `Start Offboard: ${name}`,
+        effect: `${facts.inAir ? 'The vehicle holds this position: the' : 'The'} server streams it as the setpoint. You can move the setpoint in steps in the Offboard card.${streamOnGroundText(facts)} Hold ends the stream.`,
         verb: 'Start',
         danger: false,
       };
@@ -145,7 +164,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         effect: facts.inAir
           ? `The vehicle will fall from ${altitudeNow(facts)}. Nothing slows it down.`
           : 'Motors stop immediately. If the vehicle is in the air it will fall.',
-        verb: 'Stop',
+        verb: 'Stop motors',
         danger: true,
       };
   }

@@ -114,7 +114,12 @@ export class ActionController {
     const controlRefusal = controlProblem(action, this.factsFor(facts).controlHolder ?? null);
     if (controlRefusal !== null) {
       this.pending = null;
-      const problem: Problem = { ...notPossibleNow(controlRefusal.detail), title: 'Not in control', code: 'not_in_control', remedy: controlRefusal.remedy };
+      const problem: Problem = {
+        ...notPossibleNow(controlRefusal.detail),
+        title: 'Another client has control',
+        code: 'not_in_control',
+        remedy: controlRefusal.remedy,
+      };
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem } };
       return;
     }

@@ -4,7 +4,7 @@ import { CommandQueue } from '../../api/command-queue';
 import { OffboardControl } from './control.svelte';
 import { SetpointRenewer, type RenewalResult } from './renewer';
 import { DEFAULT_VALIDITY, nudge, STEPS, type PositionSetpoint } from '../../vehicle/setpoint';
-import { positionError_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
+import { expiryText, positionError_m, limitsNotice, nudgeBase, readOffboard } from '../../vehicle/offboard';
 
 describe('offboard', () => {
   const raw = {
@@ -53,13 +53,19 @@ describe('offboard', () => {
       type: 'position',
       rate_hz: 49.9,
       validLeft_s: 8.2,
-      onExpiry: 'the server holds the position for 5 s, then selects Hold mode',
+      onExpiry: 'the vehicle holds its position for 5 s, then the server selects Hold mode',
       ifStreamStops: 'it lands',
     });
     expect(stream && positionError_m(stream, [1, 2, 1])).toBe(4);
     expect(stream && positionError_m(stream, null)).toBeNull();
     expect(readOffboard({ streaming: false, state: 'idle', setpoint: null })).toMatchObject({ streaming: false, type: null, rate_hz: null });
     expect(readOffboard(null)).toBeNull();
+  });
+  it('states the failsafe that follows when the stream stops on timeout', () => {
+    expect(expiryText({ action: 'stop_stream' })).toBe('the server stops the stream and the vehicle executes its failsafe');
+    expect(expiryText({ action: 'stop_stream' }, 'after 1 s the vehicle returns.')).toBe(
+      'the server stops the stream and the vehicle executes its failsafe: after 1 s the vehicle returns',
+    );
   });
   it('nudges the streamed setpoint, negates up for NED, and wraps the yaw', () => {
     const stream = readOffboard(raw);

@@ -79,7 +79,7 @@ function requestedTarget(kind: MapTarget['kind'], name: string, requested: Reque
         kind,
         lat_deg: requested.lat_deg,
         lon_deg: requested.lon_deg,
-        label: requested.alt_home_m === null ? name : `${name} ${fixed(requested.alt_home_m, 1)} m`,
+        label: requested.alt_home_m === null ? name : `${name} ${fixed(requested.alt_home_m, 1)} m above home`,
       };
 }
 
@@ -107,7 +107,7 @@ function label(facts: VehicleFacts): string {
   const position = facts.global;
   if (position === null) return facts.id;
   const age = facts.lost ? ' · connection lost' : position.stale ? ` · ${ageText(position.age_s)} old` : '';
-  return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m${age}`;
+  return `${facts.id} · ${fixed(position.value.alt_home_m, 1)} m above home${age}`;
 }
 
 /** All vehicles with a position; the selected one last, so that it is drawn on top. */

@@ -128,7 +128,7 @@ class SetpointEditor {
   }
 
   async setLimits(facts: VehicleFacts, limits: LimitsBody): Promise<boolean> {
-    return actions.attempt('Limits', facts, 'room', async () => {
+    return actions.attempt('Setting the limits', facts, 'room', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
       if (response.ok && this.view !== null) this.view = { ...this.view, limits: response.value };
       return response;
@@ -136,7 +136,7 @@ class SetpointEditor {
   }
 
   async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
-    return actions.attempt('Failsafe', facts, 'room', async () => {
+    return actions.attempt('Setting the failsafe action', facts, 'room', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
       if (response.ok && this.view !== null) this.view = { ...this.view, failsafe: response.value };
       return response;
@@ -157,9 +157,11 @@ class SetpointEditor {
   start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
     const targetText = target === null ? '' : ` (${previewText(target, facts)})`;
+    const expiry = expiryText(validity.on_expiry, this.view?.failsafe.words ?? facts.offboard?.ifStreamStops ?? null);
+    const valid_s = fixed(validity.valid_for_s, 1);
     const validityText = validity.renew
-      ? 'for as long as this page is open'
-      : `for ${fixed(validity.valid_for_s, 1)} s, then ${expiryText(validity.on_expiry)}`;
+      ? `renewed while this page is open. If it is not renewed for ${valid_s} s, ${expiry}`
+      : `for ${valid_s} s, then ${expiry}`;
     const input = this.input;
     actions.request('offboard_start', facts, 'room', null, {
       setpoint,

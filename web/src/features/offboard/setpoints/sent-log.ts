@@ -84,7 +84,7 @@ function number(value: unknown, format: (v: number) => string): string | null {
 /** A setpoint as a short line, in the form's units: altitudes and climb positive up, angles in degrees. */
 export function setpointText(s: Readonly<Record<string, unknown>>): string {
   const parts = [
-    triple(s['position_ned_m'], 'm', NED),
+    triple(s['position_ned_m'], 'm from origin', NED),
     triple(s['offset_frd_m'], 'm', FRD),
     number(s['lat_deg'], (v) => v.toFixed(6)),
     number(s['lon_deg'], (v) => v.toFixed(6)),

@@ -189,7 +189,7 @@ describe('the stream', () => {
   it('reports a refusal with the server’s text', () => {
     const { stream, socket, acks } = openStream();
     stream.send({});
-    socket.receive({ seq: 1, error: { title: 'Not in control', detail: 'Vehicle 1 is controlled by tablet.', code: 'not_in_control' } });
+    socket.receive({ seq: 1, error: { title: 'Another client has control', detail: 'Vehicle 1 is controlled by tablet.', code: 'not_in_control' } });
     expect(acks[0]?.problem).toMatchObject({ detail: 'Vehicle 1 is controlled by tablet.' });
     expect(acks[0]?.applied).toBeNull();
   });
@@ -228,7 +228,9 @@ describe('the log of sent setpoints', () => {
   });
 
   it('describes a setpoint in the form’s units', () => {
-    expect(setpointText({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe('Position  N 1.0 E – up 3.0 m  yaw 270°');
+    expect(setpointText({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe(
+      'Position  N 1.0 E – up 3.0 m from origin  yaw 270°',
+    );
     expect(setpointText({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  roll 0.0 pitch 0.0 yaw 180.0 °/s  thrust 0.50');
     expect(kindName('orbit')).toBe('orbit');
   });

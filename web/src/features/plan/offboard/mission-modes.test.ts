@@ -81,8 +81,8 @@ describe('a mode', () => {
     expect(modeText(modeWith({ takes_off: true }), 'hold').text).toContain('select it on the ground and arm; the vehicle then takes off by itself');
     expect(modeText(MODE, 'external_1')).toEqual({ text: 'selected', tone: 'target' });
     expect(modeText(modeWith({ defer_failsafes_s: 20, failsafe_deferred: true }), 'external_1')).toEqual({
-      text: 'selected. PX4 defers a failsafe for up to 20 s',
-      tone: 'caution',
+      text: 'A failsafe has been triggered. PX4 defers it for at most 20 s, or until the vehicle leaves this mode.',
+      tone: 'danger',
     });
     expect(modeText(modeWith({ state: 'registering', mode: null }), null).tone).toBe('dim');
     const compiling = modeWith({ takes_off: true, ready: false, reason: 'The mission is being compiled.' });

@@ -53,12 +53,16 @@ function startText(mode: MissionMode): string {
 }
 
 /** State of a mode as text. @param currentMode the vehicle's mode. */
-export function modeText(mode: MissionMode, currentMode: string | null): { text: string; tone: 'ok' | 'dim' | 'caution' | 'target' } {
+export function modeText(mode: MissionMode, currentMode: string | null): { text: string; tone: 'ok' | 'dim' | 'caution' | 'danger' | 'target' } {
   switch (mode.state) {
     case 'registering':
       return { text: 'being registered', tone: 'dim' };
     case 'registered':
-      if (mode.failsafe_deferred) return { text: `selected. PX4 defers a failsafe for up to ${mode.defer_failsafes_s} s`, tone: 'caution' };
+      if (mode.failsafe_deferred)
+        return {
+          text: `A failsafe has been triggered. PX4 defers it for at most ${mode.defer_failsafes_s} s, or until the vehicle leaves this mode.`,
+          tone: 'danger',
+        };
       if (!mode.ready) return { text: `PX4 does not arm in this mode now: ${mode.reason}`, tone: 'caution' };
       return mode.mode === currentMode ? { text: 'selected', tone: 'target' } : { text: `ready to be selected: ${startText(mode)}`, tone: 'ok' };
     default:

@@ -41,7 +41,7 @@ export const VALUES: Readonly<Record<string, readonly [string, string]>> = {
   ground_speed_m_s: ['ground speed', 'm/s'],
   distance_m: ['distance sensor', 'm'],
   satellites: ['satellites', ''],
-  horizontal_error_m: ['position error', 'm'],
+  horizontal_error_m: ['horizontal position accuracy', 'm'],
 };
 /** Fractions are shown in per cent. */
 export const PER_CENT = 100;

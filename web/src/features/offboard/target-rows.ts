@@ -1,0 +1,43 @@
+/** The displayed values of a target in the local frame, and the texts of their step buttons. Pure. */
+
+import type { MaybeVector3 } from '../../live/topics';
+import { fixed } from '../../ui/format';
+
+export interface TargetRow {
+  name: string;
+  /** The quantity and its reference. */
+  title: string;
+  text: string;
+  unit: string;
+  /** Text of the button that decreases the value by one step. */
+  less: string;
+  /** Text of the button that increases the value by one step. */
+  more: string;
+}
+
+/**
+ * Rows for north, east, up and yaw.
+ * @param yaw_deg clockwise from north, 0 to 360.
+ * @param steps one step: a distance with its unit, and an angle.
+ */
+export function targetRows(
+  names: readonly [string, string, string],
+  [north_m, east_m, down_m]: MaybeVector3,
+  yaw_deg: number | null,
+  steps: { distance: string; yaw_deg: number },
+): TargetRow[] {
+  const row = (name: string, title: string, value_m: number | null, less: string, more: string): TargetRow => ({
+    name,
+    title,
+    text: fixed(value_m, 1),
+    unit: 'm',
+    less: `${steps.distance} ${less}`,
+    more: `${steps.distance} ${more}`,
+  });
+  return [
+    row(names[0], 'North of the local origin', north_m, 'south', 'north'),
+    row(names[1], 'East of the local origin', east_m, 'west', 'east'),
+    row(names[2], 'Altitude above the local origin', down_m === null ? null : -down_m, 'down', 'up'),
+    { name: 'Yaw', title: 'Yaw from north', text: fixed(yaw_deg, 0), unit: '°', less: `${steps.yaw_deg}° left`, more: `${steps.yaw_deg}° right` },
+  ];
+}
