@@ -81,7 +81,7 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         room.get_by_label("Move, North").fill("6")
         room.get_by_label("Minimum separation").fill("60")
         room.get_by_role("button", name="Start group…").click()
-        expect(page.get_by_role("alertdialog")).to_contain_text("Group: 101 Quad and 102 Quad")
+        expect(page.get_by_role("alertdialog")).to_contain_text("Start group: 101 Quad and 102 Quad")
         expect(page.get_by_role("alertdialog")).to_contain_text("all move 6.0 m north together")
         slide(page, room.get_by_role("button", name="Start group…").click)
         refusal = room.get_by_role("alert")

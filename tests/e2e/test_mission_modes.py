@@ -92,7 +92,7 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
         expect(modes).to_contain_text("from 0 (never) to 120")
         deferral.fill("20")
         register.click()
-        expect(modes).to_contain_text("ready to be selected")
+        expect(modes).to_contain_text("Starts when the mode is selected in flight")
         assert NAME in vehicle.other_station.mode_names()
         assert vehicle.modes()["modes"][0]["defer_failsafes_s"] == 20
         assert violations_in_both_themes(page) == []

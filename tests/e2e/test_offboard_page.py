@@ -161,7 +161,7 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
         expect(page.get_by_label(re.compile("^North: target 5.0 m, actual"))).to_be_visible()
 
         room.get_by_text("Limits", exact=True).click()
-        room.get_by_label("Ground speed, limit").fill("1")
+        room.get_by_label("Maximum ground speed").fill("1")
         room.get_by_role("button", name="Set limits").click()
         expect(room.get_by_text("ground speed 1 m/s")).to_be_visible()
         room.get_by_role("combobox", name="Setpoint type").click()

@@ -271,14 +271,14 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
     with open_page(browser, landed.url, scene=False) as page:
         values = page.get_by_label("Values", exact=True)
         labels = values.locator(".grid .name")
-        default_labels = ["Climb", "From home", "Flight time", "Heading", "Position north", "Position east"]
+        default_labels = ["Vertical speed", "From home", "Flight time", "Heading", "Position north", "Position east"]
         expect(labels).to_have_text(default_labels)
         values.get_by_role("button", name="Choose the values").click()
         page.get_by_label("Find a value to add").fill("motor 1")
         values.get_by_role("button", name="Add Motor 1").click()
         page.get_by_label("Find a value to add").fill("")
         values.get_by_role("button", name="Remove Heading").click()
-        handle = values.get_by_role("button", name="Climb: drag")
+        handle = values.get_by_role("button", name="Vertical speed: drag")
         handle.focus()
         page.keyboard.press("ArrowDown")
         expect(handle).to_be_focused()
@@ -289,7 +289,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         page.mouse.move(first["x"] + 9, first["y"] + 9, steps=12)
         page.mouse.up()
         values.get_by_role("button", name="Done").click()
-        selected_labels = ["Motor 1", "From home", "Climb", "Flight time", "Position north", "Position east"]
+        selected_labels = ["Motor 1", "From home", "Vertical speed", "Flight time", "Position north", "Position east"]
         expect(labels).to_have_text(selected_labels)
         # A topic to which the page was not subscribed before.
         wait_until(lambda: shown_value(values, "Motor 1") >= 900, "the first motor's value")

@@ -117,7 +117,7 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
         findings = check_without_findings(room)
 
         steps.filter(has_text="Down around the mast").click()
-        climb = page.get_by_role("group", name="Selection").get_by_label("Climb")
+        climb = page.get_by_role("group", name="Selection").get_by_label("Altitude gain")
         climb.fill("-40")
         expect(findings).to_contain_text("step 8:")
         expect(findings).to_contain_text("above home")
@@ -159,7 +159,7 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         start = room.get_by_role("region", name="Fly this mission")
         expect(start).to_contain_text("101 Quad can fly this mission.")
         start.get_by_role("button", name="Fly…").click()
-        expect(page.get_by_text("If the server or its link fails:")).to_be_visible()
+        expect(page.get_by_text("If the server fails or loses the connection to the vehicle:")).to_be_visible()
         hold_space(page)
         wait_until(lambda: mission_is("flying"), "the mission's flight", 60)
         expect(start).to_contain_text("Abort it first")

@@ -61,7 +61,7 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
         assert commands.pop().endswith("/vehicles/101/hold")
 
         room.locator("summary").first.press("Enter")
-        choice = room.get_by_label("Action when setpoints stop")
+        choice = room.get_by_label("Failsafe action")
         choice.focus()
         before = choice.input_value()
         page.keyboard.press("h")

@@ -120,9 +120,9 @@ describe('the offboard stream', () => {
       expect(status && streamText(status)).not.toContain('NED');
     }
     const streaming = readOffboard({ streaming: true, state: 'streaming', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
-    expect(streaming && streamText(streaming)).toBe('Velocity');
+    expect(streaming && streamText(streaming)).toBe('Velocity setpoints');
     const grouped = readOffboard({ streaming: true, state: 'streaming', owner: 'group', setpoint: { type: 'velocity', velocity_ned_m_s: [1, 0, 0] } });
-    expect(grouped && streamText(grouped)).toBe('Group · Velocity');
+    expect(grouped && streamText(grouped)).toBe('Group · Velocity setpoints');
   });
 });
 

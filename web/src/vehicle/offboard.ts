@@ -2,7 +2,7 @@
 
 import type { components } from '../api/schema';
 import type { MaybeVector3, Vector3 } from '../live/topics';
-import { kindName } from './setpoint-kinds';
+import { setpointsText } from './setpoint-kinds';
 import type { PositionSetpoint } from './setpoint';
 
 export type LimitsOrigin = components['schemas']['LimitsOrigin'];
@@ -140,7 +140,7 @@ export function limitsNotice(origin: LimitsOrigin | null | undefined): { text: s
 
 /** State of the stream as a short text. */
 export function streamText(status: OffboardStatus): string {
-  const stateText = STATES[status.state] ?? kindName(status.type);
+  const stateText = STATES[status.state] ?? setpointsText(status.type);
   return status.inGroup ? `Group · ${stateText}` : stateText;
 }
 

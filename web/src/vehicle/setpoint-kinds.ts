@@ -137,8 +137,8 @@ export const KINDS: readonly KindSpec[] = [
     yaw: 'angle_or_rate',
     groups: [
       { ...POSITION, nullable: true },
-      { ...VELOCITY, title: 'Velocity (or feed-forward)', nullable: true, optional: true },
-      { ...ACCELERATION, title: 'Acceleration (or feed-forward)', nullable: true, optional: true },
+      { ...VELOCITY, title: 'Velocity (feed-forward if a position is given)', nullable: true, optional: true },
+      { ...ACCELERATION, title: 'Acceleration (feed-forward if a position or velocity is given)', nullable: true, optional: true },
     ],
   },
   {
@@ -209,4 +209,9 @@ export function specOf(kind: SetpointKind): KindSpec {
 /** Displayed name of a setpoint type, for example "Velocity along heading" for `velocity_body`; an unknown type keeps its name. */
 export function kindName(type: string | null): string {
   return KINDS.find((k) => k.kind === type)?.name ?? type ?? 'setpoints';
+}
+
+/** The setpoints of a stream, for example "Position setpoints", which is not the flight mode Position. */
+export function setpointsText(type: string | null): string {
+  return type === null ? 'Setpoints' : `${kindName(type)} setpoints`;
 }

@@ -35,6 +35,12 @@ describe('actions', () => {
     void send(api, 'kill', { ...facts, vehicleId: '1~2' });
     expect(requests).toEqual([['/api/v1/vehicles/1~2/kill', '{"confirm":"motors stop, vehicle 1~2 falls"}']]);
   });
+  it('state whether the vehicle will disarm', () => {
+    const effect = (state: Partial<ActionFacts>): string | undefined => question('disarm', { ...facts, ...state })?.effect;
+    expect(effect({ inAir: true })).toContain('it will not disarm');
+    expect(effect({ inAir: false, onGround: true })).toBe('The vehicle is on the ground. The motors stop.');
+    expect(effect({ inAir: false })).toContain('does not report that it is on the ground');
+  });
   it('state for each mode what arming does', () => {
     const effectIn = (mode: string, streaming = false): string | undefined =>
       question('arm', { ...facts, armed: false, inAir: false, mode, streaming })?.effect;

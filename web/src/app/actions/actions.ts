@@ -13,6 +13,8 @@ export interface ActionFacts {
   vehicleName: string;
   armed: boolean;
   inAir: boolean;
+  /** The vehicle reports that it is on the ground; false also if it reports no landed state. */
+  onGround?: boolean;
   alt_home_m: number | null;
   homeDistance_m: number | null;
   mode: string;
@@ -76,6 +78,14 @@ function armText({ mode, streaming }: ActionFacts): string {
   return 'The motors start on the ground. The vehicle disarms automatically if it does not take off.';
 }
 
+/** What the vehicle does when it is told to disarm. */
+function disarmText({ inAir, onGround = false }: ActionFacts): string {
+  if (inAir) return 'The vehicle reports that it is in the air, so it will not disarm.';
+  return onGround
+    ? 'The vehicle is on the ground. The motors stop.'
+    : 'The vehicle does not report that it is on the ground. PX4 refuses to disarm in the air.';
+}
+
 /** What a new stream does to a vehicle on the ground; empty in the air. */
 function streamOnGroundText({ armed, inAir }: ActionFacts): string {
   if (inAir) return '';
@@ -101,7 +111,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'disarm':
       return {
         title: `Disarm ${name}`,
-        effect: facts.inAir ? 'The vehicle reports that it is in the air, so it will not disarm.' : 'The motors stop on the ground.',
+        effect: disarmText(facts),
         verb: 'Disarm',
         danger: false,
       };
@@ -147,7 +157,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'land_now':
       return {
         title: `Land ${name} now`,
-        effect: `Descends immediately from ${altitudeNow(facts)} at its current position, even if another client has control.${offboardEnds}`,
+        effect: `Like Land, but works even if another client has control. Descends from ${altitudeNow(facts)} at its current position and disarms.${offboardEnds}`,
         verb: 'Land now',
         danger: false,
       };
@@ -155,7 +165,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
       return {
         title: `Take control of ${name} by force`,
         effect: `${facts.controlHolder ?? 'The controlling client'} loses control and is notified. The vehicle keeps doing what it does now.`,
-        verb: 'Take',
+        verb: 'Take control',
         danger: true,
       };
     case 'kill':
@@ -226,6 +236,7 @@ export function actionFacts(facts: VehicleFacts, takeoffAlt_home_m: number): Act
     vehicleName: facts.name,
     armed: facts.status?.value.armed ?? false,
     inAir: facts.inAir,
+    onGround: facts.status?.value.landed_state === 'on_ground',
     alt_home_m: facts.global?.value.alt_home_m ?? null,
     homeDistance_m: facts.homeDistance_m,
     mode: facts.status?.value.mode ?? '',

@@ -188,7 +188,7 @@ function topicQuantities(topic: string, fields: Readonly<Record<string, string>>
 const DERIVED: readonly Quantity[] = [
   {
     id: 'flown.climb',
-    label: 'Climb',
+    label: 'Vertical speed',
     group: 'In flight',
     unit: 'm/s',
     topic: null,

@@ -43,7 +43,7 @@ const KINDS: Readonly<Record<string, string>> = {
   mode_changed: 'The vehicle changed its mode',
   armed: 'The vehicle armed',
   disarmed: 'The vehicle disarmed',
-  command: 'A command was executed',
+  command: 'Command, or notice of the server',
   link: 'Reported by the server: link',
   warning: 'Reported by the server',
 };

@@ -85,7 +85,7 @@ export function batteryIndicator(reading: Reading<Battery> | null): Indicator {
     age_s,
     severity,
     text: join([percent === null ? null : `${percent} %`, volts]),
-    word: severity === 'danger' ? 'critical' : severity === 'caution' ? 'low' : '',
+    word: severity === 'danger' ? '≤ 10 %' : severity === 'caution' ? '≤ 25 %' : '',
     details: [
       ['Remaining', percent === null ? UNKNOWN : `${percent} %`],
       ['Voltage', battery.voltage_v === null ? UNKNOWN : `${fixed(battery.voltage_v, 2)} V`],

@@ -84,7 +84,7 @@ export function linkDetails(
       : join([
           open === 1 ? null : `${open} links`,
           rate ?? 'open',
-          lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % lost`,
+          lost_percent === null ? null : `${fixed(lost_percent, lost_percent > 0 && lost_percent < 9.95 ? 1 : 0)} % packet loss`,
         ]);
   return { details, text };
 }
@@ -113,9 +113,9 @@ export function recordingIndicator(links: readonly LinkLine[], known: boolean, n
   }
   const details = recordable.map((l): [string, string] => [l.name, recordingLine(l)]);
   if (recordable.some((l) => l.recording !== null && l.recording.stopped !== null)) {
-    return { ...base, text: 'Stopped', word: 'not saved', severity: 'danger', details };
+    return { ...base, text: 'Stopped', word: 'not recording', severity: 'danger', details };
   }
-  if (recordable.every((l) => l.recording === null)) return { ...base, text: 'Off', word: 'not saved', severity: 'caution', details };
+  if (recordable.every((l) => l.recording === null)) return { ...base, text: 'Off', word: 'not recording', severity: 'caution', details };
   const starts_unix_s = recordable.filter(isRecording).map((l) => l.recording?.started_unix_s ?? now_unix_s);
   return { ...base, text: starts_unix_s.length === 0 ? 'Waiting' : duration(Math.max(0, now_unix_s - Math.min(...starts_unix_s))), details };
 }

@@ -1,7 +1,7 @@
 /** The vehicle's mode and who commands it, as the text of the pill in the top bar. */
 
 import type { Status } from '../../live/topics';
-import { kindName } from '../../vehicle/setpoint-kinds';
+import { setpointsText } from '../../vehicle/setpoint-kinds';
 
 export type Tone = 'ok' | 'target' | 'caution' | 'danger' | 'neutral';
 
@@ -54,7 +54,7 @@ function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
     const rate = stream.rate_hz === null ? '' : `, ${Math.round(stream.rate_hz)} Hz`;
     return {
       title: 'Offboard',
-      who: `${stream.type === null ? 'Setpoints' : `${kindName(stream.type)} setpoints`} from ${stream.client ?? 'this server'}${rate}`,
+      who: `${setpointsText(stream.type)} from ${stream.client ?? 'this server'}${rate}`,
     };
   }
   if (status.mode.startsWith('external_')) {

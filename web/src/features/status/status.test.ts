@@ -62,7 +62,7 @@ it('shows a severity with a word, and unknown values as unknown', () => {
     age_s: 0,
     stale: false,
   });
-  expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: 'critical', text: '9 %' });
+  expect(batteryIndicator(reading(9))).toMatchObject({ severity: 'danger', word: '≤ 10 %', text: '9 %' });
   expect(batteryIndicator(reading(null)).text).toBe('–');
   expect(batteryIndicator(null).text).toBe('–');
   expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({

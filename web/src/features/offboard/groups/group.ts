@@ -4,7 +4,7 @@ import type { components } from '../../../api/schema';
 import type { VehicleFacts } from '../../../vehicle/facts';
 import type { Identity } from '../../../live/vehicle-state';
 import { fixed } from '../../../ui/format';
-import { kindName } from '../../../vehicle/setpoint-kinds';
+import { setpointsText } from '../../../vehicle/setpoint-kinds';
 import { groundDistance_m } from '../../../vehicle/geo';
 
 export type Group = components['schemas']['Group'];
@@ -87,7 +87,7 @@ const STREAMS: Readonly<Record<string, string>> = {
 /** Label of a member: the state of its stream and its reported mode. */
 export function memberLabel(member: Member, modeLabel: string | null, isStarting = false): { text: string; tone: Tone } {
   const mode = modeLabel ?? member.mode;
-  const stream = STREAMS[member.stream] ?? kindName(member.ordered_type).toLowerCase();
+  const stream = STREAMS[member.stream] ?? setpointsText(member.ordered_type).toLowerCase();
   if (isStarting && member.stream === 'streaming') return { text: `waiting · ${mode}`, tone: 'dim' };
   if (member.held) return { text: member.mode === 'hold' ? 'in Hold' : `left the group · ${mode}`, tone: 'caution' };
   return { text: `${stream} · ${mode}`, tone: member.stream === 'streaming' || member.stream === 'starting' ? 'dim' : 'caution' };

@@ -55,7 +55,7 @@ describe('a group’s state', () => {
   it('shows stream and mode of each member, in amber if the member does not follow the group', () => {
     const [member] = GROUP.members;
     if (member === undefined) throw new Error('no member');
-    expect(memberLabel(member, 'Offboard')).toEqual({ text: 'position · Offboard', tone: 'dim' });
+    expect(memberLabel(member, 'Offboard')).toEqual({ text: 'position setpoints · Offboard', tone: 'dim' });
     expect(memberLabel({ ...member, held: true, mode: 'hold' }, 'Hold')).toEqual({ text: 'in Hold', tone: 'caution' });
     expect(memberLabel({ ...member, held: true, mode: 'land' }, null)).toEqual({ text: 'left the group · land', tone: 'caution' });
     expect(memberLabel({ ...member, stream: 'holding' }, 'Offboard').tone).toBe('caution');

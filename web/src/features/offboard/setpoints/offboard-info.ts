@@ -48,13 +48,13 @@ export interface LimitField {
 const RAD = Math.PI / 180;
 
 export const LIMIT_FIELDS: readonly LimitField[] = [
-  { name: 'speed_max_m_s', label: 'Ground speed', unit: 'm/s', scale: 1, vehicleLimit: 'speed_max_m_s' },
-  { name: 'climb_max_m_s', label: 'Climb', unit: 'm/s', scale: 1, vehicleLimit: 'climb_max_m_s' },
-  { name: 'sink_max_m_s', label: 'Descent', unit: 'm/s', scale: 1, vehicleLimit: 'sink_max_m_s' },
-  { name: 'tilt_max_rad', label: 'Tilt', unit: '°', scale: RAD, vehicleLimit: 'tilt_max_rad' },
+  { name: 'speed_max_m_s', label: 'Maximum ground speed', unit: 'm/s', scale: 1, vehicleLimit: 'speed_max_m_s' },
+  { name: 'climb_max_m_s', label: 'Maximum climb speed', unit: 'm/s', scale: 1, vehicleLimit: 'climb_max_m_s' },
+  { name: 'sink_max_m_s', label: 'Maximum descent speed', unit: 'm/s', scale: 1, vehicleLimit: 'sink_max_m_s' },
+  { name: 'tilt_max_rad', label: 'Maximum tilt', unit: '°', scale: RAD, vehicleLimit: 'tilt_max_rad' },
   { name: 'height_min_m', label: 'Minimum altitude above home', unit: 'm', scale: 1, vehicleLimit: null },
   { name: 'height_max_m', label: 'Maximum altitude above home', unit: 'm', scale: 1, vehicleLimit: 'height_max_m' },
-  { name: 'distance_max_m', label: 'Distance from home', unit: 'm', scale: 1, vehicleLimit: 'distance_max_m' },
+  { name: 'distance_max_m', label: 'Maximum distance from home', unit: 'm', scale: 1, vehicleLimit: 'distance_max_m' },
   { name: 'slew_velocity_m_s2', label: 'Velocity slew rate', unit: 'm/s²', scale: 1, vehicleLimit: null },
 ];
 
@@ -74,8 +74,8 @@ export function limitsText(limits: OffboardLimits | null): string {
   return parts.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : parts.join(', ');
 }
 
-/** The vehicle's own limit as placeholder of the field, without the unit: "5.0". */
+/** The vehicle's own limit as placeholder of the field, without the unit: "vehicle: 5.0". */
 export function vehicleLimitText(limits: OffboardLimits | null, field: LimitField): string {
   const limit = field.vehicleLimit === null ? null : limits?.vehicle[field.vehicleLimit];
-  return limit == null ? 'no limit' : fixed(limit / field.scale, 1);
+  return limit == null ? 'no limit' : `vehicle: ${fixed(limit / field.scale, 1)}`;
 }

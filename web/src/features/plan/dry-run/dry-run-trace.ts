@@ -24,7 +24,7 @@ type Path = NonNullable<DryRunView['nominal']['path']>;
 
 const DEG = 180 / Math.PI;
 const SPECS: Readonly<Record<Quantity, { unit: string; decimals: number; scaleStep: number; value: (path: Path, i: number) => number | null }>> = {
-  Altitude: { unit: 'm', decimals: 1, scaleStep: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
+  Altitude: { unit: 'm above the start', decimals: 1, scaleStep: 10, value: (path, i) => 0 - (path.position_ned_m[i]?.[2] ?? 0) },
   Speed: { unit: 'm/s', decimals: 1, scaleStep: 2, value: (path, i) => Math.hypot(...(path.velocity_ned_m_s[i] ?? [])) },
   Tilt: { unit: '°', decimals: 0, scaleStep: 10, value: (path, i) => tilt_deg(path.q_ned_frd[i] ?? [1, 0, 0, 0]) },
   Battery: { unit: '%', decimals: 0, scaleStep: 100, value: (path, i) => (path.battery_share === null ? null : 100 * (path.battery_share[i] ?? 0)) },

@@ -14,9 +14,22 @@ function itemOfRow(plan: Plan, row: number): number {
   return simpleItems({ ...plan, items: plan.items.slice(0, row) }).length;
 }
 
+/** The current item of the mission on the vehicle, from 0, and the number of items. */
+export type CurrentItem = Readonly<{ current: number; count: number | null }>;
+
+function currentItemText(item: CurrentItem | null): string {
+  return item === null ? 'the current item of its mission' : `item ${item.current + 1}${item.count === null ? '' : ` of ${item.count}`} (current)`;
+}
+
+/** Text of the button that continues the mission in the air. */
+export function continueVerb(item: CurrentItem | null): string {
+  return item === null ? 'Resume…' : `Resume at item ${item.current + 1}${item.count === null ? '' : ` of ${item.count}`}…`;
+}
+
 /**
  * @param row the row to start at; null: the first item, or in the air the current item.
  * @param acceptedTexts texts of the accepted errors.
+ * @param current the vehicle's current item; null: not reported.
  */
 export function startQuestion(
   vehicleName: string,
@@ -24,13 +37,19 @@ export function startQuestion(
   row: number | null,
   acceptedTexts: readonly string[],
   dryRun: string | null = null,
+  current: CurrentItem | null = null,
 ): Question {
   const resumes = inAir && row === null;
-  const from = row === null ? (inAir ? 'the current item of its mission' : 'the first item') : `item ${row + 1}`;
+  const from = row === null ? (inAir ? currentItemText(current) : 'the first item') : `item ${row + 1}`;
   const path = inAir ? `The vehicle flies to ${from} and continues from there.` : `Arms, takes off and flies the mission stored on the vehicle from ${from}.`;
   return {
     title: `${resumes ? 'Resume' : 'Fly'} the mission of ${vehicleName}${row === null ? '' : ` from item ${row + 1}`}`,
-    effect: [path, acceptedErrorsText(acceptedTexts), dryRun === null ? '' : 'The flight is compared with the dry run.', 'Hold pauses the mission.']
+    effect: [
+      path,
+      acceptedErrorsText(acceptedTexts),
+      dryRun === null ? '' : 'The flight is compared with the dry run.',
+      'Hold interrupts the mission; you can resume it.',
+    ]
       .filter((part) => part !== '')
       .join(' '),
     verb: resumes ? 'Resume' : 'Fly',
@@ -78,7 +97,10 @@ function pathText({ item, title, altitude_m, altitude_reference, distance_m }: R
 export function resumeQuestion(vehicleName: string, offer: ResumeOffer, acceptedTexts: readonly string[]): Question {
   return {
     title: `Resume the mission of ${vehicleName} at item ${offer.item + 1} of ${offer.count}`,
-    effect: join([pathText(offer), ...offer.cautions, acceptedErrorsText(acceptedTexts), 'Hold pauses the mission.'].filter(Boolean), ' '),
+    effect: join(
+      [pathText(offer), ...offer.cautions, acceptedErrorsText(acceptedTexts), 'Hold interrupts the mission; you can resume it.'].filter(Boolean),
+      ' ',
+    ),
     verb: 'Resume',
     danger: acceptedTexts.length > 0,
   };

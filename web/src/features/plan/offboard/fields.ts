@@ -309,8 +309,13 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
   hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
   orbit: [...CIRCLE_FIELDS, ...PATH_FIELDS],
-  helix: [...CIRCLE_FIELDS, number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
-  spiral: [...CIRCLE_FIELDS, number('end_radius_m', 'Radius at the end', METRES), number('climb_m', 'Climb', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
+  helix: [...CIRCLE_FIELDS, number('climb_m', 'Altitude gain', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
+  spiral: [
+    ...CIRCLE_FIELDS,
+    number('end_radius_m', 'Radius at the end', METRES),
+    number('climb_m', 'Altitude gain', { min: -10_000, max: 10_000 }),
+    ...PATH_FIELDS,
+  ],
   figure_eight: [
     position('center', 'Centre'),
     number('length_m', 'Length', METRES),
@@ -356,15 +361,15 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
     ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Position', 'point'),
     numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
     numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
-    numberField(point, 'corner_m', 'Maximum distance at the corner', { min: 0, max: 1000, placeholder: '1' }),
+    numberField(point, 'corner_m', 'Corner rounding, distance from the point at most', { min: 0, max: 1000, placeholder: '1' }),
     { name: 'stop', label: 'Stop at the point', type: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
   ];
 }
 
 const EVENT_LABELS: Readonly<Record<string, string>> = {
   failure: 'If a step cannot be flown',
-  low_battery: 'Low battery',
-  link_loss: 'When the link is back',
+  low_battery: 'Low battery (mission’s action)',
+  link_loss: 'Once a lost link is restored',
   control_lost: 'Controlling client lost',
 };
 
@@ -383,7 +388,7 @@ export function missionFields(mission: Mission): Field<Mission>[] {
     ...Object.entries(EVENT_LABELS)
       .filter(([name]) => actions[name] !== undefined)
       .map(([name, label]): Field<Mission> => {
-        const { set: _, ...row } = choiceField(actions, name, label, ACTIONS);
+        const { set: _, ...row } = choiceField(actions, name, label, name === 'low_battery' ? { ...ACTIONS, continue: 'No action by the mission' } : ACTIONS);
         return { ...row, set: (old, next) => ({ ...old, actions: { ...old.actions, [name]: next } }) };
       }),
     { ...avoidanceRow(mission.avoidance), set: (old, next) => ({ ...old, avoidance: avoidanceOf(next) }) },

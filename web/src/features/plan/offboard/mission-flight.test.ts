@@ -147,9 +147,11 @@ describe('starting an offboard mission', () => {
   it('lists the failsafe actions for battery, control, link and server', () => {
     const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
     expect(title).toBe('Fly “Tower” with 1 Quad');
-    expect(effect).toContain('2 steps, about 01:05, 2 warnings.');
-    expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: it holds. After a lost link is restored: it holds.');
-    expect(effect).toContain('If the server or its link fails: after 1 s the vehicle lands. Hold stops the mission');
+    expect(effect).toContain('Arms, takes off and flies 2 steps, about 01:05, 2 warnings.');
+    expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: it holds.');
+    expect(effect).toContain(
+      'If the server fails or loses the connection to the vehicle: after 1 s the vehicle lands. Once a lost link is restored: the vehicle holds. Hold interrupts',
+    );
     expect(startQuestion(MISSION, '1 Quad', null, 0, null).effect).toContain('not known yet');
     const withErrors = startQuestion(MISSION, '1 Quad', null, 0, null, ['step 2: It leaves the fence.']);
     expect(withErrors.effect).toContain('You accepted 1 error: step 2: It leaves the fence. Low battery');

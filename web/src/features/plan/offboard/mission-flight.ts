@@ -66,7 +66,7 @@ export const COMMAND_NAMES: Readonly<Record<FlightCommand, string>> = {
   pause: 'Pause',
   resume: 'Resume…',
   skip: 'Skip step…',
-  go_on: 'Continue',
+  go_on: 'Answer: continue',
   abort: 'Abort…',
 };
 
@@ -136,11 +136,15 @@ export function startQuestion(
   const { link_loss, low_battery, control_lost } = mission.actions;
   const actionText = (action: string): string => ACTIONS[action] ?? action;
   const parts = [
-    `${nodesOf(mission).filter((node) => node.depth === 0).length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
+    `${mission.steps?.[0]?.step === 'take_off' ? 'Arms, takes off and flies' : 'Flies'} ${nodesOf(mission).filter((node) => node.depth === 0).length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
     acceptedErrorsText(acceptedTexts),
-    `Low battery: the vehicle ${actionText(low_battery)}. If the controlling client is lost: it ${actionText(control_lost)}. After a lost link is restored: it ${actionText(link_loss)}.`,
-    `If the server or its link fails: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(/\.\.$/, '.'),
-    'Hold stops the mission at any time.',
+    `${low_battery === 'continue' ? 'Low battery: no action by the mission; the vehicle’s own setting applies' : `Low battery: the vehicle ${actionText(low_battery)}`}. If the controlling client is lost: it ${actionText(control_lost)}.`,
+    `If the server fails or loses the connection to the vehicle: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(
+      /\.\.$/,
+      '.',
+    ),
+    `Once a lost link is restored: the vehicle ${actionText(link_loss)}.`,
+    'Hold interrupts the mission; you can resume it.',
   ];
   return {
     title: `Fly “${mission.name}” with ${vehicleName}`,

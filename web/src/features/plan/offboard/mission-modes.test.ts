@@ -77,8 +77,8 @@ describe('registering', () => {
 
 describe('a mode', () => {
   it('has a text for each state', () => {
-    expect(modeText(MODE, 'hold')).toEqual({ text: 'ready to be selected: select it in flight; the mission then starts at once', tone: 'ok' });
-    expect(modeText(modeWith({ takes_off: true }), 'hold').text).toContain('select it on the ground and arm; the vehicle then takes off by itself');
+    expect(modeText(MODE, 'hold')).toEqual({ text: 'registered. Starts when the mode is selected in flight.', tone: 'ok' });
+    expect(modeText(modeWith({ takes_off: true }), 'hold').text).toContain('Takes off and starts when the vehicle is armed in this mode on the ground.');
     expect(modeText(MODE, 'external_1')).toEqual({ text: 'selected', tone: 'target' });
     expect(modeText(modeWith({ defer_failsafes_s: 20, failsafe_deferred: true }), 'external_1')).toEqual({
       text: 'A failsafe has been triggered. PX4 defers it for at most 20 s, or until the vehicle leaves this mode.',
@@ -86,7 +86,7 @@ describe('a mode', () => {
     });
     expect(modeText(modeWith({ state: 'registering', mode: null }), null).tone).toBe('dim');
     const compiling = modeWith({ takes_off: true, ready: false, reason: 'The mission is being compiled.' });
-    expect(modeText(compiling, 'external_1')).toEqual({ text: 'PX4 does not arm in this mode now: The mission is being compiled.', tone: 'caution' });
+    expect(modeText(compiling, 'external_1')).toEqual({ text: 'registered, cannot be started now: The mission is being compiled.', tone: 'caution' });
     expect(modeText(modeWith({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({
       text: 'not registered: PX4 restarted',
       tone: 'caution',

@@ -49,7 +49,7 @@ export function registerProblem(name: string, mission: Mission, blocking: readon
 
 /** How the mission of a mode is started. */
 function startText(mode: MissionMode): string {
-  return mode.takes_off ? 'select it on the ground and arm; the vehicle then takes off by itself' : 'select it in flight; the mission then starts at once';
+  return mode.takes_off ? 'Takes off and starts when the vehicle is armed in this mode on the ground.' : 'Starts when the mode is selected in flight.';
 }
 
 /** State of a mode as text. @param currentMode the vehicle's mode. */
@@ -63,8 +63,8 @@ export function modeText(mode: MissionMode, currentMode: string | null): { text:
           text: `A failsafe has been triggered. PX4 defers it for at most ${mode.defer_failsafes_s} s, or until the vehicle leaves this mode.`,
           tone: 'danger',
         };
-      if (!mode.ready) return { text: `PX4 does not arm in this mode now: ${mode.reason}`, tone: 'caution' };
-      return mode.mode === currentMode ? { text: 'selected', tone: 'target' } : { text: `ready to be selected: ${startText(mode)}`, tone: 'ok' };
+      if (!mode.ready) return { text: `registered, cannot be started now: ${mode.reason}`, tone: 'caution' };
+      return mode.mode === currentMode ? { text: 'selected', tone: 'target' } : { text: `registered. ${startText(mode)}`, tone: 'ok' };
     default:
       return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
   }
@@ -92,7 +92,7 @@ function flightText(mode: MissionMode): string {
   const missionEffect = mode.takes_off
     ? `continues the mission “${mode.mission}”${versionText(mode)} if it was suspended. Otherwise the vehicle holds, because the mission begins with a take-off.`
     : `flies the mission “${mode.mission}”${versionText(mode)} from its current position.`;
-  return `Switches to the flight mode “${mode.name}”, and ${missionEffect} If the server or its link fails, the vehicle returns (RTL) after about 1 s. Hold stops the mission at any time.`;
+  return `Switches to the flight mode “${mode.name}”, and ${missionEffect} If the server fails or loses the connection to the vehicle, the vehicle returns (RTL) after about 1 s. Hold interrupts the mission; you can resume it.`;
 }
 
 function versionText(mode: MissionMode): string {
