@@ -186,7 +186,7 @@ def click_in_3d(page: Page) -> None:
     page.mouse.click(520, 700)
     menu = page.get_by_role("dialog")
     expect(menu).to_contain_text("of home")
-    expect(menu).to_contain_text("Ground there:")
+    expect(menu).to_contain_text("Ground at this position:")
     box = box_of(menu)
     assert box["x"] == pytest.approx(540, abs=30)
     page.keyboard.press("Escape")

@@ -82,9 +82,11 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(page.get_by_role("alertdialog")).to_contain_text("Arms, climbs to 6.0 m above home")
         slide(page)
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
-        wait_until(lambda: shown_value(instrument, "Above home") > 3, "the climb on the page")
+        wait_until(lambda: shown_value(instrument, "Altitude above home") > 3, "the climb on the page")
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
-        wait_until(lambda: abs(shown_value(instrument, "Above home") - 6) < 1, "the requested altitude")
+        wait_until(
+            lambda: abs(shown_value(instrument, "Altitude above home") - 6) < 1, "the requested altitude"
+        )
 
         start = card.get_by_role("button", name="Start")
         start.click()
@@ -100,7 +102,9 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         assert stream["streaming"]
         assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
         assert violations_in_both_themes(page) == []
-        wait_until(lambda: shown_value(instrument, "Above home") > 6.6, "the climb to the moved target")
+        wait_until(
+            lambda: shown_value(instrument, "Altitude above home") > 6.6, "the climb to the moved target"
+        )
 
         card.get_by_role("button", name="Hold", exact=True).click()
         expect(pill(page)).to_have_text("Holding")
@@ -271,7 +275,14 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
     with open_page(browser, landed.url, scene=False) as page:
         values = page.get_by_label("Values", exact=True)
         labels = values.locator(".grid .name")
-        default_labels = ["Vertical speed", "From home", "Flight time", "Heading", "Position north", "Position east"]
+        default_labels = [
+            "Vertical speed",
+            "Distance from home",
+            "Flight time",
+            "Heading",
+            "Position north",
+            "Position east",
+        ]
         expect(labels).to_have_text(default_labels)
         values.get_by_role("button", name="Choose the values").click()
         page.get_by_label("Find a value to add").fill("motor 1")
@@ -283,13 +294,20 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         page.keyboard.press("ArrowDown")
         expect(handle).to_be_focused()
         grip = box_of(values.get_by_role("button", name="Motor 1: drag"))
-        first = box_of(values.get_by_role("button", name="From home: drag"))
+        first = box_of(values.get_by_role("button", name="Distance from home: drag"))
         page.mouse.move(grip["x"] + 9, grip["y"] + 9)
         page.mouse.down()
         page.mouse.move(first["x"] + 9, first["y"] + 9, steps=12)
         page.mouse.up()
         values.get_by_role("button", name="Done").click()
-        selected_labels = ["Motor 1", "From home", "Vertical speed", "Flight time", "Position north", "Position east"]
+        selected_labels = [
+            "Motor 1",
+            "Distance from home",
+            "Vertical speed",
+            "Flight time",
+            "Position north",
+            "Position east",
+        ]
         expect(labels).to_have_text(selected_labels)
         # A topic to which the page was not subscribed before.
         wait_until(lambda: shown_value(values, "Motor 1") >= 900, "the first motor's value")
@@ -322,7 +340,7 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
             notice = page.get_by_role("alert").filter(has_text="No connection to the server")
             notice.wait_for()
             expect(notice).to_contain_text("The values shown are old")
-            expect(chip).to_contain_text("no server")
+            expect(chip).to_contain_text("no connection to the server")
         with (
             page.expect_request(
                 lambda r: "/scene/view/" in r.url and r.method == "POST", timeout=60_000
@@ -332,6 +350,6 @@ def test_a_killed_server_is_shown_and_the_page_reconnects_to_the_next(
             wait_until(lambda: is_up(url), "the second server")
             notice.wait_for(state="hidden")
             expect(page.get_by_text("Connected again")).to_be_visible()
-            expect(chip).not_to_contain_text("no server")
+            expect(chip).not_to_contain_text("no connection to the server")
             assert request.value.post_data_json["mode"] == "top"
     context.close()

@@ -113,7 +113,7 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
         steps = steps_of(room)
         expect(room).to_contain_text("Offboard mission")
         expect(steps.filter(has_text="Down around the mast")).to_contain_text("Helix")
-        expect(steps.filter(has_text="round: Orbit").first).to_contain_text("R 12 m")
+        expect(steps.filter(has_text="round: Orbit").first).to_contain_text("radius 12 m")
         findings = check_without_findings(room)
 
         steps.filter(has_text="Down around the mast").click()
@@ -157,9 +157,11 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         page.get_by_role("button", name="Open", exact=True).click()
         room.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
         start = room.get_by_role("region", name="Fly this mission")
-        expect(start).to_contain_text("101 Quad can fly this mission.")
+        expect(start).to_contain_text("The check found no errors for 101 Quad.")
         start.get_by_role("button", name="Fly…").click()
-        expect(page.get_by_text("If the server fails or loses the connection to the vehicle:")).to_be_visible()
+        expect(
+            page.get_by_text("If the server fails or loses the connection to the vehicle:")
+        ).to_be_visible()
         hold_space(page)
         wait_until(lambda: mission_is("flying"), "the mission's flight", 60)
         expect(start).to_contain_text("Abort it first")
@@ -290,7 +292,7 @@ def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
     page.keyboard.press("Delete")
     page.get_by_role("button", name="Save", exact=True).click()
     expect(room.get_by_role("alert")).to_contain_text(re.compile("version 2, saved by anna"))
-    room.get_by_role("button", name="Save mine as a new plan").click()
+    room.get_by_role("button", name="Save my version as a new plan").click()
     expect(room).to_contain_text("Saved as version 1.")
     assert len(station.gcs.request("GET", path)["plan"]["items"]) == 0
     assert len(station.gcs.request("GET", "/plans")["plans"]) == 2

@@ -101,7 +101,9 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
         press(scrub, "PageUp")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:10"))
         room.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save and fly…"
-        expect(page.get_by_role("alertdialog")).to_contain_text("If the server fails or loses the connection to the vehicle:")
+        expect(page.get_by_role("alertdialog")).to_contain_text(
+            "If the server fails or loses the connection to the vehicle:"
+        )
         hold_space(page)
 
         def state() -> str | None:

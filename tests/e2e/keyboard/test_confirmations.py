@@ -50,6 +50,15 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
                         confirmation.check(request)
                     else:
                         page.keyboard.press("Escape")
-    for title_start in ("Disarm", "Arm", "Take off", "Land", "Return", "Start Offboard", "Send", "Stop motors"):
+    for title_start in (
+        "Disarm",
+        "Arm",
+        "Take off",
+        "Land",
+        "Return",
+        "Start Offboard",
+        "Send",
+        "Stop motors",
+    ):
         assert any(title.startswith(title_start) for title in confirmations), (title_start, confirmations)
     assert flying.drone.status()["armed"]

@@ -22,7 +22,7 @@ const TITLES: Readonly<Record<string, string>> = {
   unknown_group: 'Unknown group',
   rejected: 'The vehicle refused',
   no_reply: 'No answer',
-  disconnected: 'Link lost',
+  disconnected: 'Connection lost',
   unknown_vehicle: 'Unknown vehicle',
   invalid_request: 'Invalid request',
 };

@@ -13,7 +13,7 @@ import { shortcuts } from './shortcuts.svelte';
 import { theme } from './theme.svelte';
 
 registry.addKeys([
-  { order: 110, keys: 'Space held', description: 'Confirm, while the slider of the confirmation is focused', inScene: true },
+  { order: 110, keys: 'Space held', description: 'On the focused slider: confirm', inScene: true },
   { order: 120, keys: 'Esc', description: 'Cancel, close', inScene: true },
   { order: 230, keys: 'Shift D', description: 'Light or dark theme', inScene: false, handlers: { 'Shift D': () => theme.toggle() } },
 ]);

@@ -35,7 +35,7 @@ export function chipText(control: Control | null, key: string | null): string {
     case 'free':
       return 'Control is free';
     case 'unknown':
-      return 'Control –';
+      return 'Control: not known';
   }
 }
 

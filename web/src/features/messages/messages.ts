@@ -38,8 +38,8 @@ export function unread(messages: readonly Message[], since_unix_s: number): Unre
 }
 
 const KINDS: Readonly<Record<string, string>> = {
-  status_text: 'The vehicle’s own text',
-  event: 'An event of the vehicle',
+  status_text: 'Status text (STATUSTEXT)',
+  event: 'Event (MAVLink events)',
   mode_changed: 'The vehicle changed its mode',
   armed: 'The vehicle armed',
   disarmed: 'The vehicle disarmed',

@@ -131,10 +131,10 @@ export function stateText(list: Parameters['list'] | null): string {
     case 'reading':
       return `reading${progress} …`;
     case 'failed':
-      return `incomplete:${progress}`;
+      return `incomplete:${progress} received. Read again.`;
     case 'outdated':
       return `${list.received}, read before the connection was lost`;
     default:
-      return `${list.received}${list.source === 'cache' ? ' from the cache, unchanged on the vehicle' : ''}`;
+      return `${list.received} parameters${list.source === 'cache' ? ', from the server’s copy; unchanged on the vehicle' : ''}`;
   }
 }

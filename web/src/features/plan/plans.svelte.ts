@@ -296,11 +296,11 @@ export class Plans {
     const who = String(event['client']);
     if (event['action'] === 'deleted') {
       this.removeSaved(this.editor.draft.documentId);
-      this.notice = { tone: 'caution', text: `${who} deleted this plan. Save yours to keep it as a new plan.` };
+      this.notice = { tone: 'caution', text: `${who} deleted this plan. Save your version to keep it as a new plan.` };
     } else
       this.notice = {
         tone: 'caution',
-        text: `${who} saved version ${plan.version} of this plan. Yours is based on version ${this.current.version}.`,
+        text: `${who} saved version ${plan.version} of this plan. Your version is based on version ${this.current.version}.`,
         conflict: true,
       };
   }
@@ -364,7 +364,7 @@ function groundNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notice
   const missing =
     unknown === 0
       ? []
-      : [`${unknown} ${unknown === 1 ? 'altitude is' : 'altitudes are'} still unknown. Put elevation files of this area into the data folder.`];
+      : [`${unknown} ${unknown === 1 ? 'altitude is' : 'altitudes are'} still unknown. Put elevation files of this area into the server’s data folder.`];
   const waypoints = added === 0 ? '' : `, ${added} ${added === 1 ? 'waypoint' : 'waypoints'} added`;
   const text = [
     `${resolved} ${resolved === 1 ? 'altitude' : 'altitudes'} above the ground computed from elevation data${waypoints}.`,

@@ -44,14 +44,14 @@ test('the headline is about arming while the vehicle is disarmed, and about flyi
   expect(headline(report, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
   expect(headline(report, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
   expect(headline(report, 'land', false).tone).toBe('caution');
-  expect(headline(report, 'land', true)).toEqual({ text: 'Land can be flown', detail: '', tone: 'ok' });
-  expect(headline(report, 'offboard', true).text).toBe('Offboard cannot be flown');
+  expect(headline(report, 'land', true)).toEqual({ text: 'Land mode is available', detail: '', tone: 'ok' });
+  expect(headline(report, 'offboard', true).text).toBe('Offboard mode is not available');
 });
 
-test('the headline is "Not known" without a report, and a sample of another format is ignored', () => {
+test('the headline is "Readiness not known" without a report, and a sample of another format is ignored', () => {
   expect(headline(null, 'hold', false).tone).toBe('neutral');
-  expect(headline({ ...report, known: false }, 'hold', false).text).toBe('Not known');
-  expect(headline(report, 'px4_9_0', false).text).toBe('Not known');
+  expect(headline({ ...report, known: false }, 'hold', false).text).toBe('Readiness not known');
+  expect(headline(report, 'px4_9_0', false).text).toBe('Readiness not known');
   expect(readReadiness(undefined)).toBeNull();
   expect(readReadiness({ modes: [] })).toBeNull();
   expect(readReadiness(report)).toBe(report);

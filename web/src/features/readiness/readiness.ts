@@ -48,13 +48,13 @@ export function readReadiness(value: unknown): Readiness | null {
 
 /** Whether the vehicle can be armed in the current mode (while disarmed) or can fly in it (while armed). */
 export function headline(readiness: Readiness | null, mode: string | null, armed: boolean): Headline {
-  if (readiness === null || !readiness.known) return { text: 'Not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
+  if (readiness === null || !readiness.known) return { text: 'Readiness not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
   const current = readiness.modes.find((m) => m.mode === mode);
-  if (current === undefined) return { text: 'Not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
+  if (current === undefined) return { text: 'Readiness not known', detail: 'The vehicle’s checks do not cover the current mode.', tone: 'neutral' };
   const blocked = armed ? !current.can_run : !current.can_arm;
-  if (!blocked) return { text: armed ? `${current.label} can be flown` : `Ready to arm in ${current.label}`, detail: '', tone: 'ok' };
+  if (!blocked) return { text: armed ? `${current.label} mode is available` : `Ready to arm in ${current.label}`, detail: '', tone: 'ok' };
   const causes = (armed ? current.running : current.arming).map((c) => c.cause).join(' ');
-  return { text: armed ? `${current.label} cannot be flown` : `Cannot arm in ${current.label}`, detail: causes, tone: 'caution' };
+  return { text: armed ? `${current.label} mode is not available` : `Cannot arm in ${current.label}`, detail: causes, tone: 'caution' };
 }
 
 /** All findings, those that block modes first, then by severity. */

@@ -37,7 +37,7 @@ export function gpsIndicator(reading: Reading<Gps> | null): Indicator {
     label: 'GPS',
     stale,
     age_s,
-    text: poor ? join([satellites, fix]) : join([satellites, accuracy ?? fix]),
+    text: poor ? (satellites ?? UNKNOWN) : join([satellites, accuracy ?? fix]),
     word: poor ? fix : '',
     severity: poor ? 'danger' : 'none',
     details: [

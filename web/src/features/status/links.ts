@@ -10,7 +10,7 @@ export type StationNotice = components['schemas']['Notice'];
 const STATES: Readonly<Record<string, string>> = {
   connecting: 'connecting',
   open: 'open',
-  waiting: 'waiting to try again',
+  waiting: 'retrying',
   closed: 'closed',
   ended: 'replay ended',
 };

@@ -90,11 +90,11 @@ export function statusLabel(facts: StatusFacts): StatusLabel {
   if (!status.armed) {
     const who = `${status.mode_label} · disarmed`;
     if (facts.ready === true) return { title: 'Ready', who, tone: 'ok' };
-    if (facts.ready === false) return { title: 'Not ready', who: `${who} · see why`, tone: 'caution' };
+    if (facts.ready === false) return { title: 'Not ready', who: `${who} · press for the reasons`, tone: 'caution' };
     return { title: 'Disarmed', who, tone: 'neutral' };
   }
   const current = modeText(status, facts.stream);
-  if (isFailsafe(status)) return { title: `Failsafe: ${current.title}`, who: 'failsafe: the vehicle chose this mode itself', tone: 'danger' };
+  if (isFailsafe(status)) return { title: `Failsafe: ${current.title}`, who: 'the vehicle chose this mode itself', tone: 'danger' };
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
     return { title: 'Armed', who: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };
   }

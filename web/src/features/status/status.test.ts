@@ -66,7 +66,8 @@ it('shows a severity with a word, and unknown values as unknown', () => {
   expect(batteryIndicator(reading(null)).text).toBe('–');
   expect(batteryIndicator(null).text).toBe('–');
   expect(gpsIndicator({ value: { fix_type: 1, satellites: 3, hdop: null, horizontal_accuracy_m: null }, age_s: 0, stale: false })).toMatchObject({
-    text: '3 sats · no fix',
+    text: '3 sats',
+    word: 'no fix',
     severity: 'danger',
   });
 });

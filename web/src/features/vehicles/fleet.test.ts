@@ -14,8 +14,8 @@ function facts(id: string, more: Partial<VehicleFacts> = {}): VehicleFacts {
 
 describe('list of vehicles', () => {
   it('shows a lost connection only if the server reports it, not if the server is unreachable', () => {
-    expect(stateLabel(facts('1', { lost: true }))).toEqual({ text: 'no link', tone: 'danger' });
-    expect(stateLabel(facts('1', { lost: true, offline: true }))).toEqual({ text: 'no server', tone: 'danger' });
+    expect(stateLabel(facts('1', { lost: true }))).toEqual({ text: 'connection lost', tone: 'danger' });
+    expect(stateLabel(facts('1', { lost: true, offline: true }))).toEqual({ text: 'no connection to the server', tone: 'danger' });
     expect(stateLabel(facts('1')).text).toBe('disarmed');
   });
 
@@ -24,7 +24,7 @@ describe('list of vehicles', () => {
     const ids = (text: string, filter: 'all' | 'flying' | 'attention' = 'all'): string[] => matchingRows(rows, text, filter).map((row) => row.facts.id);
     expect(ids('')).toEqual(['1', '12', '21']);
     expect(ids('12')).toEqual(['12']);
-    expect(ids('no link')).toEqual(['21']);
+    expect(ids('connection lost')).toEqual(['21']);
     expect(ids('2 disarmed')).toEqual(['12']);
     expect(ids('', 'flying')).toEqual(['12']);
     expect(ids('', 'attention')).toEqual(['21']);

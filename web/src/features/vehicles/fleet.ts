@@ -29,8 +29,8 @@ const LOW_PERCENT = 25;
 
 /** State of a vehicle. While the page has no connection to the server, the vehicle's connection is unknown. */
 export function stateLabel(facts: VehicleFacts): { text: string; tone: Row['tone'] } {
-  if (facts.offline) return { text: 'no server', tone: 'danger' };
-  if (facts.lost) return { text: 'no link', tone: 'danger' };
+  if (facts.offline) return { text: 'no connection to the server', tone: 'danger' };
+  if (facts.lost) return { text: 'connection lost', tone: 'danger' };
   const status = facts.status?.value;
   if (status === undefined) return { text: '', tone: 'dim' };
   return { text: status.armed ? status.mode_label : 'disarmed', tone: 'dim' };

@@ -94,7 +94,7 @@ export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, ho
 function readAxis(axis: Axis, field: Field | undefined, nullable: boolean): { value: number | null } | { error: string } {
   if (nullable && field?.isUncontrolled === true) return { value: null };
   const value = parseTyped(field?.text ?? '');
-  if (value === null) return { error: nullable ? `${axis.label}: enter a number, or choose “not controlled”.` : `${axis.label}: enter a number.` };
+  if (value === null) return { error: nullable ? `${axis.label}: enter a number, or press × (not controlled).` : `${axis.label}: enter a number.` };
   if (axis.min !== undefined && value < axis.min) return { error: `${axis.label}: at least ${axis.min}${axis.unit && ` ${axis.unit}`}.` };
   if (axis.max !== undefined && value > axis.max) return { error: `${axis.label}: at most ${axis.max}${axis.unit && ` ${axis.unit}`}.` };
   return { value: value * axis.scale + 0 };

@@ -54,7 +54,7 @@ const gimbal = field(0, 'Gimbal (0: all)', WHOLE_ID);
 const stream = field(0, 'Video stream (0: all)', WHOLE_ID);
 const shutter = field(0, 'Shutter time (0: the camera’s)', { min: -1 });
 const hold = (initial: number) => field(initial, 'Hold for', { min: 0 });
-const yaw = field(null, 'Yaw from north', { placeholder: 'autopilot' });
+const yaw = field(null, 'Yaw from north', { placeholder: 'chosen by the autopilot' });
 const ANGLE = { min: -360, max: 360 };
 const WHOLE_ANGLE = { min: -180, max: 180, whole: true };
 const UNCHANGED = { placeholder: 'unchanged' };
@@ -97,7 +97,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   waypoint: {
     hold_s: hold(0),
     acceptance_radius_m: field(0, 'Acceptance radius', { min: 0 }),
-    pass_radius_m: field(0, 'Pass radius'),
+    pass_radius_m: field(0, 'Pass radius (negative: counter-clockwise)'),
     yaw_ned_deg: yaw,
   },
   loiter_unlimited: { radius_m: hidden(0), yaw_ned_deg: yaw },
@@ -125,7 +125,7 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   },
   change_speed: {
     speed_type: choice(1, 'Speed type', { 1: 'ground speed', 2: 'climb speed', 3: 'descent speed', 0: 'airspeed' }),
-    speed_m_s: field(5, 'Speed', { min: -2, max: 1000 }),
+    speed_m_s: field(5, 'Speed (−1: unchanged, −2: default)', { min: -2, max: 1000 }),
     throttle_percent: hidden(-1),
   },
   // PX4 accepts only the vehicle's position.

@@ -65,7 +65,12 @@ describe('the fields of an item', () => {
   const field = (item: Item, name: string) => fieldsOf(item).find((row) => row.name === name);
 
   it('have units, and may be empty if the autopilot has a default', () => {
-    expect(labels(added('waypoint'))).toEqual(['Hold for [s]', 'Acceptance radius [m]', 'Pass radius [m]', 'Yaw from north [°]?']);
+    expect(labels(added('waypoint'))).toEqual([
+      'Hold for [s]',
+      'Acceptance radius [m]',
+      'Pass radius (negative: counter-clockwise) [m]',
+      'Yaw from north [°]?',
+    ]);
     expect(field(added('gimbal_pitch_yaw'), 'pitch_rate_deg_s')).toMatchObject({ unit: '°/s', value: null, placeholder: 'default' });
   });
   it('offer texts instead of code numbers', () => {

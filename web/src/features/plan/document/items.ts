@@ -85,7 +85,7 @@ export function detailOf(item: Item): string {
     if (value !== null && value !== 0) parts.push(text(value));
   };
   if (isPlaced(item)) parts.push(altitudeText(item.altitude));
-  if (item.kind === 'complex') parts.push(`${item.items?.length ?? 0} items of another program`);
+  if (item.kind === 'complex') parts.push(`${item.items?.length ?? 0} items, made by another program`);
   if (item.kind === 'jump')
     parts.push(
       `item ${(numberIn(item, 'target_index') ?? 0) + 1}`,

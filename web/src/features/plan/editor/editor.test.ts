@@ -198,7 +198,7 @@ describe('plans on the server', () => {
     plans.onEvent({ ...event, client_key: 'me' }, 'me');
     expect(plans.notice?.text).toBe('Saved as version 1.');
     plans.onEvent({ ...event, client_key: 'other' }, 'me');
-    expect(plans.notice).toMatchObject({ conflict: true, text: 'bob saved version 2 of this plan. Yours is based on version 1.' });
+    expect(plans.notice).toMatchObject({ conflict: true, text: 'bob saved version 2 of this plan. Your version is based on version 1.' });
     plans.onEvent({ ...event, client_key: 'other', action: 'deleted' }, 'me');
     expect(plans.current).toBeNull();
   });

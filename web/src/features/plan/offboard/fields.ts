@@ -116,7 +116,7 @@ const SECONDS: Bounds = { min: 0, max: 86_400 };
 const METRES: Bounds = { min: 0.1, max: 10_000 };
 const SPEED: Bounds = { min: 0.1, max: 100, placeholder: 'default' };
 const ANGLE: Bounds = { min: -360, max: 360 };
-const OPTIONAL_ANGLE: Bounds = { ...ANGLE, placeholder: 'kept' };
+const OPTIONAL_ANGLE: Bounds = { ...ANGLE, placeholder: 'unchanged' };
 export const ACTIONS = { continue: 'Continue', hold: 'Hold', return: 'Return', land: 'Land' };
 
 /** The rows of the heading: a choice of four, and the rows of the chosen one. */
@@ -342,7 +342,7 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   wait: [until, number('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
   repeat: [number('times', 'Times', { min: 1, max: 1000 })],
   branch: [condition('condition')],
-  call: [names('mission', 'Sub-mission', 'missions', 'choose …')],
+  call: [names('mission', 'Mission', 'missions', 'choose …')],
   land: [number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '300' })],
   meet: [text('meeting', 'Name of the sync point'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
 };

@@ -85,8 +85,8 @@ describe('the steps of a mission', () => {
     for (const kind of KINDS) expect(stepTitle(newStep(kind))).not.toBe('');
     expect(detailOf(FLY)).toBe('2 points');
     expect(detailOf(NESTED.steps[2] as Step)).toBe('if battery above 50 %');
-    expect(detailOf({ ...newStep('orbit'), turns: 1 })).toBe('R 10 m · 1 turn');
-    expect(detailOf({ ...newStep('helix'), speed_m_s: 3, photo_every_m: 2.5 })).toBe('R 10 m · 3 turns · climb 10 m · ≤ 3 m/s · photo every 2.5 m');
+    expect(detailOf({ ...newStep('orbit'), turns: 1 })).toBe('radius 10 m · 1 turn');
+    expect(detailOf({ ...newStep('helix'), speed_m_s: 3, photo_every_m: 2.5 })).toBe('radius 10 m · 3 turns · climb 10 m · ≤ 3 m/s · photo every 2.5 m');
   });
 
   it('show durations that contain the durations of nested steps', () => {

@@ -19,8 +19,8 @@ const TITLES: Readonly<Record<StepKind, string>> = {
   photo: 'Photo',
   wait: 'Wait',
   repeat: 'Repeat',
-  branch: 'Branch',
-  call: 'Call',
+  branch: 'If … then … otherwise',
+  call: 'Fly another mission',
   land: 'Land',
   meet: 'Wait for the other vehicles',
 };
@@ -118,10 +118,10 @@ export function detailOf(step: Step): string {
     case 'orbit':
     case 'helix':
     case 'spiral':
-      add('radius_m', 'R # m');
+      add('radius_m', 'radius # m');
       add('turns', step['turns'] === 1 ? '# turn' : '# turns');
       add('climb_m', 'climb # m');
-      add('end_radius_m', 'to R # m');
+      add('end_radius_m', 'to radius # m');
       break;
     case 'meet':
       parts.push(String(step['meeting'] ?? ''));

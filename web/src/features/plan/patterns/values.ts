@@ -113,7 +113,7 @@ const options = (texts: Readonly<Record<string, string>>) => Object.entries(text
 const SPECS: Readonly<Record<ValueName, Spec>> = {
   altitude_m: number('Altitude', 'm', -12_000, 100_000),
   reference: choice('Reference', REFERENCE_CHOICES),
-  distance_m: number('Camera to ground', 'm', 0.1, 100_000, { placeholder: 'as altitude' }),
+  distance_m: number('Distance camera to ground', 'm', 0.1, 100_000, { placeholder: 'as altitude' }),
   front_percent: number('Front overlap', '%', 0, 95),
   side_percent: number('Side overlap', '%', 0, 95),
   orientation: choice('Camera orientation', options({ landscape: 'landscape', portrait: 'portrait' })),
@@ -123,7 +123,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   image_width_px: number('Photo width', 'px', 1, 1_000_000, { decimals: 0 }),
   image_height_px: number('Photo height', 'px', 1, 1_000_000, { decimals: 0 }),
   heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'best' }),
-  turnaround_m: number('Turnaround', 'm', 0, 1000),
+  turnaround_m: number('Turnaround distance', 'm', 0, 1000),
   crosshatch: { label: 'Second set of lines at right angles', type: 'switch' },
   speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
   width_m: number('Width', 'm', 0.1, 10_000),
@@ -231,7 +231,7 @@ export function requestOf(kind: PatternKind, rings: Rings, values: PatternValues
   const [outline = [], ...holes] = rings.filter((ring, i) => i === 0 || ring.length > 0).map((ring) => [...ring]);
   const altitude: Altitude = { value_m: values.altitude_m, reference: values.reference };
   if ((kind === 'survey' || kind === 'corridor') && values.reference === 'amsl' && values.distance_m === null) {
-    const text = 'With an altitude AMSL the distance to the ground is not known. Enter “Camera to ground”.';
+    const text = 'With an altitude AMSL the distance to the ground is not known. Enter “Distance camera to ground”.';
     return { ok: false, problem: { place: 'distance_m', text } };
   }
   const coverage = coverageOf(values, kind === 'structure' ? values.sides_m : (values.distance_m ?? values.altitude_m));
