@@ -45,7 +45,7 @@ def plan_room(page: Page) -> Locator:
     page.get_by_role("toolbar", name="Map").wait_for()
     expect(page.locator(".bar")).to_have_text("10 m")
     page.keyboard.press("w")
-    room = page.get_by_role("region", name="Plan room")
+    room = page.get_by_role("region", name="Plan view")
     room.wait_for()
     page.get_by_role("toolbar", name="Map").wait_for()
     return room

@@ -16,7 +16,7 @@ FENCE = ((0.46, 0.24), (0.66, 0.22), (0.66, 0.62), (0.56, 0.66), (0.46, 0.5))
 def open_room(page: Page, zoom: str | None = None) -> Locator:
     """Opens the plan room over the map."""
     page.keyboard.press("w")
-    room = page.get_by_role("region", name="Plan room")
+    room = page.get_by_role("region", name="Plan view")
     room.wait_for()
     page.get_by_role("toolbar", name="Map").wait_for()
     if zoom is not None:
@@ -27,7 +27,7 @@ def open_room(page: Page, zoom: str | None = None) -> Locator:
 
 def close_room(page: Page) -> None:
     """Closes the plan room and the large map, as the other states require."""
-    page.get_by_role("button", name="Close the plan room").click()
+    page.get_by_role("button", name="Close the plan view").click()
     page.keyboard.press("m")
 
 

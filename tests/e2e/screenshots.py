@@ -89,7 +89,7 @@ def room(setup: PictureSetup) -> None:
     page = setup.page
     page.keyboard.press("m")
     page.keyboard.press("p")
-    dock = page.get_by_role("region", name="Offboard room")
+    dock = page.get_by_role("region", name="Offboard view")
     north, east, up = (dock.get_by_label(f"Position, {axis}") for axis in ("North", "East", "Up"))
     north.fill("12")
     east.fill("6")
@@ -109,7 +109,7 @@ def room(setup: PictureSetup) -> None:
     save_in_both_themes(page, setup.folder, "room")
     page.keyboard.press("Tab")
     dock.get_by_role("button", name="Hold", exact=True).click()
-    page.get_by_role("button", name="Close the offboard room").click()
+    page.get_by_role("button", name="Close the offboard view").click()
     page.keyboard.press("m")
 
 
@@ -118,14 +118,14 @@ def drag(setup: PictureSetup) -> None:
     page = setup.page
     until_pill(page, "Holding")
     page.keyboard.press("p")
-    dock = page.get_by_role("region", name="Offboard room")
+    dock = page.get_by_role("region", name="Offboard view")
     dock.get_by_role("radio", name="Drag in 3D").click()
     dock.get_by_role("button", name="Reset target to vehicle").click()
     for name in ("1 m south", "1 m east", "15° right", "15° right"):
         dock.get_by_role("button", name=name).click()
     wait_until_unchanged(page, 5)
     save_in_both_themes(page, setup.folder, "drag")
-    page.get_by_role("button", name="Close the offboard room").click()
+    page.get_by_role("button", name="Close the offboard view").click()
 
 
 def gimbal(setup: PictureSetup) -> None:
@@ -198,7 +198,7 @@ def group(setup: PictureSetup) -> None:
         wait_until_unchanged(page, 4)
         page.keyboard.press("m")
         page.keyboard.press("p")
-        dock = page.get_by_role("region", name="Offboard room")
+        dock = page.get_by_role("region", name="Offboard view")
         dock.get_by_role("radio", name="Group", exact=True).click()
         for box in dock.get_by_role("checkbox").all()[:2]:
             box.check()
@@ -211,7 +211,7 @@ def group(setup: PictureSetup) -> None:
         save_in_both_themes(page, setup.folder, "group")
         dock.get_by_role("button", name="Hold group").click()
         until_pill(page, "Holding")
-        page.get_by_role("button", name="Close the offboard room").click()
+        page.get_by_role("button", name="Close the offboard view").click()
         page.keyboard.press("m")
 
 

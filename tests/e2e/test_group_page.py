@@ -48,7 +48,7 @@ def open_group(page: Page) -> Any:
     """Opens the group form of the offboard room."""
     expect(page.locator(".pill b")).to_have_text("Holding")
     page.keyboard.press("p")
-    room = page.get_by_role("region", name="Offboard room")
+    room = page.get_by_role("region", name="Offboard view")
     room.get_by_role("radio", name="Group", exact=True).click()
     return room
 

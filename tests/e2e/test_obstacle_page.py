@@ -95,7 +95,7 @@ def test_the_vehicle_takes_off_stops_at_the_box_and_with_avoidance_flies_over_th
     with open_page(browser, landed.url, size=(1280, 720)) as page:
         expect(page.locator(".pill b")).to_have_text("Ready")
         page.keyboard.press("p")
-        room = page.get_by_role("region", name="Offboard room")
+        room = page.get_by_role("region", name="Offboard view")
         expect(room.get_by_text("If the stream stops")).to_be_visible()
         fly_to(page, room, 0.0, "Start…")
         slide(page, room.get_by_role("button", name="Start…").click)

@@ -105,7 +105,7 @@ def open_room(page: Page) -> Locator:
     """Opens the offboard room by its key when the page shows the vehicle."""
     expect(pill(page)).to_have_text(re.compile("Holding|Offboard"))
     page.keyboard.press("p")
-    room = page.get_by_role("region", name="Offboard room")
+    room = page.get_by_role("region", name="Offboard view")
     expect(room.get_by_text("If the stream stops")).to_be_visible()
     return room
 

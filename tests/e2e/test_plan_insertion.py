@@ -42,7 +42,7 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
         httpx.post(f"{url}/api/v1/plans", json={"name": "Mast", "plan": MAST}).raise_for_status()
         page.get_by_role("toolbar", name="Map").wait_for()
         page.keyboard.press("w")
-        room = page.get_by_role("region", name="Plan room")
+        room = page.get_by_role("region", name="Plan view")
         file = {"name": "field.json", "mimeType": "", "buffer": json.dumps(FIELD).encode()}
         page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
         entries = steps_of(room)

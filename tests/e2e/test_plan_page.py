@@ -200,7 +200,7 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
     with open_page(browser, station.url) as page:
         page.get_by_title("3D view", exact=True).wait_for()
         page.keyboard.press("w")
-        room = page.get_by_role("region", name="Plan room")
+        room = page.get_by_role("region", name="Plan view")
         page.get_by_role("button", name="Open", exact=True).click()
         room.get_by_role("button", name=re.compile("^Hill Waypoint plan")).click()
         page.keyboard.press("m")
@@ -226,7 +226,7 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         page.mouse.click(x, y + 60)
         expect(waypoint).to_have_attribute("aria-selected", "false")
         expect(menu).to_be_hidden()
-        page.get_by_role("button", name="Close the plan room").click()
+        page.get_by_role("button", name="Close the plan view").click()
         expect(room).to_be_hidden()
         page.mouse.click(x, y + 60)
         expect(menu).to_contain_text("Go here")

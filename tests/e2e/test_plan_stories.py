@@ -289,7 +289,7 @@ def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser
 
 def drag_by_touch(page: Page) -> None:
     """Drags a waypoint by touch."""
-    room = page.get_by_role("region", name="Plan room")
+    room = page.get_by_role("region", name="Plan view")
     x, y = on_map(page, (0.4, 0.35))
     choose(room.get_by_role("button", name="Add step"), "Waypoint")
     page.mouse.click(x, y)

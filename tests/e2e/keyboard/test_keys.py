@@ -52,7 +52,7 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("p")
-        room = page.get_by_role("region", name="Offboard room")
+        room = page.get_by_role("region", name="Offboard view")
         box = room.get_by_role("checkbox", name="Renew while this page is open")
         box.focus()
         page.keyboard.press("Space")

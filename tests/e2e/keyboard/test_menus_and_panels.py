@@ -123,7 +123,7 @@ def test_arrow_keys_select_an_option_of_a_radio_group_that_is_one_tab_stop(
         expect(group).to_be_checked()
         expect(page.get_by_role("radiogroup", name="Motion of the group")).to_be_visible()
         page.keyboard.press("Shift+Tab")
-        expect(page.get_by_role("button", name="Close the offboard room")).to_be_focused()
+        expect(page.get_by_role("button", name="Close the offboard view")).to_be_focused()
         page.keyboard.press("Tab")
         expect(group).to_be_focused()
         page.keyboard.press("ArrowRight")

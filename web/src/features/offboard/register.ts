@@ -30,5 +30,5 @@ registry.addKeys([
     inScene: true,
     handlers: { o: (facts) => actions.request('offboard_start', facts, 'offboard') },
   },
-  { order: 140, keys: 'P', description: 'Offboard room: setpoints, plots, gamepad', inScene: true, handlers: { p: () => rooms.toggle(ROOM) } },
+  { order: 140, keys: 'P', description: 'Offboard view: setpoints, plots, gamepad', inScene: true, handlers: { p: () => rooms.toggle(ROOM) } },
 ]);

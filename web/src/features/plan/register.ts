@@ -17,5 +17,5 @@ registry.addRoom({
 registry.addTo('cards', { order: 25, vehicleComponent: FlightCard });
 registry.addTo('cards', { order: 26, vehicleComponent: OffboardFlightCard });
 registry.addKeys([
-  { order: 138, keys: 'W', description: 'Plan room: waypoint plans and offboard missions', inScene: false, handlers: { w: () => rooms.toggle(ROOM) } },
+  { order: 138, keys: 'W', description: 'Plan view: waypoint plans and offboard missions', inScene: false, handlers: { w: () => rooms.toggle(ROOM) } },
 ]);
