@@ -72,7 +72,7 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(pill(page)).to_have_text("Ready")
 
         page.get_by_role("button", name="Take off", exact=True).click()
-        altitude = page.get_by_label("Altitude above home")
+        altitude = page.get_by_label("Above home")
         altitude.fill("999")
         expect(page.get_by_role("alertdialog")).to_contain_text("from 1 to 120 m above home")
         slide(page)
@@ -82,11 +82,9 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(page.get_by_role("alertdialog")).to_contain_text("Arms, climbs to 6.0 m above home")
         slide(page)
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
-        wait_until(lambda: shown_value(instrument, "Altitude above home") > 3, "the climb on the page")
+        wait_until(lambda: shown_value(instrument, "Above home") > 3, "the climb on the page")
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
-        wait_until(
-            lambda: abs(shown_value(instrument, "Altitude above home") - 6) < 1, "the requested altitude"
-        )
+        wait_until(lambda: abs(shown_value(instrument, "Above home") - 6) < 1, "the requested altitude")
 
         start = card.get_by_role("button", name="Start")
         start.click()
@@ -102,9 +100,7 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         assert stream["streaming"]
         assert -stream["setpoint"]["position_ned_m"][2] == pytest.approx(before + 1, abs=0.1)
         assert violations_in_both_themes(page) == []
-        wait_until(
-            lambda: shown_value(instrument, "Altitude above home") > 6.6, "the climb to the moved target"
-        )
+        wait_until(lambda: shown_value(instrument, "Above home") > 6.6, "the climb to the moved target")
 
         card.get_by_role("button", name="Hold", exact=True).click()
         expect(pill(page)).to_have_text("Holding")
@@ -277,7 +273,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         labels = values.locator(".grid .name")
         default_labels = [
             "Vertical speed",
-            "Distance from home",
+            "From home",
             "Flight time",
             "Heading",
             "Position north",
@@ -294,7 +290,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         page.keyboard.press("ArrowDown")
         expect(handle).to_be_focused()
         grip = box_of(values.get_by_role("button", name="Motor 1: drag"))
-        first = box_of(values.get_by_role("button", name="Distance from home: drag"))
+        first = box_of(values.get_by_role("button", name="From home: drag"))
         page.mouse.move(grip["x"] + 9, grip["y"] + 9)
         page.mouse.down()
         page.mouse.move(first["x"] + 9, first["y"] + 9, steps=12)
@@ -302,7 +298,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         values.get_by_role("button", name="Done").click()
         selected_labels = [
             "Motor 1",
-            "Distance from home",
+            "From home",
             "Vertical speed",
             "Flight time",
             "Position north",

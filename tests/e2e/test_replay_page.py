@@ -101,9 +101,7 @@ def compare(page: Page, log: Log, time_us: int) -> None:
     gimbal = log.newest("GIMBAL_DEVICE_ATTITUDE_STATUS", time_us)
     expect(page.locator(".pill .who")).to_contain_text(MODES[_mode(mode)])
     values = page.get_by_role("complementary", name="Instruments")
-    height = values.locator(".value", has=page.get_by_text("Altitude above home", exact=True)).locator(
-        ".text"
-    )
+    height = values.locator(".value", has=page.get_by_text("Above home", exact=True)).locator(".text")
     expect(height).to_have_text(
         re.compile(rf"^{position.relative_alt / 1000:.1f}".replace("-", "−") + r"\s*m")
     )

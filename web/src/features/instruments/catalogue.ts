@@ -83,7 +83,7 @@ const LABELS: Readonly<Record<string, string>> = {
   'global_position.lat_deg': 'Latitude',
   'global_position.lon_deg': 'Longitude',
   'global_position.alt_amsl_m': 'Altitude AMSL',
-  'global_position.alt_home_m': 'Altitude above home',
+  'global_position.alt_home_m': 'Above home',
   'gps.hdop': 'HDOP',
   'gps.horizontal_accuracy_m': 'GPS accuracy',
   'gps.fix_type': 'GPS fix type',
@@ -199,7 +199,7 @@ const DERIVED: readonly Quantity[] = [
   },
   {
     id: 'flown.from_home',
-    label: 'Distance from home',
+    label: 'From home',
     group: 'In flight',
     unit: 'm',
     topic: null,
