@@ -157,7 +157,7 @@ class SetpointEditor {
   start(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): void {
     const target = setpoint.type === 'position' || this.input === 'form' ? previewOf(setpoint as never, facts) : null;
     const targetText = target === null ? '' : ` (${previewText(target, facts)})`;
-    const expiry = expiryText(validity.on_expiry, this.view?.failsafe.words ?? facts.offboard?.ifStreamStops ?? null);
+    const expiry = expiryText(validity.on_expiry, this.view?.failsafe?.words ?? facts.offboard?.ifStreamStops ?? null);
     const valid_s = fixed(validity.valid_for_s, 1);
     const validityText = validity.renew
       ? `renewed while this page is open. If it is not renewed for ${valid_s} s, ${expiry}`
