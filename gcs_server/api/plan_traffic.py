@@ -83,7 +83,7 @@ async def traffic_findings(station: Station, vehicle: Vehicle, plan: Plan) -> li
     comparison = await compare_with_others(station, vehicle, plan, 0)
     rows = {f"item {seq + 1}": row for seq, (row, _) in enumerate(plan.simple_items())}
     findings = [
-        _finding(SEPARATION, f"Started now: {each.text}", rows.get(each.place), FIX)
+        _finding(SEPARATION, f"If the plan starts now: {each.text}", rows.get(each.place), FIX)
         for each in comparison.conflicts
     ]
     return findings + [_finding(SEPARATION_UNKNOWN, text, None, None) for text in comparison.not_compared]

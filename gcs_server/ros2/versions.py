@@ -26,22 +26,21 @@ from gcs_server.ros2.mode_executor import MODE_COMPLETED
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, STATUS, TIMESYNC, is_namespace
 
 _MODES: Final = "flight modes of missions"
-_SETPOINTS: Final = "setpoints"
 USE_OF_TOPIC: Final = {
-    STATUS: "the whole vehicle",
-    TIMESYNC: "the time since boot",
+    STATUS: "all data and commands of this vehicle",
+    TIMESYNC: "time since boot",
     COMMAND_ACK: "acknowledgements of commands",
     COMMAND: "commands",
-    "/fmu/out/vehicle_land_detected": "whether the vehicle is on the ground",
-    "/fmu/out/failsafe_flags": "reasons for refusals",
-    "/fmu/out/home_position": "home",
+    "/fmu/out/vehicle_land_detected": "landed state",
+    "/fmu/out/failsafe_flags": "PX4's reasons for refused commands",
+    "/fmu/out/home_position": "home position",
     "/fmu/out/position_setpoint_triplet": "the vehicle's target",
     "/fmu/out/vehicle_odometry": "angular velocity",
     "/fmu/out/vehicle_attitude": "attitude",
     "/fmu/out/vehicle_local_position": "local position",
     "/fmu/out/vehicle_global_position": "global position",
-    "/fmu/out/vehicle_gps_position": "GPS",
-    "/fmu/out/battery_status": "battery",
+    "/fmu/out/vehicle_gps_position": "GPS data",
+    "/fmu/out/battery_status": "battery state",
     REGISTER: _MODES,
     UNREGISTER: _MODES,
     REPLY: _MODES,
@@ -52,16 +51,16 @@ USE_OF_TOPIC: Final = {
     OVERRIDES: "deferred failsafes",
     EXECUTOR_COMMAND: "take-off and landing in a flight mode of a mission",
     MODE_COMPLETED: "take-off in a flight mode of a mission",
-    "/fmu/in/offboard_control_mode": "Offboard",
-    "/fmu/in/trajectory_setpoint": f"{_SETPOINTS} of position, velocity and acceleration",
-    "/fmu/in/vehicle_attitude_setpoint": f"{_SETPOINTS} of attitude",
-    "/fmu/in/vehicle_rates_setpoint": f"{_SETPOINTS} of angular velocity",
-    "/fmu/in/vehicle_thrust_setpoint": f"{_SETPOINTS} of thrust and torque",
-    "/fmu/in/vehicle_torque_setpoint": f"{_SETPOINTS} of thrust and torque",
-    "/fmu/in/actuator_motors": f"{_SETPOINTS} of motors",
-    "/fmu/in/actuator_servos": f"{_SETPOINTS} of servos",
+    "/fmu/in/offboard_control_mode": "Offboard mode",
+    "/fmu/in/trajectory_setpoint": "position, velocity and acceleration setpoints",
+    "/fmu/in/vehicle_attitude_setpoint": "attitude setpoints",
+    "/fmu/in/vehicle_rates_setpoint": "angular velocity setpoints",
+    "/fmu/in/vehicle_thrust_setpoint": "thrust and torque setpoints",
+    "/fmu/in/vehicle_torque_setpoint": "thrust and torque setpoints",
+    "/fmu/in/actuator_motors": "motor setpoints",
+    "/fmu/in/actuator_servos": "servo setpoints",
 }
-"""What the server cannot do or show without a topic, for every topic that it uses."""
+"""The data or function that is not available without a topic, for every topic that the server uses."""
 MAX_TOPICS: Final = 512
 """Maximum number of topics whose versions are stored."""
 MAX_NAMED: Final = 3
@@ -127,11 +126,12 @@ def _text(namespace: str, base: str, version: int, known: int) -> str:
     prefix = f"/{namespace}" if namespace else ""
     seen = f"{base}_v{version}" if version else base
     return (
-        f"{prefix}{seen} is of another version of PX4: version {version} instead of {known}, so that "
-        f"{USE_OF_TOPIC[_KNOWN[base]]} cannot be used"
+        f"{prefix}{seen} has version {version}, but this server knows version {known}. "
+        f"Not available: {USE_OF_TOPIC[_KNOWN[base]]}"
     )
 
 
 def _problem(texts: list[str]) -> str:
     more = len(texts) - MAX_NAMED
-    return f"{'; '.join(texts[:MAX_NAMED])}{f'; and {more} more topics' if more > 0 else ''}. {REMEDY}"
+    named = ". ".join(texts[:MAX_NAMED])
+    return f"{named}.{f' Further topics with unknown versions: {more}.' if more > 0 else ''} {REMEDY}"

@@ -187,8 +187,9 @@ class Adapter:
         if self._positions == "same_places" and len(move.starts_ned_m) > 1:
             raise PlanError(
                 "field positions",
-                "the roles that may call this list start at different places",
-                "Insert the mission into the steps of a role, or choose from_start.",
+                "the roles that may fly this list have different planned starts, so the inserted positions "
+                "cannot stay at the same places for all of them",
+                "Insert the mission into the steps of one role, or choose from_start.",
                 field="positions",
             )
         return self._positions == "same_places"

@@ -147,4 +147,8 @@ def _check(name: str, value: float, minimum: float, maximum: float) -> None:
 
 def _check_center(center_ned_m: Vector3) -> None:
     if not all(abs(axis) <= MAX_COORDINATE_M for axis in center_ned_m):
-        raise PlanError("field center_ned_m", f"{center_ned_m} is not a position", "Give finite metres.")
+        raise PlanError(
+            "field center_ned_m",
+            f"{center_ned_m} is not finite, or a coordinate exceeds {MAX_COORDINATE_M:.0f} m",
+            "Give metres from the local origin.",
+        )

@@ -39,7 +39,9 @@ def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(jump: Any, topic: 
         vehicle, other = await world.ready_to_arm("1"), await world.ready_to_arm("2")
         set_other_version(world, topic)
         sent = len(world.topics[0].sent)
-        with pytest.raises(Refused, match=rf"{topic}_v7 is of another version.*version 7 instead") as refused:
+        with pytest.raises(
+            Refused, match=rf"{topic}_v7 has version 7, but this server knows version 0"
+        ) as refused:
             await world.streamer.offboard("1").start(request_of(UP))
         assert "connect the vehicle over MAVLink" in (refused.value.remedy or "")
         assert len(world.topics[0].sent) == sent
@@ -52,7 +54,7 @@ def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(jump: Any, topic: 
         if topic == TRAJECTORY:
             await world.streamer.offboard("1").start(request_of(Attitude((1.0, 0.0, 0.0, 0.0), 0.1)))
             assert vehicle.status.mode == "offboard"
-            with pytest.raises(Refused, match="another version"):
+            with pytest.raises(Refused, match="has version 7"):
                 await world.streamer.offboard("1").setpoint(request_of(UP))
         await world.close()
 
@@ -74,7 +76,7 @@ def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connect
         await offboard.stop()
         world.mavlink_on = False
         await asyncio.sleep(2.0)
-        with pytest.raises(Refused, match="another version"):
+        with pytest.raises(Refused, match="has version 7"):
             await offboard.start(request_of(UP))
         await world.close()
 
@@ -88,7 +90,7 @@ def test_a_mission_is_refused_before_take_off(jump: Any, tmp_path: Path) -> None
         vehicle = await world.ready_to_arm()
         set_other_version(world, SETPOINT_TOPICS["VehicleAttitudeSetpoint"])
         attitude = "{step: attitude, roll_rad: 0.1, thrust: 0.5, duration_s: 1}"
-        with pytest.raises(Refused, match="setpoints of attitude cannot be used"):
+        with pytest.raises(Refused, match="Not available: attitude setpoints"):
             missions.begin(
                 vehicle, mission(f"- {{step: take_off, height_m: 4}}\n- {attitude}\n- {{step: land}}")
             )
@@ -105,7 +107,7 @@ def test_a_mode_is_refused_at_once(jump: Any, topic: str) -> None:
         world = modes.world
         set_other_version(world, topic)
         began_s = world.loop.time()
-        with pytest.raises(Refused, match=f"{topic}_v7 is of another version"):
+        with pytest.raises(Refused, match=f"{topic}_v7 has version 7"):
             await modes.register()
         assert world.loop.time() - began_s < 1.0
         assert not modes.sent(REGISTER)

@@ -287,7 +287,7 @@ def test_a_role_has_its_own_start() -> None:
             assert min(math.dist(segment.end_ned_m, end) for end in ends) < 0.01
     assert set(found.tables) == {"a.csv", "a 2.csv"}
     shared = refused(host, added, "missions", "round", 0, positions="same_places")
-    assert "roles that may call this list start at different places" in shared.reason
+    assert "roles that may fly this list have different planned starts" in shared.reason
     assert insert(host, added, ("missions", "round", 0), positions="from_start").called == "Tower"
     assert 'roles", "lead"' in refused(host, added, "steps", 0).fix
 

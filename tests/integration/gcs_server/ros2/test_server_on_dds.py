@@ -106,7 +106,7 @@ def flooding(publisher: Publisher) -> None:
         ),
         pytest.param(
             unknown_version,
-            "/bad/fmu/out/vehicle_status_v7 is of another version of PX4",
+            "/bad/fmu/out/vehicle_status_v7 has version 7, but this server knows version 1",
             marks=pytest.mark.broad,
         ),
         (silent, "bad has a writer of /fmu/out/vehicle_status_v1, but sends no message"),

@@ -37,8 +37,8 @@ def test_an_unknown_version_of_any_topic_is_reported_with_the_missing_function(t
     announce(versions, *(each for each in USE_OF_TOPIC if each != topic), other)
     (text,) = versions.problems()
     assert text == (
-        f"/px4_1{other} is of another version of PX4: version 7 instead of {known}, so that "
-        f"{USE_OF_TOPIC[topic]} cannot be used. {REMEDY}"
+        f"/px4_1{other} has version 7, but this server knows version {known}. "
+        f"Not available: {USE_OF_TOPIC[topic]}. {REMEDY}"
     )
 
 
@@ -62,8 +62,8 @@ def test_each_vehicle_has_one_text_that_counts_further_topics() -> None:
     announce(versions, "/fmu/out/vehicle_attitude_v1", namespace="")
     announce(versions, *(f"{topic}_v9" for topic in sorted(SENT)[:5]))
     first, second = versions.problems()
-    assert first.startswith("/fmu/out/vehicle_attitude_v1 is of another version")
-    assert "and 2 more topics. " in second
+    assert first.startswith("/fmu/out/vehicle_attitude_v1 has version 1, but")
+    assert ". Further topics with unknown versions: 2. " in second
     assert versions.problems("px4_1") == [second]
     assert versions.problems("px4_2") == []
 
