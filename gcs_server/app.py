@@ -57,7 +57,7 @@ from gcs_server.streamer.groups.status import GroupStatus
 from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.mode_status import MissionAsMode
 from gcs_server.streamer.missions.modes import MissionModes
-from gcs_server.streamer.missions.preparation import Conditions
+from gcs_server.streamer.missions.preparation import CompileInputs
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.limit_store import LimitStore
 from gcs_server.streamer.offboard.streamer import Streamer
@@ -68,7 +68,7 @@ from gcs_server.supervise import Supervisor
 from gcs_server.telemetry.hub import Hub
 from gcs_server.vehicle.events import Event
 from gcs_server.vehicle.fleet import Fleet, Notice
-from gcs_server.vehicle.services.held_cache import ItemsCache
+from gcs_server.vehicle.services.items_cache import ItemsCache
 
 log = logging.getLogger(__name__)
 
@@ -257,7 +257,7 @@ class Server:
     async def _prepare_mode(self, vehicle_id: str, mode: MissionAsMode) -> Start:
         return await prepare_mode(self.station, vehicle_id, mode)
 
-    def _compile_inputs(self, vehicle_id: str) -> Conditions | None:
+    def _compile_inputs(self, vehicle_id: str) -> CompileInputs | None:
         return compile_inputs_of(self.station, vehicle_id)
 
     def _offboard_target(self, vehicle_id: str) -> OffboardTarget | None:

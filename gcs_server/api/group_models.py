@@ -34,8 +34,9 @@ class _GroupValidity(Validity):
         allow_inf_nan=False,
         ge=0.05,
         le=600,
-        description="How long all setpoints are valid without being renewed, counted from the end of the "
-        "longest path [s]; then `on_expiry` applies to all members at the same time.",
+        description="How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to "
+        "all members at the same time. The time starts when the last member has finished its path setpoint, "
+        "or immediately if no member has one.",
     )
 
 
@@ -76,7 +77,9 @@ class StartGroup(_GroupValidity):
     )
     others_go_on: bool = Field(
         default=False,
-        description="Whether the other members continue if a member has a problem; false: all members hold.",
+        description="Whether the other members continue if a member leaves Offboard, the position of a "
+        "member is not known for 1 s, or two members come too close to each other (only these two then "
+        "hold); false: all members hold.",
     )
 
     @model_validator(mode="after")
@@ -129,7 +132,7 @@ GroupModel = model_of(
     "Group",
     state=Literal["starting", "waiting", "flying", "holding", "ended"],
     members=tuple[model_of(status.GroupMember), ...],
-    nearest=model_of(status.Nearest, "NearestTwo") | None,
+    nearest=model_of(status.ClosestPair) | None,
     findings=tuple[model_of(status.GroupFinding), ...],
 )
 
@@ -138,7 +141,8 @@ class GroupStarted(GroupModel):  # type: ignore[misc,valid-type]
     """The started group and the limits of its members."""
 
     limits: dict[str, LimitsModel] = Field(  # type: ignore[valid-type]
-        description="Limits by vehicle; `origin` says whether the operator's limits were restored."
+        description="Limits by vehicle; `origin` says whether the operator's limits were set since the "
+        "server started, or restored from the data folder."
     )
 
 

@@ -17,7 +17,7 @@ from gcs_server.api.station import Station, StationDep, VehicleDep
 from gcs_server.errors import Refused
 from gcs_server.streamer.missions.mode_status import MissionAsMode
 from gcs_server.streamer.missions.modes import dds_address
-from gcs_server.streamer.missions.preparation import Conditions
+from gcs_server.streamer.missions.preparation import CompileInputs
 from gcs_server.streamer.missions.start import Start
 from gcs_server.vehicle.samples import GlobalPosition
 from gcs_server.vehicle.vehicle import Vehicle
@@ -77,7 +77,7 @@ async def prepare_mode(station: Station, vehicle_id: str, mode: MissionAsMode) -
     )
 
 
-def compile_inputs_of(station: Station, vehicle_id: str) -> Conditions | None:
+def compile_inputs_of(station: Station, vehicle_id: str) -> CompileInputs | None:
     """Position, yaw and settings for a mission that is compiled now; None: no valid position."""
     vehicle = station.fleet.get(vehicle_id)
     try:
@@ -86,7 +86,7 @@ def compile_inputs_of(station: Station, vehicle_id: str) -> Conditions | None:
         return None
     context = plan_context_of(station, vehicle)
     settings = (start["origin"], context.parameters, context.reported, context.operator)
-    return Conditions(start["position_ned_m"], start["yaw_ned_rad"], settings)
+    return CompileInputs(start["position_ned_m"], start["yaw_ned_rad"], settings)
 
 
 def _home_when_armed(vehicle: Vehicle) -> dict[str, float]:

@@ -13,7 +13,7 @@ from gcs_server.api.strict_body import ResponseBody, StrictBody
 from gcs_server.streamer.waypoints.resume import ResumeOffer
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.services.mission_compare import Difference
-from gcs_server.vehicle.services.mission_held import PlanReference
+from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.plan import Plan
 
 

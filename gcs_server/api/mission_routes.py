@@ -23,10 +23,10 @@ from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
 from gcs_server.streamer.waypoints.flight import Announcement
-from gcs_server.vehicle.services.held_plan import plan_from_items
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
-from gcs_server.vehicle.services.mission_held import Items, ItemsOnVehicle, PlanReference
+from gcs_server.vehicle.services.mission_on_vehicle import Items, ItemsOnVehicle, PlanReference
+from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.errors import PlanError

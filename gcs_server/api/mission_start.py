@@ -15,8 +15,8 @@ from gcs_server.errors import PlanFindings, Refused, UnknownPlan
 from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.waypoints.flight import DryRunPath
-from gcs_server.vehicle.services.held_plan import plan_from_items
-from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
+from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
 from missions.errors import PlanError

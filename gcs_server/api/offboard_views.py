@@ -96,7 +96,8 @@ class OffboardStarted(OffboardModel):  # type: ignore[misc,valid-type]
     """The started stream and its limits."""
 
     limits: LimitsModel = Field(  # type: ignore[valid-type]
-        description="Limits of its setpoints; `origin` says whether the operator's limits were restored."
+        description="Limits of its setpoints; `origin` says whether the operator's limits were set since the "
+        "server started, or restored from the data folder."
     )
 
 

@@ -25,7 +25,7 @@ from missions.traffic.path import PredictedPath, stationary_path
 from missions.traffic.waypoints import ends_with_landing, predict_plan
 from missions.values import HomePosition
 from missions.vehicle import VehicleModel
-from missions.waypoints.planned import PlannedPasses, planned_by_plan
+from missions.waypoints.planned import PlannedPasses, estimate_passes
 from missions.waypoints.resume import remaining_plan, resume_point
 
 SEPARATION, SEPARATION_UNKNOWN = "separation", "separation_unknown"
@@ -76,8 +76,8 @@ async def compare_with_others(
 
 
 async def traffic_findings(station: Station, vehicle: Vehicle, plan: Plan) -> list[dict[str, Any]]:
-    """Separation findings of a plan, as `FindingModel`, if a vehicle on the ground started it now. The
-    findings are warnings, because the time of the start is not known."""
+    """Separation findings of a plan, as `FindingModel`, for a start of the vehicle now. They are warnings,
+    because the real time of the start is not known. Empty if the vehicle is already flying."""
     if vehicle_reading(vehicle).in_air:
         return []
     comparison = await compare_with_others(station, vehicle, plan, 0)
@@ -108,8 +108,8 @@ async def mission_traffic(station: Station, vehicle: Vehicle, timeline: Timeline
 
 
 def _finding(code: str, text: str, row: int | None, fix: str | None) -> dict[str, Any]:
-    place = {"row": row, "zone": None, "rally_point": None, "obstacle": None, "step": None}
-    return {"code": code, "severity": "warning", "text": text, "place": place, "fix": fix, "limit": None}
+    location = {"row": row, "zone": None, "rally_point": None, "obstacle": None, "step": None}
+    return {"code": code, "severity": "warning", "text": text, "place": location, "fix": fix, "limit": None}
 
 
 # --- the other vehicles -----------------------------------------------------------------------------------
@@ -143,11 +143,11 @@ def _current_path(station: Station, other: Vehicle) -> PredictedPath | None:
 
 
 def _mission_path(station: Station, other: Vehicle) -> PredictedPath | None:
-    flight, origin = station.missions.newest(other.id), VehicleEstimates(other).origin()
+    mission, origin = station.missions.newest(other.id), VehicleEstimates(other).origin()
     position_ned_m = vehicle_reading(other).position_ned_m
-    if flight is None or not flight.runner.in_charge or origin is None or position_ned_m is None:
+    if mission is None or not mission.runner.in_charge or origin is None or position_ned_m is None:
         return None
-    return predict_mission(other.id, origin, flight.runner.flight, position_ned_m)
+    return predict_mission(other.id, origin, mission.runner.flight, position_ned_m)
 
 
 def _hover_path(other: Vehicle) -> PredictedPath | None:
@@ -206,7 +206,7 @@ def _predict(start: _Start, plan: Plan, dry_run_passes: PlannedPasses | None) ->
             item = 0  # PX4 begins again at the first item
         else:
             flown_plan, dry_run_passes = remaining_plan(plan, item, start.home), None
-    planned = dry_run_passes or planned_by_plan(flown_plan, start.model, start.home, start.origin)
+    planned = dry_run_passes or estimate_passes(flown_plan, start.model, start.home, start.origin)
     if planned is None:
         return None
     index = 0
@@ -214,7 +214,8 @@ def _predict(start: _Start, plan: Plan, dry_run_passes: PlannedPasses | None) ->
         index = next((number for number, each in enumerate(planned.passes) if max(each.items) >= item), 0)
     return predict_plan(
         start.vehicle, start.origin, planned, ends_in_air=not ends_with_landing(flown_plan), index=index,
-        off_path_ned_m=start.position_ned_m if start.in_air else None, speed_m_s=start.model.cruise_m_s,
+        current_position_ned_m=start.position_ned_m if start.in_air else None,
+        speed_m_s=start.model.cruise_m_s,
     )  # fmt: skip
 
 

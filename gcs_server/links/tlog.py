@@ -41,7 +41,8 @@ class ReplayState:
     speed: float
     """Playback speed; 1 is real time, 0 is as fast as possible."""
     position_unix_s: float | None
-    """Current time in the recording, by the recording computer's clock; null while the file is being read."""
+    """Current time in the recording, by the clock of the computer that recorded it; null while the file is
+    being read."""
     begin_unix_s: float | None
     end_unix_s: float | None
 

@@ -55,7 +55,9 @@ def make_link(
         LinkError: the recording does not exist, or software that the link needs is missing.
     """
     for key_name in re.findall(r"[?&]key=([^&#]*)", url, re.IGNORECASE):
-        checked_key_name(unquote(key_name))  # checked first, because other error messages repeat the URL
+        # Checked first: the other errors contain the whole URL, and a secret key that was given instead of
+        # its name must not be shown.
+        checked_key_name(unquote(key_name))
     link = _link(url, name, other_kinds)
     link.signing = _signing(url)
     return link

@@ -34,7 +34,7 @@ class ReplayClock(Clock):
         return self._offset_s + (self.time_us - self._begin_us) / 1e6
 
     def unix_s(self) -> float:
-        """Time by the recording computer's clock [s since 1970 UTC]."""
+        """Time by the clock of the computer that made the recording [s since 1970 UTC]."""
         return self.time_us / 1e6
 
     async def sleep(self, seconds: float) -> None:

@@ -50,7 +50,8 @@ class Replay:
     speed: float
     """Playback speed; 1 is real time, 0 is as fast as possible."""
     position_unix_s: float | None
-    """Current time in the recording, by the recording computer's clock; null while the file is being read."""
+    """Current time in the recording, by the clock of the computer that recorded it; null while the file is
+    being read."""
     begin_unix_s: float | None
     end_unix_s: float | None
 
@@ -88,13 +89,13 @@ class Replays:
 
     async def recordings(self) -> list[RecordingInfo]:
         """All recordings in the folder, newest first."""
-        running = {
+        being_recorded = {
             info.recording.file
             for info in self._router.links()
             if info.recording is not None and info.recording.file and info.recording.stopped is None
         }
-        async with self._listing:  # the second of two concurrent callers uses the first one's result
-            infos = await asyncio.to_thread(self._catalogue.all, running)
+        async with self._listing:  # a second concurrent caller then finds the files in the catalogue's cache
+            infos = await asyncio.to_thread(self._catalogue.all, being_recorded)
         indexes = {
             (path.name, version[0]): future.result()
             for (path, version), future in self._indexes.items()
@@ -107,7 +108,7 @@ class Replays:
         return self._catalogue.path(name)
 
     async def index_of_recording(self, name: str) -> RecordingIndex:
-        """Bounds and marks of a recording, which are computed once, outside the event loop.
+        """Start, end and timeline marks of a recording, which are computed once, outside the event loop.
 
         Raises:
             UnknownRecording: there is no such recording.
@@ -133,7 +134,7 @@ class Replays:
                     del self._indexes[key]
 
     async def index_of_replay(self, name: str) -> RecordingIndex:
-        """Bounds and marks of an open replay. Raises UnknownRecording, RecordingUnusable."""
+        """Start, end and timeline marks of an open replay. Raises UnknownRecording, RecordingUnusable."""
         link = self._link(name)
         await link.opened()
         if link.index is None:
@@ -281,7 +282,8 @@ class Replays:
             raise RecordingUnusable(f"{path.name}: {error}") from None
         except OSError as error:
             if key is not None:
-                results.pop(key, None)  # a full disk may have space again
+                # Computed again at the next call: the disk may then have space to unpack the recording.
+                results.pop(key, None)
             raise RecordingUnusable(explain(path, error)) from None
 
 

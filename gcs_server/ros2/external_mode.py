@@ -82,7 +82,7 @@ class Registration:
     state: RegistrationState
     nav_state: int | None
     """Navigation state in PX4; None: PX4 never gave the mode one."""
-    why: str = ""
+    reason: str = ""
     """Why the registration was refused or lost."""
     failsafe_deferred: bool = False
     """Whether PX4 defers a failsafe now, because the vehicle flies in this mode."""
@@ -107,7 +107,7 @@ class ExternalMode:
     def __init__(self, declaration: ModeDeclaration, request_id: int, now_s: float) -> None:
         self.declaration, self._request_id = declaration, request_id
         self._state: RegistrationState = "registering"
-        self._why = ""
+        self._reason = ""
         self._check_id = self._mode_id = NO_ID
         self.executor: ModeExecutor | None = None
         """The mode's executor, once PX4 has registered it."""
@@ -127,7 +127,7 @@ class ExternalMode:
         state = self._state if selectable else "registering"
         executor = self.executor.state if self.executor is not None and state == "registered" else None
         name = self.declaration.name
-        return Registration(name, state, nav_state, self._why, self._failsafe_deferred, executor)
+        return Registration(name, state, nav_state, self._reason, self._failsafe_deferred, executor)
 
     def step(self, now_s: float) -> list[Message]:
         """The requests that are due now; call this at `due_s`."""
@@ -142,7 +142,7 @@ class ExternalMode:
             return []
         if self._attempts >= ATTEMPTS:
             self._state, self.due_s = "refused", float("inf")
-            self._why = "PX4 did not answer the registration; it must be v1.16 with its uXRCE-DDS client"
+            self._reason = "PX4 did not answer the registration; it must be v1.16 with its uXRCE-DDS client"
             return []
         self._attempts += 1
         self.due_s = now_s + ATTEMPT_EVERY_S
@@ -169,14 +169,14 @@ class ExternalMode:
             return [self._unregistration(*ids)] if valid else []
         if not valid:
             self._state, self.due_s = "refused", float("inf")
-            self._why = (
+            self._reason = (
                 "PX4 refused the registration: all eight of its mode slots or all five of its executor slots "
                 "are used, or it is armed and COM_MODE_ARM_CHK is 0"
             )
             return []
         if values["px4_ros2_api_version"] != API_VERSION:
             self._state, self.due_s = "refused", float("inf")
-            self._why = (
+            self._reason = (
                 f"PX4's interface for flight modes has version {values['px4_ros2_api_version']}, but this "
                 f"server knows version {API_VERSION}; use PX4 v1.16"
             )
@@ -237,8 +237,8 @@ class ExternalMode:
         executor_id = NO_ID if self.executor is None else self.executor.id
         return [self._unregistration(self._check_id, self._mode_id, executor_id)] if registered else []
 
-    def _set_lost(self, why: str) -> None:
-        self._state, self._why = "lost", why
+    def _set_lost(self, reason: str) -> None:
+        self._state, self._reason = "lost", reason
         self._failsafe_deferred = False
 
     def _overrides(self) -> list[Message]:

@@ -39,7 +39,7 @@ def fly(
     conditions: Sequence[Conditions],
     make_pilot: MakePilot,
     *,
-    longest_s: float,
+    max_duration_s: float,
     seed: int = 0,
     first: int = 0,
     site: Site = LEVEL_SITE,
@@ -51,7 +51,7 @@ def fly(
         aircraft: the vehicle.
         conditions: one for each flight.
         make_pilot: creates the pilot of a vehicle.
-        longest_s: time limit of a flight.
+        max_duration_s: time limit of a flight.
         seed: seed of noise and gusts.
         first: number of the first flight. The noise of a flight depends on this number.
         site: ground and obstacles around the start.
@@ -59,7 +59,9 @@ def fly(
     """
     fleet = Fleet([aircraft] * len(conditions), conditions, seed=seed, first=first, site=site)
     pilots = [make_pilot(vehicle) for vehicle in fleet.vehicles]
-    return fly_fleet(fleet, pilots, conditions, Recorder(fleet, pilots), longest_s=longest_s, report=report)
+    return fly_fleet(
+        fleet, pilots, conditions, Recorder(fleet, pilots), max_duration_s=max_duration_s, report=report
+    )
 
 
 def fly_fleet(
@@ -68,7 +70,7 @@ def fly_fleet(
     conditions: Sequence[Conditions],
     recorder: Recorder,
     *,
-    longest_s: float,
+    max_duration_s: float,
     report: ReportProgress | None = None,
     after_pilots: Callable[[float], None] | None = None,
 ) -> list[Flight]:
@@ -79,7 +81,7 @@ def fly_fleet(
         pilots: one for each vehicle.
         conditions: one for each vehicle.
         recorder: records these vehicles.
-        longest_s: time limit of a flight.
+        max_duration_s: time limit of a flight.
         report: called with the progress; an exception from it ends the batch.
         after_pilots: called after the pilots at each tick, to coordinate them.
     """
@@ -96,8 +98,8 @@ def fly_fleet(
         if ticks % EVERY_TICKS == 0:
             recorder.sample()
             for row, pilot in running:
-                if pilot.ended or _has_timed_out(pilot, now_s, longest_s):
-                    flights[row] = _flight(fleet, row, pilot, recorder, conditions[row], longest_s)
+                if pilot.ended or _has_timed_out(pilot, now_s, max_duration_s):
+                    flights[row] = _flight(fleet, row, pilot, recorder, conditions[row], max_duration_s)
                     fleet.retire(row)
             running = [(row, pilot) for row, pilot in running if row not in flights]
         if report is not None and ticks % REPORT_EVERY_TICKS == 0:
@@ -105,19 +107,19 @@ def fly_fleet(
     return [flights[row] for row in range(len(pilots))]
 
 
-def _has_timed_out(pilot: Pilot, now_s: float, longest_s: float) -> bool:
-    return now_s - (READY_WITHIN_S if pilot.started_s is None else pilot.started_s) >= longest_s
+def _has_timed_out(pilot: Pilot, now_s: float, max_duration_s: float) -> bool:
+    return now_s - (READY_WITHIN_S if pilot.started_s is None else pilot.started_s) >= max_duration_s
 
 
 def _flight(
-    fleet: Fleet, row: int, pilot: Pilot, recorder: Recorder, conditions: Conditions, longest_s: float
+    fleet: Fleet, row: int, pilot: Pilot, recorder: Recorder, conditions: Conditions, max_duration_s: float
 ) -> Flight:
     vehicle = fleet.vehicles[row]
     findings = list(pilot.findings)
     collided = fleet.collided(row)
     if not pilot.ended:
-        message = f"The flight did not end within {longest_s:.0f} s."
-        findings.append(finding_now("not_finished", message, pilot.step, longest_s, vehicle))
+        message = f"The flight did not end within {max_duration_s:.0f} s."
+        findings.append(finding_now("not_finished", message, pilot.step, max_duration_s, vehicle))
     track = recorder.track(row)
     if collided:
         end_s = 0.0 if track is None else float(track.t_s[-1])

@@ -15,7 +15,7 @@ from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.spread import MAX_FLIGHTS, Chance, Quantiles, Spread
 from missions.errors import PlanError
 
-CHANCES = {
+OUTCOMES = {
     "not_finished": ("start_refused", "failsafe", "mission_left", "not_finished", "obstacle_hit"),
     "fence_touched": ("fence_touched",),
     "obstacle_hit": ("obstacle_hit", "ground_touched"),
@@ -34,6 +34,7 @@ class FlightSummary:
     finished: bool
     duration_s: float
     battery_end_share: float | None
+    """Remaining battery charge at the end, 0 to 1; None: not known."""
     fence_distance_m: float | None
     obstacle_distance_m: float | None
     findings: tuple[str, ...]
@@ -54,6 +55,7 @@ class MonteCarlo:
     duration_s: Quantiles | None
     """Duration of the finished flights."""
     battery_end_share: Quantiles | None
+    """Remaining battery charge at the end, 0 to 1."""
     fence_distance_m: Quantiles | None
     obstacle_distance_m: Quantiles | None
     chances: dict[str, Chance]
@@ -110,7 +112,7 @@ def monte_carlo(
     drawn = [spread.draw(conditions, seed, number) for number in range(1, flights + 1)]
     began_s = time.perf_counter()
     flights_flown = fly(
-        aircraft, [conditions, *drawn], flyable.pilot, longest_s=flyable.longest_s, seed=seed,
+        aircraft, [conditions, *drawn], flyable.make_pilot, max_duration_s=flyable.max_duration_s, seed=seed,
         site=site, report=report,
     )  # fmt: skip
     computing_s = time.perf_counter() - began_s
@@ -127,7 +129,7 @@ def summarise(evaluated: Sequence[DryRun], spread: Spread, seed: int, computing_
     nominal, varied = evaluated[0], evaluated[1:]
     summaries = tuple(_summary_of(each) for each in varied)
     tracks = [each.track for each in varied if each.track is not None]
-    longest_s = max(each.duration_s for each in evaluated)
+    longest_flight_s = max(each.duration_s for each in evaluated)
     return MonteCarlo(
         nominal, spread, seed, summaries,
         None if nominal.track is None else corridor(nominal.track, tracks),
@@ -135,12 +137,12 @@ def summarise(evaluated: Sequence[DryRun], spread: Spread, seed: int, computing_
         Quantiles.from_values(_without_none(each.battery_end_share for each in summaries)),
         Quantiles.from_values(_without_none(each.fence_distance_m for each in summaries)),
         Quantiles.from_values(_without_none(each.obstacle_distance_m for each in summaries)),
-        chances_of([each.findings for each in summaries], CHANCES),
-        longest_s / max(computing_s, 1e-9),
+        outcome_probabilities([each.findings for each in summaries], OUTCOMES),
+        longest_flight_s / max(computing_s, 1e-9),
     )  # fmt: skip
 
 
-def chances_of(
+def outcome_probabilities(
     flights: Sequence[Collection[str]], outcomes: Mapping[str, tuple[str, ...]]
 ) -> dict[str, Chance]:
     """How often each outcome happened.

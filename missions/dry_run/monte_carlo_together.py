@@ -8,7 +8,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from missions.dry_run.flight import ReportProgress
-from missions.dry_run.monte_carlo import CHANCES, MonteCarlo, chances_of, quantiles_document, summarise
+from missions.dry_run.monte_carlo import (
+    OUTCOMES,
+    MonteCarlo,
+    outcome_probabilities,
+    quantiles_document,
+    summarise,
+)
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.spread import MAX_FLIGHTS, MAX_VEHICLES, Chance, Quantiles, Spread
 from missions.dry_run.together import DryRunTogether, fly_together
@@ -137,7 +143,7 @@ def _chances(runs_together: Sequence[DryRunTogether], minimum_m: float) -> dict[
         }
         for each in runs_together
     ]
-    return chances_of(codes, {**CHANCES, "separation": ("separation",), TOO_NEAR: (TOO_NEAR,)})
+    return outcome_probabilities(codes, {**OUTCOMES, "separation": ("separation",), TOO_NEAR: (TOO_NEAR,)})
 
 
 def _without_nominal(many: MonteCarlo) -> dict[str, Any]:

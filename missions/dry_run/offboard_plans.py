@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from missions.dry_run.fleet import Vehicle
 from missions.dry_run.offboard import OffboardPilot
-from missions.dry_run.plans import BOOT_S, longest_s
+from missions.dry_run.plans import BOOT_S, max_duration_s
 from missions.dry_run.setup import Aircraft
 from missions.errors import PlanError
 from missions.frames import Vector3
@@ -30,7 +30,7 @@ class FlyableMission:
     fence: tuple[FenceZone, ...]
     expected_s: float
     """Estimated duration of boot and flight [s]."""
-    longest_s: float
+    max_duration_s: float
     """Time limit of the flight [s]."""
     name: str
     timeline: Timeline
@@ -73,7 +73,7 @@ class FlyableMission:
         motion = vehicle.motion_within(mission.limits)
         speed_m_s = min(motion.speed_m_s, mission.limits.speed_m_s or vehicle.limits.vehicle.cruise_m_s)
         return cls(
-            mission.fence, BOOT_S + timeline.duration_s, longest_s(timeline.duration_s), mission.name,
+            mission.fence, BOOT_S + timeline.duration_s, max_duration_s(timeline.duration_s), mission.name,
             timeline, replace(motion, speed_m_s=speed_m_s), start_ned_m,
         )  # fmt: skip
 
@@ -86,7 +86,7 @@ class FlyableMission:
         lines = legs(self.timeline, self.start_ned_m)
         return [origin.to_geodetic((n, e, d))[:2] for leg in lines for _, n, e, d in leg.points]
 
-    def pilot(self, vehicle: Vehicle, *, alone: bool = True) -> OffboardPilot:
+    def make_pilot(self, vehicle: Vehicle, *, alone: bool = True) -> OffboardPilot:
         """A pilot for this vehicle; `alone` false: the caller starts it together with the other roles."""
         runner = Runner(self.timeline, self.name, self.motion)
         return OffboardPilot(vehicle, runner, self.start_ned_m, alone=alone)

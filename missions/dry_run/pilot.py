@@ -27,7 +27,7 @@ class Step:
 
 
 class Pilot(Protocol):
-    """Flies one vehicle from boot to the end of the flight."""
+    """A simulated pilot: flies one vehicle from boot to the end of the flight."""
 
     started_s: float | None
     """Simulated time when the flight started; None: not yet."""

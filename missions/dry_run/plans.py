@@ -14,7 +14,7 @@ from missions.plan import Plan
 from missions.values import FenceZone
 from missions.vehicle import VehicleModel
 
-LONGEST_S = 3600.0
+MAX_DURATION_S = 3600.0
 """Time limit of any flight."""
 DURATION_FACTOR = 2.0
 MARGIN_S = 90.0
@@ -23,13 +23,13 @@ BOOT_S = 5.0
 """Estimated time from boot to the start of the flight."""
 
 
-def longest_s(expected_s: float) -> float:
+def max_duration_s(expected_s: float) -> float:
     """Time limit of a flight with this estimated duration."""
-    return min(LONGEST_S, DURATION_FACTOR * expected_s + MARGIN_S)
+    return min(MAX_DURATION_S, DURATION_FACTOR * expected_s + MARGIN_S)
 
 
 class Flyable(Protocol):
-    """A plan of any kind, with a pilot that flies it."""
+    """A plan of any kind, with a simulated pilot that flies it."""
 
     @property
     def fence(self) -> tuple[FenceZone, ...]:
@@ -42,12 +42,12 @@ class Flyable(Protocol):
         ...
 
     @property
-    def longest_s(self) -> float:
+    def max_duration_s(self) -> float:
         """Time limit of the flight."""
         ...
 
-    def pilot(self, vehicle: Vehicle) -> Pilot:
-        """A pilot that flies the plan with this vehicle."""
+    def make_pilot(self, vehicle: Vehicle) -> Pilot:
+        """Creates the simulated pilot that flies the plan with this vehicle."""
         ...
 
 
@@ -57,7 +57,7 @@ class FlyablePlan:
 
     fence: tuple[FenceZone, ...]
     expected_s: float
-    longest_s: float
+    max_duration_s: float
     upload: Upload
 
     @classmethod
@@ -70,8 +70,8 @@ class FlyablePlan:
         vehicle = VehicleModel.from_parameters(aircraft.parameters)
         with_home = plan.model_copy(update={"planned_home": aircraft.home})
         expected_s = estimate(with_home, vehicle).time_s
-        return cls(plan.fence, BOOT_S + expected_s, longest_s(expected_s), Upload.from_plan(plan))
+        return cls(plan.fence, BOOT_S + expected_s, max_duration_s(expected_s), Upload.from_plan(plan))
 
-    def pilot(self, vehicle: Vehicle) -> WaypointPilot:
+    def make_pilot(self, vehicle: Vehicle) -> WaypointPilot:
         """A pilot that uploads the plan and starts it."""
         return WaypointPilot(vehicle, self.upload)

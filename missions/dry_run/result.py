@@ -36,8 +36,10 @@ class StepTime:
     """A flown step: its time and its smallest distances."""
 
     place: str
+    """Label of the step, such as "item 3"."""
     title: str
     row: int | None
+    """Index in the plan's items; None: the step is not an item of a waypoint plan."""
     start_s: float
     end_s: float
     fence_distance_m: float | None
@@ -57,8 +59,9 @@ class DryRun:
     """Time from arming to the end."""
     length_m: float
     battery_start_share: float
+    """Battery charge at the start, 0 to 1."""
     battery_end_share: float | None
-    """None: the battery's discharge rate is unknown."""
+    """Remaining battery charge at the end, 0 to 1; None: the battery's discharge rate is unknown."""
     fence_distance_m: float | None
     obstacle_distance_m: float | None
     steps: tuple[StepTime, ...]
@@ -122,8 +125,8 @@ def dry_run(
     conditions = conditions or Conditions()
     began_s = time.perf_counter()
     flight = fly(
-        aircraft, [conditions], flyable.pilot, longest_s=flyable.longest_s, seed=seed, site=site,
-        report=report,
+        aircraft, [conditions], flyable.make_pilot, max_duration_s=flyable.max_duration_s, seed=seed,
+        site=site, report=report,
     )[0]  # fmt: skip
     computing_s = time.perf_counter() - began_s
     return evaluate(flight, flyable, aircraft, site, computing_s)
@@ -207,7 +210,7 @@ def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
     return steps
 
 
-def _moment(track: Track, sample: int) -> tuple[str | None, float, tuple[float, float, float]]:
+def _step_time_position(track: Track, sample: int) -> tuple[str | None, float, tuple[float, float, float]]:
     """Step, time [s] and NED position [m] of a sample."""
     index = int(track.step[sample])
     n, e, d = track.position_ned_m[sample].tolist()
@@ -217,13 +220,13 @@ def _moment(track: Track, sample: int) -> tuple[str | None, float, tuple[float, 
 def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
     """One finding for each time the flight leaves the fence."""
     outside = fence_m < 0.0
-    entries = np.flatnonzero(outside & ~np.concatenate([[False], outside[:-1]]))
+    exits = np.flatnonzero(outside & ~np.concatenate([[False], outside[:-1]]))
     findings: list[DryRunFinding] = []
-    for first in entries.tolist():
+    for first in exits.tolist():
         after = np.flatnonzero(~outside[first:])
         end = first + int(after[0]) if len(after) else len(outside)
         worst = first + int(fence_m[first:end].argmin())
-        step, t_s, position_ned_m = _moment(track, worst)
+        step, t_s, position_ned_m = _step_time_position(track, worst)
         message = (
             f"The flight leaves the geofence at {step or 'the start'}, by up to {-fence_m[worst]:.1f} m."
         )
@@ -242,7 +245,7 @@ def _ground_contact(track: Track, ground_m: Array | None) -> list[DryRunFinding]
     if not len(touching):
         return []
     sample = int(touching[0])
-    step, t_s, position_ned_m = _moment(track, sample)
+    step, t_s, position_ned_m = _step_time_position(track, sample)
     return [
         DryRunFinding(
             "ground_touched",
@@ -260,7 +263,7 @@ def _near_obstacle(
     sample = int(obstacle_m.argmin())
     if not obstacle_m[sample] < NEAR_M:
         return []
-    step, t_s, position_ned_m = _moment(track, sample)
+    step, t_s, position_ned_m = _step_time_position(track, sample)
     name = obstacles[int(nearest[sample])].name
     message = f"The flight comes within {obstacle_m[sample]:.1f} m of {name} at {step or 'the start'}."
     return [DryRunFinding("obstacle_near", message, step, t_s, position_ned_m)]
@@ -272,13 +275,13 @@ def _battery(track: Track, aircraft: Aircraft, end_share: float | None) -> list[
         return [DryRunFinding("battery_unknown", message)]
     empty = np.flatnonzero(track.battery_share <= EMPTY_SHARE)
     if len(empty):
-        step, t_s, position_ned_m = _moment(track, int(empty[0]))
+        step, t_s, position_ned_m = _step_time_position(track, int(empty[0]))
         message = f"The battery is empty after {t_s:.0f} s, at {step or 'the start'}."
         return [DryRunFinding("battery_empty", message, step, t_s, position_ned_m)]
     if end_share < aircraft.battery_reserve:
         remaining, reserve = f"{end_share:.0%}", f"{aircraft.battery_reserve:.0%}"
         message = f"{remaining} of the battery is left at the end; the reserve is {reserve}."
-        step, t_s, position_ned_m = _moment(track, len(track.t_s) - 1)
+        step, t_s, position_ned_m = _step_time_position(track, len(track.t_s) - 1)
         return [DryRunFinding("battery_reserve", message, step, t_s, position_ned_m)]
     return []
 

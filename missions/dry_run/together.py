@@ -20,7 +20,7 @@ from missions.dry_run.fleet import Fleet
 from missions.dry_run.flight import ReportProgress, fly_fleet
 from missions.dry_run.offboard import RUNNER_EVERY_TICKS, OffboardPilot
 from missions.dry_run.offboard_plans import FlyableMission
-from missions.dry_run.plans import longest_s
+from missions.dry_run.plans import max_duration_s
 from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate, finding_document
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
 from missions.dry_run.track import EVERY_S, Recorder, Track
@@ -183,7 +183,9 @@ def fly_together(
     all_conditions = [each for flight in conditions for each in flight]
     fleet = Fleet([aircraft[role] for role in roles] * len(conditions), all_conditions, seed=seed, site=site)
     vehicles = iter(fleet.vehicles)
-    groups = [{role: flyable[role].pilot(next(vehicles), alone=False) for role in roles} for _ in conditions]
+    groups = [
+        {role: flyable[role].make_pilot(next(vehicles), alone=False) for role in roles} for _ in conditions
+    ]
     pilots = [pilot for group in groups for pilot in group.values()]
     coordinated = [PilotsTogether(group) for group in groups]
 
@@ -193,7 +195,8 @@ def fly_together(
 
     flights = fly_fleet(
         fleet, pilots, all_conditions, Recorder(fleet, pilots, detailed=len(roles)), report=report,
-        after_pilots=coordinate, longest_s=longest_s(sum(each.expected_s for each in flyable.values())),
+        after_pilots=coordinate,
+        max_duration_s=max_duration_s(sum(each.expected_s for each in flyable.values())),
     )  # fmt: skip
     computing_s = time.perf_counter() - began_s
     home = aircraft[roles[0]].home

@@ -14,7 +14,7 @@ from missions.errors import PlanError
 from missions.offboard import reader
 from missions.offboard.document import OffboardMission, calls_of, write
 from missions.offboard.insertion_settings import merged_settings
-from missions.offboard.insertion_steps import Adapter, Positions, move_between
+from missions.offboard.insertion_steps import Adapter, Positions, start_conversion
 from missions.offboard.names import free_name, valid_name
 from missions.offboard.steps import Branch, Call, Gimbal, Land, MissionStep, Photo, Repeat, TakeOff, Wait
 from missions.values import Model
@@ -40,7 +40,7 @@ class InsertionResult:
 
 def insert(
     mission: OffboardMission,
-    added: OffboardMission,
+    inserted: OffboardMission,
     target: StepPath,
     *,
     in_air: bool = False,
@@ -50,7 +50,7 @@ def insert(
 
     Args:
         mission: the mission to change.
-        added: the mission to insert, for one vehicle.
+        inserted: the mission to insert, for one vehicle.
         target: path of the new step in the document; the steps at this path and after it move back by one.
         in_air: omit the inserted take-off and last landing, because the vehicle is already flying at that
             step.
@@ -61,20 +61,24 @@ def insert(
     Raises:
         PlanError: The mission cannot be inserted; the error names the part and the fix.
     """
-    if added.roles:
-        reason = f"it is for {len(added.roles)} vehicles (roles: {', '.join(added.roles)})"
-        raise PlanError(f"mission {added.name!r}", reason, "A call inserts a mission for one vehicle only.")
+    if inserted.roles:
+        reason = f"it is for {len(inserted.roles)} vehicles (roles: {', '.join(inserted.roles)})"
+        raise PlanError(
+            f"mission {inserted.name!r}", reason, "A call inserts a mission for one vehicle only."
+        )
     if len(target) < 2:
         raise _invalid_position(target, f"{list(target)} is not a valid position for a step")
     # A wrong position is reported before all other errors.
     _with_step(mission, target, Call(mission="-"), target)
-    steps, notes = _steps_to_insert(added, in_air)
-    adapter = Adapter(mission, added, move_between(mission, added, _role_at(mission, target)), positions)
+    steps, notes = _steps_to_insert(inserted, in_air)
+    adapter = Adapter(
+        mission, inserted, start_conversion(mission, inserted, _role_at(mission, target)), positions
+    )
     lists: Lists = {None: adapter.steps(steps)}
-    for name in _called_lists(added, steps):
-        lists[name] = adapter.steps(added.missions[name])
-    merged, called = _merged(mission, valid_name(added.name, "mission"), lists, target)
-    fields, setting_notes = merged_settings(mission, added)
+    for name in _called_lists(inserted, steps):
+        lists[name] = adapter.steps(inserted.missions[name])
+    merged, called = _merged(mission, valid_name(inserted.name, "mission"), lists, target)
+    fields, setting_notes = merged_settings(mission, inserted)
     merged = merged.model_copy(update={**fields, "tables": adapter.tables})
     return InsertionResult(
         reader.read_json(write(merged)), called, (*notes, *adapter.notes(), *setting_notes)
@@ -85,9 +89,9 @@ def _role_at(mission: OffboardMission, target: StepPath) -> str | None:
     return str(target[1]) if target[0] == "roles" and str(target[1]) in mission.roles else None
 
 
-def _steps_to_insert(added: OffboardMission, in_air: bool) -> tuple[tuple[MissionStep, ...], list[str]]:
+def _steps_to_insert(inserted: OffboardMission, in_air: bool) -> tuple[tuple[MissionStep, ...], list[str]]:
     """The steps to insert, and a sentence about the omitted steps."""
-    steps = added.steps
+    steps = inserted.steps
     if not in_air:
         return steps, []
     first_step = next((i for i, step in enumerate(steps) if not isinstance(step, Gimbal | Photo | Wait)), 0)
@@ -100,15 +104,15 @@ def _steps_to_insert(added: OffboardMission, in_air: bool) -> tuple[tuple[Missio
         omitted.append("landing")
     if not steps:
         reason = "without its take-off and landing it has no steps"
-        raise PlanError(f"mission {added.name!r}", reason, "Choose another mission.", field="in_air")
+        raise PlanError(f"mission {inserted.name!r}", reason, "Choose another mission.", field="in_air")
     if not omitted:
         return steps, []
     verb = "is" if len(omitted) == 1 else "are"
     note = " The vehicle flies straight to its first position." if "take-off" in omitted else ""
-    return steps, [f"{' and '.join(omitted).capitalize()} of {added.name!r} {verb} left out.{note}"]
+    return steps, [f"{' and '.join(omitted).capitalize()} of {inserted.name!r} {verb} left out.{note}"]
 
 
-def _called_lists(added: OffboardMission, steps: Iterable[MissionStep]) -> list[str]:
+def _called_lists(inserted: OffboardMission, steps: Iterable[MissionStep]) -> list[str]:
     """Names of the lists that these steps call, also indirectly."""
     found: dict[str, None] = {}
     to_visit = list(calls_of(steps))
@@ -116,7 +120,7 @@ def _called_lists(added: OffboardMission, steps: Iterable[MissionStep]) -> list[
         name = to_visit.pop(0)
         if name not in found:
             found[name] = None
-            to_visit += calls_of(added.missions[name])
+            to_visit += calls_of(inserted.missions[name])
     return list(found)
 
 

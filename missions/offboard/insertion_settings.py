@@ -9,8 +9,8 @@ from missions.offboard.document import Bounds, OffboardMission
 from missions.values import FenceZone, Obstacle
 
 
-def merged_settings(mission: OffboardMission, added: OffboardMission) -> tuple[dict[str, Any], list[str]]:
-    """The fields of `mission` that change when `added` is inserted, and notes about them for the operator.
+def merged_settings(mission: OffboardMission, inserted: OffboardMission) -> tuple[dict[str, Any], list[str]]:
+    """The fields of `mission` that change by the insertion, and notes about them for the operator.
 
     For the whole flight, the lower value of each limit and the geofence zones and obstacles of both missions
     apply. The actions remain those of `mission`.
@@ -19,22 +19,22 @@ def merged_settings(mission: OffboardMission, added: OffboardMission) -> tuple[d
         PlanError: The two geofences cannot be combined.
     """
     notes: list[str] = []
-    limits, lowered = _limits(mission.limits, added.limits)
+    limits, lowered = _limits(mission.limits, inserted.limits)
     if lowered:
         limits_text = ", ".join(f"{name} {value:g}" for name, value in lowered.items())
-        notes.append(f"Lower limits of {added.name!r} now apply to the whole mission: {limits_text}.")
-    zones = _new_zones(mission, added)
+        notes.append(f"Lower limits of {inserted.name!r} now apply to the whole mission: {limits_text}.")
+    zones = _new_zones(mission, inserted)
     if zones:
-        notes.append(f"The geofence of {added.name!r} now applies to the whole mission.")
+        notes.append(f"The geofence of {inserted.name!r} now applies to the whole mission.")
     existing = set(mission.obstacles)
-    obstacles = [each for each in _obstacles(mission, added) if each not in existing]
+    obstacles = [each for each in _obstacles(mission, inserted) if each not in existing]
     if obstacles:
         nouns, verb = ("obstacle", "is") if len(obstacles) == 1 else ("obstacles", "are")
-        notes.append(f"{len(obstacles)} {nouns} of {added.name!r} {verb} added.")
+        notes.append(f"{len(obstacles)} {nouns} of {inserted.name!r} {verb} added.")
     differences = [
-        f"{name} {value}, not {added_value}"
-        for (name, value), (_, added_value) in zip(mission.actions, added.actions, strict=True)
-        if value != added_value
+        f"{name} {value}, not {inserted_value}"
+        for (name, value), (_, inserted_value) in zip(mission.actions, inserted.actions, strict=True)
+        if value != inserted_value
     ]
     if differences:
         notes.append(f"The actions of this mission apply: {'; '.join(differences)}.")
@@ -46,38 +46,41 @@ def merged_settings(mission: OffboardMission, added: OffboardMission) -> tuple[d
     return fields, notes
 
 
-def _limits(limits: Bounds, added: Bounds) -> tuple[Bounds, dict[str, float]]:
+def _limits(limits: Bounds, inserted: Bounds) -> tuple[Bounds, dict[str, float]]:
     """The merged limits, and the limits that the inserted mission lowers.
 
     `speed_m_s` is not merged: it is written into each inserted step (`insertion_steps.py`).
     """
     lowered: dict[str, float] = {}
-    for (name, value), (_, added_value) in zip(limits, added, strict=True):
-        if name != "speed_m_s" and added_value is not None and (value is None or added_value < value):
-            lowered[name] = added_value
+    for (name, value), (_, inserted_value) in zip(limits, inserted, strict=True):
+        if name != "speed_m_s" and inserted_value is not None and (value is None or inserted_value < value):
+            lowered[name] = inserted_value
     return limits.model_copy(update=lowered), lowered
 
 
-def _new_zones(mission: OffboardMission, added: OffboardMission) -> list[FenceZone]:
-    zones, added_zones = list(mission.fence), list(added.fence)
-    stay_inside = [zone for zone in zones if zone.inclusion], [zone for zone in added_zones if zone.inclusion]
+def _new_zones(mission: OffboardMission, inserted: OffboardMission) -> list[FenceZone]:
+    zones, inserted_zones = list(mission.fence), list(inserted.fence)
+    stay_inside = (
+        [zone for zone in zones if zone.inclusion],
+        [zone for zone in inserted_zones if zone.inclusion],
+    )
     if all(stay_inside) and any(zone not in stay_inside[0] for zone in stay_inside[1]):
         raise PlanError(
-            f"mission {added.name!r}, field fence",
+            f"mission {inserted.name!r}, field fence",
             "both missions have a geofence to stay inside; together they would allow the areas of both",
             "Give both missions the same zones, or remove those of one mission.",
         )
-    return [zone for zone in added_zones if zone not in zones]
+    return [zone for zone in inserted_zones if zone not in zones]
 
 
-def _obstacles(mission: OffboardMission, added: OffboardMission) -> list[Obstacle]:
+def _obstacles(mission: OffboardMission, inserted: OffboardMission) -> list[Obstacle]:
     """The obstacles of the inserted mission, with tops above its home converted to the home of `mission`."""
-    if mission.home is None or added.home is None:
-        return list(added.obstacles)
-    by_m = added.home.alt_amsl_m - mission.home.alt_amsl_m
+    if mission.home is None or inserted.home is None:
+        return list(inserted.obstacles)
+    by_m = inserted.home.alt_amsl_m - mission.home.alt_amsl_m
     return [
         each.model_copy(update={"top": each.top.model_copy(update={"value_m": each.top.value_m + by_m})})
         if each.top.reference == "home"
         else each
-        for each in added.obstacles
+        for each in inserted.obstacles
     ]

@@ -1,5 +1,5 @@
-"""Adapts the steps of an inserted mission, so that the vehicle flies them as in the mission they come
-from."""
+"""Adapts the steps of an inserted mission, so that their flight path, speed and avoidance are the same as
+when the inserted mission is flown alone."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ SAME_PLACE_M = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
-    """Converts positions from the planned start of the inserted mission to the planned start of its
-    vehicle."""
+class StartConversion:
+    """Converts positions relative to the planned start of the inserted mission into positions relative to the
+    planned start of the vehicle that will fly its steps."""
 
     home: LocalOrigin
-    added_home: LocalOrigin
+    inserted_home: LocalOrigin
     starts_ned_m: tuple[Vector3, ...]
-    """Planned starts of the vehicles that fly the inserted steps, from `home`."""
+    """Planned starts of the vehicles that fly the inserted steps, relative to `home`."""
 
     def convert_local(self, position_ned_m: Vector3) -> Vector3:
-        """A position from `added_home`, converted to `home` (NED)."""
-        return self.home.to_ned(*self.added_home.to_geodetic(position_ned_m))
+        """A position relative to `inserted_home`, as a position relative to `home` (NED)."""
+        return self.home.to_ned(*self.inserted_home.to_geodetic(position_ned_m))
 
     def convert_offset(self, offset_ned_m: Vector3) -> Vector3:
-        """An offset from `added_home`, converted to the vehicle's start (NED)."""
+        """An offset from `inserted_home`, as an offset from the vehicle's start (NED)."""
         n, e, d = self.convert_local(offset_ned_m)
         from_n, from_e, from_d = self.starts_ned_m[0]
         return (n - from_n, e - from_e, d - from_d)
 
     def convert_alt_home(self, alt_home_m: float) -> float:
-        """An altitude above `added_home`, converted to the altitude of the vehicle's start."""
-        return alt_home_m + self.added_home.alt_amsl_m - self.home.alt_amsl_m + self.starts_ned_m[0][2]
+        """An altitude above `inserted_home`, as an altitude above the vehicle's start."""
+        return alt_home_m + self.inserted_home.alt_amsl_m - self.home.alt_amsl_m + self.starts_ned_m[0][2]
 
     @property
     def distance_m(self) -> float:
@@ -55,21 +55,23 @@ class Move:
         return max(math.dist((north, east, down), start) for start in self.starts_ned_m)
 
 
-def move_between(mission: OffboardMission, added: OffboardMission, role: str | None) -> Move | None:
-    """The move from one planned start to the other; None: the starts are equal, or one start is unknown.
+def start_conversion(
+    mission: OffboardMission, inserted: OffboardMission, role: str | None
+) -> StartConversion | None:
+    """The conversion between the two planned starts; None: the starts are equal, or one start is unknown.
 
     Args:
         mission: the mission to change.
-        added: the inserted mission.
+        inserted: the mission to insert.
         role: the role that flies the inserted steps; None: all roles, or the only vehicle.
     """
-    if mission.home is None or added.home is None:
+    if mission.home is None or inserted.home is None:
         return None
     roles = mission.roles.values() if role is None else (mission.roles[role],)
     starts = {each.start_ned_m or (0.0, 0.0, 0.0) for each in roles} or {(0.0, 0.0, 0.0)}
-    home, added_home = (LocalOrigin(**each.model_dump()) for each in (mission.home, added.home))
-    move = Move(home, added_home, tuple(sorted(starts)))
-    return move if move.distance_m > SAME_PLACE_M else None
+    home, inserted_home = (LocalOrigin(**each.model_dump()) for each in (mission.home, inserted.home))
+    conversion = StartConversion(home, inserted_home, tuple(sorted(starts)))
+    return conversion if conversion.distance_m > SAME_PLACE_M else None
 
 
 class Adapter:
@@ -77,18 +79,22 @@ class Adapter:
 
     Args:
         mission: the mission to change.
-        added: the inserted mission.
-        move: the result of `move_between`.
+        inserted: the mission to insert.
+        conversion: the result of `start_conversion`.
         positions: how positions relative to start or home are inserted; None: refused if
             the planned starts differ.
     """
 
     def __init__(
-        self, mission: OffboardMission, added: OffboardMission, move: Move | None, positions: Positions | None
+        self,
+        mission: OffboardMission,
+        inserted: OffboardMission,
+        conversion: StartConversion | None,
+        positions: Positions | None,
     ) -> None:
         self._mission = mission
-        self._added = added
-        self._move = move
+        self._inserted = inserted
+        self._conversion = conversion
         self._positions = positions
         self._has_relative = False
         self.tables = dict(mission.tables)
@@ -104,14 +110,14 @@ class Adapter:
 
     def notes(self) -> list[str]:
         """Changes of the positions, as sentences."""
-        if not self._has_relative or self._added.home is None:
+        if not self._has_relative or self._inserted.home is None:
             return []
         new_reference = "Positions relative to start or home now refer to the start and home of this mission"
         if self._mission.home is None:
             return [f"{new_reference}, which has no planned home."]
-        if self._move is None:
+        if self._conversion is None:
             return []
-        distance_text = f"The planned starts are {self._move.distance_m:.0f} m apart."
+        distance_text = f"The planned starts are {self._conversion.distance_m:.0f} m apart."
         if self._positions == "from_start":
             return [f"{distance_text} {new_reference}."]
         return [
@@ -136,55 +142,55 @@ class Adapter:
     def _path_settings(self, step: PathStep) -> dict[str, Any]:
         """The speed and avoidance that its own mission sets for the step."""
         settings: dict[str, Any] = {}
-        limit_m_s, mission_m_s = self._added.limits.speed_m_s, self._mission.limits.speed_m_s
+        limit_m_s, mission_m_s = self._inserted.limits.speed_m_s, self._mission.limits.speed_m_s
         if limit_m_s is not None and (mission_m_s is None or limit_m_s < mission_m_s):
             settings["speed_m_s"] = min(step.speed_m_s or limit_m_s, limit_m_s)
         if step.avoidance is None and self._avoids_differently():
-            settings["avoidance"] = self._added.avoidance
+            settings["avoidance"] = self._inserted.avoidance
         return settings
 
     def _avoids_differently(self) -> bool:
-        return _avoidance_way(self._added.avoidance) != _avoidance_way(self._mission.avoidance)
+        return _avoidance_way(self._inserted.avoidance) != _avoidance_way(self._mission.avoidance)
 
     def _check_avoidance(self, step: Table | VelocityStep) -> None:
         if self._avoids_differently():
             reason = (
-                f"its `avoidance` is {_avoidance_text(self._added.avoidance)}, that of this mission is "
+                f"its `avoidance` is {_avoidance_text(self._inserted.avoidance)}, that of this mission is "
                 f"{_avoidance_text(self._mission.avoidance)}, and a {step.step} step has no own `avoidance`"
             )
             raise self._error(step, reason, "Set `avoidance` of both missions to the same value.")
 
     def _position(self, position: MissionPosition) -> MissionPosition:
-        move = self._move
+        conversion = self._conversion
         is_local = position.position_ned_m is not None or position.offset_ned_m is not None
         if not is_local and position.alt_home_m is None:
             return position
         self._has_relative = True
-        if move is None or not self._converts(move):
+        if conversion is None or not self._converts(conversion):
             return position
         converted: dict[str, Any] = {}
         if position.position_ned_m is not None:
-            converted["position_ned_m"] = move.convert_local(position.position_ned_m)
+            converted["position_ned_m"] = conversion.convert_local(position.position_ned_m)
         if position.offset_ned_m is not None:
-            converted["offset_ned_m"] = move.convert_offset(position.offset_ned_m)
+            converted["offset_ned_m"] = conversion.convert_offset(position.offset_ned_m)
         if position.alt_home_m is not None:
-            converted["alt_home_m"] = move.convert_alt_home(position.alt_home_m)
+            converted["alt_home_m"] = conversion.convert_alt_home(position.alt_home_m)
         for value in converted.values():
             _check_near(value if isinstance(value, tuple) else (value,))
         return position.model_copy(update=converted)
 
-    def _converts(self, move: Move) -> bool:
+    def _converts(self, conversion: StartConversion) -> bool:
         """Whether positions relative to start or home are converted, so that they stay at the same places."""
         if self._positions is None:
             raise PlanError(
                 "field positions",
-                f"{self._added.name!r} has positions relative to its start or home, and the planned starts "
-                f"of the two missions are {move.distance_m:.0f} m apart",
+                f"{self._inserted.name!r} has positions relative to its start or home, and the planned "
+                f"starts of the two missions are {conversion.distance_m:.0f} m apart",
                 "Choose from_start (they refer to the start of this mission) or same_places (they are "
                 "converted and stay at the planned places).",
                 field="positions",
             )
-        if self._positions == "same_places" and len(move.starts_ned_m) > 1:
+        if self._positions == "same_places" and len(conversion.starts_ned_m) > 1:
             raise PlanError(
                 "field positions",
                 "the roles that may fly this list have different planned starts, so the inserted positions "
@@ -196,30 +202,30 @@ class Adapter:
 
     def _table(self, step: Table) -> str:
         """Adds the step's table to the mission unless the mission has it; returns the name of the table."""
-        text = self._added.tables.get(step.file)
+        text = self._inserted.tables.get(step.file)
         if text is None:
             fix = "Add the table to the mission: steps of an inserted mission cannot read other files."
             raise self._error(step, f"the mission has no table {step.file!r}", fix)
         self._has_relative = True
-        if self._move is not None and self._converts(self._move):
-            text = _moved_table(
-                text, self._move.convert_offset if step.relative else self._move.convert_local
+        if self._conversion is not None and self._converts(self._conversion):
+            text = _converted_table(
+                text, self._conversion.convert_offset if step.relative else self._conversion.convert_local
             )
         name = free_name(step.file, lambda name: self.tables.get(name, text) != text)
         self.tables[name] = text
         return name
 
     def _error(self, step: MissionStep, reason: str, fix: str) -> PlanError:
-        return PlanError(f"mission {self._added.name!r}, step {step.name or step.step!r}", reason, fix)
+        return PlanError(f"mission {self._inserted.name!r}, step {step.name or step.step!r}", reason, fix)
 
 
-def _moved_table(text: str, move: Callable[[Vector3], Vector3]) -> str:
-    moved: list[list[float]] = []
+def _converted_table(text: str, convert: Callable[[Vector3], Vector3]) -> str:
+    rows: list[list[float]] = []
     for row in tables.read_rows(text.encode()):
-        position = move((row[1], row[2], row[3]))
+        position = convert((row[1], row[2], row[3]))
         _check_near(position)
-        moved.append([row[0], *position, *row[4:]])
-    return tables.csv_text(moved)
+        rows.append([row[0], *position, *row[4:]])
+    return tables.csv_text(rows)
 
 
 def _check_near(values: Sequence[float]) -> None:

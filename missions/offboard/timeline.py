@@ -32,6 +32,7 @@ class TimedEvent:
     t_s: float
     kind: str
     place: str
+    """Label of the step, such as "step 4.2"."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class Timeline:
 
     @property
     def photos(self) -> int:
-        """Largest number of pictures of all paths."""
+        """Number of photos on the path with the most photos."""
         segment_photos = sum(event.kind == "photo" for segment in self.segments for event in segment.events)
         return segment_photos + max((each.photos for each in self._continuations), default=0)
 
@@ -86,7 +87,7 @@ class Timeline:
 
     @property
     def avoidance(self) -> AvoidanceWay | None:
-        """What the first step with obstacle avoidance tries first; None: no step requests avoidance."""
+        """Preferred direction of the first step that requests obstacle avoidance; None: no step does."""
         for part in (*self.segments, *self._continuations):
             if part.avoidance is not None:
                 return part.avoidance

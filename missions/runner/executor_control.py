@@ -22,7 +22,7 @@ class ExecutorControl:
         self._lost_since_s: float | None = None
 
     def begin_part(self, reading: Reading) -> None:
-        """Resets the detection for a new part of the mission."""
+        """Resets the detection when a new part of the mission (take-off, setpoints or landing) begins."""
         self._was_in_charge, self._lost_since_s = reading.executor_in_charge is True, None
 
     def is_lost(self, reading: Reading) -> bool:

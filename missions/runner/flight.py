@@ -11,7 +11,7 @@ from missions.offboard.segments import CurveSegment, HoldSegment, Segment, Table
 from missions.offboard.timeline import Timeline
 from missions.runner.course import Course
 from missions.runner.reading import Reading
-from missions.runner.script import Pace, Script
+from missions.runner.script import Script, TimeScaleLimits
 from missions.setpoints import Position, Trajectory, complete_vector
 from missions.trajectory.limits import MotionLimits
 from missions.trajectory.points import PassPoint
@@ -41,12 +41,13 @@ class Flight:
 
     def __init__(self, timeline: Timeline, name: str, motion: MotionLimits, mode: str = "offboard") -> None:
         self.course = Course(timeline)
+        """The path through the mission's branches."""
         self.actions = timeline.actions
         self.needs = timeline.needs
         self.fence = timeline.fence
         self.name, self.mode = name, mode
         self.motion = motion
-        self.pace = Pace(
+        self.time_scale_limits = TimeScaleLimits(
             motion.horizontal_acceleration_m_s2, motion.vertical_acceleration_m_s2, motion.jerk_m_s3
         )
         self.index = 0
@@ -58,9 +59,9 @@ class Flight:
         """Whether a pilot or another station started the mission by selecting its flight mode; valid after
         the start of the mission."""
         self.photo_index = 0
-        """Index of the first segment whose pictures are not all taken."""
+        """Index of the first segment whose photos are not all taken."""
         self.photos_taken = 0
-        """Number of pictures taken in the segment `photo_index`."""
+        """Number of photos taken in the segment `photo_index`."""
         self.last_gimbal_request: tuple[float, float, float] | None = None
         """Last gimbal request: pitch, yaw relative to north [rad], and its time; None: no request."""
         self._scripts = 0
@@ -72,12 +73,12 @@ class Flight:
         return segments[self.index] if self.index < len(segments) else None
 
     def move_to(self, index: int) -> None:
-        """Continues with another segment; pictures of skipped segments are not taken."""
+        """Continues with another segment; photos of skipped segments are not taken."""
         self.index, self.t_s = index, 0.0
         self.photo_index, self.photos_taken = index, 0
 
     def chunk_end(self, first: int, end_index: int) -> int:
-        """Index after the segments from `first` on that fit into one message."""
+        """End index (exclusive) of the segments, starting at `first`, that fit into one message."""
         total_bytes, duration_s, end = 0, 0.0, first
         while end < end_index and (
             end == first or (total_bytes < MAX_MESSAGE_BYTES and duration_s < MAX_MESSAGE_S)
@@ -101,13 +102,21 @@ class Flight:
             end = position_ned_m or (0.0, 0.0, 0.0)
             yaw_rad = reading.yaw_ned_rad or 0.0
             hold = HoldSegment("the end", "Hold", 0.0, end, yaw_rad)
-            script = Script(self.name, (hold,), pace=self.pace, number=self._scripts, fence=self.fence)
+            script = Script(
+                self.name,
+                (hold,),
+                time_scale_limits=self.time_scale_limits,
+                number=self._scripts,
+                fence=self.fence,
+            )
             return script, self.index - 1, self.index
         end = self.chunk_end(self.index, end_index)
         segments = tuple(self.course.segments[self.index : end])
         begin_s = self.t_s if isinstance(segments[0], CurveSegment | TableSegment | HoldSegment) else 0.0
         approach = self._approach(reading, segments[0], begin_s)
-        script = Script(self.name, segments, begin_s, approach, self.pace, self._scripts, self.fence)
+        script = Script(
+            self.name, segments, begin_s, approach, self.time_scale_limits, self._scripts, self.fence
+        )
         return script, self.index, end
 
     def _approach(self, reading: Reading, segment: Segment, begin_s: float) -> CurveSegment | None:

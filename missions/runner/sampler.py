@@ -65,7 +65,7 @@ class ScriptSampler:
         self._index = 0
         self._t_s = script.begin_s if script.approach is None else 0.0
         self._begin_s = script.begin_s
-        self._scale = TimeScale(script.pace, 0.0 if self._t_s > 0.0 else 1.0)
+        self._scale = TimeScale(script.time_scale_limits, 0.0 if self._t_s > 0.0 else 1.0)
         self._last_s = now_s
         self._returning_s: float | None = None
         """Time for which the vehicle has been returning to the path; None: it is not returning."""
@@ -192,7 +192,7 @@ class ScriptSampler:
                 self._approach = None
                 self._t_s += self._begin_s
                 if self._begin_s > 0.0:
-                    self._scale = TimeScale(self._scale.pace, 0.0)
+                    self._scale = TimeScale(self._scale.time_scale_limits, 0.0)
             else:
                 self._index += 1
         self._t_s = 0.0

@@ -16,7 +16,7 @@ from missions.setpoints import Estimate
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class TimeScaleLimits:
     """Limits for braking and accelerating along the path when a mission is paused and resumed."""
 
     acceleration_m_s2: float = 3.0
@@ -38,7 +38,7 @@ class Script:
     """Time in the first segment at which the flight starts; not 0 when a mission is resumed."""
     approach: CurveSegment | None = None
     """Segment from the vehicle's position to the start of the first segment; None: not needed."""
-    pace: Pace = Pace()
+    time_scale_limits: TimeScaleLimits = TimeScaleLimits()
     number: int = 0
     """Number of the script among all scripts of the mission."""
     fence: FenceArea | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from missions.frames import Vector3
-from missions.runner.script import Pace
+from missions.runner.script import TimeScaleLimits
 
 MAX_RATE_CHANGE = 1.0
 """Largest derivative of the rate [1/s], also for slow vehicles."""
@@ -31,12 +31,12 @@ class TimeScale:
     """The rate of mission time.
 
     Args:
-        pace: the vehicle's limits.
+        time_scale_limits: the vehicle's limits.
         rate: initial rate.
     """
 
-    def __init__(self, pace: Pace, rate: float = 1.0) -> None:
-        self.pace = pace
+    def __init__(self, time_scale_limits: TimeScaleLimits, rate: float = 1.0) -> None:
+        self.time_scale_limits = time_scale_limits
         self.rate = rate
         self.change = 0.0
         """Current change of the rate [1/s]."""
@@ -73,8 +73,8 @@ class TimeScale:
             self.rate, self.change = goal, 0.0
             return
         speed = max(math.hypot(*velocity), 1e-6)
-        jerk = min(MAX_RATE_JERK, self.pace.jerk_m_s3 / speed)
-        limit = min(MAX_RATE_CHANGE, self.pace.acceleration_m_s2 / speed)
+        jerk = min(MAX_RATE_JERK, self.time_scale_limits.jerk_m_s3 / speed)
+        limit = min(MAX_RATE_CHANGE, self.time_scale_limits.acceleration_m_s2 / speed)
         wanted = math.copysign(min(limit, math.sqrt(2.0 * JERK_FRACTION * jerk * abs(gap))), gap)
         change = min(max(wanted, self.change - jerk * dt_s), self.change + jerk * dt_s)
         lower, upper = self._change_bounds(velocity, acceleration)
@@ -97,7 +97,7 @@ class TimeScale:
             math.hypot(north, east),
         )
         vertical = (abs(velocity[2]), down * velocity[2], abs(down))
-        limits = (self.pace.acceleration_m_s2, self.pace.vertical_acceleration_m_s2)
+        limits = (self.time_scale_limits.acceleration_m_s2, self.time_scale_limits.vertical_acceleration_m_s2)
         for (speed, along, path_acceleration), limit in zip((horizontal, vertical), limits, strict=True):
             if speed > 1e-6:
                 limit = max(limit, path_acceleration)

@@ -34,30 +34,30 @@ def predict_plan(
     ends_in_air: bool,
     index: int = 0,
     t_s: float = 0.0,
-    off_path_ned_m: Vector3 | None = None,
+    current_position_ned_m: Vector3 | None = None,
     speed_m_s: float = 5.0,
 ) -> PredictedPath | None:
     """The remaining path of a planned flight; None: no pass remains, or the passes have no path.
 
     Args:
         vehicle: id of the vehicle.
-        origin: origin of the local frame of `planned` and `off_path_ned_m`.
+        origin: origin of the local frame of `planned` and `current_position_ned_m`.
         planned: the whole planned flight.
         ends_in_air: whether the vehicle stays in the air at the end of the plan.
         index: index of the pass that is flown now.
         t_s: planned time of the vehicle's position.
-        off_path_ned_m: position of a vehicle that is not on the planned path and flies straight to the end of
-            the current pass; None: the vehicle is on the path.
+        current_position_ned_m: current position of a vehicle that is not on the planned path and flies
+            straight to the end of the current pass; None: the vehicle is on the path.
         speed_m_s: speed on this straight line.
     """
     remaining = planned.passes[index:]
     if not remaining:
         return None
     legs: list[PredictedLeg] = []
-    if off_path_ned_m is not None:
+    if current_position_ned_m is not None:
         first_leg = remaining[0].leg
         _, north, east, down = first_leg.points[-1]
-        straight = straight_leg(first_leg.place, off_path_ned_m, (north, east, down), speed_m_s)
+        straight = straight_leg(first_leg.place, current_position_ned_m, (north, east, down), speed_m_s)
         legs.append(straight)
         # the remaining path begins at the end of the straight line
         t_s, remaining = first_leg.start_s + first_leg.duration_s - straight.leg.duration_s, remaining[1:]

@@ -130,12 +130,12 @@ def _pieces_of_shape(shape: Shape, sweep: float, count: int) -> Pieces:
     tangent = first / speed
     curvature = (second - tangent * (tangent * second).sum(axis=1)[:, None]) / speed**2
     values = np.stack((position, tangent, curvature), axis=1)
-    points = np.zeros((count, 6, 4))
+    control_points = np.zeros((count, 6, 4))  # the fourth coordinate, yaw, is set later: see headings.py
     spans = np.diff(knots_m)
-    points[:, :, :3] = hermite(values[:-1], values[1:], spans)
+    control_points[:, :, :3] = hermite(values[:-1], values[1:], spans)
     stops = np.zeros(count + 1, dtype=bool)
     stops[[0, -1]] = True
-    return Pieces(points, spans, stops, np.array([0, count]))
+    return Pieces(control_points, spans, stops, np.array([0, count]))
 
 
 def _check(name: str, value: float, minimum: float, maximum: float) -> None:

@@ -119,7 +119,7 @@ def _leg(place: str, title: str, start_s: float, rows: NDArray[np.float64]) -> L
 # --- from the plan ------------------------------------------------------------------------------------
 
 
-def planned_by_plan(
+def estimate_passes(
     plan: Plan, vehicle: VehicleModel, home: HomePosition, origin: LocalOrigin
 ) -> PlannedPasses | None:
     """Straight lines between the items, with estimated times; None: more than MAX_PASSES legs.

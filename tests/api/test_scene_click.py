@@ -9,7 +9,7 @@ from gcs_server.scene.clicks import SceneClick
 from gcs_server.settings import Settings
 
 
-def test_a_click_in_3d_is_sent_with_its_views_token_and_is_not_stored(tmp_path):
+def test_a_click_in_3d_is_sent_with_the_id_of_its_view_and_is_not_stored(tmp_path):
     settings = Settings(links=(), sim=0, data=tmp_path, scene=False, record=False)
     app = create_app(settings, static=tmp_path)
     with (

@@ -44,4 +44,4 @@ def test_a_program_in_another_process_flies_the_simulator(vehicle):
 
     ros2_offboard_node.main(DOMAIN, NAMESPACE, sleep)
     assert position.latest.z == pytest.approx(-5.0, abs=1.0)
-    assert domain
+    assert domain  # this reference has kept the domain open

@@ -1,5 +1,4 @@
-"""A mission for several vehicles on the page: loaded, dry-run and flown to its end by
-clicks."""
+"""A mission for several vehicles on the page: loaded, flown in simulation and flown to its end, by clicks."""
 
 from __future__ import annotations
 

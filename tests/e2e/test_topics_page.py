@@ -1,4 +1,5 @@
-"""The panel of ROS 2 topics in a browser: a server process, and a vehicle of this process on real DDS."""
+"""The panel of ROS 2 topics in a browser: a server process, and a vehicle that this test process simulates
+over real DDS."""
 
 from __future__ import annotations
 
@@ -57,4 +58,4 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             expect(panel).to_have_count(0)
     finally:
         background.close()
-    assert domain
+    assert domain  # this reference has kept the domain open

@@ -48,7 +48,7 @@ def station_of(world, progress=None):
     async def prepare(vehicle_id, mode):
         return await prepare_mode(station, vehicle_id, mode)
 
-    def conditions(vehicle_id):
+    def inputs(vehicle_id):
         return compile_inputs_of(station, vehicle_id)
 
     waypoint_flights = WaypointFlights(world.clock, world.supervisor, progress or ProgressStore())
@@ -67,7 +67,7 @@ def station_of(world, progress=None):
         missions=missions,
         waypoint_flights=waypoint_flights,
         mission_modes=MissionModes(
-            world.clock, world.streamer, streams, missions, world.supervisor, prepare, conditions
+            world.clock, world.streamer, streams, missions, world.supervisor, prepare, inputs
         ),
         operations=Operations(world.clock, world.supervisor, lambda _: None),
         plans=PlanStore(Path("no plans"), world.clock),

@@ -1,10 +1,17 @@
 """A scripted vehicle on a link that loses packets, for the duration of a test."""
 
+import struct
+
+from gcs_server.vehicle.modes import BY_NAME
+from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
+
+HOLD_ONLY = 1 << BY_NAME["hold"].nav_state
+"""Bit mask of Hold mode in an arming report."""
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 """The share of packets lost in each direction, and the seed of the losses."""
 
 
-def flight(kit, jump, scenario, *, loss=0.0, seed=0):
+def run_scenario(kit, jump, scenario, *, loss=0.0, seed=0):
     """Runs a scenario with the world, the server's vehicle and its scripted autopilot."""
 
     async def run():
@@ -18,3 +25,15 @@ def flight(kit, jump, scenario, *, loss=0.0, seed=0):
             await world.close()
 
     jump(run)
+
+
+def send_readiness(autopilot, can_arm, present=1):
+    """Sends the two events of an arming report.
+
+    Args:
+        autopilot: the scripted autopilot.
+        can_arm: bit mask of the modes in which the vehicle can be armed.
+        present: bit mask of the health components that are present.
+    """
+    autopilot.event(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm))
+    autopilot.event(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", 0, present, 0, 0))

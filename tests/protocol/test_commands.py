@@ -17,7 +17,7 @@ from tests.protocol.command_numbers import (
     RUN_PREARM_CHECKS,
     TAKEOFF_COMMAND,
 )
-from tests.protocol.one_vehicle import LOSS, flight
+from tests.protocol.one_vehicle import LOSS, run_scenario
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
@@ -53,7 +53,7 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
         assert not vehicle.status.armed
         assert autopilot.commands(ARM_DISARM)[-1].param2 == FORCE
 
-    flight(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -65,7 +65,7 @@ def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, 
             await vehicle.command.set_mode("hold")
             await vehicle.command.disarm()
 
-    flight(kit, jump, scenario, loss=0.2, seed=100 + seed)
+    run_scenario(kit, jump, scenario, loss=0.2, seed=100 + seed)
 
 
 def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(kit, jump):
@@ -84,7 +84,7 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
         await asyncio.sleep(10)
         assert len(autopilot.commands(ARM_DISARM)) == 3
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.2, 11), (0.2, 12)])
@@ -99,7 +99,7 @@ def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(ki
             assert caught.value.reasons == ("Switching to Manual is currently not available",)
         assert vehicle.status.mode == "hold"
 
-    flight(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
@@ -124,7 +124,7 @@ def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
         assert autopilot.commands(RUN_PREARM_CHECKS)
         assert vehicle.status.mode == "hold"  # not left in Takeoff, where arming would make it climb
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_disarming_in_flight_is_refused(kit, jump):
@@ -134,7 +134,7 @@ def test_disarming_in_flight_is_refused(kit, jump):
         with pytest.raises(Rejected, match="not landed"):
             await vehicle.command.disarm()
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
@@ -149,7 +149,7 @@ def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
         with pytest.raises(Rejected, match="accepted the request to arm"):
             await vehicle.command.arm()
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
@@ -159,7 +159,7 @@ def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
         await vehicle.command.set_mode("offboard")
         assert vehicle.status.mode == "offboard"
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_command_without_a_reply_fails_at_its_deadline(kit, jump):
@@ -170,7 +170,7 @@ def test_a_command_without_a_reply_fails_at_its_deadline(kit, jump):
             await vehicle.command.arm()
         assert world.loop.time() - began == pytest.approx(caught.value.deadline_s, abs=0.1)
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
@@ -185,7 +185,7 @@ def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
         with pytest.raises(NoReply):
             await vehicle.command.arm()
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_progress_extends_the_deadline(kit, jump):
@@ -219,7 +219,7 @@ def test_progress_extends_the_deadline(kit, jump):
         assert expected in [dict(e.data) for e in progress_events]
         assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # not stored in any history
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, jump):
@@ -235,7 +235,7 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, ju
         await vehicle.command.arm()
         assert [m.get_type() for m in autopilot.commands(ARM_DISARM)] == ["COMMAND_LONG", "COMMAND_INT"]
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_newer_command_ends_an_older_command(kit, jump):
@@ -248,7 +248,7 @@ def test_a_newer_command_ends_an_older_command(kit, jump):
             await takeoff
         assert vehicle.status.mode == "hold"
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
@@ -267,7 +267,7 @@ def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
             await vehicle.command.hold()
         assert world.fleet.get("1") is vehicle
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(
@@ -296,7 +296,7 @@ def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(ki
         assert caught.value.field == field
         assert len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")]) == before
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
@@ -317,7 +317,7 @@ def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
             await vehicle.command.takeoff(10)
         assert not [c for c in (DO_REPOSITION, TAKEOFF_COMMAND) if autopilot.commands(c)]
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_and_the_fix(kit, jump):
@@ -333,7 +333,7 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
         await vehicle.command.takeoff(32)
         assert vehicle.status.mode == "takeoff"
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(("autopilot_type", "kind"), [(3, 2), (12, 1), (12, 10)])
@@ -347,4 +347,4 @@ def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, a
                 await call()
         assert len(autopilot.commands(ARM_DISARM)) == before
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)

@@ -6,6 +6,7 @@ import pytest
 from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
+from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.sim_world import SimulatedAutopilot
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
@@ -128,3 +129,23 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
         assert vehicle.health.readiness.known is False
 
     with_simulated_vehicle(kit, jump, work)
+
+
+def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(kit, jump):
+    async def scenario(world, vehicle, autopilot):
+        reports = []
+        vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
+        autopilot.mode = kit.OFFBOARD
+        await world.clock.sleep(3)
+        send_readiness(autopilot, HOLD_ONLY)
+        await world.clock.sleep(3)
+        (suggestion,) = vehicle.health.readiness.offers
+        assert (suggestion.code, suggestion.mode, suggestion.label) == ("choose_mode", "hold", "Hold")
+        assert suggestion.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
+        report_count = len(reports)
+        autopilot.mode = kit.HOLD
+        await world.clock.sleep(3)
+        assert vehicle.health.readiness.offers == ()
+        assert len(reports) > report_count
+
+    run_scenario(kit, jump, scenario)

@@ -6,7 +6,7 @@ from gcs_server.errors import NoReply
 from gcs_server.vehicle.services.ftp import EXTRA_TIME_S, LIST_TIMEOUT_S, MIN_BYTES_S, FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpFailed
 from tests.protocol.hostile_files import BURST, READ, HostileFiles
-from tests.protocol.one_vehicle import flight
+from tests.protocol.one_vehicle import run_scenario
 
 SIZE = 20_000
 
@@ -23,7 +23,7 @@ def read_until_error(kit, jump, text, *, size=SIZE, error=FtpFailed, within_s=No
         limit_s = EXTRA_TIME_S + size / MIN_BYTES_S if within_s is None else within_s
         assert world.loop.time() - began_s <= limit_s + 10
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
     return requests
 
 
@@ -90,7 +90,7 @@ def test_an_endless_directory_list_is_cancelled(kit, jump):
             await FtpService(vehicle).list("etc")
         assert world.loop.time() - began_s < LIST_TIMEOUT_S + 1
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
@@ -120,4 +120,4 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
         assert len(content) == 239 * 1000
         assert max_pieces[0] <= 64
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)

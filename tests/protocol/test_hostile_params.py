@@ -12,7 +12,7 @@ from gcs_server.errors import NoReply
 from gcs_server.mavlink.codec import encode_frame
 from gcs_server.vehicle.param_table import MAX_PARAMETERS
 from gcs_server.vehicle.services.param_list import READ_TIMEOUT_S
-from tests.protocol.one_vehicle import flight
+from tests.protocol.one_vehicle import run_scenario
 
 NAN = b"\0\0\xc0\x7f"
 REAL32, INT32 = 9, 6
@@ -59,7 +59,7 @@ def check_refresh(kit, jump, replies, check, *, raises=None, **options):
         assert world.loop.time() - began_s < READ_TIMEOUT_S + 60
         await check(vehicle, hostile)
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 async def response_of(vehicle):
@@ -153,7 +153,7 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
         assert max_viewed[0] <= param_routes.MAX_ENCODED_AT_ONCE
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump):
@@ -165,4 +165,4 @@ def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump)
             await asyncio.sleep(0.1)
             assert vehicle.params.known("A").is_integer is expected
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)

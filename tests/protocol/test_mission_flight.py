@@ -1,6 +1,6 @@
 """A plan is uploaded to the simulated PX4, flown, paused, resumed, and started at an item."""
 
-from gcs_server.vehicle.services.mission_held import PlanReference
+from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld, until

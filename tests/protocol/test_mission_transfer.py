@@ -9,7 +9,7 @@ import pytest
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.mission_dialogue import PARTS
-from gcs_server.vehicle.services.mission_held import PlanReference
+from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import WireItem
 from tests.protocol.mission_world import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds

@@ -8,7 +8,7 @@ from gcs_server.errors import InvalidRequest, NoReply, Refused, Rejected
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.gimbal import Roi
 from tests.protocol.command_numbers import DO_SET_ROI_LOCATION, GIMBAL_PITCHYAW
-from tests.protocol.one_vehicle import LOSS, flight
+from tests.protocol.one_vehicle import LOSS, run_scenario
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
@@ -21,7 +21,7 @@ def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
             assert (param.value, param.is_integer) == (value, True)
             assert autopilot.params["NAV_DLL_ACT"] == (6, value)
 
-    flight(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_refused_parameters_have_a_reason(kit, jump):
@@ -38,7 +38,7 @@ def test_refused_parameters_have_a_reason(kit, jump):
         with pytest.raises(Rejected, match="still has MPC_XY_VEL_MAX = 12"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 50)
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(kit, jump):
@@ -62,7 +62,7 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
         with pytest.raises(Rejected, match="MPC_XY_VEL_MAX: the value is out of its range"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 500)
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
@@ -94,7 +94,7 @@ def test_gimbal_control_is_taken_used_and_released(kit, jump, loss, seed):
         await vehicle.gimbal.release_control()
         assert autopilot.control == (0, 0)
 
-    flight(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
@@ -108,7 +108,7 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
         with pytest.raises(NoReply, match="gimbal"):
             await vehicle.gimbal.set_angles(0, 0)
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
@@ -145,7 +145,7 @@ def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, 
         assert "pitch -45° instead of -90°" in limited.text
         assert await vehicle.gimbal.set_angles(-30, 0) is None
 
-    flight(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
 
 
 def test_without_wait_a_gimbal_command_returns_at_its_acknowledgement(kit, jump):
@@ -156,7 +156,7 @@ def test_without_wait_a_gimbal_command_returns_at_its_acknowledgement(kit, jump)
         assert await vehicle.gimbal.set_angles(-90, 0, wait=False) is None
         assert world.loop.time() - began_s < 0.3
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit, jump):
@@ -169,4 +169,4 @@ def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit
         autopilot.gimbal_attitude = lambda: None
         assert await vehicle.gimbal.set_angles(0, 0) is None
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from gcs_server.errors import Rejected
-from gcs_server.vehicle.services.mission_held import PlanReference
+from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import fence_items, mission_items, rally_items
 from missions.setpoints import Position
 from tests.protocol.offboard_world import seconds

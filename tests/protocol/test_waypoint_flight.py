@@ -10,7 +10,7 @@ from gcs_server.errors import Refused, Rejected, UnknownDryRun
 from gcs_server.plans import dry_runs
 from gcs_server.storage.cache import Cache
 from gcs_server.streamer.waypoints.link_loss import PARAMETERS
-from gcs_server.vehicle.services.held_cache import ItemsCache
+from gcs_server.vehicle.services.items_cache import ItemsCache
 from missions.dry_run import task
 from tests.protocol.api_calls import ANNA, MISSION, station_of, view
 from tests.protocol.command_numbers import (

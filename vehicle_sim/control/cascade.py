@@ -43,6 +43,10 @@ MOTOR_SPAN_US = 1000.0
 class Cascade:
     """The controllers of N vehicles.
 
+    A lower-level setpoint (attitude, rates, thrust and torque, or motors) that arrives while a vehicle is
+    controlled at a higher level overrides the output of the higher controllers until they run again, as a
+    message on PX4's internal topics does: see `Setpoints.override_level`.
+
     Args:
         count: N.
         dt_s: step.
@@ -197,8 +201,8 @@ class _Groups:
     """Vehicles at level TRAJECTORY."""
     reset_integral: BoolArray
     """Vehicles that have just entered level TRAJECTORY, or that are on the ground before the take-off ramp.
-    PX4 integrates from the start of the ramp, while the vehicle is still on the ground; this integral points
-    down and delays lift-off until about 3 s after the start of the ramp."""
+    PX4 starts to integrate at the start of the ramp, while the vehicle is still on the ground. The integral
+    then reduces the thrust, so that the vehicle lifts off only about 3 s after the start of the ramp."""
     grounded: BoolArray
     """Vehicles whose hover thrust cannot be estimated."""
 

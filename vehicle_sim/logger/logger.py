@@ -28,7 +28,8 @@ STOP_DELAY_US: Final = 1_000_000
 FILE_NAME_DELAY_US: Final = 45_000
 """Delay between the start of a log and the text with its file name."""
 TICK_US: Final = 20_000
-"""Period of the log's state topics: one autopilot tick, so that all readers in a step share the values."""
+"""Period of the log's state topics: one autopilot tick. In these steps the autopilot reads the estimate
+anyway, and the simulation converts it to plain numbers only once per step."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
 """SDLOG_MODE; WHILE_AUX1 requires an RC receiver, which a simulated vehicle does not have."""
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
@@ -152,7 +153,7 @@ class Logger:
         if self._file is None:
             return
         if self._recorder is not None:
-            self._recorder.remove(self)
+            self._recorder.remove_and_flush(self)
         self._write_pending()
         self._close()
 
@@ -299,7 +300,7 @@ class Logger:
         self._announce_at_us = None
         self._autopilot.commander.checks.logging = False
         if recorder is not None:
-            recorder.discard(self)
+            recorder.remove_without_flush(self)
         if file is not None:
             try:
                 file.close()

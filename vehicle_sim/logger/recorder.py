@@ -139,12 +139,12 @@ class Recorder:
         self.flush()
         self._sinks.append(sink)
 
-    def remove(self, sink: Sink) -> None:
+    def remove_and_flush(self, sink: Sink) -> None:
         """Writes the collected samples of a vehicle, and stops logging for it."""
         self.flush()
-        self.discard(sink)
+        self.remove_without_flush(sink)
 
-    def discard(self, sink: Sink) -> None:
+    def remove_without_flush(self, sink: Sink) -> None:
         """Stops logging for a vehicle without writing; called after a write error."""
         self._sinks = [each for each in self._sinks if each is not sink]
 

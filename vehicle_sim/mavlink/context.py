@@ -63,8 +63,8 @@ class Context:
         self._ack_listeners.append(listener)
 
     def acknowledge(self, command: Command, result: int, *, progress: int = 0) -> None:
-        """Acknowledges a command on all transports; a ROS 2 command over MAVLink only if the sender has also
-        sent MAVLink messages."""
+        """Acknowledges a command on all transports. A ROS 2 command is acknowledged over MAVLink only if its
+        sender has also sent MAVLink messages."""
         for listener in self._ack_listeners:
             listener(command, result, progress)
         if command.link != ROS2 or command.sender in self.known_senders:
@@ -92,7 +92,7 @@ class Context:
         return bool(self._soon or self._timers or self._woken)
 
     def wake(self) -> None:
-        """Called when a service has work that no received message caused."""
+        """Requests a call of `run_due`, for a service that has work without having received a message."""
         self._woken = True
 
     def run_due(self) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupRequest
 from gcs_server.streamer.groups.member import Member
-from gcs_server.streamer.groups.status import GroupFinding, GroupMember, GroupStatus, Nearest
+from gcs_server.streamer.groups.status import ClosestPair, GroupFinding, GroupMember, GroupStatus
 from gcs_server.streamer.schedule.streams import StreamState
 from gcs_server.streamer.separation.guard import FOLLOWING_PHASES, GuardState
 from missions.setpoints import Setpoint
@@ -114,7 +114,7 @@ class Group:
                 )
                 for vehicle_id, member in self.members.items()
             ),
-            nearest=None if nearest is None else Nearest(nearest[:2], round(nearest[2], 2)),
+            nearest=None if nearest is None else ClosestPair(nearest[:2], round(nearest[2], 2)),
             findings=tuple(self.findings),
             ended=self.ended,
         )

@@ -23,7 +23,7 @@ class GroupMember:
 
 
 @dataclass(frozen=True, slots=True)
-class Nearest:
+class ClosestPair:
     """The two members that are closest to each other."""
 
     vehicles: tuple[str, str]
@@ -79,7 +79,7 @@ class GroupStatus:
     """Time until the setpoints of all members expire [s]."""
     members: tuple[GroupMember, ...]
     """Members, in the order of the request."""
-    nearest: Nearest | None
+    nearest: ClosestPair | None
     """The closest members; null before the first check, and if fewer than two positions are known."""
     findings: tuple[GroupFinding, ...]
     """Problems, oldest first."""

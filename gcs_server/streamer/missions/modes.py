@@ -28,7 +28,7 @@ from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
 from gcs_server.streamer.missions.missions import OffboardMissions
 from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event, with_remedy
 from gcs_server.streamer.missions.mode_status import MissionAsMode, MissionModeStatus
-from gcs_server.streamer.missions.preparation import Conditions, Preparation
+from gcs_server.streamer.missions.preparation import CompileInputs, Preparation
 from gcs_server.streamer.missions.preparer import Preparer
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.offboard.streamer import Streamer
@@ -86,7 +86,7 @@ class MissionModes:
         missions: flies the missions.
         supervisor: runs background tasks.
         prepare: compiles a mode's mission from the vehicle's current position, and checks it.
-        conditions: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
+        inputs: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
             position.
     """
 
@@ -98,12 +98,12 @@ class MissionModes:
         missions: OffboardMissions,
         supervisor: Supervisor,
         prepare: Callable[[str, MissionAsMode], Awaitable[Start]],
-        conditions: Callable[[str], Conditions | None],
+        inputs: Callable[[str], CompileInputs | None],
     ) -> None:
         self._clock, self._streamer, self._streams = clock, streamer, streams
         self._missions, self._supervisor = missions, supervisor
         self._prepare = prepare
-        self._preparer = Preparer(clock, supervisor, streams, prepare, conditions)
+        self._preparer = Preparer(clock, supervisor, streams, prepare, inputs)
         self._vehicles: dict[str, _VehicleModes] = {}
 
     def start(self) -> None:
@@ -132,7 +132,7 @@ class MissionModes:
                 f"No ROS 2 connection to vehicle {vehicle_id}. PX4 registers flight modes only over ROS 2.",
                 remedy="Add a ros2:// link to the vehicle (see Links).",
             )
-        conditions = self._preparer.conditions(vehicle_id)
+        inputs = self._preparer.inputs(vehicle_id)
         start = await self._prepare(vehicle_id, mode)
         needs = {REQUIREMENT_OF[need] for need in start.timeline.needs if need in REQUIREMENT_OF}
         try:
@@ -146,7 +146,7 @@ class MissionModes:
             raise Refused(
                 f"Vehicle {vehicle_id}: {error}.", remedy="Remove a mode first, or choose another name."
             ) from None
-        entry = _ModeEntry(mode, preparation=Preparation(start, conditions) if mode.takes_off else None)
+        entry = _ModeEntry(mode, preparation=Preparation(start, inputs) if mode.takes_off else None)
         self._vehicles.setdefault(vehicle_id, _VehicleModes()).modes[mode.name] = entry
         until_s = self._clock.monotonic_s() + REGISTER_TIMEOUT_S
         while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
@@ -156,7 +156,7 @@ class MissionModes:
         if registration.state != "registered":
             self._drop(vehicle_id, mode.name)
             raise Refused(
-                f"The mode {mode.name!r} was not registered: {registration.why or 'PX4 did not answer'}.",
+                f"The mode {mode.name!r} was not registered: {registration.reason or 'PX4 did not answer'}.",
                 remedy="Check the ros2:// link, and that the vehicle is disarmed; then try again.",
             )
         self.update()
@@ -276,7 +276,7 @@ class MissionModes:
             text = f"PX4 shows the mission as the mode {name!r}; it can be selected {when}."
             add_event(vehicle, self._clock, name, "registered", text, NOTICE)
         elif registration.state == "lost":
-            text = f"The mode {name!r} is no longer registered: {registration.why}."
+            text = f"The mode {name!r} is no longer registered: {registration.reason}."
             if vehicle.status.armed and vehicle.mode_names.external.get(vehicle.status.mode) == name:
                 text = f"{text} PX4 returns (RTL) unless another mode is commanded within about 1 s."
             add_event(vehicle, self._clock, name, "lost", f"{text} Register it again to use it.", WARNING)
@@ -376,7 +376,7 @@ class MissionModes:
             state=registration.state,
             mode=registration.mode,
             ready=registered and not reason_not_ready,
-            reason=registration.why or reason_not_ready,
+            reason=registration.reason or reason_not_ready,
             mission=mode.mission.name,
             plan_id=mode.mission.plan_id,
             version=mode.mission.version,

@@ -28,7 +28,7 @@ COMPILING: Final = "The mission is being compiled for the vehicle's present posi
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class CompileInputs:
     """Position, yaw and settings with which a mission is compiled."""
 
     position_ned_m: Vector3
@@ -36,7 +36,7 @@ class Conditions:
     settings: object
     """The other data: origin, parameters, reported values and operator's limits."""
 
-    def within(self, other: Conditions, change: tuple[float, float]) -> bool:
+    def within(self, other: CompileInputs, change: tuple[float, float]) -> bool:
         """Whether the vehicle has moved and turned by at most this change, and the settings are the same."""
         moved_m = math.dist(self.position_ned_m, other.position_ned_m)
         turned_rad = abs(math.remainder(self.yaw_ned_rad - other.yaw_ned_rad, math.tau))
@@ -48,12 +48,12 @@ class Preparation:
 
     Args:
         start: the mission, compiled at the registration.
-        conditions: the conditions of that compilation; None: unknown.
+        inputs: the inputs of that compilation; None: unknown.
     """
 
-    def __init__(self, start: Start, conditions: Conditions | None) -> None:
+    def __init__(self, start: Start, inputs: CompileInputs | None) -> None:
         self._start: Start | None = start
-        self._conditions = conditions
+        self._inputs = inputs
         self._compiling, self._next_s = False, 0.0
         self.ready = self.reported = True
         """Whether the mission can begin when the vehicle is armed, and the value last sent to the stream
@@ -66,29 +66,29 @@ class Preparation:
         """Why the mission is not ready; empty if the mission is ready."""
         return "" if self.ready else self.problem or COMPILING
 
-    def update(self, now_s: float, conditions: Conditions | None) -> bool:
+    def update(self, now_s: float, inputs: CompileInputs | None) -> bool:
         """Updates `ready`; returns True if the mission must be compiled now. The caller then compiles the
         mission and calls `succeeded` or `failed`. Call while the vehicle is disarmed.
 
         Args:
             now_s: current time [s, monotonic].
-            conditions: the current conditions; None: the vehicle has no valid position.
+            inputs: the current inputs; None: the vehicle has no valid position.
         """
-        self.ready = self._is_compiled_for(conditions, READY_WITHIN)
-        current = self._is_compiled_for(conditions, COMPILE_AFTER)
+        self.ready = self._is_compiled_for(inputs, READY_WITHIN)
+        current = self._is_compiled_for(inputs, COMPILE_AFTER)
         if current or self._compiling or now_s < self._next_s:
             return False
         self._compiling = True
         return True
 
-    def _is_compiled_for(self, conditions: Conditions | None, change: tuple[float, float]) -> bool:
-        if self._start is None or self._conditions is None or conditions is None:
+    def _is_compiled_for(self, inputs: CompileInputs | None, change: tuple[float, float]) -> bool:
+        if self._start is None or self._inputs is None or inputs is None:
             return False
-        return conditions.within(self._conditions, change)
+        return inputs.within(self._inputs, change)
 
-    def succeeded(self, start: Start, conditions: Conditions | None, now_s: float) -> None:
-        """Stores the mission that was compiled for these conditions."""
-        self._start, self._conditions, self.problem = start, conditions, ""
+    def succeeded(self, start: Start, inputs: CompileInputs | None, now_s: float) -> None:
+        """Stores the mission that was compiled for these inputs."""
+        self._start, self._inputs, self.problem = start, inputs, ""
         self._compiling, self._next_s = False, now_s + MIN_INTERVAL_S
 
     def failed(self, problem: str, now_s: float) -> None:

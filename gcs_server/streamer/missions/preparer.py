@@ -1,4 +1,4 @@
-"""Compiles missions that begin when the vehicle is armed, while the vehicle is still disarmed."""
+"""While a vehicle is disarmed, compiles the missions that begin when it is armed in their mode."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError
 from gcs_server.streamer.missions.mode_events import NOTICE, WARNING, add_event, with_remedy
 from gcs_server.streamer.missions.mode_status import MissionAsMode
-from gcs_server.streamer.missions.preparation import Conditions, Preparation
+from gcs_server.streamer.missions.preparation import CompileInputs, Preparation
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.schedule.streams import Streams
 from gcs_server.supervise import Supervisor
@@ -23,7 +23,7 @@ class Preparer:
         supervisor: runs the compilations.
         streams: replies to PX4's arming checks.
         prepare: compiles a mode's mission from the vehicle's current position, and checks it.
-        conditions: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
+        inputs: the vehicle's position, yaw and settings with which a mission is compiled; None: no valid
             position.
     """
 
@@ -33,26 +33,26 @@ class Preparer:
         supervisor: Supervisor,
         streams: Streams,
         prepare: Callable[[str, MissionAsMode], Awaitable[Start]],
-        conditions: Callable[[str], Conditions | None],
+        inputs: Callable[[str], CompileInputs | None],
     ) -> None:
         self._clock, self._supervisor, self._streams = clock, supervisor, streams
-        self._prepare, self.conditions = prepare, conditions
+        self._prepare, self.inputs = prepare, inputs
 
     def update(self, vehicle: Vehicle, missions: Iterable[tuple[MissionAsMode, Preparation]]) -> None:
         """Compiles the missions that are not compiled for the vehicle's present position and settings; called
         periodically while the vehicle is disarmed."""
         missions = list(missions)
-        conditions = self.conditions(vehicle.id) if missions else None
+        inputs = self.inputs(vehicle.id) if missions else None
         for mode, preparation in missions:
-            if preparation.update(self._clock.monotonic_s(), conditions):
-                work = self._compile(vehicle, mode, preparation, conditions)
+            if preparation.update(self._clock.monotonic_s(), inputs):
+                work = self._compile(vehicle, mode, preparation, inputs)
                 self._supervisor.spawn(f"vehicle {vehicle.id}: mission mode", work)
             if preparation.ready != preparation.reported:
                 preparation.reported = preparation.ready
                 self._streams.set_mode_ready(vehicle.id, mode.name, preparation.ready)
 
     async def _compile(
-        self, vehicle: Vehicle, mode: MissionAsMode, preparation: Preparation, conditions: Conditions | None
+        self, vehicle: Vehicle, mode: MissionAsMode, preparation: Preparation, inputs: CompileInputs | None
     ) -> None:
         problem = preparation.problem
         try:
@@ -66,7 +66,7 @@ class Preparer:
                 )
                 add_event(vehicle, self._clock, mode.name, "not_ready", text, WARNING)
         else:
-            preparation.succeeded(start, conditions, self._clock.monotonic_s())
+            preparation.succeeded(start, inputs, self._clock.monotonic_s())
             if problem:
                 text = f"The mission of the mode {mode.name!r} can begin here now."
                 add_event(vehicle, self._clock, mode.name, "ready", text, NOTICE)

@@ -44,7 +44,7 @@ class WorkerCalls:
     Args:
         clock: the system's monotonic clock.
         own_ids: system and component id of the sent messages.
-        silent_limit_s: time without a message from the event loop after which sending stops.
+        server_silent_limit_s: time without a message from the event loop after which sending stops.
         on_update: called with each update from the process.
         on_end: called when the process has ended or does not answer; pending requests fail afterwards.
         relay: sends setpoints that the process cannot send; called in a thread.
@@ -54,17 +54,17 @@ class WorkerCalls:
         self,
         clock: Clock,
         own_ids: tuple[int, int],
-        silent_limit_s: float,
+        server_silent_limit_s: float,
         on_update: Callable[[Update], None],
         on_end: Callable[[], None],
         relay: Relay,
     ) -> None:
         self._clock = clock
         self._own_ids = own_ids
-        self._silent_limit_s = silent_limit_s
+        self._server_silent_limit_s = server_silent_limit_s
         self._on_update, self._on_end, self._relay = on_update, on_end, relay
         self._pending: dict[int, _PendingRequest] = {}
-        self._started_s = self._checked_s = self._silent_since_s = float("-inf")
+        self._started_s = self._checked_s = self._worker_unresponsive_since_s = float("-inf")
         self.worker: WorkerHandle | None = None
         """The running process; None if there is no process."""
 
@@ -76,7 +76,7 @@ class WorkerCalls:
         self._started_s = now_s
         try:
             self.worker = WorkerHandle(
-                self._own_ids, self._silent_limit_s, self._handle_value, self._drop_worker, self._relay
+                self._own_ids, self._server_silent_limit_s, self._handle_value, self._drop_worker, self._relay
             )
         except OSError:  # no free file descriptor; the next update tries again
             log.exception("the setpoint streams' process could not be started")
@@ -94,15 +94,15 @@ class WorkerCalls:
         now_s = self._clock.monotonic_s()
         loop_stalled, self._checked_s = now_s - self._checked_s > LOOP_STALLED_S, now_s
         worker = self.worker
-        if worker is None or not worker.started or not worker.has_unhandled:
+        if worker is None or not worker.started or not worker.has_unhandled_messages:
             return
         if loop_stalled:
-            self._silent_since_s = now_s
+            self._worker_unresponsive_since_s = now_s
         worker.read()
         if (
             self.worker is worker
-            and worker.has_unhandled
-            and now_s - self._silent_since_s >= ANSWER_TIMEOUT_S
+            and worker.has_unhandled_messages
+            and now_s - self._worker_unresponsive_since_s >= ANSWER_TIMEOUT_S
         ):
             self._drop_worker()
 
@@ -111,8 +111,8 @@ class WorkerCalls:
         worker = self.worker
         if worker is None:
             return 0
-        if not worker.has_unhandled:
-            self._silent_since_s = self._clock.monotonic_s()
+        if not worker.has_unhandled_messages:
+            self._worker_unresponsive_since_s = self._clock.monotonic_s()
         try:
             return worker.send(message)
         except SEND_ERRORS:
@@ -153,8 +153,8 @@ class WorkerCalls:
 
     def _handle_value(self, value: object) -> None:
         if isinstance(value, Update):
-            if self.worker is not None and self.worker.handled(value.handled):
-                self._silent_since_s = self._clock.monotonic_s()
+            if self.worker is not None and self.worker.record_handled(value.last_handled):
+                self._worker_unresponsive_since_s = self._clock.monotonic_s()
             self._on_update(value)
         elif isinstance(value, Answer):
             self._handle_answer(value)

@@ -44,7 +44,7 @@ class WorkerHandle:
 
     Args:
         own_ids: system and component id of the sent messages.
-        silent_limit_s: time without a message from the event loop after which sending stops.
+        server_silent_limit_s: time without a message from the event loop after which sending stops.
         on_value: called in the event loop with each value from the process.
         on_end: called once in the event loop when the process has ended by itself.
         relay: sends setpoints that the process cannot send; called in a thread.
@@ -53,7 +53,7 @@ class WorkerHandle:
     def __init__(
         self,
         own_ids: tuple[int, int],
-        silent_limit_s: float,
+        server_silent_limit_s: float,
         on_value: Callable[[object], None],
         on_end: Callable[[], None],
         relay: Relay,
@@ -81,7 +81,7 @@ class WorkerHandle:
         self._loop.add_reader(self._pipe.fileno(), self.read)
         self._thread = threading.Thread(
             target=self._watch_process,
-            args=(own_ids, silent_limit_s, worker_messages, worker_side_channel),
+            args=(own_ids, server_silent_limit_s, worker_messages, worker_side_channel),
             name="offboard-reports",
             daemon=True,
         )
@@ -93,11 +93,11 @@ class WorkerHandle:
         return None if self._process is None else self._process.pid
 
     @property
-    def has_unhandled(self) -> bool:
+    def has_unhandled_messages(self) -> bool:
         """Whether the process has not yet handled all messages."""
         return self._handled < self._posted
 
-    def handled(self, number: int) -> bool:
+    def record_handled(self, number: int) -> bool:
         """Records that the process has handled all messages up to this number; returns whether the number is
         new."""
         before, self._handled = self._handled, max(self._handled, number)
@@ -228,12 +228,12 @@ class WorkerHandle:
     def _watch_process(
         self,
         own_ids: tuple[int, int],
-        silent_limit_s: float,
+        server_silent_limit_s: float,
         worker_messages: socket.socket,
         worker_side_channel: socket.socket,
     ) -> None:
         descriptors = [worker_messages.fileno(), worker_side_channel.fileno()]
-        arguments = [*descriptors, *own_ids, silent_limit_s]
+        arguments = [*descriptors, *own_ids, server_silent_limit_s]
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "gcs_server.streamer.process.worker", *map(str, arguments)],

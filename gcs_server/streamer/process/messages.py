@@ -341,7 +341,7 @@ class WorkerStarted:
 class Update:
     """State of streams and groups, and the events since the last update."""
 
-    handled: int
+    last_handled: int
     """Number of the last handled message."""
     at_s: float
     states: Mapping[str, StreamState]

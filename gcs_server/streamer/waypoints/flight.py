@@ -10,8 +10,8 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.waypoints.interrupted import FlightProgress
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.vehicle.samples import Mission
-from gcs_server.vehicle.services.held_plan import plan_from_items
-from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
+from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.plan import Plan
 from missions.runner.corridor import Corridor
@@ -22,7 +22,7 @@ from missions.traffic.waypoints import ends_with_landing, predict_plan
 from missions.values import HomePosition
 from missions.vehicle import PARAMETERS, VehicleModel
 from missions.waypoints.monitor import WaypointMonitor
-from missions.waypoints.planned import MAX_PASSES, PlannedPasses, planned_by_plan
+from missions.waypoints.planned import MAX_PASSES, PlannedPasses, estimate_passes
 
 WARNING, NOTICE = 4, 5
 
@@ -160,7 +160,8 @@ class WaypointFlight:
             return None
         return predict_plan(
             self._vehicle.id, origin, self._planned, ends_in_air=not self._lands, index=index, t_s=t_s,
-            off_path_ned_m=None if on_path else position, speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
+            current_position_ned_m=None if on_path else position,
+            speed_m_s=vehicle_model(self._vehicle).cruise_m_s,
         )  # fmt: skip
 
     def new_progress(self) -> FlightProgress | None:
@@ -219,7 +220,7 @@ def _planned(
     home, origin = _home(vehicle), VehicleEstimates(vehicle).origin()
     if home is None or origin is None:
         return None, "The home of the vehicle was not known when the monitoring began."
-    planned = planned_by_plan(plan, vehicle_model(vehicle), home, origin)
+    planned = estimate_passes(plan, vehicle_model(vehicle), home, origin)
     if planned is None or not planned.passes:
         return None, f"The plan has no path, or more than {MAX_PASSES} legs with its repeats."
     return planned, None

@@ -9,8 +9,8 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import key_of
 from gcs_server.streamer.waypoints.interrupted import FlightProgress, ProgressStore
 from gcs_server.vehicle.samples import GlobalPosition
-from gcs_server.vehicle.services.held_plan import plan_from_items
-from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
+from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.geodesy import distance_m
 from missions.plan import Plan

@@ -218,8 +218,8 @@ class FtpService:
                         progress(pieces.received, pieces.size)
                 if reply.burst_complete:
                     break
-        # higher than every number of this burst: otherwise the vehicle takes the next request for a
-        # repetition, and replies with a piece of the burst
+        # The next number must be higher than all numbers of this burst. Otherwise the vehicle treats the next
+        # request as a repetition, and replies with a piece of the burst.
         self._sequence = (first + longest + 1) & 0xFFFF
         return received_any
 
@@ -297,7 +297,7 @@ class FtpService:
         self._vehicle.send_payload(message.get_msgId(), encode_payload(message))
 
     def _take_sequence(self) -> int:
-        """The next sequence number; the steps are two, because the reply uses the number between."""
+        """The next sequence number. It increases by two, because the reply uses the number in between."""
         self._sequence = (self._sequence + 2) & 0xFFFF
         return self._sequence
 

@@ -21,7 +21,8 @@ MOVES_DEG = 0.5
 """Change between two reports below which the gimbal counts as stopped [deg]."""
 STOPPED_AFTER_S = 0.6
 """Time without movement after which the gimbal has stopped [s]."""
-START_TIMEOUT_S = 1.0
+MIN_WAIT_S = 1.0
+"""Time that the gimbal has to begin to move: before this time it does not count as stopped [s]."""
 MAX_DURATION_S = 3.0
 """If the gimbal still moves after this time, no limit is reported [s]."""
 REQUEST_PERIOD_S = 0.2
@@ -84,7 +85,7 @@ async def wait_until_stopped(
             now_s = clock.monotonic_s()
             if previous_angles is None or _differ(current_angles, previous_angles, MOVES_DEG):
                 previous_angles, stopped_since_s = current_angles, now_s
-            elif now_s - stopped_since_s >= STOPPED_AFTER_S and now_s - start_s >= START_TIMEOUT_S:
+            elif now_s - stopped_since_s >= STOPPED_AFTER_S and now_s - start_s >= MIN_WAIT_S:
                 return _limited(current_angles, pitch_deg, yaw_deg)
     return None
 

@@ -18,7 +18,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.dialect import MAVLink_message
 from gcs_server.mavlink.mailbox import Reply, Waiter
 from gcs_server.vehicle.samples import Mission
-from gcs_server.vehicle.services.held_cache import ItemsCache
+from gcs_server.vehicle.services.items_cache import ItemsCache
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import (
     NAME_OF,
@@ -30,7 +30,7 @@ from gcs_server.vehicle.services.mission_dialogue import (
     Target,
     Upload,
 )
-from gcs_server.vehicle.services.mission_held import (
+from gcs_server.vehicle.services.mission_on_vehicle import (
     Ids,
     Items,
     ItemsOnVehicle,

@@ -32,9 +32,9 @@ def through_the_box(avoidance: str, obstacle=BOX) -> OffboardMission:
     return mission(steps, home=HOME, obstacles=(obstacle,))
 
 
-def fly_avoiding(document: OffboardMission, longest_s: float = 60.0) -> DryRun:
+def fly_avoiding(document: OffboardMission, max_duration_s: float = 60.0) -> DryRun:
     site = Site(prisms_of(document.obstacles, AIRCRAFT.home))
-    flyable = replace(FlyableMission.from_mission(document, AIRCRAFT), longest_s=longest_s)
+    flyable = replace(FlyableMission.from_mission(document, AIRCRAFT), max_duration_s=max_duration_s)
     return dry_run(flyable, AIRCRAFT, site=site)
 
 
@@ -72,7 +72,7 @@ def test_if_avoidance_finds_no_path_the_vehicle_stops_in_front_of_the_obstacle()
     wall = block(ORIGIN, (12.0, 14.0), (-20.0, 20.0), 40.0, name="the wall")
     fence = (FencePolygon(inclusion=True, polygon=corridor),)
     document = through_the_box("around", wall).model_copy(update={"fence": fence})
-    found = fly_avoiding(document, longest_s=21.0)
+    found = fly_avoiding(document, max_duration_s=21.0)
     codes = {each.code for each in found.findings}
     assert {"avoidance_stopped", "not_finished"} <= codes
     assert "obstacle_hit" not in codes

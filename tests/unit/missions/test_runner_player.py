@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from missions.runner.sampler import ScriptSampler
-from missions.runner.script import Pace, Script, ScriptChange
+from missions.runner.script import Script, ScriptChange, TimeScaleLimits
 from missions.runner.time_scale import BRAKING_FACTOR
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
 from tests.support.offboard_missions import flight_steps, timeline
@@ -81,7 +81,7 @@ def test_a_pause_stays_on_the_path_within_the_acceleration_limit_and_stops(name,
     last = sent[-1][1]
     assert math.hypot(*(last.velocity_ned_m_s if isinstance(last, Trajectory) else (0.0,))) == 0.0
     limit = (
-        BRAKING_FACTOR * Pace().acceleration_m_s2 + 0.1
+        BRAKING_FACTOR * TimeScaleLimits().acceleration_m_s2 + 0.1
     )  # tolerance, because the steps are not infinitely short
     for (_, a), (_, b) in itertools.pairwise(sent):
         if not (isinstance(a, Trajectory) and isinstance(b, Trajectory)):

@@ -20,7 +20,7 @@ from missions.traffic.waypoints import ends_with_landing, predict_plan
 from missions.trajectory.limits import MotionLimits
 from missions.values import HomePosition
 from missions.vehicle import VehicleModel
-from missions.waypoints.planned import planned_by_plan
+from missions.waypoints.planned import estimate_passes
 
 ORIGIN = LocalOrigin(47.0, 8.0, 500.0)
 REQUIRED_M = 5.0 + planned_margin_m()
@@ -52,7 +52,7 @@ def predicted_path(items, vehicle="1", *, frame=ORIGIN, **more):
     plan = plan_document.read(json.dumps({"items": items}))
     first = items[0]
     home = HomePosition(lat_deg=first["lat_deg"], lon_deg=first["lon_deg"], alt_amsl_m=500.0)
-    planned = planned_by_plan(plan, VehicleModel(), home, frame)
+    planned = estimate_passes(plan, VehicleModel(), home, frame)
     return predict_plan(vehicle, frame, planned, ends_in_air=not ends_with_landing(plan), **more)
 
 
@@ -155,9 +155,9 @@ def test_the_flown_part_of_a_path_is_not_compared():
 
 
 def test_a_vehicle_off_its_path_is_expected_to_fly_straight_to_its_item():
-    approach = {"index": 2, "t_s": 0.0, "off_path_ned_m": (0.0, 180.0, -20.0)}
+    approach = {"index": 2, "t_s": 0.0, "current_position_ned_m": (0.0, 180.0, -20.0)}
     path = predicted_path(
-        line(east_m=190.0, north=True), "2", **{**approach, "off_path_ned_m": (-60.0, 190.0, -20.0)}
+        line(east_m=190.0, north=True), "2", **{**approach, "current_position_ned_m": (-60.0, 190.0, -20.0)}
     )
     found = first_conflict(path, predicted_path(line(), **approach))
     assert found.place == "item 3"

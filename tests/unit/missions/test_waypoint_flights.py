@@ -14,7 +14,7 @@ from missions.runner.reading import Reading
 from missions.values import HomePosition
 from missions.vehicle import VehicleModel
 from missions.waypoints.monitor import WaypointMonitor
-from missions.waypoints.planned import planned_by_dry_run, planned_by_plan
+from missions.waypoints.planned import estimate_passes, planned_by_dry_run
 
 ORIGIN = LocalOrigin(47.0, 8.0, 500.0)
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=500.0)
@@ -44,7 +44,7 @@ def plan_of(items):
 
 
 def planned(items):
-    found = planned_by_plan(plan_of(items), VEHICLE, HOME, ORIGIN)
+    found = estimate_passes(plan_of(items), VEHICLE, HOME, ORIGIN)
     assert found is not None
     return found
 

@@ -29,10 +29,15 @@ class Heading:
         """Clears the item's heading; as in PX4, a region of interest is kept."""
         self.item_yaw_rad = math.nan
 
-    def handle_item(self, item: Item, parameters: tuple[float, ...]) -> None:
-        """Handles items that set or clear the region of interest."""
+    def handle_item(self, item: Item, command_parameters: tuple[float, ...]) -> None:
+        """Handles items that set or clear the region of interest.
+
+        Args:
+            item: the item.
+            command_parameters: the parameters of its command, with latitude and longitude in degrees.
+        """
         if item.command == ROI_LOCATION or (item.command == ROI and item.parameters[0] == OLD_ROI_LOCATION):
-            self.look_at(parameters[4], parameters[5])
+            self.look_at(command_parameters[4], command_parameters[5])
         elif item.command in (ROI_NONE, ROI_NEXT_WAYPOINT, ROI):
             self._roi_ne_m = None
 
@@ -67,11 +72,10 @@ class Heading:
             return self._towards(self._path.x.velocity_m_s, self._path.y.velocity_m_s, 0.5)
         return self._path.yaw_target_rad
 
-    def steady_point(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
-        """The heading setpoint as north and east [m] of a point, and a distance [m]; None: no fixed point.
-
-        The nose points to the point while the point is farther away than the distance; with an infinite
-        distance the heading does not change.
+    def fixed_target(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
+        """A fixed point to which the nose is turned: north [m], east [m], and the distance [m] within which
+        the vehicle keeps its heading (infinite: it always keeps its heading). None: the heading depends on
+        the motion.
         """
         mode = self._view.choice("MPC_YAW_MODE")
         if self._roi_ne_m is not None:

@@ -46,7 +46,7 @@ class Leg:
         """The leg until arrival, or after arrival until the end of the wait; None: the heading depends on the
         motion."""
         path, (north_m, east_m, _) = self._path, self.target_ned_m
-        point = heading.steady_point(self.target_ned_m, self.acceptance_m)
+        point = heading.fixed_target(self.target_ned_m, self.acceptance_m)
         if point is None or not path.follows(self._triplet):
             return None
         task = SteadyTask(

@@ -3050,6 +3050,25 @@ export interface components {
             readonly radius_m: number;
         };
         /**
+         * ClosestPair
+         * @description The two members that are closest to each other.
+         */
+        readonly ClosestPair: {
+            /**
+             * Vehicles
+             * @description Ids of the vehicles.
+             */
+            readonly vehicles: readonly [
+                string,
+                string
+            ];
+            /**
+             * Distance M
+             * @description Distance between the vehicles' estimated global positions [m].
+             */
+            readonly distance_m: number;
+        };
+        /**
          * CommandDone
          * @description The result of a command that succeeded: the vehicle's own state shows the change.
          */
@@ -5936,7 +5955,7 @@ export interface components {
              */
             readonly members: readonly components["schemas"]["GroupMember"][];
             /** @description The closest members; null before the first check, and if fewer than two positions are known. */
-            readonly nearest: components["schemas"]["NearestTwo"] | null;
+            readonly nearest: components["schemas"]["ClosestPair"] | null;
             /**
              * Findings
              * @description Problems, oldest first.
@@ -6051,7 +6070,7 @@ export interface components {
         readonly GroupSetpoints: {
             /**
              * Valid For S
-             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at the same time.
+             * @description How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to all members at the same time. The time starts when the last member has finished its path setpoint, or immediately if no member has one.
              */
             readonly valid_for_s?: number;
             /**
@@ -6128,7 +6147,7 @@ export interface components {
              */
             readonly members: readonly components["schemas"]["GroupMember"][];
             /** @description The closest members; null before the first check, and if fewer than two positions are known. */
-            readonly nearest: components["schemas"]["NearestTwo"] | null;
+            readonly nearest: components["schemas"]["ClosestPair"] | null;
             /**
              * Findings
              * @description Problems, oldest first.
@@ -6141,7 +6160,7 @@ export interface components {
             readonly ended: string | null;
             /**
              * Limits
-             * @description Limits by vehicle; `origin` says whether the operator's limits were restored.
+             * @description Limits by vehicle; `origin` says whether the operator's limits were set since the server started, or restored from the data folder.
              */
             readonly limits: {
                 readonly [key: string]: components["schemas"]["OffboardLimits"];
@@ -8277,25 +8296,6 @@ export interface components {
             readonly mode: number | null;
         };
         /**
-         * NearestTwo
-         * @description The two members that are closest to each other.
-         */
-        readonly NearestTwo: {
-            /**
-             * Vehicles
-             * @description Ids of the vehicles.
-             */
-            readonly vehicles: readonly [
-                string,
-                string
-            ];
-            /**
-             * Distance M
-             * @description Distance between the vehicles' estimated global positions [m].
-             */
-            readonly distance_m: number;
-        };
-        /**
          * NewPlan
          * @description A new plan to store.
          */
@@ -8899,7 +8899,7 @@ export interface components {
             readonly avoidance: components["schemas"]["ObstacleAvoidance"];
             /** @description Health. */
             readonly health: components["schemas"]["StreamHealth"];
-            /** @description Limits of its setpoints; `origin` says whether the operator's limits were restored. */
+            /** @description Limits of its setpoints; `origin` says whether the operator's limits were set since the server started, or restored from the data folder. */
             readonly limits: components["schemas"]["OffboardLimits"];
         };
         /**
@@ -11057,7 +11057,8 @@ export interface components {
             readonly speed: number;
             /**
              * Position Unix S
-             * @description Current time in the recording, by the recording computer's clock; null while the file is being read.
+             * @description Current time in the recording, by the clock of the computer that recorded it; null while the file is
+             *     being read.
              */
             readonly position_unix_s: number | null;
             /**
@@ -11877,7 +11878,7 @@ export interface components {
         readonly StartGroup: {
             /**
              * Valid For S
-             * @description How long all setpoints are valid without being renewed, counted from the end of the longest path [s]; then `on_expiry` applies to all members at the same time.
+             * @description How long all setpoints are valid without being renewed [s]; then `on_expiry` applies to all members at the same time. The time starts when the last member has finished its path setpoint, or immediately if no member has one.
              */
             readonly valid_for_s?: number;
             /**
@@ -11907,7 +11908,7 @@ export interface components {
             readonly rate_hz?: number;
             /**
              * Others Go On
-             * @description Whether the other members continue if a member has a problem; false: all members hold.
+             * @description Whether the other members continue if a member leaves Offboard, the position of a member is not known for 1 s, or two members come too close to each other (only these two then hold); false: all members hold.
              */
             readonly others_go_on?: boolean;
         };

@@ -113,7 +113,9 @@ def test_another_version_of_px4s_interface_is_refused_and_named() -> None:
     removal = fields(external_mode.on_reply({**REGISTERED, "px4_ros2_api_version": 2}, 0.02), UNREGISTER)
     assert removal["mode_id"] == 23
     assert external_mode.registration.state == "refused"
-    assert "has version 2, but this server knows version 1; use PX4 v1.16" in external_mode.registration.why
+    assert (
+        "has version 2, but this server knows version 1; use PX4 v1.16" in external_mode.registration.reason
+    )
 
 
 def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
@@ -124,7 +126,7 @@ def test_without_a_reply_registration_is_refused_after_five_requests() -> None:
     assert sent == ATTEMPTS
     assert now_s == pytest.approx(5.0, abs=0.1)
     assert external_mode.registration.state == "refused"
-    assert "did not answer" in external_mode.registration.why
+    assert "did not answer" in external_mode.registration.reason
     assert external_mode.step(now_s + 10) == []
     assert external_mode.on_check_request(CHECK, now_s, can_run=True) == []
 
@@ -142,7 +144,7 @@ def test_a_refusal_ends_the_registration(refusal: dict[str, Any]) -> None:
     external_mode.step(0.0)
     assert external_mode.on_reply({**REGISTERED, **refusal}, 0.02) == []
     assert external_mode.registration.state == "refused"
-    assert "COM_MODE_ARM_CHK" in external_mode.registration.why
+    assert "COM_MODE_ARM_CHK" in external_mode.registration.reason
     assert external_mode.step(5.0) == []
 
 
@@ -168,7 +170,7 @@ def test_without_arming_check_requests_the_mode_is_lost() -> None:
     assert external_mode.registration.state == "registered"
     external_mode.step(LOST_S + 0.01)
     assert external_mode.registration.state == "lost"
-    assert "restarted" in external_mode.registration.why
+    assert "restarted" in external_mode.registration.reason
     assert external_mode.registration.mode is None
     assert external_mode.on_check_request(CHECK, 5.0, can_run=True) == []
     assert external_mode.completed(success=True) == []
@@ -178,14 +180,14 @@ def test_a_mode_that_px4_has_removed_is_lost() -> None:
     external_mode = registered_mode()
     external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": 4})
     assert external_mode.registration.state == "registered", (
-        "a status from before the registration removed it"
+        "an old status, from before the registration, has removed the mode"
     )
     external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": MASK, "nav_state": 4})
     external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": MASK, "nav_state": 4})
     assert external_mode.registration.state == "registered"
     external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": 4})
     assert external_mode.registration.state == "lost"
-    assert "no answers in time" in external_mode.registration.why
+    assert "no answers in time" in external_mode.registration.reason
 
 
 def test_success_and_failure_of_a_mode_are_reported() -> None:
@@ -300,7 +302,7 @@ def test_a_mode_with_an_executor_permits_arming_and_is_removed_with_the_executor
 def test_without_a_free_executor_the_registration_is_refused() -> None:
     external_mode = mode_with_executor(-1)
     assert (external_mode.registration.state, external_mode.executor) == ("refused", None)
-    assert "executor" in external_mode.registration.why
+    assert "executor" in external_mode.registration.reason
 
 
 def test_the_registration_shows_whether_its_executor_is_in_charge() -> None:

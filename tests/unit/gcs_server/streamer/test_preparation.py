@@ -12,13 +12,13 @@ from gcs_server.streamer.missions.preparation import (
     COMPILING,
     MIN_INTERVAL_S,
     RETRY_S,
-    Conditions,
+    CompileInputs,
     Preparation,
 )
 from gcs_server.streamer.missions.start import Start
 
 FIRST, SECOND = cast(Start, object()), cast(Start, object())
-CONDITIONS = Conditions((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
+INPUTS = CompileInputs((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
 
 
 @pytest.mark.parametrize(
@@ -37,36 +37,36 @@ CONDITIONS = Conditions((0.0, 0.0, 0.0), 0.1, {"height_max_m": 50.0})
 def test_a_mission_is_compiled_again_after_a_change(
     change: dict[str, Any], compiles: bool, ready: bool
 ) -> None:
-    preparation = Preparation(FIRST, CONDITIONS)
-    assert preparation.update(5.0, replace(CONDITIONS, **change)) == compiles
+    preparation = Preparation(FIRST, INPUTS)
+    assert preparation.update(5.0, replace(INPUTS, **change)) == compiles
     assert preparation.ready == ready
     assert preparation.reason == ("" if ready else COMPILING)
 
 
 def test_without_a_position_the_mission_is_not_ready() -> None:
-    preparation = Preparation(FIRST, CONDITIONS)
+    preparation = Preparation(FIRST, INPUTS)
     assert preparation.update(5.0, None)
     assert not preparation.ready
 
 
 def test_a_mission_is_compiled_once_at_a_time_and_not_continuously() -> None:
-    preparation, moved = Preparation(FIRST, CONDITIONS), replace(CONDITIONS, position_ned_m=(30.0, 0.0, 0.0))
+    preparation, moved = Preparation(FIRST, INPUTS), replace(INPUTS, position_ned_m=(30.0, 0.0, 0.0))
     assert preparation.update(5.0, moved)
     assert not preparation.update(9.0, moved)
     preparation.succeeded(SECOND, moved, 10.0)
-    assert not preparation.update(10.1, CONDITIONS)
-    assert preparation.update(10.0 + MIN_INTERVAL_S, CONDITIONS)
-    preparation.succeeded(SECOND, CONDITIONS, 12.0)
-    assert not preparation.update(20.0, CONDITIONS)
+    assert not preparation.update(10.1, INPUTS)
+    assert preparation.update(10.0 + MIN_INTERVAL_S, INPUTS)
+    preparation.succeeded(SECOND, INPUTS, 12.0)
+    assert not preparation.update(20.0, INPUTS)
     assert preparation.start is SECOND
 
 
 def test_a_mission_that_cannot_be_compiled_does_not_begin_and_is_tried_again() -> None:
-    preparation = Preparation(FIRST, CONDITIONS)
-    assert preparation.update(5.0, replace(CONDITIONS, settings={}))
+    preparation = Preparation(FIRST, INPUTS)
+    assert preparation.update(5.0, replace(INPUTS, settings={}))
     preparation.failed("The path leaves the geofence.", 6.0)
-    assert not preparation.update(6.1, CONDITIONS)
+    assert not preparation.update(6.1, INPUTS)
     assert not preparation.ready
     assert preparation.start is None
     assert preparation.reason == "The path leaves the geofence."
-    assert preparation.update(6.0 + RETRY_S, CONDITIONS)
+    assert preparation.update(6.0 + RETRY_S, INPUTS)

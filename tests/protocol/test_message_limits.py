@@ -8,16 +8,14 @@ import pytest
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.vehicle import metadata_files
-from gcs_server.vehicle.modes import BY_NAME
-from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID, TEXTS
+from gcs_server.vehicle.px4_events import TEXTS
 from gcs_server.vehicle.services.health import TEXTS_TIMEOUT_S
 from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
-from tests.protocol.one_vehicle import flight
+from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.sim_world import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
 
 METADATA_ID = d.MAVLINK_MSG_ID_COMPONENT_METADATA
-HOLD_ONLY = 1 << BY_NAME["hold"].nav_state
 
 
 def event_payload(event_id, sequence, arguments=b"", level=6):
@@ -26,33 +24,8 @@ def event_payload(event_id, sequence, arguments=b"", level=6):
     ).ljust(53, b"\0")
 
 
-def report(autopilot, can_arm, present=1):
-    autopilot.event(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", 0, 0, 0, can_arm, can_arm))
-    autopilot.event(HEALTH_SUMMARY_ID, 0x88, struct.pack("<BIII", 0, present, 0, 0))
-
-
 def lines(vehicle, *kinds):
     return [e.text for e in vehicle.events.since(0) if e.kind in kinds]
-
-
-def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(kit, jump):
-    async def scenario(world, vehicle, autopilot):
-        reports = []
-        vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
-        autopilot.mode = kit.OFFBOARD
-        await world.clock.sleep(3)
-        report(autopilot, HOLD_ONLY)
-        await world.clock.sleep(3)
-        (offer,) = vehicle.health.readiness.offers
-        assert (offer.code, offer.mode, offer.label) == ("choose_mode", "hold", "Hold")
-        assert offer.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
-        report_count = len(reports)
-        autopilot.mode = kit.HOLD
-        await world.clock.sleep(3)
-        assert vehicle.health.readiness.offers == ()
-        assert len(reports) > report_count
-
-    flight(kit, jump, scenario)
 
 
 def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_report_remains(kit, jump):
@@ -60,12 +33,12 @@ def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
         for n in range(2000):
-            report(autopilot, HOLD_ONLY if n % 2 else 0, present=n)
+            send_readiness(autopilot, HOLD_ONLY if n % 2 else 0, present=n)
         await world.clock.sleep(1)
         assert 1 <= len(reports) <= 5
         assert [m.can_arm for m in vehicle.health.readiness.modes if m.mode == "hold"] == [True]
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, jump):
@@ -111,7 +84,7 @@ def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
         requests = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
         assert 1 <= len(requests) <= 3 * 6
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_status_text_describes_an_event_without_metadata(kit, jump):
@@ -121,7 +94,7 @@ def test_a_status_text_describes_an_event_without_metadata(kit, jump):
         await world.clock.sleep(2)
         assert lines(vehicle, "event", "status_text") == ["The event's text"]
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is_shown(kit, jump):
@@ -137,7 +110,7 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is
         await world.clock.sleep(1)
         assert lines(vehicle, "status_text")[-1] == "The next text"
 
-    flight(kit, jump, scenario)
+    run_scenario(kit, jump, scenario)
 
 
 @pytest.mark.parametrize("chunk", [0, 7, 19, 255])

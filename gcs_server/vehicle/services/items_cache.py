@@ -17,7 +17,7 @@ from typing import Any
 
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
-from gcs_server.vehicle.services.mission_held import Ids, ItemsOnVehicle, PlanReference
+from gcs_server.vehicle.services.mission_on_vehicle import Ids, ItemsOnVehicle, PlanReference
 from missions.formats.mavlink_items import WireItem
 
 RunInThread = Callable[[Callable[[], Any]], Awaitable[Any]]

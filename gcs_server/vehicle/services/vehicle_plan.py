@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gcs_server.vehicle.services.mission_held import ItemsOnVehicle
+from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
 from missions.errors import PlanError
 from missions.formats import mavlink_items
 from missions.plan import Plan
