@@ -18,15 +18,15 @@ export interface LayerPoint extends LayerPosition {
   /** Unique within its layer. */
   readonly id: string;
   /**
-   * `middle`: midpoint of a leg, where a drag inserts a point; `corner`: corner of an area; `cross`: a position to look at;
-   * `ghost`: a simulated vehicle.
+   * `midpoint`: midpoint of a leg, where a drag inserts a point; `corner`: corner of an area; `cross`: a position to look at;
+   * `vehicle`: a simulated vehicle.
    */
-  readonly mark: 'disc' | 'corner' | 'middle' | 'cross' | 'home' | 'ghost';
+  readonly mark: 'disc' | 'corner' | 'midpoint' | 'cross' | 'home' | 'vehicle';
   readonly tone: Tone;
   /** Text on the point; empty for none. */
   readonly text: string;
   readonly selected: boolean;
-  /** Heading of a ghost, clockwise from north. */
+  /** Heading of a simulated vehicle, clockwise from north. */
   readonly yaw_deg?: number;
   /** Altitude as text; missing: the editor cannot change the altitude. */
   readonly altitudeText?: string;
@@ -67,7 +67,7 @@ export interface LayerPicture {
 export interface LayerEditor {
   /** The point was clicked, or Enter was pressed on it. @param more Shift or Ctrl was pressed: the other points stay selected. */
   pick: (id: string, more: boolean) => void;
-  /** A drag begins. @returns the id of the point that moves (for a `middle`, the inserted point); null: the point cannot move. */
+  /** A drag begins. @returns the id of the point that moves (for a `midpoint`, the inserted point); null: the point cannot move. */
   grab: (id: string) => string | null;
   /** Moves the grabbed point and all other selected points. */
   drag: (id: string, to: GeoPosition) => void;

@@ -7,7 +7,7 @@
 import type { Component } from 'svelte';
 import type { IconName } from '../ui/icons';
 import type { VehicleFacts } from '../vehicle/facts';
-import { carries, type Feature } from '../vehicle/reach';
+import { linkSupports, type Feature } from '../vehicle/reach';
 
 export interface VehicleProps {
   facts: VehicleFacts;
@@ -62,7 +62,7 @@ export interface Panel extends Part {
 /** Whether a panel is offered for the selected vehicle. */
 export function isOffered(panel: Panel, facts: VehicleFacts | null): boolean {
   if (panel.protocol !== undefined && facts?.reach?.protocols.includes(panel.protocol) !== true) return false;
-  return panel.needs === undefined || facts === null || carries(facts, panel.needs);
+  return panel.needs === undefined || facts === null || linkSupports(facts, panel.needs);
 }
 
 /**

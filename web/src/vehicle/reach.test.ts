@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { isOffered, type Panel } from '../app/registry.svelte';
 import type { VehicleFacts } from './facts';
-import { carries, reachLines, type Reach } from './reach';
+import { linkSupports, reachLines, type Reach } from './reach';
 
 const BOTH: Reach = { protocols: ['MAVLink', 'ROS 2'], telemetry: 'MAVLink', commands: 'MAVLink', setpoints: 'ROS 2', missing: [] };
 const ROS_2: Reach = { protocols: ['ROS 2'], telemetry: 'ROS 2', commands: 'ROS 2', setpoints: 'ROS 2', missing: ['parameters', 'files'] };
@@ -9,10 +9,10 @@ const facts = (reach: Reach | null): VehicleFacts => ({ reach }) as VehicleFacts
 
 describe('the protocols of a vehicle', () => {
   it('determine which features are available: some need MAVLink', () => {
-    expect(carries(facts(ROS_2), 'parameters')).toBe(false);
-    expect(carries(facts(ROS_2), 'gimbal')).toBe(true);
-    expect(carries(facts(BOTH), 'parameters')).toBe(true);
-    expect(carries(facts(null), 'parameters')).toBe(true);
+    expect(linkSupports(facts(ROS_2), 'parameters')).toBe(false);
+    expect(linkSupports(facts(ROS_2), 'gimbal')).toBe(true);
+    expect(linkSupports(facts(BOTH), 'parameters')).toBe(true);
+    expect(linkSupports(facts(null), 'parameters')).toBe(true);
   });
   it('are listed separately for telemetry, commands and setpoints if they differ', () => {
     expect(reachLines(null)).toEqual([]);

@@ -1,13 +1,13 @@
-/** The protocols of a vehicle's links, and the features that the links carry. Pure. */
+/** The protocols of a vehicle's links, and the features that the links support. Pure. */
 
 import type { components } from '../api/schema';
 
 export type Reach = Readonly<components['schemas']['Reach']>;
-/** A feature that only MAVLink carries. */
+/** A feature that only MAVLink supports. */
 export type Feature = Reach['missing'][number];
 
-/** Whether the vehicle's links carry a feature; true before the server has sent `reach`. */
-export function carries(facts: { readonly reach: Reach | null }, feature: Feature): boolean {
+/** Whether a link of the vehicle supports a feature; true before the server has sent `reach`. */
+export function linkSupports(facts: { readonly reach: Reach | null }, feature: Feature): boolean {
   return facts.reach === null || !facts.reach.missing.includes(feature);
 }
 

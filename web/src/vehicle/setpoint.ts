@@ -14,13 +14,14 @@ export interface PositionSetpoint {
 
 export type Axis = 'north' | 'east' | 'up' | 'yaw';
 
-export interface Steps {
+/** The distance and the turn of one nudge. */
+export interface NudgeSize {
   label: string;
   metres: number;
   yaw_deg: number;
 }
 
-export const STEPS: readonly Steps[] = [
+export const NUDGE_SIZES: readonly NudgeSize[] = [
   { label: '0.5 m', metres: 0.5, yaw_deg: 5 },
   { label: '1 m', metres: 1, yaw_deg: 15 },
   { label: '5 m', metres: 5, yaw_deg: 45 },
@@ -63,10 +64,10 @@ function wrapPi(angle_rad: number): number {
 }
 
 /** The setpoint one step further along an axis; `sign` is +1 or −1. */
-export function nudge(setpoint: PositionSetpoint, axis: Axis, sign: 1 | -1, steps: Steps): PositionSetpoint {
+export function nudge(setpoint: PositionSetpoint, axis: Axis, sign: 1 | -1, size: NudgeSize): PositionSetpoint {
   const [n, e, d] = setpoint.position_ned_m;
-  const step_m = sign * steps.metres;
-  if (axis === 'yaw') return { ...setpoint, yaw_ned_rad: wrapPi(setpoint.yaw_ned_rad + (sign * steps.yaw_deg * Math.PI) / 180) };
+  const step_m = sign * size.metres;
+  if (axis === 'yaw') return { ...setpoint, yaw_ned_rad: wrapPi(setpoint.yaw_ned_rad + (sign * size.yaw_deg * Math.PI) / 180) };
   const moved: Record<Exclude<Axis, 'yaw'>, Vector3> = { north: [n + step_m, e, d], east: [n, e + step_m, d], up: [n, e, d - step_m] };
   return { ...setpoint, position_ned_m: moved[axis] };
 }

@@ -10,7 +10,7 @@ import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
 /** The part of the page that contains the pressed button; it also shows the refusal. */
-export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'room';
+export type PagePart = 'bar' | 'offboard' | 'gimbal' | 'camera' | 'stage' | 'control' | 'panel';
 
 /** A confirmation for several vehicles: its present texts, and the call after confirmation. */
 export interface GroupConfirmation {

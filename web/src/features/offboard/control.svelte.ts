@@ -10,13 +10,13 @@ import {
   asBody,
   DEFAULT_VALIDITY,
   nudge,
-  STEPS,
+  NUDGE_SIZES,
   type AnySetpoint,
   type Axis,
   type Validity,
   type PositionSetpoint,
   type StreamStart,
-  type Steps,
+  type NudgeSize,
 } from '../../vehicle/setpoint';
 import { nudgeBase } from '../../vehicle/offboard';
 
@@ -43,7 +43,7 @@ function noPosition(age_s: number | null): Outcome<never> {
 const TRANSIENT_CODES: readonly string[] = ['unreachable', 'refused'];
 
 export class OffboardControl {
-  steps = $state.raw<Steps>(STEPS[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
+  nudgeSize = $state.raw<NudgeSize>(NUDGE_SIZES[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly renewers = new Map<string, SetpointRenewer>();
   /** Called when this page sends a setpoint to a single vehicle, which then no longer follows its group. */
   onVehicleSetpoint: (id: string) => void = () => undefined;
@@ -119,7 +119,7 @@ export class OffboardControl {
       nudgeablePosition(renewer.setpoint) ??
       (streamed === null ? null : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
     if (base === null) return noPosition(null);
-    return this.send(facts.id, { ...nudge(base, axis, sign, this.steps) }, DEFAULT_VALIDITY);
+    return this.send(facts.id, { ...nudge(base, axis, sign, this.nudgeSize) }, DEFAULT_VALIDITY);
   }
 
   /** Switches obstacle avoidance on or off. */
@@ -159,7 +159,7 @@ export class OffboardControl {
   }
 }
 
-/** The setpoint to renew: instead of an offset, which would move the vehicle again, the position that resulted from the offset. */
+/** The setpoint to renew. An offset is replaced by the position that resulted from it, because sending the offset again would move the vehicle again. */
 function renewable(setpoint: AnySetpoint, response: unknown): AnySetpoint {
   if (setpoint.type !== 'position_body') return setpoint;
   const streamed = (response as { setpoint?: Record<string, unknown> | null } | null)?.setpoint ?? null;

@@ -14,7 +14,7 @@ const PREFIX = 'edited-';
 /** Image pixels per CSS pixel of an icon. */
 const RATIO = 2;
 /** Radius of a point's disc. */
-export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { middle: 5, corner: 6.5, cross: 9, disc: 13, home: 13, ghost: 16 };
+export const POINT_RADIUS_PX: Readonly<Record<LayerPoint['mark'], number>> = { midpoint: 5, corner: 6.5, cross: 9, disc: 13, home: 13, vehicle: 16 };
 /** Half the side of an icon [px]. */
 export const HALF_PX = 18;
 export const TONES: Readonly<Record<Tone, string>> = {
@@ -34,7 +34,7 @@ export function iconName(point: LayerPoint): string {
   return [PREFIX, point.mark, point.tone, point.selected ? 'on' : 'off', point.text].join('|');
 }
 
-/** All layers as GeoJSON; selected points come last, so that they are drawn on top. */
+/** All editable layers as GeoJSON; selected points come last, so that they are drawn on top. */
 export function toGeoJson(pictures: readonly LayerPicture[]): FeatureCollection {
   const features: LayerFeature[] = [];
   for (const { areas, lines, points } of pictures) {
@@ -46,23 +46,24 @@ export function toGeoJson(pictures: readonly LayerPicture[]): FeatureCollection 
       features.push({ type: 'Feature', properties: { kind: style, tone }, geometry: { type: 'LineString', coordinates: coordinates(positions) } });
     }
     for (const point of points) {
-      const sort = point.selected ? 2 : point.mark === 'middle' ? 0 : 1;
+      const sort = point.selected ? 2 : point.mark === 'midpoint' ? 0 : 1;
       const icon = iconName(point);
-      const properties = point.mark === 'ghost' ? { kind: 'ghost', icon, yaw_deg: point.yaw_deg ?? 0 } : { kind: 'point', icon, sort };
+      const properties = point.mark === 'vehicle' ? { kind: 'vehicle', icon, yaw_deg: point.yaw_deg ?? 0 } : { kind: 'point', icon, sort };
       features.push({ type: 'Feature', properties, geometry: { type: 'Point', coordinates: [point.lon_deg, point.lat_deg] } });
     }
   }
   return { type: 'FeatureCollection', features };
 }
 
-/** MapLibre's layers for the source. */
-export function layers(palette: Palette): LayerSpecification[] {
+/** The layers of MapLibre's style that draw the source. */
+export function mapLibreLayers(palette: Palette): LayerSpecification[] {
   const colour = ['match', ['get', 'tone'], ...Object.entries(TONES).flatMap(([tone, name]) => [tone, palette.colour(name)]), palette.text2] as never;
   const isKind = (kind: string): never => ['==', ['get', 'kind'], kind] as never;
   const line = (kind: string, paint: object): LayerSpecification => ({
     id: `${PREFIX}${kind}`,
     type: 'line',
     source: SOURCE,
+    // 'solid-band' is a wide transparent line below the features of kind 'solid'.
     filter: isKind(kind.replace('-band', '')),
     layout: { 'line-cap': 'round', 'line-join': 'round' },
     paint: { 'line-color': colour, 'line-width': palette.stroke, ...paint },
@@ -81,10 +82,10 @@ export function layers(palette: Palette): LayerSpecification[] {
       layout: { 'icon-image': ['get', 'icon'], 'icon-allow-overlap': true, 'icon-ignore-placement': true, 'symbol-sort-key': ['get', 'sort'] },
     },
     {
-      id: `${PREFIX}ghost`,
+      id: `${PREFIX}vehicle`,
       type: 'symbol',
       source: SOURCE,
-      filter: isKind('ghost'),
+      filter: isKind('vehicle'),
       layout: {
         'icon-image': ['get', 'icon'],
         'icon-rotate': ['get', 'yaw_deg'],
@@ -121,7 +122,7 @@ export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | nu
     disc(ctx, radius, palette.panel, colour, 1.6);
     ctx.strokeStyle = colour;
     ctx.stroke(new Path2D('M0-5v10M-5 0h10'));
-  } else if (mark === 'ghost') {
+  } else if (mark === 'vehicle') {
     // A vehicle from above, with a heading arrow. The disc separates it from the lines around it.
     disc(ctx, radius, palette.panel, colour, 1.2);
     ctx.strokeStyle = ctx.fillStyle = colour;
@@ -133,7 +134,7 @@ export function drawIcon(name: string, palette: Palette): HTMLCanvasElement | nu
     ctx.strokeStyle = palette.text;
     ctx.lineWidth = 1.6;
     ctx.stroke(new Path2D('M-5.5 .5l5.5-5.5 5.5 5.5M-3.6 -.5v5.5h7.2v-5.5'));
-  } else disc(ctx, radius, selected ? colour : palette.panel, colour, mark === 'middle' ? 1.6 : palette.stroke);
+  } else disc(ctx, radius, selected ? colour : palette.panel, colour, mark === 'midpoint' ? 1.6 : palette.stroke);
   if (text !== '') {
     ctx.font = `700 ${text.length > 2 ? 10 : 12}px Inter, system-ui, sans-serif`;
     ctx.textAlign = 'center';
@@ -180,9 +181,9 @@ export class LayerPainter {
     for (const layer of map.getStyle().layers) if (layer.id.startsWith(PREFIX)) map.removeLayer(layer.id);
     for (const name of map.listImages()) if (name.startsWith(PREFIX)) map.removeImage(name);
     if (map.getSource(SOURCE) === undefined) {
-      // The highest zoom level with its own tiles; above it positions have a resolution of a centimetre.
+      // MapLibre cuts the data into tiles up to zoom 20; at this and all higher zooms, coordinates have a resolution of a centimetre.
       map.addSource(SOURCE, { type: 'geojson', data: toGeoJson(this.pictures), maxzoom: 20, tolerance: 0, buffer: 64 });
     }
-    for (const layer of layers(palette)) map.addLayer(layer);
+    for (const layer of mapLibreLayers(palette)) map.addLayer(layer);
   }
 }

@@ -50,8 +50,8 @@ export interface GrabTarget {
 export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint[], reach_px: number): GrabTarget | null {
   const handle = view.handleOf === undefined ? null : nearestWithin(view.handleOf, at, withHandles(points), reach_px);
   if (handle !== null) return { point: handle, part: 'handle' };
-  const planPoints = points.filter((point) => point.mark !== 'middle');
-  const midpoints = points.filter((point) => point.mark === 'middle');
+  const planPoints = points.filter((point) => point.mark !== 'midpoint');
+  const midpoints = points.filter((point) => point.mark === 'midpoint');
   const point = nearestWithin(view.pixelOf, at, planPoints, reach_px) ?? nearestWithin(view.pixelOf, at, midpoints, reach_px * MIDDLE_REACH);
   return point === null ? null : { point, part: 'point' };
 }

@@ -85,7 +85,7 @@ export class LayerInput {
     const [view, edited] = [this.view(), mapLayers.edited];
     const target = view === null || edited === null ? null : targetAt(view, at, edited.picture.points, TOUCH_REACH_PX);
     if (view === null || edited === null || target === null) return false;
-    if (target.point.mark !== 'middle') edited.editor.pick(target.point.id, more);
+    if (target.point.mark !== 'midpoint') edited.editor.pick(target.point.id, more);
     this.gesture = new LayerGesture(edited.editor);
     this.movesByKeys = !more && this.gesture.grabByKeyboard(view, target.point);
     return true;

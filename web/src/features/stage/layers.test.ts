@@ -44,7 +44,7 @@ describe('the point under a pointer', () => {
     expect(targetAt(view, { x: 540, y: 400 }, points, 14)).toBeNull();
   });
   it('prefers a point of the plan to a midpoint, even if the midpoint is nearer', () => {
-    const points = [point('a', 0), point('middle', 3, 'middle')];
+    const points = [point('a', 0), point('middle', 3, 'midpoint')];
     expect(targetAt(view, { x: 505, y: 400 }, points, 14)?.point.id).toBe('a');
     expect(targetAt(view, { x: 515, y: 400 }, points, 14)?.point.id).toBe('middle');
   });
@@ -77,7 +77,7 @@ describe('a gesture', () => {
   it('drags the inserted point if it begins on a midpoint', () => {
     const editor = new RecordingEditor('new');
     const gesture = new LayerGesture(editor);
-    gesture.down(view, { x: 500, y: 400 }, targetOn(point('middle', 0, 'middle')), false);
+    gesture.down(view, { x: 500, y: 400 }, targetOn(point('middle', 0, 'midpoint')), false);
     gesture.move(view, { x: 520, y: 400 });
     expect(editor.calls.at(-1)).toMatchObject(['drag', 'new', {}]);
   });
@@ -105,7 +105,7 @@ describe('a gesture', () => {
     ]);
   });
 
-  it('moves the point at the first key press if it is made by keys', () => {
+  it('moves the point with the first key press if it was grabbed by keyboard', () => {
     const editor = new RecordingEditor('a');
     const gesture = new LayerGesture(editor);
     expect(gesture.grabByKeyboard(view, point('a', 0))).toBe(true);

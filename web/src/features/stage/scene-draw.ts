@@ -60,7 +60,7 @@ interface DrawnPoint {
 
 /** The visible points in the order of drawing: midpoints first, selected points last, and the farthest points first. */
 export function drawnPoints(view: SceneView, points: readonly LayerPoint[]): DrawnPoint[] {
-  const rank = ({ point }: DrawnPoint): number => (point.selected ? 2 : point.mark === 'middle' ? 0 : 1);
+  const rank = ({ point }: DrawnPoint): number => (point.selected ? 2 : point.mark === 'midpoint' ? 0 : 1);
   return points
     .map((point) => ({ point, clip: view.clipOf(view.enuOf(point)) }))
     .filter(({ clip }) => clip[3] >= NEAR_M)
@@ -178,7 +178,7 @@ export class ScenePainter {
   }
 
   private plumbLines(view: SceneView, points: readonly LayerPoint[]): void {
-    const raised = points.filter((point) => point.alt_amsl_m !== undefined && point.mark !== 'middle' && point.mark !== 'home');
+    const raised = points.filter((point) => point.alt_amsl_m !== undefined && point.mark !== 'midpoint' && point.mark !== 'home');
     for (const point of raised.slice(0, MAX_POINTS)) {
       const ground = { lat_deg: point.lat_deg, lon_deg: point.lon_deg };
       const colour = point.selected ? this.palette.accent : this.palette.text2;
@@ -193,7 +193,7 @@ export class ScenePainter {
   }
 
   private point(point: LayerPoint, at: Pixel): void {
-    if (this.inset && point.mark === 'middle') return;
+    if (this.inset && point.mark === 'midpoint') return;
     const name = iconName(this.inset ? { ...point, text: '' } : point);
     if (!this.icons.has(name)) this.icons.set(name, drawIcon(name, this.palette));
     const icon = this.icons.get(name) ?? null;

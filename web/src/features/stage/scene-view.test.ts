@@ -142,7 +142,7 @@ describe('the drawing', () => {
     const points = [
       point('near', at(0, -20, 0)),
       point('far', at(0, 40, 0)),
-      point('middle', at(0, -25, 0), { mark: 'middle' }),
+      point('middle', at(0, -25, 0), { mark: 'midpoint' }),
       point('selected', at(0, 50, 0), { selected: true }),
       point('behind', at(0, -200, 0)),
     ];

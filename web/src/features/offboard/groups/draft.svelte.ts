@@ -49,7 +49,7 @@ class GroupDraft {
     actions.requestForGroup(
       { commandName: 'Group', names: joinNames(names), question: () => startQuestion(names, draft), run: () => this.start(draft) },
       selected,
-      'room',
+      'panel',
     );
   }
 
@@ -67,7 +67,7 @@ class GroupDraft {
     this.tried = true;
     if (Object.keys(problemsOf(draft, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
-    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.names(group)) }, 'room', async (): Promise<Outcome<unknown>> => {
+    await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', async (): Promise<Outcome<unknown>> => {
       const result = setpointsFor(factsOf(members), draft);
       return result.ok ? this.sendLogged(members, draft, () => groups.send(group, result.setpoints, validityOf(draft))) : noPositions(result);
     });
@@ -78,7 +78,7 @@ class GroupDraft {
     const renewed: Draft = { ...this.fields, motion: axesKindOf(group) };
     this.tried = true;
     if ('valid' in problemsOf(renewed, true)) return;
-    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'room', () => groups.renew(group, validityOf(renewed)));
+    await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', () => groups.renew(group, validityOf(renewed)));
   }
 
   private async sendLogged(members: readonly string[], draft: Draft, send: () => Promise<Outcome<unknown>>): Promise<Outcome<unknown>> {

@@ -125,7 +125,7 @@ export class GroupController {
 
   async hold(group: Group): Promise<void> {
     this.stopRenewing();
-    await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'room', async () => {
+    await this.actions.attempt(`Hold group ${group.id}`, { name: this.names(group).join(', ') }, 'panel', async () => {
       const outcome = await this.api.post('/groups/{g}/hold', groupPath(group));
       if (outcome.ok) this.update(outcome.value);
       return outcome;
@@ -134,7 +134,7 @@ export class GroupController {
 
   /** Shows a problem, for example a refused renewal, in the room. */
   async showProblem(commandName: string, vehicleName: string, problem: Problem): Promise<void> {
-    await this.actions.attempt(commandName, { name: vehicleName }, 'room', () => Promise.resolve({ ok: false, problem }));
+    await this.actions.attempt(commandName, { name: vehicleName }, 'panel', () => Promise.resolve({ ok: false, problem }));
   }
 
   private async sendRenewal(group: Group, validity: Validity): Promise<RenewalResult> {

@@ -128,7 +128,7 @@ class SetpointEditor {
   }
 
   async setLimits(facts: VehicleFacts, limits: LimitsBody): Promise<boolean> {
-    return actions.attempt('Setting the limits', facts, 'room', async () => {
+    return actions.attempt('Setting the limits', facts, 'panel', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/limits', { ...ofVehicle(facts.id), body: limits });
       if (response.ok && this.view !== null) this.view = { ...this.view, limits: response.value };
       return response;
@@ -136,7 +136,7 @@ class SetpointEditor {
   }
 
   async setFailsafe(facts: VehicleFacts, action: FailsafeAction, after_s: number): Promise<boolean> {
-    return actions.attempt('Setting the failsafe action', facts, 'room', async () => {
+    return actions.attempt('Setting the failsafe action', facts, 'panel', async () => {
       const response = await page.api.put('/vehicles/{v}/offboard/failsafe', { ...ofVehicle(facts.id), body: { action, after_s } });
       if (response.ok && this.view !== null) this.view = { ...this.view, failsafe: response.value };
       return response;
@@ -163,7 +163,7 @@ class SetpointEditor {
       ? `renewed while this page is open. If it is not renewed for ${valid_s} s, ${expiry}`
       : `for ${valid_s} s, then ${expiry}`;
     const input = this.input;
-    actions.request('offboard_start', facts, 'room', null, {
+    actions.request('offboard_start', facts, 'panel', null, {
       setpoint,
       validity,
       rate_hz: 50,
@@ -186,7 +186,7 @@ class SetpointEditor {
     const line = this.recordSent(this.input, setpoint);
     const sent_s = performance.now() / 1000;
     let outcome: Outcome<unknown> | null = null;
-    await actions.attempt('Setpoint', facts, 'room', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
+    await actions.attempt('Setpoint', facts, 'panel', async () => (outcome = await offboard.send(facts.id, setpoint, validity)));
     const received = outcome as Outcome<unknown> | null;
     if (received !== null) this.recordOutcome(line, received, performance.now() / 1000 - sent_s);
   }

@@ -43,7 +43,7 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
     const before = items[i - 1];
     if (before === undefined || plan.items[row]?.kind === 'complex' || before.row === row) return;
     if (showsAllMidpoints || selected.has(`item:${row}`) || selected.has(`item:${before.row}`))
-      add(`middle:${row}`, midpoint(withAltitude(before.item), withAltitude(item)), 'middle', 'target');
+      add(`middle:${row}`, midpoint(withAltitude(before.item), withAltitude(item)), 'midpoint', 'target');
   });
   plan.rally_points.forEach((point, index) => add(`rally:${index}`, withAltitude(point), 'disc', 'actual', 'R', altitudeText(point.altitude)));
   if (plan.planned_home !== null) add('home', { ...plan.planned_home, alt_amsl_m: ground.alt_amsl_m }, 'home', 'text2');
@@ -77,7 +77,7 @@ export function fencePicture(
   const add = pointAdder(points, selected);
   const addPolygon = (polygon: readonly GeoPosition[], corners: string, sides: string, tone: Tone): void => {
     polygon.forEach((corner, i) => add(`${corners}:${i}`, corner, 'corner', tone));
-    polygon.forEach((corner, i) => add(`${sides}:${i + 1}`, midpoint(corner, polygon[(i + 1) % polygon.length] ?? corner), 'middle', tone));
+    polygon.forEach((corner, i) => add(`${sides}:${i + 1}`, midpoint(corner, polygon[(i + 1) % polygon.length] ?? corner), 'midpoint', tone));
   };
   plan.fence.forEach((zone, index) => {
     const tone = toneOf(zone);

@@ -84,7 +84,7 @@ describe('the map', () => {
   });
   it('shows midpoints of a long plan only beside the selection', () => {
     const plan = planOf(...Array.from({ length: 200 }, (_, i) => waypoint(i * 10)));
-    const middles = (selected: string[]) => picture(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'middle');
+    const middles = (selected: string[]) => picture(plan, new Set(selected), null, HOME).points.filter((point) => point.mark === 'midpoint');
     expect(middles([])).toEqual([]);
     expect(middles(['item:7']).map((point) => point.id)).toEqual(['middle:7', 'middle:8']);
   });

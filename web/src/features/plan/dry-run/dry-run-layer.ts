@@ -145,7 +145,7 @@ export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null
       id: i === 0 ? 'ghost' : `ghost ${i}`,
       lat_deg,
       lon_deg,
-      mark: 'ghost',
+      mark: 'vehicle',
       tone: 'target',
       text: '',
       selected: false,

@@ -120,7 +120,7 @@ describe('a dry run', () => {
 
   it('draws the vehicle with its heading, and the ground that its camera sees', () => {
     const layer = ghostPicture(VIEW, 10);
-    expect(layer?.points).toMatchObject([{ id: 'ghost', mark: 'ghost', yaw_deg: expect.closeTo(90) }]);
+    expect(layer?.points).toMatchObject([{ id: 'ghost', mark: 'vehicle', yaw_deg: expect.closeTo(90) }]);
     const ahead = layer?.areas[0]?.ring[2] ?? ORIGIN;
     expect(groundDistance_m(ahead, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
     expect(ghostPicture(VIEW, 20)?.areas).toEqual([]);

@@ -20,27 +20,27 @@ const FIELDS: Readonly<Record<string, string>> = {
 };
 
 /** Sentence about the plan on the vehicle. */
-export function vehiclePlanText(name: string, holds: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): string {
-  if (holds === undefined || holds.state === 'not_known') return `The server does not know which plan is on ${name}.`;
-  if (holds.state === 'another') return `The plan on ${name} is not the one last uploaded.`;
-  if (isOnVehicle(holds, current)) return `This plan is on ${name}.`;
+export function vehiclePlanText(name: string, onVehicle: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): string {
+  if (onVehicle === undefined || onVehicle.state === 'not_known') return `The server does not know which plan is on ${name}.`;
+  if (onVehicle.state === 'another') return `The plan on ${name} is not the one last uploaded.`;
+  if (isOnVehicle(onVehicle, current)) return `This plan is on ${name}.`;
   const storedPlan =
-    current !== null && holds.plan?.id === current.id
-      ? `version ${holds.plan.version ?? 0} of this plan`
-      : holds.plan?.name == null
+    current !== null && onVehicle.plan?.id === current.id
+      ? `version ${onVehicle.plan.version ?? 0} of this plan`
+      : onVehicle.plan?.name == null
         ? 'an unnamed plan'
-        : `the plan “${holds.plan.name}”`;
+        : `the plan “${onVehicle.plan.name}”`;
   return `On ${name}: ${storedPlan}.`;
 }
 
-/** The telemetry values on which the server's view of the plan on the vehicle depends, as one text. */
+/** A key that changes when the plan on the vehicle, or the server's view of it, may have changed; the page then asks the server again. */
 export function reportedState(status: Status | null, mission: Schemas['Mission'] | null, flight: WaypointFlight | null): string {
   return JSON.stringify([status?.armed, status?.mode, mission?.current, mission?.mission_id, flight?.state, flight?.started_unix_s]);
 }
 
 /** Whether exactly this version is on the vehicle. */
-export function isOnVehicle(holds: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
-  const plan = holds?.state === 'plan' ? holds.plan : null;
+export function isOnVehicle(onVehicle: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): boolean {
+  const plan = onVehicle?.state === 'plan' ? onVehicle.plan : null;
   return current !== null && plan?.id === current.id && plan.version === current.version;
 }
 

@@ -5,6 +5,7 @@ import { duration, fixed } from '../../../ui/format';
 import { isSameStart, type GeoPosition } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 
+/** `planned_by` is `plan` if path and times are estimated from the straight lines of the plan, `dry_run` if they are from a dry run. */
 export type WaypointFlight = Readonly<components['schemas']['WaypointFlightStatus']>;
 
 const LABELS: Readonly<Record<WaypointFlight['state'], { text: string; tone: 'ok' | 'target' | 'caution' | 'dim' }>> = {

@@ -46,7 +46,12 @@ export function picture(
       for (let i = 1; i < count; i += 1) {
         const [a, b] = [node.step.points?.[i - 1], node.step.points?.[i]];
         if (a !== undefined && b !== undefined)
-          add(`between:${i}:${node.place}`, midpoint(withAltitude(geoPointOf(a, frame), frame), withAltitude(geoPointOf(b, frame), frame)), 'middle', 'target');
+          add(
+            `between:${i}:${node.place}`,
+            midpoint(withAltitude(geoPointOf(a, frame), frame), withAltitude(geoPointOf(b, frame), frame)),
+            'midpoint',
+            'target',
+          );
       }
     for (const { ref, at } of positions) {
       const isFlown = ref.field === 'points';

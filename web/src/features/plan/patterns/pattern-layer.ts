@@ -28,7 +28,7 @@ export function shapePicture(
 ): LayerPicture {
   const points: LayerPoint[] = [];
   if (rings.flat().length <= MAX_MIDPOINTS)
-    for (const { id, at } of midpoints(rings, kind)) points.push({ id, ...at, mark: 'middle', tone: 'actual', text: '', selected: false });
+    for (const { id, at } of midpoints(rings, kind)) points.push({ id, ...at, mark: 'midpoint', tone: 'actual', text: '', selected: false });
   rings.forEach((ring, i) =>
     ring.forEach((at, index) => {
       const isSelected = selected?.ring === i && selected.index === index;
