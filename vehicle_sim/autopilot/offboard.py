@@ -65,10 +65,9 @@ class Setpoint(NamedTuple):
 
     @property
     def is_complete(self) -> bool:
-        """Whether the position controller can use the setpoint: position, velocity or acceleration is set for
-        each axis, and the same quantities are set for north and east.
+        """Whether each axis has a value, and the same quantities are set for north and east.
 
-        An incomplete setpoint stops the vehicle: velocity zero.
+        The position controller uses only complete setpoints; others stop the vehicle (velocity zero).
         """
         finite = math.isfinite
         (n, e, d), (vn, ve, vd), (an, ae, ad) = (
@@ -116,8 +115,7 @@ class Offboard:
         self.reported_thrust = math.nan
         """Thrust of the newest attitude or rates message; PX4 reports it without its sign."""
         self.invalid = False
-        """Whether the newest setpoint controls nothing; the vehicle then descends with a level
-        attitude."""
+        """Whether the newest setpoint controls nothing; the vehicle then descends, attitude level."""
         self.on_setpoint: Callable[[], None] = _no_listener
         """Called at each attitude, rate, torque or motor setpoint, because these are applied immediately."""
 
