@@ -57,7 +57,7 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "endurance_endless": ("warning", "endless: no battery is large enough"),
     "separation": (
         "warning",
-        "started now, the vehicle may come too near to another one; refused at the start",
+        "if the plan starts now, the vehicle may come too near to another one; refused at the start",
     ),
     "separation_unknown": ("warning", "another vehicle is flying, and its path cannot be compared"),
     "parameters_unknown": ("warning", "vehicle parameters that are not known; PX4's defaults are used"),
