@@ -26,7 +26,7 @@ def test_each_confirmation_of_each_button_is_confirmed_only_by_its_own_slider(
     with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         # The name of the button contains the link's rate: it changes when the rate becomes known.
-        page.get_by_role("button", name=re.compile(r"^Link .* lost")).first.wait_for()
+        page.get_by_role("button", name=re.compile(r"^Link .* packet loss")).first.wait_for()
         commands = refuse_commands(page)
         # vehicle 101 flies: all rooms; vehicle 102 is on the ground: only the room with other buttons
         for vehicle_key, room_count in (("1", None), ("2", 1)):
