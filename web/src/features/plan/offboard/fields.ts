@@ -1,7 +1,4 @@
-/**
- * Every field of every step in one table: label, unit, bounds. A heading, a position and a condition each have
- * several rows. Pure.
- */
+/** Every field of every step in one table. A heading, a position and a condition have several rows. Pure. */
 
 import { positionFields } from './position-fields';
 import type { Frame } from './positions';
@@ -39,10 +36,7 @@ export interface Context {
 
 type Spec = (step: Step, context: Context) => Field<Step>[];
 
-/**
- * Suffixes of field names with unit and increment, the longest first. Angles are radians in the document and degrees on
- * the page.
- */
+/** Suffixes of field names, unit and increment; longest first. Angles: radians in the document, degrees on the page. */
 const UNITS: readonly (readonly [string, string, number])[] = [
   ['_m_s2', 'm/s²', 0.5],
   ['_m_s3', 'm/s³', 0.5],
