@@ -66,7 +66,9 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
 
         scrub = run_dry_run(page, room)
         press(scrub, "End")
-        expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^0\d:\d\d, \d+\.\d m above the start$"))
+        expect(scrub).to_have_attribute(
+            "aria-valuetext", re.compile(r"^0\d:\d\d, \d+\.\d m above the start$")
+        )
         page.get_by_role("radiogroup", name="Shown over time").get_by_role("radio", name="Speed").click()
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"m/s$"))
         press(scrub, "Home")
