@@ -74,8 +74,8 @@ log = logging.getLogger(__name__)
 
 COMPONENT_ID = 190
 STREAM_COMPONENT_ID = 191
-"""Component id of the process that sends setpoints. It needs its own id, because
-MAVLink numbers the frames of each component."""
+"""Component id of the process that sends setpoints. It needs its own id, because MAVLink frames have one
+sequence number per component."""
 STATIC = Path(__file__).resolve().parent / "static"
 NO_PAGE = """The page has not been built yet.
 
@@ -224,7 +224,7 @@ class Server:
             log.warning(notice.text)
 
     async def stop(self) -> None:
-        """Stops all parts: puts streamed vehicles into Hold first, stops the simulator last."""
+        """Stops all parts: puts vehicles with a setpoint stream into Hold first, stops the simulator last."""
         await self._stop_streams()
         await self.station.operations.close()
         self.station.plans.close()
@@ -269,8 +269,8 @@ class Server:
         faults = [*self.streamer.faults(), *(self.scene.faults() if self.scene is not None else ())]
         return [Notice("fault", text) for text in faults]
 
-    def _publish_group(self, text: str, status: GroupStatus, warning: bool) -> None:
-        severity = MAV_SEVERITY_WARNING if warning else MAV_SEVERITY_INFO
+    def _publish_group(self, text: str, status: GroupStatus, is_warning: bool) -> None:
+        severity = MAV_SEVERITY_WARNING if is_warning else MAV_SEVERITY_INFO
         unix_s = self.station.clock.unix_s()
         self.fleet.events.add("group", unix_s, text, severity=severity, data={"group": asdict(status)})
 
@@ -332,7 +332,7 @@ def create_app(
     Args:
         settings: the server's settings.
         clock: default: the system clock.
-        more_links: URLs of additional links (a replay).
+        more_links: URLs of additional links, such as a replay.
         static: folder of the built page.
 
     Raises:
@@ -354,14 +354,14 @@ def create_app(
     app.state.station = server.station
     app.state.server = server
 
-    def journal_invalid(request: Request, detail: str) -> None:
+    def record_invalid_request(request: Request, detail: str) -> None:
         if request.method in ("POST", "PUT"):
             vehicle, command = request.path_params.get("v"), command_of(request)
             if command.journaled:
                 caller = principal_of(request).name
                 server.station.journal.add(caller, command.name, vehicle, {}, "invalid_request", detail, 0.0)
 
-    app.state.journal_invalid = journal_invalid
+    app.state.record_invalid_request = record_invalid_request
     in_control = server.station.authority.controls_any
     connections = Connections(clock, in_control=in_control)
     app.state.connections = connections

@@ -30,8 +30,8 @@ LISTEN_BACKLOG = 1024
 COMMANDS = ("serve", "sim", "replay", "key")
 EXIT_CANNOT_START = 2
 UNSENT_BYTES = 32_768
-"""Limit of the socket's send buffer, so that a slow browser gets new data instead of megabytes of old
-data."""
+"""Limit of unsent data in the system's buffer of a socket, so that a slow browser gets new data instead of
+megabytes of old data."""
 
 _EPILOG = """\
 examples:
@@ -112,8 +112,8 @@ def _add_server_flags(parser: argparse.ArgumentParser) -> None:
         "--token-file",
         type=Path,
         metavar="FILE",
-        help="file with the access token; created if missing. Without this option, GCS_TOKEN is the token. "
-        "If it is not set either, --host uses a file in the data folder; this machine alone needs no token",
+        help="file with the access token; created if missing. Default: GCS_TOKEN, or else a file in the "
+        "data folder; no token is needed while only this machine can reach the server",
     )
     parser.add_argument(
         "--trusted-proxy",
@@ -189,7 +189,7 @@ def listen(settings: Settings) -> socket.socket:
         GcsError: the port is in use, or the address is not one of this computer.
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
-    # With the protocol given, asyncio disables Nagle's algorithm, which may delay a response by 40 ms.
+    # IPPROTO_TCP, because asyncio disables Nagle's algorithm (40 ms of delay) only with an explicit protocol.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     if hasattr(socket, "TCP_NOTSENT_LOWAT"):  # accepted sockets inherit it

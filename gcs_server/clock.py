@@ -11,7 +11,7 @@ class TimeSource(Protocol):
     """The current time, for code that does not wait."""
 
     def monotonic_s(self) -> float:
-        """Monotonic seconds, on the event loop's scale."""
+        """Monotonic time of the event loop [s]."""
         ...
 
     def unix_s(self) -> float:

@@ -13,14 +13,14 @@
     ├── RecordingUnusable        a recording that cannot be read
     ├── InvalidRequest           the request is invalid; names the field
     ├── NotPermitted             the caller's role does not include the command
-    ├── Refused                  not sent: this server's check refused it, with reason and remedy
+    ├── Refused                  a check of this server refused the command; nothing was sent
     │   ├── NotVerified          commands are not verified for this autopilot or airframe
     │   ├── NotInControl         another client has control of the vehicle
     │   ├── PlanFindings         a plan has errors that the caller has not accepted
-    │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two would come too near
+    │   └── NotTogether          a group cannot fly: a vehicle cannot join, or two come too close
     ├── Rejected                 the vehicle refused, with its reasons
-    ├── NoReply                  no answer within the deadline
-    └── Disconnected             link or vehicle were lost during the wait
+    ├── NoReply                  the vehicle did not reply within the deadline
+    └── Disconnected             link or vehicle was lost while a reply was awaited
 
 `str(error)` is a message for the operator: what happened, why, and what to do.
 """
@@ -34,7 +34,7 @@ MAX_REASON_LENGTH = 300
 
 
 def bounded_reasons(reasons: Iterable[str]) -> tuple[str, ...]:
-    """Limits number and length of the texts from a vehicle."""
+    """Limits the number and the length of reasons, which may come from a vehicle."""
     texts = [text if len(text) <= MAX_REASON_LENGTH else f"{text[:MAX_REASON_LENGTH]}…" for text in reasons]
     excess = len(texts) - MAX_REASONS
     return (*texts[:MAX_REASONS], f"and {excess} more") if excess > 0 else tuple(texts)
@@ -167,7 +167,7 @@ class InvalidRequest(GcsError):
 
 
 class NotPermitted(GcsError):
-    """The caller lacks the permission, independent of control."""
+    """The caller's role does not include the command; control of the vehicle does not matter."""
 
     code = "not_permitted"
 
@@ -183,7 +183,7 @@ class NotPermitted(GcsError):
 
 
 class Refused(GcsError):
-    """Nothing was sent, because this server's check refused it."""
+    """A check of this server refused the command; nothing was sent."""
 
     code = "refused"
 
@@ -256,6 +256,7 @@ class NotTogether(Refused):
         self.vehicles = vehicles
         """The vehicles that cause the refusal."""
         self.distance_m = distance_m
+        """Predicted distance of two vehicles that would come too close [m]; None: another cause."""
         self.reasons = bounded_reasons(reasons)
 
     def details(self) -> dict[str, object]:
@@ -290,7 +291,7 @@ class Rejected(GcsError):
 
 
 class NoReply(GcsError):
-    """The vehicle did not answer within the deadline."""
+    """The vehicle did not reply within the deadline."""
 
     code = "no_reply"
 

@@ -1,4 +1,4 @@
-"""Counts and logs faults of this server's code, within limits; the faulty part continues."""
+"""Counts faults of this server's code, and logs them at a limited rate; the faulty part continues."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class FaultLog:
         """The newest fault as `Type: text`, shortened."""
         self._newest_s = float("-inf")
         self._logged: set[str] = set()
-        self._next_line_s = float("-inf")
+        self._next_log_s = float("-inf")
         self._not_logged = 0
 
     def add(self, error: BaseException, action: str) -> None:
-        """Counts a fault and logs it within the limits; never raises.
+        """Counts a fault and logs it at the limited rate; never raises.
 
         Args:
             error: the exception.
@@ -44,12 +44,12 @@ class FaultLog:
         self.count += 1
         self._newest_s = now_s
         self.newest = _text(error)
-        kind = f"{action} {type(error).__name__} {_line(error)}"
+        kind = f"{action} {type(error).__name__} {_source_line(error)}"
         if kind not in self._logged and len(self._logged) < MAX_TRACEBACKS:
             self._logged.add(kind)
             log.error("%s: %s failed; the rest continues", self.part, action, exc_info=error)
-        elif now_s >= self._next_line_s:
-            self._next_line_s = now_s + LOG_PERIOD_S
+        elif now_s >= self._next_log_s:
+            self._next_log_s = now_s + LOG_PERIOD_S
             log.warning(
                 "%s: %s failed again: %s (%d not logged)", self.part, action, self.newest, self._not_logged
             )
@@ -71,7 +71,7 @@ def _text(error: BaseException) -> str:
     return text if len(text) <= MAX_TEXT_LENGTH else text[:MAX_TEXT_LENGTH] + " …"
 
 
-def _line(error: BaseException) -> str:
+def _source_line(error: BaseException) -> str:
     """The source line that raised the error, so that errors with varying texts count as one kind."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:

@@ -1,6 +1,6 @@
-"""Isolates errors: runs each piece of work separately and keeps its error as text.
+"""Isolates faults: runs each piece of work separately and keeps its fault as text.
 
-An error is a fault of this program that was triggered by a vehicle's data. It is logged, and listed in `GET
+A fault is an unexpected exception, such as one caused by a vehicle's data. It is logged, and listed in `GET
 /warnings` until the same work succeeds. Other vehicles are not affected.
 """
 
@@ -25,7 +25,7 @@ class Isolation:
     """Runs pieces of work that may fail.
 
     Args:
-        clock: clock for the limit of log lines.
+        clock: clock for the log period.
         log: receives faults with traceback.
         owner: start of each sentence about a fault: "Vehicle 1", "The 3D view".
     """

@@ -29,16 +29,18 @@ arguments:
 """
 
 
-def add_flags(key: argparse.ArgumentParser) -> None:
+def add_flags(parser: argparse.ArgumentParser) -> None:
     """Adds the flags of the command."""
-    key.description = "Manages the keys with which links sign MAVLink frames and check received ones."
-    key.epilog = _EPILOG
-    key.formatter_class = argparse.RawDescriptionHelpFormatter
-    key.add_argument("action", choices=("new", "add", "list", "remove"))
-    key.add_argument("name", nargs="?", metavar="NAME")
-    key.add_argument("--passphrase", action="store_true", help="with add: a line of text instead of the key")
-    key.add_argument("--data", type=Path, metavar="FOLDER", help="data folder")
-    key.add_argument("--config", type=Path, metavar="FILE", help="TOML file with settings")
+    parser.description = "Manages the keys with which links sign MAVLink frames and check received ones."
+    parser.epilog = _EPILOG
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("action", choices=("new", "add", "list", "remove"))
+    parser.add_argument("name", nargs="?", metavar="NAME")
+    parser.add_argument(
+        "--passphrase", action="store_true", help="with add: a line of text instead of the key"
+    )
+    parser.add_argument("--data", type=Path, metavar="FOLDER", help="data folder")
+    parser.add_argument("--config", type=Path, metavar="FILE", help="TOML file with settings")
 
 
 def run(options: argparse.Namespace, source: TextIO | None = None) -> int:

@@ -1,18 +1,18 @@
-"""Limits repeated log lines: logs a few equal lines, then their number."""
+"""Limits repeated log lines: logs a few lines from the same source line, then only their number."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
 
-LINES = 5
+LINES_PER_PERIOD = 5
 PERIOD_S = 10.0
 MAX_LINE_LENGTH = 4000
 MAX_SOURCE_LINES = 1000
 
 
 class LogLimit(logging.Filter):
-    """Passes `LINES` log lines of each source line per `PERIOD_S`.
+    """Passes `LINES_PER_PERIOD` log lines of each source line per `PERIOD_S`.
 
     Args:
         monotonic_s: returns the time [s].
@@ -31,14 +31,15 @@ class LogLimit(logging.Filter):
         source_line = (record.pathname, record.lineno, error)
         since_s, count = self._source_lines.get(source_line, (now_s, 0))
         if now_s - since_s >= PERIOD_S:
-            if count > LINES:
-                record.msg = f"{record.getMessage()} ({count - LINES} more such lines since the last one)"
+            if count > LINES_PER_PERIOD:
+                excess = count - LINES_PER_PERIOD
+                record.msg = f"{record.getMessage()} ({excess} more such lines since the last one)"
                 record.args = ()
             since_s, count = now_s, 0
         if len(self._source_lines) >= MAX_SOURCE_LINES and source_line not in self._source_lines:
             self._source_lines.clear()
         self._source_lines[source_line] = (since_s, count + 1)
-        if count >= LINES:
+        if count >= LINES_PER_PERIOD:
             return False
         text = record.getMessage()
         if len(text) > MAX_LINE_LENGTH:

@@ -1,4 +1,4 @@
-"""Parses `Origin` and `Host` headers; an invalid origin belongs to no server.
+"""Parses `Origin` and `Host` headers; an invalid origin matches no host.
 
 Pure functions on text; used by `api/access.py` for all requests, and by `scene/proxy.py` for the 3D view.
 """
@@ -31,7 +31,8 @@ def is_loopback(name: str) -> bool:
 
 
 def same_origin(origin: str, host: str, *, secure: bool = False) -> bool:
-    """Whether a page with this origin was served by this host, even behind port mappings.
+    """Whether a page with this origin was served by this host. Port mappings do not matter, because a browser
+    sends both headers with the address that it uses.
 
     Args:
         origin: the Origin header; "null" (sandboxed frames and files) is never the same.
@@ -41,12 +42,13 @@ def same_origin(origin: str, host: str, *, secure: bool = False) -> bool:
     scheme, separator, origin_host = origin.lower().partition("://")
     if not separator or scheme not in _DEFAULT_PORTS or (secure and scheme != "https"):
         return False
-    default = _DEFAULT_PORTS[scheme]
-    return bool(origin_host) and origin_host.removesuffix(default) == host.lower().removesuffix(default)
+    default_port = _DEFAULT_PORTS[scheme]
+    host_without_default = host.lower().removesuffix(default_port)
+    return bool(origin_host) and origin_host.removesuffix(default_port) == host_without_default
 
 
 def is_same_origin(headers: Headers) -> bool:
-    """Whether the requesting page belongs to this server. True without an Origin header, because browsers
-    always send it."""
+    """Whether the requesting page belongs to this server. True without an Origin header, because only
+    browsers send it."""
     origin = headers.get("origin")
     return origin is None or same_origin(origin, headers.get("host", ""))

@@ -3,8 +3,8 @@ does.
 
 A restarted server finds a running simulator by the port of PX4's first ground-station link (18570), which
 only one process can bind, and by the process id in the data folder. The server then does not start a second
-simulator. A clean shutdown ends a simulator that this server started or took over; after a kill of the server
-the simulator continues to run.
+simulator. A clean shutdown ends the simulator if this server, or an earlier server with the same data folder,
+started it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,10 @@ PX4_GCS_LOCAL_PORT = 18570
 TERM_WAIT_S = 3.0
 WATCH_PERIOD_S = 0.5
 RESTART_PERIOD_S = 2.0
-SHORTAGES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.ENOBUFS, errno.ENOSPC})
-"""Temporary errors, which do not mean that the simulator has ended."""
+TEMPORARY_ERRNOS = frozenset(
+    {errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EAGAIN, errno.ENOBUFS, errno.ENOSPC}
+)
+"""Errors from a temporary lack of resources; the server tries again."""
 
 
 def is_port_in_use(port: int) -> bool:
@@ -84,11 +86,12 @@ class SimulatorProcess:
     """Starts, finds, watches and ends the simulator.
 
     Args:
-        count: simulated vehicles.
+        count: number of simulated vehicles.
         folder: data folder for the log and the process id.
         extra_arguments: further arguments of `vehicle_sim`, such as its ports.
         command: program to run; default: the simulator of this installation.
-        probe_port: port that is in use while a simulator runs; default: the simulator's own.
+        probe_port: port that is in use while a simulator runs; default: the port of its first
+            vehicle.
     """
 
     def __init__(
@@ -132,7 +135,7 @@ class SimulatorProcess:
             self._start()
         except OSError as error:
             self._pid = None
-            self._start_again = error.errno in SHORTAGES
+            self._start_again = error.errno in TEMPORARY_ERRNOS
             retry_text = " The server tries again." if self._start_again else ""
             self._warn(f"The simulator could not be started: {error.strerror or error}.{retry_text}")
 
@@ -168,8 +171,8 @@ class SimulatorProcess:
             self._folder.simulator_pid.write_text(json.dumps(record))
 
     async def watch(self) -> None:
-        """Monitors the simulator; its end becomes a warning. If another program's simulator was used and
-        ends, or no simulator could be started because of a shortage, this server starts its own.
+        """Monitors the simulator; its end becomes a warning. If a simulator that another program started
+        ends, or no simulator could be started for lack of resources, this server starts its own.
         """
         while self._pid is not None or self._start_again:
             await self._clock.sleep(WATCH_PERIOD_S if self._pid is not None else RESTART_PERIOD_S)
@@ -192,7 +195,8 @@ class SimulatorProcess:
         return [] if self._warning is None else [Notice("simulator", self._warning)]
 
     async def stop(self) -> None:
-        """Ends the simulator, with SIGTERM first; a simulator of another program is not touched."""
+        """Ends the simulator, with SIGTERM first; does not end a simulator that another
+        program started."""
         pid, self._start_again = self._pid, False
         if pid is None or self._has_ended():
             self._forget()

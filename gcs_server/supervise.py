@@ -18,6 +18,7 @@ log = logging.getLogger(__name__)
 FIRST_BACK_OFF_S = 0.2
 MAX_BACK_OFF_S = 5.0
 HEALTHY_AFTER_S = 10.0
+"""A task that ran for longer than this is restarted with the first delay again [s]."""
 EQUAL_ERRORS_LOGGED = 5
 
 
@@ -51,7 +52,7 @@ class Supervisor:
     def spawn(self, name: str, work: Coroutine[Any, Any, Any]) -> asyncio.Task[Any]:
         """Runs `work` once; a failure is logged, not raised."""
         task = self._create_task(self._run_once(name, work), name)
-        task.add_done_callback(lambda _: work.close())  # the task was cancelled before its first step
+        task.add_done_callback(lambda _: work.close())  # if the task was cancelled before its start
         return task
 
     async def close(self) -> None:

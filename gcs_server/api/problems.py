@@ -204,9 +204,9 @@ def install(app: FastAPI) -> None:
         assert isinstance(error, RequestValidationError)
         errors = validation_errors(error)
         detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
-        write_journal = getattr(request.app.state, "journal_invalid", None)
-        if write_journal is not None:
-            write_journal(request, detail)
+        record_invalid_request = getattr(request.app.state, "record_invalid_request", None)
+        if record_invalid_request is not None:
+            record_invalid_request(request, detail)
         return problem(
             422, "Invalid request", "invalid_request", detail, field=errors[0]["field"], errors=errors
         )

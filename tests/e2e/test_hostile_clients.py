@@ -6,7 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from gcs_server.log_limit import LINES
+from gcs_server.log_limit import LINES_PER_PERIOD
 from tests.e2e.hostile import ATTACKS, HOST, Target, attacked, read_response
 from tests.station import is_up, server, wait_until
 
@@ -66,7 +66,7 @@ def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clie
     url = f"http://{HOST}:{target.port}"
     wait_until(lambda: is_up(url), "a response")
     text = log.read_text()[before:]
-    assert text.count("no connection can be accepted") <= LINES
+    assert text.count("no connection can be accepted") <= LINES_PER_PERIOD
     assert len(text) < 20_000
     warnings = httpx.get(f"{url}/api/v1/warnings", timeout=5).json()["warnings"]
     assert any("refuses clients" in warning["text"] for warning in warnings)

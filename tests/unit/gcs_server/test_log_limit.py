@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from gcs_server.log_limit import LINES, MAX_LINE_LENGTH, PERIOD_S, LogLimit
+from gcs_server.log_limit import LINES_PER_PERIOD, MAX_LINE_LENGTH, PERIOD_S, LogLimit
 
 
 class Lines(logging.Handler):
@@ -35,11 +35,11 @@ def test_equal_lines_and_tracebacks_are_counted_not_written(lines):
 
     for number in range(1000):
         fail(number)
-    assert len(lines.texts) == LINES
+    assert len(lines.texts) == LINES_PER_PERIOD
     lines.now_s += PERIOD_S
     fail(1000)
-    assert len(lines.texts) == LINES + 1
-    assert lines.texts[-1].startswith(f"connection 1000 ({1000 - LINES} more such lines")
+    assert len(lines.texts) == LINES_PER_PERIOD + 1
+    assert lines.texts[-1].startswith(f"connection 1000 ({1000 - LINES_PER_PERIOD} more such lines")
     logging.getLogger("hostile").warning("another")
     assert lines.texts[-1] == "another"
 
