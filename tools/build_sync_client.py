@@ -54,14 +54,14 @@ from gcs_server.client import (
     aio, control, dry_runs, gimbal, group, mission, mission_modes, offboard, offboard_mission, operations,
     plans, vehicle
 )
-from gcs_server.client.control import OnLost
+from gcs_server.client.control import OnControlLost
 from gcs_server.client.dry_runs import RUN_TIMEOUT_S
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_TIMEOUT_S
 from gcs_server.client.offboard import Response, SetpointCalls
 from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
-from gcs_server.client.setpoints import Body, Expiry, PathPoints
+from gcs_server.client.setpoints import Body, ExpiryAction, PathPoints
 '''
 
 

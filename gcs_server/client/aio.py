@@ -1,6 +1,6 @@
 """The asynchronous client: `async with Gcs() as gcs`.
 
-Names contain units and frames: NED relative to the vehicle's local origin, metres, radians.
+Names contain units and frames; `ned` is relative to the origin of the vehicle's local frame.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from gcs_server.client.group import Group, Setpoints, members_of
 from gcs_server.client.offboard_mission import start_body
 from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plan, Plans
-from gcs_server.client.setpoints import Body, Expiry, validity_fields
+from gcs_server.client.setpoints import Body, ExpiryAction, validity_fields
 from gcs_server.client.vehicle import Vehicle, hold_at_end, poll_until_found
 
 LEAVE_TIMEOUT_S = 2.0
@@ -84,7 +84,7 @@ class Gcs:
     async def raw(
         self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None
     ) -> bytes:
-        """Sends one request below `/api/v1` that sends or returns a file; raises the same errors as
+        """Sends one request below `/api/v1` whose body or response is a file; raises the same errors as
         `request`."""
         self._has_commanded = self._has_commanded or method != "GET"
         try:
@@ -109,7 +109,7 @@ class Gcs:
             vehicles: ids of the vehicles; default: all armed vehicles.
 
         Returns:
-            For each `vehicle`, whether it is `held`, or else its `problem`.
+            One object per vehicle: `vehicle` (its id), `held`, and `problem` if it did not switch to Hold.
         """
         body: Body = {"vehicles": None if vehicles is None else list(vehicles)}
         return (await self.request("POST", "/hold", body))["results"]
@@ -172,7 +172,7 @@ class Gcs:
         start_at_unix_s: float | None = None,
         rate_hz: float | None = None,
         valid_for_s: float | None = None,
-        on_expiry: Expiry | None = None,
+        on_expiry: ExpiryAction | None = None,
         hold_for_s: float | None = None,
         others_go_on: bool = False,
     ) -> AsyncGenerator[Group]:
@@ -180,7 +180,10 @@ class Gcs:
 
         All vehicles start at the same time, each with its setpoint (any of `gcs_server.client.setpoints`). If
         one vehicle cannot start, no vehicle moves. All setpoints expire together, `valid_for_s` after the end
-        of the longest path. If Hold fails after an exception, a note on that exception states why.
+        of the longest path. If an exception ends the block and Hold fails too, a note on the exception states
+        why Hold failed.
+
+        With `others_go_on`, the other members continue if a member leaves the group.
 
         Yields:
             The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
@@ -222,11 +225,11 @@ class Gcs:
             plan_id: id of a stored mission.
             version: version of the stored mission; default: the newest.
             dry_run: id of a dry run of this mission with several flights; the server reports when a vehicle
-                leaves its corridor.
+                leaves the corridor of these flights.
             despite: codes of error findings that are accepted.
 
         Returns:
-            For each `vehicle` its `mission`, in the form of `offboard_mission.state()`.
+            One object per vehicle: `vehicle` (its id) and `mission`, as `offboard_mission.state()`.
 
         Raises:
             Refused: a vehicle cannot start, another client has control of a vehicle, or the mission has

@@ -28,7 +28,7 @@ from gcs_server.client.blocking_work import SyncDryRuns, SyncMissionModes, SyncO
 from gcs_server.client.group import Setpoints
 from gcs_server.client.plans import Plan
 from gcs_server.client.portal import LoopThread, iterate
-from gcs_server.client.setpoints import Body, Expiry
+from gcs_server.client.setpoints import Body, ExpiryAction
 
 
 class SyncGcs(LoopThread):
@@ -68,7 +68,7 @@ class SyncGcs(LoopThread):
         return self._portal.call(lambda: self._inner.request(method, path, body))
 
     def raw(self, method: str, path: str, *, body: Body | None = None, content: bytes | None = None) -> bytes:
-        """Sends one request below `/api/v1` that sends or returns a file; raises the same errors as
+        """Sends one request below `/api/v1` whose body or response is a file; raises the same errors as
         `request`.
         """
         return self._portal.call(lambda: self._inner.raw(method, path, body=body, content=content))
@@ -90,7 +90,7 @@ class SyncGcs(LoopThread):
             vehicles: ids of the vehicles; default: all armed vehicles.
 
         Returns:
-            For each `vehicle`, whether it is `held`, or else its `problem`.
+            One object per vehicle: `vehicle` (its id), `held`, and `problem` if it did not switch to Hold.
         """
         return self._portal.call(lambda: self._inner.hold(vehicles))
 
@@ -130,7 +130,7 @@ class SyncGcs(LoopThread):
         start_at_unix_s: float | None = None,
         rate_hz: float | None = None,
         valid_for_s: float | None = None,
-        on_expiry: Expiry | None = None,
+        on_expiry: ExpiryAction | None = None,
         hold_for_s: float | None = None,
         others_go_on: bool = False,
     ) -> Generator[SyncGroup]:
@@ -138,7 +138,10 @@ class SyncGcs(LoopThread):
 
         All vehicles start at the same time, each with its setpoint (any of `gcs_server.client.setpoints`). If
         one vehicle cannot start, no vehicle moves. All setpoints expire together, `valid_for_s` after the end
-        of the longest path. If Hold fails after an exception, a note on that exception states why.
+        of the longest path. If an exception ends the block and Hold fails too, a note on the exception states
+        why Hold failed.
+
+        With `others_go_on`, the other members continue if a member leaves the group.
 
         Yields:
             The group, once all vehicles are in Offboard; `started["start_unix_s"]` is the common start.
@@ -180,11 +183,11 @@ class SyncGcs(LoopThread):
             plan_id: id of a stored mission.
             version: version of the stored mission; default: the newest.
             dry_run: id of a dry run of this mission with several flights; the server reports when a vehicle
-                leaves its corridor.
+                leaves the corridor of these flights.
             despite: codes of error findings that are accepted.
 
         Returns:
-            For each `vehicle` its `mission`, in the form of `offboard_mission.state()`.
+            One object per vehicle: `vehicle` (its id) and `mission`, as `offboard_mission.state()`.
 
         Raises:
             Refused: a vehicle cannot start, another client has control of a vehicle, or the mission has
@@ -257,7 +260,8 @@ class SyncVehicle:
         timeout_s: float = 60.0,
         what: str = "the condition",
     ) -> dict[str, Any]:
-        """Waits until `condition` is true for the result of `show`, and returns that result.
+        """Waits until `condition` is true for the result of `show`, and returns that result. `what` names the
+        condition in the error.
 
         Raises:
             Timeout: the condition did not become true in time.
@@ -334,7 +338,7 @@ class SyncVehicle:
     def set_offboard_failsafe(
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:
-        """Sets the vehicle's own action when the stream stops: a mode (land, hold, rtl, …)."""
+        """Sets the vehicle's own `action` when setpoints stop for `after_s`: a mode (land, hold, rtl, …)."""
         return self._portal.call(lambda: self._inner.set_offboard_failsafe(action, after_s=after_s))
 
     @contextmanager
@@ -348,16 +352,16 @@ class SyncVehicle:
         yaw_rate_ned_rad_s: float | None = None,
         rate_hz: float | None = None,
         valid_for_s: float | None = None,
-        on_expiry: Expiry | None = None,
+        on_expiry: ExpiryAction | None = None,
         hold_for_s: float | None = None,
     ) -> Generator[SyncOffboard]:
         """Flies setpoints inside a block. Leaving the block, even by an exception, switches the vehicle to
         Hold.
 
         The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
-        current position. If the vehicle has landed or another party controls it, the block sends nothing at
-        its end. If this program hangs, the setpoint expires after `valid_for_s` and the server executes
-        `on_expiry`. If Hold fails after an exception, a note on that exception states why.
+        current position. If the vehicle has landed or has left Offboard, the block sends nothing at its end.
+        If this program hangs, the setpoint expires after `valid_for_s` and the server executes `on_expiry`.
+        If an exception ends the block and Hold fails too, a note on the exception states why Hold failed.
 
         Yields:
             The stream; `started` is the server's response, which includes the vehicle's failsafe.

@@ -20,7 +20,7 @@ from gcs_server.client import (
     offboard,
     offboard_mission,
 )
-from gcs_server.client.control import OnLost
+from gcs_server.client.control import OnControlLost
 from gcs_server.client.group import Setpoints
 from gcs_server.client.mission import TRANSFER_TIMEOUT_S
 from gcs_server.client.offboard import Response, SetpointCalls
@@ -39,12 +39,12 @@ class SyncControl:
         """The client in control, since when, and the requests."""
         return self._portal.call(lambda: self._inner.show())
 
-    def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
+    def take(self, *, force: bool = False, on_expiry: OnControlLost | None = None) -> dict[str, Any]:
         """Takes control.
 
         Args:
             force: take control from another client that denied the request, did not answer it, or cannot
-                receive it.
+                receive requests.
             on_expiry: command sent to the flying vehicle if this program sends nothing for `lease_s`.
 
         Raises:
@@ -74,7 +74,9 @@ class SyncControl:
         return self._portal.call(lambda: self._inner.release())
 
     @contextmanager
-    def held(self, *, force: bool = False, on_expiry: OnLost | None = None) -> Generator[dict[str, Any]]:
+    def held(
+        self, *, force: bool = False, on_expiry: OnControlLost | None = None
+    ) -> Generator[dict[str, Any]]:
         """Keeps control inside a block: control is renewed while the program runs and released at the end."""
         with self._portal.wrap_async_context_manager(
             self._inner.held(force=force, on_expiry=on_expiry)
@@ -99,11 +101,11 @@ class SyncGimbal:
         return SyncGimbal(self._inner.at(component=component, device=device), self._portal)
 
     def take(self) -> None:
-        """Takes control."""
+        """Takes control of the gimbal."""
         self._portal.call(lambda: self._inner.take())
 
     def release(self) -> None:
-        """Releases control."""
+        """Releases control of the gimbal."""
         self._portal.call(lambda: self._inner.release())
 
     def angles(
@@ -207,11 +209,11 @@ class SyncMission:
         )
 
     def download(self, *, timeout_s: float = TRANSFER_TIMEOUT_S) -> dict[str, Any]:
-        """Reads the vehicle's items; returns the same result as `plan`."""
+        """Reads the vehicle's items; returns the same result as `plan()`."""
         return self._portal.call(lambda: self._inner.download(timeout_s=timeout_s))
 
     def plan(self) -> dict[str, Any]:
-        """The last downloaded or verified plan: `plan`, `read_unix_s`, `still_held`."""
+        """The last downloaded or verified plan: `plan`, `read_unix_s`, `still_held` (by the vehicle)."""
         return self._portal.call(lambda: self._inner.plan())
 
     def compare(
@@ -236,7 +238,7 @@ class SyncMission:
     ) -> None:
         """Starts the mission at an item (counted from 0) or at the current item; arms the vehicle if needed.
 
-        `dry_run` is the id of a dry run of the plan on the vehicle: the server compares the flight with it.
+        `dry_run` is the id of a dry run of the plan on the vehicle; the server compares the two flights.
         To resume an interrupted flight, give `item` and `mission_id` of `state()["resume"]`.
 
         Raises:
@@ -363,11 +365,11 @@ class SyncOffboardMission:
         """Starts a mission (a document, or one stored on the server). The vehicle arms and takes off if the
         mission has these steps.
 
-        `dry_run` is the id of a dry run with several flights; the server reports when the vehicle leaves its
-        corridor.
+        `dry_run` is the id of a dry run with several flights; the server reports when the vehicle leaves the
+        corridor of these flights.
 
         Raises:
-            Refused: the mission has errors that `despite` does not list, or an estimate is missing.
+            Refused: the mission has errors that `despite` does not list, or a needed estimate is missing.
         """
         return self._portal.call(
             lambda: self._inner.start(

@@ -246,8 +246,9 @@ class SyncPlans:
         `plan`. Returns the result as `plan`, the name of the `called` list, and `notes`; saves nothing.
 
         `at` is the place of the new call step, such as `["steps", 2]`. With `in_air`, the inserted take-off
-        and last landing are left out. If the planned starts differ, `positions` is "from_start" or
-        "same_places".
+        and last landing are left out. If the planned starts differ, `positions` states whether positions
+        relative to start or home refer to the start of `plan` ("from_start"), or are converted so that they
+        stay at the same places ("same_places").
         """
         return self._portal.call(
             lambda: self._inner.insert(
@@ -262,8 +263,8 @@ class SyncPlans:
         )
 
     def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
-        """Resolves a waypoint plan's altitudes above the ground with the elevation files. Returns `plan`;
-        saves nothing.
+        """Converts a waypoint plan's altitudes above the ground to AMSL with the elevation files. Returns
+        `plan`; saves nothing.
 
         With `tolerance_m`, waypoints are added until the height above the ground is within this tolerance.
         """
@@ -312,7 +313,7 @@ class SyncPlans:
 
         `plan` is a waypoint plan with the items, or with `document="offboard_mission"` a mission with the
         steps; the steps begin in the air, so insert them after a take-off. With `vehicle_id`, the vehicle's
-        parameters are used. With `tolerance_m`, altitudes above the ground are resolved, as in
+        parameters are used. With `tolerance_m`, altitudes above the ground are converted, as in
         `follow_ground`.
         """
         return self._portal.call(

@@ -14,12 +14,12 @@ from typing import Any, Literal, Protocol
 from gcs_server.client.errors import ApiError, Unreachable
 from gcs_server.client.setpoints import Body
 
-OnLost = Literal["nothing", "hold", "land", "rtl"]
+OnControlLost = Literal["nothing", "hold", "land", "rtl"]
 RENEWALS_PER_LEASE = 4
 POLL_S = 0.25
 
 
-class Requester(Protocol):
+class VehicleApi(Protocol):
     """The part of a vehicle that this module uses."""
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any: ...
@@ -28,19 +28,19 @@ class Requester(Protocol):
 class Control:
     """A vehicle's `control`; each call returns the state of control (`holder`, `yours`, `requests`, …)."""
 
-    def __init__(self, vehicle: Requester) -> None:
+    def __init__(self, vehicle: VehicleApi) -> None:
         self._vehicle = vehicle
 
     async def show(self) -> dict[str, Any]:
         """The client in control, since when, and the requests."""
         return await self._vehicle.request("GET", "/control")
 
-    async def take(self, *, force: bool = False, on_expiry: OnLost | None = None) -> dict[str, Any]:
+    async def take(self, *, force: bool = False, on_expiry: OnControlLost | None = None) -> dict[str, Any]:
         """Takes control.
 
         Args:
             force: take control from another client that denied the request, did not answer it, or cannot
-                receive it.
+                receive requests.
             on_expiry: command sent to the flying vehicle if this program sends nothing for `lease_s`.
 
         Raises:
@@ -87,7 +87,7 @@ class Control:
 
     @asynccontextmanager
     async def held(
-        self, *, force: bool = False, on_expiry: OnLost | None = None
+        self, *, force: bool = False, on_expiry: OnControlLost | None = None
     ) -> AsyncGenerator[dict[str, Any]]:
         """Keeps control inside a block: control is renewed while the program runs and released at the end."""
         status = await self.take(force=force, on_expiry=on_expiry)

@@ -11,7 +11,7 @@ from gcs_server.client.setpoints import Body
 RUN_TIMEOUT_S = 900.0
 
 
-class Caller(Protocol):
+class GcsApi(Protocol):
     """The part of `Gcs` that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
@@ -20,7 +20,7 @@ class Caller(Protocol):
 class DryRuns:
     """Dry runs of the server; they command no vehicle."""
 
-    def __init__(self, gcs: Caller) -> None:
+    def __init__(self, gcs: GcsApi) -> None:
         self._gcs = gcs
 
     async def start(

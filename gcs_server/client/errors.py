@@ -1,12 +1,12 @@
 """Exceptions of the client: refusals of the server or the vehicle, and missing responses.
 
 ApiError                    any response that is not a success
-├── NotAllowed              401, 403: the token is missing or wrong, or the server answers this machine only
+├── NotAllowed              401, 403: the token is missing or wrong, or the request is not permitted
 ├── Invalid                 422: a field is missing, not finite or out of range
 ├── Unknown                 404: no such vehicle, link or parameter
 ├── Refused                 409: the server's checks or the vehicle refused, with the vehicle's reasons
 │   └── NotInControl        409: another client has control of the vehicle
-└── NoReply                 504: the vehicle did not answer
+└── NoReply                 504: the vehicle did not reply
 Unreachable                 the server itself did not respond
 Timeout                     a condition did not become true in time
 """
@@ -34,7 +34,7 @@ class ApiError(Exception):
 
 
 class NotAllowed(ApiError):
-    """The server requires its token (`Gcs(token=…)`, `GCS_TOKEN`)."""
+    """The token is missing or wrong (`Gcs(token=…)`, `GCS_TOKEN`), or the request is not permitted."""
 
 
 class Invalid(ApiError):
@@ -60,7 +60,7 @@ class NotInControl(Refused):
 
 
 class NoReply(ApiError):
-    """The vehicle did not answer in time."""
+    """The vehicle did not reply in time."""
 
 
 class Unreachable(Exception):
@@ -71,7 +71,7 @@ class Timeout(Exception):
     """A condition did not become true in time."""
 
 
-_BY_STATUS: dict[int, type[ApiError]] = {
+_ERROR_BY_STATUS: dict[int, type[ApiError]] = {
     401: NotAllowed,
     403: NotAllowed,
     404: Unknown,
@@ -89,7 +89,7 @@ def raise_problem(problem: dict[str, object]) -> NoReturn:
     code = str(problem.get("code"))
     sent_status = problem.get("status")
     status = sent_status if isinstance(sent_status, int) else _STATUS_BY_CODE.get(code, 409)
-    error_type = NotInControl if code == "not_in_control" else _BY_STATUS.get(status, ApiError)
+    error_type = NotInControl if code == "not_in_control" else _ERROR_BY_STATUS.get(status, ApiError)
     raise error_type(status, problem)
 
 
@@ -104,4 +104,4 @@ def raise_for(response: httpx.Response) -> None:
     problem: dict[str, object] = dict(body) if isinstance(body, dict) else {"detail": str(body)}
     if problem.get("code") == "not_in_control":
         raise NotInControl(response.status_code, problem)
-    raise _BY_STATUS.get(response.status_code, ApiError)(response.status_code, problem)
+    raise _ERROR_BY_STATUS.get(response.status_code, ApiError)(response.status_code, problem)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from gcs_server.client.control import Requester
+from gcs_server.client.control import VehicleApi
 from gcs_server.client.setpoints import Body
 
 
 class Gimbal:
     """The vehicle's gimbal; angles in degrees, pitch up positive."""
 
-    def __init__(self, vehicle: Requester, query: str = "") -> None:
+    def __init__(self, vehicle: VehicleApi, query: str = "") -> None:
         self._vehicle = vehicle
         self._query = query
 
@@ -30,11 +30,11 @@ class Gimbal:
         return await self._vehicle.request("POST", f"/gimbal/{path}{self._query}", body)
 
     async def take(self) -> None:
-        """Takes control."""
+        """Takes control of the gimbal."""
         await self._post("take")
 
     async def release(self) -> None:
-        """Releases control."""
+        """Releases control of the gimbal."""
         await self._post("release")
 
     async def angles(

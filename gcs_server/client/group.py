@@ -11,8 +11,8 @@ Setpoints = Mapping[str, Body]
 """Setpoint bodies (`gcs_server.client.setpoints`) by vehicle id."""
 
 
-class Requester(Protocol):
-    """The part of the client that this module uses."""
+class GcsApi(Protocol):
+    """The part of `Gcs` that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
 
@@ -26,7 +26,7 @@ class Group:
         validity: validity of the setpoints, and the action on expiry.
     """
 
-    def __init__(self, gcs: Requester, started: dict[str, Any], validity: Body) -> None:
+    def __init__(self, gcs: GcsApi, started: dict[str, Any], validity: Body) -> None:
         self._gcs = gcs
         self._validity = validity
         self.id: str = started["id"]

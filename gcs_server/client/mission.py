@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from gcs_server.client.control import Requester
+from gcs_server.client.control import VehicleApi
 from gcs_server.client.operations import Operations
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body
@@ -17,7 +17,7 @@ TRANSFER_TIMEOUT_S = 600.0
 class Mission:
     """The mission, geofence and rally points of a vehicle."""
 
-    def __init__(self, vehicle: Requester, operations: Operations) -> None:
+    def __init__(self, vehicle: VehicleApi, operations: Operations) -> None:
         self._vehicle = vehicle
         self._operations = operations
 
@@ -48,13 +48,13 @@ class Mission:
         return (await self._operations.wait(operation["id"], timeout_s=timeout_s))["result"]
 
     async def download(self, *, timeout_s: float = TRANSFER_TIMEOUT_S) -> dict[str, Any]:
-        """Reads the vehicle's items; returns the same result as `plan`."""
+        """Reads the vehicle's items; returns the same result as `plan()`."""
         operation = await self._vehicle.request("POST", "/mission/download")
         await self._operations.wait(operation["id"], timeout_s=timeout_s)
         return await self.plan()
 
     async def plan(self) -> dict[str, Any]:
-        """The last downloaded or verified plan: `plan`, `read_unix_s`, `still_held`."""
+        """The last downloaded or verified plan: `plan`, `read_unix_s`, `still_held` (by the vehicle)."""
         return await self._vehicle.request("GET", "/mission/plan")
 
     async def compare(
@@ -78,7 +78,7 @@ class Mission:
     ) -> None:
         """Starts the mission at an item (counted from 0) or at the current item; arms the vehicle if needed.
 
-        `dry_run` is the id of a dry run of the plan on the vehicle: the server compares the flight with it.
+        `dry_run` is the id of a dry run of the plan on the vehicle; the server compares the two flights.
         To resume an interrupted flight, give `item` and `mission_id` of `state()["resume"]`.
 
         Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from gcs_server.client.control import Requester
+from gcs_server.client.control import VehicleApi
 from gcs_server.client.offboard_mission import start_body
 from gcs_server.client.plans import Plan
 
@@ -19,7 +19,7 @@ class MissionModes:
     unregisters its modes when it is shut down.
     """
 
-    def __init__(self, vehicle: Requester) -> None:
+    def __init__(self, vehicle: VehicleApi) -> None:
         self._vehicle = vehicle
 
     async def all(self) -> list[dict[str, Any]]:

@@ -43,7 +43,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Fly to a local position and keep it."""
+        """Flies to a local position and keeps it."""
         body = setpoints.position_ned(
             north_m, east_m, down_m, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -58,7 +58,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         alt_home_m: float | None = None,
         yaw_ned_rad: float | None = None,
     ) -> R_co:
-        """Fly to a global position, with exactly one altitude."""
+        """Flies to a global position, with exactly one altitude."""
         body = setpoints.position_global(
             lat_deg, lon_deg, alt_amsl_m=alt_amsl_m, alt_home_m=alt_home_m, yaw_ned_rad=yaw_ned_rad
         )
@@ -67,7 +67,7 @@ class SetpointCalls(ABC, Generic[R_co]):
     def position_body(
         self, forward_m: float, right_m: float, down_m: float, *, yaw_offset_rad: float | None = None
     ) -> R_co:
-        """Fly to an offset from the current position, along the heading."""
+        """Flies to an offset from the current position, in the heading frame."""
         return self.send(setpoints.position_body(forward_m, right_m, down_m, yaw_offset_rad=yaw_offset_rad))
 
     def velocity_ned(
@@ -79,7 +79,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Fly at a velocity in the local NED frame."""
+        """Flies at a velocity in the local NED frame."""
         body = setpoints.velocity_ned(
             north_m_s, east_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -94,7 +94,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Fly at a velocity in the heading frame."""
+        """Flies at a velocity in the heading frame."""
         body = setpoints.velocity_body(
             forward_m_s, right_m_s, down_m_s, yaw_ned_rad=yaw_ned_rad, yaw_rate_ned_rad_s=yaw_rate_ned_rad_s
         )
@@ -108,7 +108,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         *,
         yaw_ned_rad: float | None = None,
     ) -> R_co:
-        """Fly at an acceleration in the local NED frame, without gravity."""
+        """Flies at an acceleration in the local NED frame, without gravity."""
         body = setpoints.acceleration_ned(north_m_s2, east_m_s2, down_m_s2, yaw_ned_rad=yaw_ned_rad)
         return self.send(body)
 
@@ -121,7 +121,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         yaw_ned_rad: float | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Fly to a position, with velocity and acceleration as feed-forward."""
+        """Flies to a position, with velocity and acceleration as feed-forward."""
         body = setpoints.trajectory(
             position_ned_m=position_ned_m,
             velocity_ned_m_s=velocity_ned_m_s,
@@ -141,7 +141,7 @@ class SetpointCalls(ABC, Generic[R_co]):
         q_ned_frd: Sequence[float] | None = None,
         yaw_rate_ned_rad_s: float | None = None,
     ) -> R_co:
-        """Fly an attitude, given by three angles or a quaternion, with collective thrust (0 to 1)."""
+        """Flies an attitude, given by three angles or a quaternion, with collective thrust (0 to 1)."""
         body = setpoints.attitude(
             thrust,
             roll_rad=roll_rad,
@@ -153,19 +153,19 @@ class SetpointCalls(ABC, Generic[R_co]):
         return self.send(body)
 
     def rates(self, roll_rad_s: float, pitch_rad_s: float, yaw_rad_s: float, thrust: float) -> R_co:
-        """Fly body rates with collective thrust."""
+        """Flies body rates with collective thrust."""
         return self.send(setpoints.rates(roll_rad_s, pitch_rad_s, yaw_rad_s, thrust))
 
     def thrust_torque(self, thrust_frd: Sequence[float], torque_frd: Sequence[float]) -> R_co:
-        """Apply body thrust and torque; refused on MAVLink links."""
+        """Applies body thrust and torque; refused on MAVLink links."""
         return self.send(setpoints.thrust_torque(thrust_frd, torque_frd))
 
     def actuators(self, motors: Partial = (), servos: Partial = ()) -> R_co:
-        """Set individual motors and servos; refused on MAVLink links."""
+        """Sets individual motors and servos; refused on MAVLink links."""
         return self.send(setpoints.actuators(motors, servos))
 
     def path(self, points: PathPoints) -> R_co:
-        """Starts a curve through timed points, which the server flies by itself."""
+        """Starts a curve through timed points; the server sends its setpoints even if this program ends."""
         return self.send(setpoints.path(points))
 
     def follow(
@@ -176,12 +176,12 @@ class SetpointCalls(ABC, Generic[R_co]):
         offset_frd_m: Sequence[float] | None = None,
         yaw: Literal["keep", "same", "face"] = "keep",
     ) -> R_co:
-        """Keep a position relative to another vehicle; the server updates the setpoint by itself."""
+        """Keeps a position relative to another vehicle; the server updates the setpoint when it moves."""
         body = setpoints.follow(vehicle_id, offset_ned_m=offset_ned_m, offset_frd_m=offset_frd_m, yaw=yaw)
         return self.send(body)
 
 
-class Requester(Protocol):
+class VehicleApi(Protocol):
     """The part of a vehicle that this module uses."""
 
     async def request(self, method: str, path: str = "", body: Body | None = None) -> Any: ...
@@ -197,7 +197,7 @@ class Offboard(SetpointCalls[Awaitable[Response]]):
         validity: validity of each setpoint, and the action on expiry.
     """
 
-    def __init__(self, vehicle: Requester, started: Response, validity: Body) -> None:
+    def __init__(self, vehicle: VehicleApi, started: Response, validity: Body) -> None:
         self._vehicle = vehicle
         self._validity = validity
         self.started = started

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from gcs_server.client.control import Requester
+from gcs_server.client.control import VehicleApi
 from gcs_server.client.plans import Plan
 from gcs_server.client.setpoints import Body
 
@@ -17,7 +17,7 @@ class OffboardMission:
     (`actions.control_lost`, default `hold`).
     """
 
-    def __init__(self, vehicle: Requester) -> None:
+    def __init__(self, vehicle: VehicleApi) -> None:
         self._vehicle = vehicle
 
     async def state(self) -> dict[str, Any] | None:
@@ -42,11 +42,11 @@ class OffboardMission:
         """Starts a mission (a document, or one stored on the server). The vehicle arms and takes off if the
         mission has these steps.
 
-        `dry_run` is the id of a dry run with several flights; the server reports when the vehicle leaves its
-        corridor.
+        `dry_run` is the id of a dry run with several flights; the server reports when the vehicle leaves the
+        corridor of these flights.
 
         Raises:
-            Refused: the mission has errors that `despite` does not list, or an estimate is missing.
+            Refused: the mission has errors that `despite` does not list, or a needed estimate is missing.
         """
         return await self._command("start", start_body(mission, plan_id, version, despite, dry_run=dry_run))
 

@@ -11,7 +11,7 @@ from gcs_server.client.setpoints import Body
 POLL_S = 0.25
 
 
-class Caller(Protocol):
+class GcsApi(Protocol):
     """The part of `Gcs` that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
@@ -20,7 +20,7 @@ class Caller(Protocol):
 class Operations:
     """The server's operations, running or recently ended, each in the form of `GET /operations/{o}`."""
 
-    def __init__(self, gcs: Caller) -> None:
+    def __init__(self, gcs: GcsApi) -> None:
         self._gcs = gcs
 
     async def all(self, vehicle_id: str | None = None) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ Plan = Mapping[str, Any]
 """The document of a waypoint plan or of an offboard mission (docs/missions.md)."""
 
 
-class Caller(Protocol):
+class GcsApi(Protocol):
     """The part of `Gcs` that this module uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
@@ -25,7 +25,7 @@ class Caller(Protocol):
 class Plans:
     """The plans of the server, each in the form of `GET /plans/{plan}`: `id`, `version`, `plan`, …"""
 
-    def __init__(self, gcs: Caller) -> None:
+    def __init__(self, gcs: GcsApi) -> None:
         self._gcs = gcs
 
     async def all(self) -> list[dict[str, Any]]:
@@ -97,8 +97,9 @@ class Plans:
         `plan`. Returns the result as `plan`, the name of the `called` list, and `notes`; saves nothing.
 
         `at` is the place of the new call step, such as `["steps", 2]`. With `in_air`, the inserted take-off
-        and last landing are left out. If the planned starts differ, `positions` is "from_start" or
-        "same_places".
+        and last landing are left out. If the planned starts differ, `positions` states whether positions
+        relative to start or home refer to the start of `plan` ("from_start"), or are converted so that they
+        stay at the same places ("same_places").
         """
         body: Body = {"plan": dict(plan), "at": list(at), "in_air": in_air}
         options: Body = {"plan_id": plan_id, "version": version, "mission": mission, "positions": positions}
@@ -106,8 +107,8 @@ class Plans:
         return await self._gcs.request("POST", "/plans/insert", body)
 
     async def follow_ground(self, plan: Plan, *, tolerance_m: float | None = None) -> dict[str, Any]:
-        """Resolves a waypoint plan's altitudes above the ground with the elevation files. Returns `plan`;
-        saves nothing.
+        """Converts a waypoint plan's altitudes above the ground to AMSL with the elevation files. Returns
+        `plan`; saves nothing.
 
         With `tolerance_m`, waypoints are added until the height above the ground is within this tolerance.
         """
@@ -158,7 +159,7 @@ class Plans:
 
         `plan` is a waypoint plan with the items, or with `document="offboard_mission"` a mission with the
         steps; the steps begin in the air, so insert them after a take-off. With `vehicle_id`, the vehicle's
-        parameters are used. With `tolerance_m`, altitudes above the ground are resolved, as in
+        parameters are used. With `tolerance_m`, altitudes above the ground are converted, as in
         `follow_ground`.
         """
         options = {"document": document, "vehicle": vehicle_id, "tolerance_m": tolerance_m}

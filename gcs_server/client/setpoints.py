@@ -6,11 +6,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Literal
 
-Expiry = Literal["hold", "land", "stop_stream"]
+ExpiryAction = Literal["hold", "land", "stop_stream"]
+"""Action when a setpoint expires."""
 Body = dict[str, object]
 Partial = Sequence[float | None]
+"""One value per axis, motor or servo; None: not controlled, or disarmed."""
 PathPoints = Iterable[tuple[float, Sequence[float]] | tuple[float, Sequence[float], float]]
-"""(seconds since the start, north, east, down [m]), and yaw [rad] for all points or for none."""
+"""Points: (time since the start [s], (north, east, down) [m]) or (time, position, yaw [rad]); all points
+have a yaw, or none."""
 
 
 def _body(setpoint_type: str, **fields: object) -> Body:
@@ -178,11 +181,11 @@ def actuators(motors: Partial = (), servos: Partial = ()) -> Body:
 
 def path(points: PathPoints) -> Body:
     """A curve through timed points; the server flies it even if this program ends."""
-    sent_fields: list[Body] = []
+    sent_points: list[Body] = []
     for t_s, position_ned_m, *yaw in points:
         point: Body = {"t_s": t_s, "position_ned_m": list(position_ned_m)}
-        sent_fields.append({**point, "yaw_ned_rad": yaw[0]} if yaw else point)
-    return {"type": "path", "points": sent_fields}
+        sent_points.append({**point, "yaw_ned_rad": yaw[0]} if yaw else point)
+    return {"type": "path", "points": sent_points}
 
 
 def follow(
@@ -230,7 +233,9 @@ def first_setpoint(
     return position_body(0, 0, 0)
 
 
-def validity_fields(valid_for_s: float | None, on_expiry: Expiry | None, hold_for_s: float | None) -> Body:
+def validity_fields(
+    valid_for_s: float | None, on_expiry: ExpiryAction | None, hold_for_s: float | None
+) -> Body:
     """Validity of a setpoint and the action on expiry; the server has defaults for omitted values."""
     body: Body = {}
     if valid_for_s is not None:

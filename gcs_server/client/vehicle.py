@@ -17,15 +17,15 @@ from gcs_server.client.mission_modes import MissionModes
 from gcs_server.client.offboard import Offboard
 from gcs_server.client.offboard_mission import OffboardMission
 from gcs_server.client.operations import Operations
-from gcs_server.client.setpoints import Body, Expiry, first_setpoint, validity_fields
+from gcs_server.client.setpoints import Body, ExpiryAction, first_setpoint, validity_fields
 
 T = TypeVar("T")
 
 POLL_S = 0.1
-"""Polling period of `until` [s]."""
+"""Polling period of all waits [s]."""
 
 
-class Server(Protocol):
+class GcsApi(Protocol):
     """The part of `Gcs` that a vehicle uses."""
 
     async def request(self, method: str, path: str, body: Body | None = None) -> Any: ...
@@ -36,7 +36,7 @@ class Server(Protocol):
 class Vehicle:
     """One vehicle. Every command returns once the vehicle's own state shows the result."""
 
-    def __init__(self, gcs: Server, vehicle_id: str) -> None:
+    def __init__(self, gcs: GcsApi, vehicle_id: str) -> None:
         self._gcs = gcs
         self.id = vehicle_id
         self.gimbal = Gimbal(self)
@@ -86,7 +86,8 @@ class Vehicle:
         timeout_s: float = 60.0,
         what: str = "the condition",
     ) -> dict[str, Any]:
-        """Waits until `condition` is true for the result of `show`, and returns that result.
+        """Waits until `condition` is true for the result of `show`, and returns that result. `what` names the
+        condition in the error.
 
         Raises:
             Timeout: the condition did not become true in time.
@@ -166,7 +167,7 @@ class Vehicle:
     async def set_offboard_failsafe(
         self, action: str | None = None, *, after_s: float | None = None
     ) -> dict[str, Any]:
-        """Sets the vehicle's own action when the stream stops: a mode (land, hold, rtl, …)."""
+        """Sets the vehicle's own `action` when setpoints stop for `after_s`: a mode (land, hold, rtl, …)."""
         options = {"action": action, "after_s": after_s}
         body: Body = {name: value for name, value in options.items() if value is not None}
         return await self.request("PUT", "/offboard/failsafe", body)
@@ -186,16 +187,16 @@ class Vehicle:
         yaw_rate_ned_rad_s: float | None = None,
         rate_hz: float | None = None,
         valid_for_s: float | None = None,
-        on_expiry: Expiry | None = None,
+        on_expiry: ExpiryAction | None = None,
         hold_for_s: float | None = None,
     ) -> AsyncGenerator[Offboard]:
         """Flies setpoints inside a block. Leaving the block, even by an exception, switches the vehicle to
         Hold.
 
         The first setpoint is `first` (any of `gcs_server.client.setpoints`), a position, a velocity, or the
-        current position. If the vehicle has landed or another party controls it, the block sends nothing at
-        its end. If this program hangs, the setpoint expires after `valid_for_s` and the server executes
-        `on_expiry`. If Hold fails after an exception, a note on that exception states why.
+        current position. If the vehicle has landed or has left Offboard, the block sends nothing at its end.
+        If this program hangs, the setpoint expires after `valid_for_s` and the server executes `on_expiry`.
+        If an exception ends the block and Hold fails too, a note on the exception states why Hold failed.
 
         Yields:
             The stream; `started` is the server's response, which includes the vehicle's failsafe.
@@ -224,7 +225,7 @@ async def hold_at_end(name: str, hold: Callable[[], Awaitable[object]]) -> Async
     await hold()
 
 
-async def poll_until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float, waits_for: str) -> T:
+async def poll_until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: float, what: str) -> T:
     """Polls until `poll` returns a value.
 
     Raises:
@@ -237,5 +238,5 @@ async def poll_until_found(poll: Callable[[], Awaitable[T | None]], timeout_s: f
         if value is not None:
             return value
         if loop.time() > end_s:
-            raise Timeout(f"Waited {timeout_s:g} s for {waits_for}.")
+            raise Timeout(f"Waited {timeout_s:g} s for {what}.")
         await asyncio.sleep(POLL_S)
