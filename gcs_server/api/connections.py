@@ -67,7 +67,7 @@ class Socket(Protocol):
         ...
 
     def unread_bytes(self) -> int:
-        """Written bytes that the operating system has not accepted yet."""
+        """Bytes for the client that still wait in this process."""
         ...
 
 

@@ -1,6 +1,6 @@
 """Decides which client may command a vehicle; every command is checked here. The module has a lease for each
 vehicle and the list of connected clients (open telemetry sockets). It publishes each change, writes it to the
-journal, and executes `on_expiry` when the client in control is no longer connected.
+journal, and executes `on_expiry` when the client in control (the holder) is no longer connected.
 """
 
 from __future__ import annotations
@@ -111,7 +111,6 @@ class Authority:
         self._lease_times = lease_times or LeaseTimes()
         self._connected: Counter[str] = Counter()
         self._controls: dict[str, VehicleControl] = {}
-        """Controls by vehicle id."""
         fleet.on_vehicle_added(self._attach)
         fleet.on_vehicle_removed(self._detach)
 
@@ -171,7 +170,7 @@ class Authority:
             return
         lease = self._lease(vehicle_id)
         if lease is not None:
-            lease.command(principal)
+            lease.admit(principal)
 
     def refusal(self, principal: Principal, name: str, vehicle_ids: Iterable[str]) -> NotInControl | None:
         """The first refusal of a command to several vehicles; None: allowed. Does not take control."""
@@ -228,8 +227,8 @@ class Authority:
                 yield vehicle.id, holder.key
 
     def _lease(self, vehicle_id: str) -> Lease | None:
-        """The lease of a vehicle; None for unknown vehicles and recordings, to which every command is
-        refused."""
+        """The lease of a vehicle; None for an unknown or a recorded vehicle, whose commands are refused
+        elsewhere."""
         try:
             vehicle = self._fleet.get(vehicle_id)
         except UnknownVehicle:
@@ -265,16 +264,17 @@ class Authority:
     async def _execute_on_expiry(self, vehicle: Vehicle, change: ControlChange) -> None:
         """Executes `on_expiry` of a client that is no longer connected, but never while a pilot flies the
         vehicle."""
-        action, began_s = change.on_expiry, self._clock.monotonic_s()
+        action, started_s = change.on_expiry, self._clock.monotonic_s()
         await vehicle.command.wait_for_kill()  # afterwards the action may be unnecessary
         status = vehicle.status
         commanded_by_server = status.mode != "offboard" or vehicle.streaming
-        in_mission_mode = status.mode in vehicle.mode_names.external and vehicle.streaming
-        moves_by_itself = (status.mode in MOVING_MODES and commanded_by_server) or in_mission_mode
+        in_registered_mode = status.mode in vehicle.mode_names.external and vehicle.streaming
+        moves_by_itself = (status.mode in MOVING_MODES and commanded_by_server) or in_registered_mode
         mission = vehicle.offboard_mission
         moves_by_itself = moves_by_itself and not (mission is not None and mission.flown_by_pilot)
-        is_in_hold = status.mode == "hold" and action != "hold"
-        if not status.armed or status.landed_state not in FLYING or not (moves_by_itself or is_in_hold):
+        action_leaves_hold = status.mode == "hold" and action != "hold"
+        is_flying = status.armed and status.landed_state in FLYING
+        if not is_flying or not (moves_by_itself or action_leaves_hold):
             return
         command = {"hold": vehicle.command.hold, "land": vehicle.command.land, "rtl": vehicle.command.rtl}
         result, detail = "ok", change.text
@@ -284,7 +284,7 @@ class Authority:
             result, detail = error.code, str(error)
             log.warning("vehicle %s: control ended, and %s failed: %s", vehicle.id, action, error)
         self._journal.add(
-            "server", action, vehicle.id, {}, result, detail, self._clock.monotonic_s() - began_s
+            "server", action, vehicle.id, {}, result, detail, self._clock.monotonic_s() - started_s
         )
 
     def _expire_due(self) -> None:

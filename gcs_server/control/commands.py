@@ -14,7 +14,7 @@ API = "/api/v1"
 
 Permission = Literal["view", "control", "fly", "stop", "payload", "configure", "station", "replay", "plan"]
 """Permissions that a role may have. `view`: reading everything; `control`: taking and releasing control;
-`fly`: modes, arming, setpoints; `stop`: Hold, Land now, Stop motors; `payload`: gimbals and cameras;
+`fly`: modes, arming, setpoints; `stop`: Hold, Land now, Kill; `payload`: gimbals and cameras;
 `configure`: parameters, limits, failsafe, checks; `station`: links and vehicles; `replay`: playing
 recordings; `plan`: saving and deleting plans."""
 PERMISSIONS: frozenset[Permission] = frozenset(get_args(Permission))
@@ -40,7 +40,7 @@ class Command:
     name: str
     """Name in the journal."""
     permission: Permission | None
-    """The required permission; None: only the token."""
+    """The required permission; None: the token is sufficient."""
     calls: tuple[str, ...]
     """`METHOD /path`, below `/api/v1` unless it begins with `//`; for a WebSocket message `WS /path
     message`."""
@@ -86,7 +86,7 @@ class Command:
         if confirmation != expected:
             raise InvalidRequest(
                 "confirm",
-                "The confirmation does not name this vehicle; nothing was sent.",
+                "The confirmation is not the required text; nothing was sent.",
                 remedy=f"Send exactly {expected!r}.",
             )
 
@@ -250,7 +250,7 @@ ALL: tuple[Command, ...] = (
     Command("plans/save", "plan", ("PUT /plans/{plan}",)),
     Command("plans/delete", "plan", ("DELETE /plans/{plan}",)),
     Command("dry_runs/start", "plan", ("POST /dry_runs",)),
-    # long work
+    # operations
     Command(
         "operations/cancel",
         "configure",

@@ -24,6 +24,7 @@ log = logging.getLogger(__name__)
 TAIL_LENGTH, REFUSED_TAIL_LENGTH = 1000, 300
 """Maximum numbers of commands and refusals in memory."""
 QUEUE_LENGTH = 2000
+"""Maximum number of lines of one file that wait for the disk."""
 MAX_BYTES = 10_000_000
 """A file of this size is rotated to `journal.1.jsonl`."""
 MAX_REFUSED_BYTES = 1_000_000
@@ -33,8 +34,9 @@ MAX_TEXT_LENGTH = 500
 MAX_ARGUMENTS_LENGTH = 4000
 """Maximum length of the arguments of one command as JSON [characters]."""
 REPEAT_S = 10.0
-"""Equal refusals within this time become one line, followed by a line with their number [s]."""
+"""Time after a refusal for which equal refusals are only counted [s]; then one line states their number."""
 MAX_REPEATS = 500
+"""Maximum number of different refusals whose repetitions are counted."""
 RETRY_S = 5.0
 NOT_SENT = frozenset(
     {
@@ -74,17 +76,17 @@ class JournalEntry:
 class _FileLines:
     """Lines of one file: the newest lines in memory, and the lines that wait for the disk."""
 
-    def __init__(self, path: Path | None, max_bytes: int, in_memory: int) -> None:
-        self.in_memory = in_memory
-        self.log = None if path is None else LineLog(path, max_bytes)
-        self.tail: deque[JournalEntry] = deque(maxlen=in_memory)
+    def __init__(self, path: Path | None, max_bytes: int, max_in_memory: int) -> None:
+        self.max_in_memory = max_in_memory
+        self.line_log = None if path is None else LineLog(path, max_bytes)
+        self.tail: deque[JournalEntry] = deque(maxlen=max_in_memory)
         self.unwritten: deque[JournalEntry] = deque()
         self.lost = 0
         """Lines dropped because the disk could not be written for too long."""
 
     def add(self, entry: JournalEntry) -> None:
         self.tail.append(entry)
-        if self.log is not None:
+        if self.line_log is not None:
             if len(self.unwritten) >= QUEUE_LENGTH:
                 self.unwritten.popleft()
                 self.lost += 1
@@ -126,11 +128,11 @@ class Journal:
     async def load(self) -> None:
         """Reads the newest lines from before the server's start; invalid lines are skipped."""
         for file_lines in (self._commands, self._refusals):
-            if file_lines.log is not None:
-                lines = await asyncio.to_thread(file_lines.log.tail, TAIL_BYTES)
-                newest = lines[-file_lines.in_memory :]
+            if file_lines.line_log is not None:
+                lines = await asyncio.to_thread(file_lines.line_log.tail, TAIL_BYTES)
+                newest = lines[-file_lines.max_in_memory :]
                 entries = [entry for line in newest if (entry := _parse_entry(line)) is not None]
-                free_entries = file_lines.in_memory - len(file_lines.tail)
+                free_entries = file_lines.max_in_memory - len(file_lines.tail)
                 file_lines.tail.extendleft(reversed(entries[-free_entries:] if free_entries else []))
 
     def start(self, supervisor: Supervisor) -> None:
@@ -246,11 +248,11 @@ class Journal:
 
 def _append(file_lines: _FileLines, entries: list[JournalEntry]) -> str | None:
     """Writes lines; returns None, or the reason for a failure. May be called in any thread."""
-    if file_lines.log is None or not entries:
+    if file_lines.line_log is None or not entries:
         return None
     text = "".join(json.dumps(asdict(entry), allow_nan=False, default=str) + "\n" for entry in entries)
     try:
-        file_lines.log.append(text.encode())
+        file_lines.line_log.append(text.encode())
     except OSError as error:
         return error.strerror or str(error)
     return None

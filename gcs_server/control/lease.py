@@ -29,7 +29,9 @@ class LeaseTimes:
     """Durations of leases and answers; the operator's settings."""
 
     lease_s: float = 30.0
+    """Duration of control after the last request of the holder [s]."""
     answer_s: float = 15.0
+    """Time to answer a request before control may be taken by force [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +85,14 @@ class Lease:
     Args:
         vehicle_id: id for messages.
         times: durations of leases and answers.
-        is_reachable: whether a client has an open telemetry socket, so that it can be asked.
+        is_connected: whether a client has an open telemetry socket, so that it can be asked.
         on_change: called with each change.
     """
 
     clock: Clock
     vehicle_id: str
     times: LeaseTimes
-    is_reachable: Callable[[Principal], bool]
+    is_connected: Callable[[Principal], bool]
     on_change: Callable[[ControlChange], None]
     _active: _ActiveLease | None = None
     _requests: dict[str, PendingRequest] = field(default_factory=dict[str, PendingRequest])
@@ -123,7 +125,7 @@ class Lease:
     @property
     def can_be_asked(self) -> bool:
         """Whether the holder can see a request."""
-        return self._active is not None and self.is_reachable(self._active.client)
+        return self._active is not None and self.is_connected(self._active.client)
 
     @property
     def has_max_requests(self) -> bool:
@@ -140,8 +142,8 @@ class Lease:
 
     # --- the holder -----------------------------------------------------------------------------
 
-    def command(self, client: Principal) -> None:
-        """Checks a command of this client, which must have control or takes it if no client has it.
+    def admit(self, client: Principal) -> None:
+        """Called before each command: the client must have control, or takes it if no client has it.
 
         Raises:
             NotInControl: another client has control.
@@ -154,8 +156,8 @@ class Lease:
         elif self._active.client.key == client.key:
             self.renew(client)
         elif self._is_replaceable(self._active):
-            before = self._active.client
-            text = f"{client} commands vehicle {self.vehicle_id} and has taken control from {before}."
+            previous = self._active.client
+            text = f"{client} commands vehicle {self.vehicle_id} and has taken control from {previous}."
             self._set_holder(client, "taken", client, text)
         else:
             raise self._not_in_control(self._active)
@@ -183,8 +185,8 @@ class Lease:
 
         Raises:
             NotInControl: another client has control, and `force` is false.
-            Refused: `force` before a holder that can be asked was asked, or before its time to answer has
-                ended.
+            Refused: `force` is true, but the holder can be asked, and was not asked yet or still has time to
+                answer.
         """
         self.expire_due()
         active = self._active
@@ -234,8 +236,8 @@ class Lease:
         pending.denied, pending.lifetime_start_s = True, self.clock.monotonic_s()
         reason_text = f": {reason}" if reason else ""
         text = (
-            f"{active.client} keeps control of vehicle {self.vehicle_id}; "
-            f"{pending.client} requested it{reason_text}."
+            f"{active.client} has denied the request of {pending.client} for control of vehicle "
+            f"{self.vehicle_id}{reason_text}."
         )
         self.on_change(
             ControlChange("denied", client, text, active.client, reason=reason, requester=pending.client)
@@ -290,7 +292,7 @@ class Lease:
         self.on_change(ControlChange("intervened", client, text, active.client))
 
     def expire_due(self) -> None:
-        """Ends expired leases and requests. Called before each step and periodically."""
+        """Ends the expired lease and expired requests. Called before each use and periodically."""
         now_s = self.clock.monotonic_s()
         for key, pending in list(self._requests.items()):
             if now_s - pending.lifetime_start_s > REQUEST_LIFETIME_S:
@@ -298,7 +300,7 @@ class Lease:
         active = self._active
         if active is None:
             return
-        if self.is_reachable(active.client):
+        if self.is_connected(active.client):
             active.last_request_s = now_s
         elif now_s - active.last_request_s > self.times.lease_s:
             text = (
@@ -335,7 +337,7 @@ class Lease:
     def _is_replaceable(self, active: _ActiveLease) -> bool:
         """Whether the next command of another client takes control: the holder has no client id, and took
         control only by a command."""
-        return not (active.taken_explicitly or active.client.identified or self.is_reachable(active.client))
+        return not (active.taken_explicitly or active.client.identified or self.is_connected(active.client))
 
     def _require_holder(self, client: Principal) -> _ActiveLease:
         self.expire_due()
@@ -347,9 +349,9 @@ class Lease:
         return self._active
 
     def _find_request(self, requester: str) -> PendingRequest:
-        pending = [request for request in self._requests.values() if not request.denied]
-        with_key = [request for request in pending if request.client.key == requester]
-        matching = with_key or [request for request in pending if str(request.client) == requester]
+        open_requests = [request for request in self._requests.values() if not request.denied]
+        with_key = [request for request in open_requests if request.client.key == requester]
+        matching = with_key or [request for request in open_requests if str(request.client) == requester]
         if len(matching) == 1:
             return matching[0]
         if matching:
@@ -358,7 +360,7 @@ class Lease:
                 f"{len(matching)} clients named {requester!r} request control.",
                 remedy=f"Give the key of one: {keys}.",
             )
-        names = ", ".join(f"{request.client} ({request.client.key})" for request in pending) or "nobody"
+        names = ", ".join(f"{r.client} ({r.client.key})" for r in open_requests) or "nobody"
         raise Refused(
             f"{requester!r} has not requested control of vehicle {self.vehicle_id}.",
             remedy=f"Requests: {names}.",
@@ -392,5 +394,5 @@ class Lease:
             self.vehicle_id,
             holder=str(active.client),
             holder_key=active.client.key,
-            can_be_asked=self.is_reachable(active.client),
+            can_be_asked=self.is_connected(active.client),
         )

@@ -56,11 +56,13 @@ class LinkGuard:
             return
         vehicles_on_link = [v for v in self._live_vehicles() if name in v.known_links]
         self._require_control(principal, CLOSE_COMMAND, vehicles_on_link)
-        vehicle_ids = [v.id for v in vehicles_on_link if is_flown(v) and not self._has_other_link(v, name)]
-        if vehicle_ids and confirm != (expected := closing_confirmation(name, vehicle_ids)):
-            is_plural = len(vehicle_ids) > 1
+        losing_last_link = [
+            v.id for v in vehicles_on_link if is_flown(v) and not self._has_other_link(v, name)
+        ]
+        if losing_last_link and confirm != (expected := closing_confirmation(name, losing_last_link)):
+            is_plural = len(losing_last_link) > 1
             raise Refused(
-                f"Vehicle{'s' if is_plural else ''} {', '.join(vehicle_ids)} "
+                f"Vehicle{'s' if is_plural else ''} {', '.join(losing_last_link)} "
                 f"{'are' if is_plural else 'is'} armed or flown by setpoints, and link {name!r} is "
                 f"{'their' if is_plural else 'its'} last link. The link stays open.",
                 remedy=f"To close it anyway, send confirm={expected!r}.",
@@ -70,7 +72,7 @@ class LinkGuard:
         """Checks before a link to another ground station is added.
 
         Raises:
-            NotInControl: another client controls a vehicle, which that station could command.
+            NotInControl: another client controls a vehicle that the other station could command.
         """
         self._require_control(principal, ADD_COMMAND, self._live_vehicles())
 

@@ -2,8 +2,8 @@
 
 A caller sends its name in `X-Client` and an id in `X-Client-Id`, which distinguishes callers of the same name
 (WebSockets of browsers: `?client=` and `&client_id=`). Without an id, the caller is identified by name and
-address. This coordinates operators; it does not protect against a caller that uses the identity of another.
-Access itself is protected by the token.
+address. These identities coordinate operators; they do not protect against a caller that uses the identity of
+another. The token protects access.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Principal:
     name: str
     """The caller's name, or else its address."""
     key: str
-    """Derived from the id or the address; does not reveal the id."""
+    """Hash of the id, or of name and address; does not reveal the id."""
     address: str = ""
     """Address of the request; empty if only a name is known."""
     identified: bool = False
@@ -47,9 +47,9 @@ class Principal:
         """
         display_name = _printable(name)[:MAX_NAME_LENGTH] or address or "unknown"
         printable_id = _printable(client_id)[:MAX_ID_LENGTH]
-        secret = f"id {printable_id}" if printable_id else f"name {display_name} at {address}"
+        identity = f"id {printable_id}" if printable_id else f"name {display_name} at {address}"
         return cls(
-            display_name, sha256(secret.encode()).hexdigest()[:KEY_LENGTH], address, bool(printable_id)
+            display_name, sha256(identity.encode()).hexdigest()[:KEY_LENGTH], address, bool(printable_id)
         )
 
 

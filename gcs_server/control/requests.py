@@ -29,22 +29,22 @@ class PendingRequest:
 
 
 def remove_oldest_denied(pending: dict[str, PendingRequest], client: Principal, vehicle_id: str) -> None:
-    """Removes the oldest denied request if the limit is reached.
+    """Removes the oldest denied request if a limit of requests is reached.
 
     Raises:
-        Refused: the limit is reached, and no request is denied.
+        Refused: a limit is reached, and no request is denied.
     """
     from_address = [request for request in pending.values() if request.client.address == client.address]
     if client.address and len(from_address) >= MAX_REQUESTS_PER_ADDRESS:
-        limited, location_text = from_address, " at your address"
+        counted, location_text = from_address, " at your address"
     elif len(pending) >= MAX_REQUESTS:
-        limited, location_text = list(pending.values()), ""
+        counted, location_text = list(pending.values()), ""
     else:
         return
-    denied = next((request for request in limited if request.denied), None)
+    denied = next((request for request in counted if request.denied), None)
     if denied is None:
         raise Refused(
-            f"{len(limited)} clients{location_text} already request control of vehicle {vehicle_id}.",
+            f"{len(counted)} clients{location_text} already request control of vehicle {vehicle_id}.",
             remedy="Wait until the client in control has answered some of them (control/grant, "
             f"control/deny); a request expires after {REQUEST_LIFETIME_S:g} s. Hold, Land now and Kill need "
             "no control.",

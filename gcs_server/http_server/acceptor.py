@@ -24,8 +24,9 @@ log = logging.getLogger(__name__)
 
 ACCEPTED_PER_YIELD = 4
 CHECK_PERIOD_S = 0.5
-NO_FILES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
-NO_FILES_PAUSE_S = 0.2
+NO_RESOURCES = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
+"""Errors without a free file descriptor or memory."""
+NO_RESOURCES_PAUSE_S = 0.2
 
 
 class Acceptor:
@@ -33,7 +34,7 @@ class Acceptor:
 
     Args:
         listener: bound, listening, not blocking.
-        protocol: creates the protocol of a new connection.
+        protocol_factory: creates the protocol of a new connection.
         connections: decides whether a connection is served.
         clock: the server's clock.
     """
@@ -41,23 +42,22 @@ class Acceptor:
     def __init__(
         self,
         listener: socket.socket,
-        protocol: Callable[[Connection], asyncio.Protocol],
+        protocol_factory: Callable[[Connection], asyncio.Protocol],
         connections: Connections,
         clock: Clock,
     ) -> None:
         self._listener = listener
-        self._protocol = protocol
+        self._protocol_factory = protocol_factory
         self._connections = connections
         self._clock = clock
         self._supervisor = Supervisor(clock)
         self._accepting: asyncio.Task[None] | None = None
-        self._spare: int | None = None
-        """A spare file descriptor. It is closed to accept and refuse one connection when no other descriptor
-        is free."""
+        self._spare_descriptor: int | None = None
+        """Closed to accept and refuse one connection when no other file descriptor is free."""
 
     def start(self) -> None:
         """Starts accepting connections."""
-        self._keep_spare()
+        self._open_spare_descriptor()
         self._accepting = self._supervisor.start("acceptor", self._accept_loop)
         self._supervisor.start("deadlines of connections", self._deadline_loop)
 
@@ -65,9 +65,9 @@ class Acceptor:
         """Stops accepting; deadlines stay in force until the event loop ends."""
         if self._accepting is not None:
             self._accepting.cancel()
-        if self._spare is not None:
-            os.close(self._spare)
-            self._spare = None
+        if self._spare_descriptor is not None:
+            os.close(self._spare_descriptor)
+            self._spare_descriptor = None
 
     async def wait_closed(self) -> None:
         """Does nothing; uvicorn calls this method."""
@@ -94,7 +94,7 @@ class Acceptor:
     async def _connect(self, accepted: socket.socket, connection: Connection) -> None:
         loop = asyncio.get_running_loop()
         try:
-            await loop.connect_accepted_socket(lambda: self._protocol(connection), accepted)
+            await loop.connect_accepted_socket(lambda: self._protocol_factory(connection), accepted)
         except OSError:  # the connection is already closed
             self._connections.remove(connection)
             accepted.close()
@@ -102,23 +102,23 @@ class Acceptor:
     async def _handle_failure(self, error: OSError) -> None:
         """Handles a failure to accept. Without a free file descriptor, refuses one waiting connection and
         retries later."""
-        if error.errno not in NO_FILES:
+        if error.errno not in NO_RESOURCES:
             return  # the client disconnected before it was accepted
         log.warning("no connection can be accepted: %s", error.strerror)
         self._connections.count_refusal()
-        if self._spare is not None:
-            os.close(self._spare)
-            self._spare = None
+        if self._spare_descriptor is not None:
+            os.close(self._spare_descriptor)
+            self._spare_descriptor = None
             with contextlib.suppress(OSError):
                 accepted, _ = self._listener.accept()
                 _refuse(accepted)
-        self._keep_spare()
-        await self._clock.sleep(NO_FILES_PAUSE_S)
+        self._open_spare_descriptor()
+        await self._clock.sleep(NO_RESOURCES_PAUSE_S)
 
-    def _keep_spare(self) -> None:
-        if self._spare is None:
+    def _open_spare_descriptor(self) -> None:
+        if self._spare_descriptor is None:
             with contextlib.suppress(OSError):
-                self._spare = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
+                self._spare_descriptor = os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC)
 
     async def _deadline_loop(self) -> None:
         while True:

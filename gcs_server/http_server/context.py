@@ -21,7 +21,7 @@ class ConnectionContext:
     app_state: dict[str, Any]
     """State of the application's lifespan."""
     connection: Connection
-    """The connection's entry among all connections."""
+    """The entry of this connection in `connections`."""
     connections: Connections
     clock: Clock
 

@@ -1,6 +1,6 @@
 """The HTTP protocol of one connection, with limits of size, time and number. It extends uvicorn's protocol:
-input is counted before it is stored, and refused with a reason. After a refusal the server closes only its
-own side and drops further input, so that the client receives the response.
+input is counted before it is stored, and input above a limit is refused with a reason. After a refusal the
+server closes only its own side and drops further input, so that the client receives the response.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def raw_response(refusal: r.LimitRefusal) -> bytes:
     )
 
 
-class _Stop(Exception):
+class _StopParsing(Exception):
     """Raised to stop parsing received bytes."""
 
 
@@ -59,7 +59,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._clock = clock = context.clock
         self._stall = StallDetector(clock)
         self._since_s = clock.monotonic_s()
-        """Start of the current deadline, for the head or the body."""
+        """Start of the time that the deadline for the head or the body limits."""
         self._in_head = False
         self._in_body = False
         self._head_bytes = 0
@@ -122,7 +122,7 @@ class BoundedHttp(HttpToolsProtocol):
     def on_message_begin(self) -> None:
         """A request starts."""
         if len(self.pipeline) >= r.MAX_PIPELINED:
-            self._stop(r.TOO_MANY)
+            self._refuse_and_stop(r.TOO_MANY)
         super().on_message_begin()
         self._in_head = self._message_began = True
         self._since_s = self._clock.monotonic_s()
@@ -134,14 +134,14 @@ class BoundedHttp(HttpToolsProtocol):
         self._head_bytes += len(url)
         self._url_bytes += len(url)
         if self._url_bytes > r.MAX_URL_BYTES:
-            self._stop(r.URL_TOO_LONG)
+            self._refuse_and_stop(r.URL_TOO_LONG)
         super().on_url(url)
 
     def on_header(self, name: bytes, value: bytes) -> None:
         """A header, or a trailer after the body."""
         self._head_bytes += len(name) + len(value) + 4
         if self._head_bytes > r.MAX_HEAD_BYTES or len(self.headers) >= r.MAX_HEADERS:
-            self._stop(r.HEAD_TOO_LARGE)
+            self._refuse_and_stop(r.HEAD_TOO_LARGE)
         if self._in_head:  # trailers are ignored
             super().on_header(name, value)
 
@@ -151,7 +151,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._since_s = self._clock.monotonic_s()
         declared = next((value for name, value in self.headers if name == b"content-length"), b"0")
         if len(declared) > 15 or int(declared) > r.MAX_BODY_BYTES:
-            self._stop(r.BODY_TOO_LARGE)
+            self._refuse_and_stop(r.BODY_TOO_LARGE)
         super().on_headers_complete()
         if not self._should_upgrade():
             self._incoming = self.cycle
@@ -164,15 +164,15 @@ class BoundedHttp(HttpToolsProtocol):
         """A piece of a chunked body starts."""
         self._chunks += 1
         if self._chunks > MAX_CHUNKS:
-            self._stop(r.BODY_TOO_LARGE)
+            self._refuse_and_stop(r.BODY_TOO_LARGE)
 
     def on_body(self, body: bytes) -> None:
         """A piece of the body."""
         self._body_bytes += len(body)
         if self._body_bytes > r.MAX_BODY_BYTES:
-            self._stop(r.BODY_TOO_LARGE)
+            self._refuse_and_stop(r.BODY_TOO_LARGE)
         if not self.cycle.response_complete and not self._connections.take_body(self.connection, len(body)):
-            self._stop(r.SERVER_FULL)
+            self._refuse_and_stop(r.SERVER_FULL)
         super().on_body(body)
 
     def on_message_complete(self) -> None:
@@ -211,7 +211,7 @@ class BoundedHttp(HttpToolsProtocol):
             self.transport.abort()
 
     def unread_bytes(self) -> int:
-        """Written bytes that the operating system has not accepted yet."""
+        """Bytes for the client that still wait in this process."""
         return self.transport.get_write_buffer_size()
 
     def check(self, now_s: float) -> None:
@@ -232,9 +232,9 @@ class BoundedHttp(HttpToolsProtocol):
 
     # --- refusing -------------------------------------------------------------------------------
 
-    def _stop(self, refusal: r.LimitRefusal) -> None:
+    def _refuse_and_stop(self, refusal: r.LimitRefusal) -> None:
         self._refuse(refusal)
-        raise _Stop
+        raise _StopParsing
 
     def _refuse(self, refusal: r.LimitRefusal) -> None:
         """Sends the reason, unless another response has started, and closes the connection."""

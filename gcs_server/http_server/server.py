@@ -22,13 +22,13 @@ may close it at the moment when a client sends a request, which then gets no res
 
 
 class HttpServer(uvicorn.Server):
-    """Serves an application on a listening socket, and prints the addresses once it is ready.
+    """Serves an application on a listening socket, and prints the page's URLs once it is ready.
 
     Args:
         app: the application.
         connections: the server's connections and their limits.
         clock: the server's clock.
-        addresses: URLs of the page, printed when the server is ready.
+        page_urls: URLs of the page.
         trusted_proxies: proxies whose headers for the caller's address and scheme are trusted.
     """
 
@@ -37,7 +37,7 @@ class HttpServer(uvicorn.Server):
         app: Any,
         connections: Connections,
         clock: Clock,
-        addresses: Sequence[str],
+        page_urls: Sequence[str],
         trusted_proxies: Sequence[str] = (),
     ) -> None:
         super().__init__(
@@ -59,13 +59,13 @@ class HttpServer(uvicorn.Server):
         )
         self._connections = connections
         self._clock = clock
-        self._addresses = addresses
+        self._page_urls = page_urls
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Starts the application, then accepts clients."""
         await super().startup([])
         for listener in sockets or []:
-            acceptor = Acceptor(listener, self._protocol, self._connections, self._clock)
+            acceptor = Acceptor(listener, self._create_protocol, self._connections, self._clock)
             acceptor.start()
             self.servers.append(cast(Any, acceptor))
         # Imported objects are never freed. Unless they are frozen, each full garbage collection scans them,
@@ -73,9 +73,9 @@ class HttpServer(uvicorn.Server):
         gc.collect()
         gc.freeze()
         if self.started:
-            print("Ready: " + "\n       ".join(self._addresses), flush=True)
+            print("Ready: " + "\n       ".join(self._page_urls), flush=True)
 
-    def _protocol(self, connection: Connection) -> BoundedHttp:
+    def _create_protocol(self, connection: Connection) -> BoundedHttp:
         return BoundedHttp(
             ConnectionContext(
                 self.config,

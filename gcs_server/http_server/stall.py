@@ -22,7 +22,7 @@ class StallDetector:
         """Whether the client has read nothing for `UNREAD_DEADLINE_S`; call periodically.
 
         Args:
-            unread_bytes: number of bytes that wait in the process.
+            unread_bytes: bytes for the client that still wait in this process.
         """
         now_s = self._clock.monotonic_s()
         if not unread_bytes or unread_bytes < self._last_bytes or not self._last_bytes:

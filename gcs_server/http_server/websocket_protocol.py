@@ -26,9 +26,9 @@ MAX_FRAMES = 1024
 MAX_FRAMES_PER_S = 5000
 MAX_UNREAD_PONG_BYTES = 65_536
 CLOSE_DEADLINE_S = 5.0
-CLOSE_POLICY = 1008
-CLOSE_TOO_LARGE = 1009
-CLOSE_TOO_SLOW = 1013
+CLOSE_CODE_POLICY = 1008
+CLOSE_CODE_TOO_LARGE = 1009
+CLOSE_CODE_TOO_SLOW = 1013
 
 
 class BoundedWebSocket(WebSocketsSansIOProtocol):
@@ -42,7 +42,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self._stall = StallDetector(clock)
         self._unparsed: deque[bytes] = deque()
         self._parsing = False
-        self._second_s, self._frames_in_second = clock.monotonic_s(), 0
+        self._second_start_s, self._frames_in_second = clock.monotonic_s(), 0
         self._closing_since_s: float | None = None
 
     # --- input ----------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         if self.transport.is_closing() or self.disconnected:
             self._unparsed.clear()
             return
-        if not self.handshake_complete:  # data received before the application accepts must wait
+        if not self.handshake_complete:  # data must wait until the application accepts the WebSocket
             return
         if self._unparsed and (self.queue.empty() or self.close_sent):
             super().data_received(self._unparsed.popleft())
@@ -119,27 +119,27 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
     def handle_events(self) -> None:
         """Handles frames; too many per second end the WebSocket."""
         now_s = self._clock.monotonic_s()
-        if now_s - self._second_s >= 1.0:
-            self._second_s, self._frames_in_second = now_s, 0
+        if now_s - self._second_start_s >= 1.0:
+            self._second_start_s, self._frames_in_second = now_s, 0
         self._frames_in_second += len(self.conn.events)
         if self._frames_in_second > MAX_FRAMES_PER_S:
-            self._fail(CLOSE_POLICY, f"more than {MAX_FRAMES_PER_S} frames in a second")
+            self._fail(CLOSE_CODE_POLICY, f"more than {MAX_FRAMES_PER_S} frames in a second")
             return
         super().handle_events()
 
     def handle_cont(self, event: Frame) -> None:
         """A further part of a message."""
         if len(self.frames) >= MAX_FRAMES:
-            self._fail(CLOSE_TOO_LARGE, f"a message of more than {MAX_FRAMES} frames")
+            self._fail(CLOSE_CODE_TOO_LARGE, f"a message of more than {MAX_FRAMES} frames")
             return
         super().handle_cont(event)
 
     def handle_ping(self) -> None:
-        """Sends a pong, unless the client has not read too many pongs."""
+        """Sends a pong, unless too many bytes still wait for the client."""
         if self.unread_bytes() < MAX_UNREAD_PONG_BYTES:
             super().handle_ping()
         else:
-            self.conn.data_to_send()
+            self.conn.data_to_send()  # discards the pong
 
     # --- for `Connections` ----------------------------------------------------------------------
 
@@ -148,7 +148,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
         self.transport.abort()
 
     def unread_bytes(self) -> int:
-        """Written bytes that the operating system has not accepted yet."""
+        """Bytes for the client that still wait in this process."""
         return self.transport.get_write_buffer_size()
 
     def check(self, now_s: float) -> None:
@@ -159,7 +159,7 @@ class BoundedWebSocket(WebSocketsSansIOProtocol):
             elif now_s - self._closing_since_s > CLOSE_DEADLINE_S:
                 self.end()
         elif self._stall.is_stalled(self.unread_bytes()):
-            self._fail(CLOSE_TOO_SLOW, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
+            self._fail(CLOSE_CODE_TOO_SLOW, f"nothing was read for {UNREAD_DEADLINE_S:g} s")
 
     def _fail(self, code: int, reason: str) -> None:
         """Sends a close frame with code and reason; `check` closes the connection if the client does not read

@@ -82,7 +82,7 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
 def test_land_now_without_confirmation_sends_nothing(jump):
     async def scenario(rig):
         for body in ("yes", "vehicle 2 lands now", ""):
-            with pytest.raises(InvalidRequest, match="does not name this vehicle"):
+            with pytest.raises(InvalidRequest, match="is not the required text"):
                 await vehicle_routes.land_now(
                     "1", control_models.LandNowRequest(confirm=body), rig.station, BOB
                 )

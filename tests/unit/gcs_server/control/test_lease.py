@@ -88,11 +88,11 @@ def test_an_id_is_never_shown():
 
 
 def test_a_command_takes_free_control_and_commands_of_other_clients_are_refused_with_a_reason(setup):
-    setup.lease.command(ANNA)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
+    setup.lease.admit(ANNA)
     assert setup.lease.holder.key == ANNA.key
     with pytest.raises(NotInControl, match=r"anna has control of vehicle 7, not you") as refused:
-        setup.lease.command(BOB)
+        setup.lease.admit(BOB)
     assert refused.value.details() == {"holder": "anna", "holder_key": ANNA.key}
     assert "Hold, Land now and Kill" in refused.value.remedy
     assert setup.actions() == ["taken"]
@@ -103,18 +103,18 @@ def test_a_client_without_id_blocks_other_clients_only_after_taking_control_expl
         Principal.from_identity("", "", "127.0.0.1"),
         Principal.from_identity("script", "", "127.0.0.1"),
     )
-    setup.lease.command(shell)
+    setup.lease.admit(shell)
     assert setup.lease.holder.name == "127.0.0.1"
-    setup.lease.command(other)
+    setup.lease.admit(other)
     assert setup.lease.holder.name == "script"
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     for client in (shell, other):
         with pytest.raises(NotInControl):
-            setup.lease.command(client)
+            setup.lease.admit(client)
     setup.lease.release(ANNA)
     setup.lease.take(shell)
     with pytest.raises(NotInControl):
-        setup.lease.command(ANNA)
+        setup.lease.admit(ANNA)
     assert setup.actions() == ["taken", "taken", "taken", "released", "taken"]
 
 
@@ -129,13 +129,13 @@ def test_control_expires_when_the_holder_sends_nothing(setup):
     assert setup.lease.holder is None
     assert setup.changes[-1].action == "expired"
     assert setup.changes[-1].on_expiry == "hold"
-    setup.lease.command(BOB)
+    setup.lease.admit(BOB)
     assert setup.lease.on_expiry == "nothing", "the action of the previous holder still applies"
 
 
 def test_an_open_socket_keeps_control_and_its_end_starts_the_lease_time(setup):
     setup.connect(ANNA)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.after(3600)
     assert setup.lease.holder.key == ANNA.key
     setup.disconnect(ANNA)
@@ -146,7 +146,7 @@ def test_an_open_socket_keeps_control_and_its_end_starts_the_lease_time(setup):
 
 
 def test_release_frees_control_and_has_no_effect_for_other_clients(setup):
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.release(BOB)
     assert setup.lease.holder.key == ANNA.key
     setup.lease.release(ANNA)
@@ -159,7 +159,7 @@ def test_release_frees_control_and_has_no_effect_for_other_clients(setup):
 
 def test_a_request_is_listed_with_its_reason_and_can_be_granted(setup):
     setup.connect(ANNA, BOB)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.request(BOB, "I see it better")
     setup.lease.request(BOB)
     [request] = setup.lease.requests()
@@ -171,7 +171,7 @@ def test_a_request_is_listed_with_its_reason_and_can_be_granted(setup):
     assert setup.changes[-1].previous.key == ANNA.key
     assert setup.lease.requests() == ()
     with pytest.raises(NotInControl):
-        setup.lease.command(ANNA)
+        setup.lease.admit(ANNA)
 
 
 def test_a_request_for_free_control_takes_control(setup):
@@ -181,7 +181,7 @@ def test_a_request_for_free_control_takes_control(setup):
 
 def test_force_needs_a_request_to_a_reachable_holder(setup):
     setup.connect(ANNA)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     with pytest.raises(NotInControl):
         setup.lease.take(BOB)
     with pytest.raises(Refused, match="has not been asked"):
@@ -198,7 +198,7 @@ def test_force_needs_a_request_to_a_reachable_holder(setup):
 
 def test_a_denied_client_gets_the_reason_and_may_force(setup):
     setup.connect(ANNA)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.request(BOB)
     setup.lease.deny(ANNA, BOB.key, "landing now")
     assert setup.lease.requests() == ()
@@ -208,14 +208,14 @@ def test_a_denied_client_gets_the_reason_and_may_force(setup):
 
 
 def test_control_of_an_unreachable_holder_may_be_forced_at_once(setup):
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.take(BOB, force=True)
     assert setup.lease.holder.key == BOB.key
 
 
 def test_requests_wait_again_after_a_change_of_holder(setup):
     setup.connect(ANNA, BOB, CARL)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.request(BOB)
     setup.after(14)
     setup.lease.request(CARL)
@@ -228,7 +228,7 @@ def test_requests_wait_again_after_a_change_of_holder(setup):
 
 def test_a_denial_does_not_allow_forcing_the_next_holder(setup):
     setup.connect(ANNA, CARL)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.request(BOB)
     setup.lease.deny(ANNA, "bob")
     setup.lease.request(CARL)
@@ -239,7 +239,7 @@ def test_a_denial_does_not_allow_forcing_the_next_holder(setup):
 
 @pytest.mark.parametrize("ending", ["released", "expired"])
 def test_the_first_request_gets_control_when_the_holder_releases_or_disconnects(setup, ending):
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.request(BOB)
     setup.lease.request(CARL)
     if ending == "released":
@@ -253,7 +253,7 @@ def test_the_first_request_gets_control_when_the_holder_releases_or_disconnects(
 
 def test_requests_can_be_withdrawn_and_expire(setup):
     setup.connect(ANNA)
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.request(BOB)
     setup.lease.release(BOB)
     assert setup.changes[-1].action == "withdrawn"
@@ -265,7 +265,7 @@ def test_requests_can_be_withdrawn_and_expire(setup):
 def test_the_key_distinguishes_clients_of_the_same_name(setup):
     setup.connect(ANNA)
     first, second = Principal.from_identity("page", "one"), Principal.from_identity("page", "two")
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.request(first)
     setup.lease.request(second)
     with pytest.raises(Refused, match="2 clients named 'page'"):
@@ -278,7 +278,7 @@ def test_the_key_distinguishes_clients_of_the_same_name(setup):
 
 def test_the_holder_is_informed_when_other_clients_command_hold_or_land_now(setup):
     setup.lease.report_intervention(BOB, "Hold")
-    setup.lease.command(ANNA)
+    setup.lease.admit(ANNA)
     setup.lease.report_intervention(ANNA, "Hold")
     setup.lease.report_intervention(BOB, "Land now")
     assert setup.actions() == ["taken", "intervened"]
