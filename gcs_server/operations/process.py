@@ -112,17 +112,17 @@ def read_request() -> bytes:
     return sys.stdin.buffer.readline().rstrip(b"\n")
 
 
-def limit(*, memory_bytes: int, computing_s: int, timeout_s: int) -> None:
+def limit_process(*, memory_bytes: int, cpu_time_s: int, timeout_s: int) -> None:
     """Limits this process and lowers its priority; call before `read_request`.
 
     Args:
         memory_bytes: limit of address space.
-        computing_s: limit of processor time.
+        cpu_time_s: limit of CPU time.
         timeout_s: limit of the total time, which is longer on a busy computer.
     """
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
-    resource.setrlimit(resource.RLIMIT_CPU, (computing_s, computing_s))
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_time_s, cpu_time_s))
     signal.alarm(timeout_s)
 
 

@@ -1,4 +1,4 @@
-"""Converts path and corridor of a dry run to the vehicle's local frame, for the check of a real flight."""
+"""Converts path and corridor of a dry run to the vehicle's local frame, for comparison with a real flight."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def corridor_of(
         dry_run: the result of the dry run.
         position_ned_m: the vehicle's position.
         origin: origin of the vehicle's local frame. None: unknown; the dry run is then assumed to have
-            started at this position.
+            started at `position_ned_m`.
         role: the vehicle's role in a mission of several vehicles; None: the mission has one vehicle. In the
             dry run all vehicles start at one altitude, so a role's corridor begins at the altitude of the
             real vehicle.
@@ -35,20 +35,24 @@ def corridor_of(
         Refused: the dry run has no corridor of this role, was made for a waypoint plan, or started at another
             position.
     """
-    corridor = _corridor(dry_run, role)
+    corridor = _stored_corridor(dry_run, role)
     if dry_run["kind"] != "offboard_mission" or corridor is None:
         raise Refused(
             f"Dry run {dry_run['id']} has no corridor of {_subject(role)}.",
             remedy="Fly the mission in simulation with `flights` of 10 or more, and name that dry run.",
         )
     first_n, first_e, first_d = corridor["position_ned_m"][0]
-    start = (position_ned_m[0] - first_n, position_ned_m[1] - first_e, position_ned_m[2] - first_d)
+    dry_run_origin_ned_m = (
+        position_ned_m[0] - first_n,
+        position_ned_m[1] - first_e,
+        position_ned_m[2] - first_d,
+    )
     if origin is not None:
         home = dry_run["nominal"]["origin"]
         north, east, down = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
-        start = (north, east, down if role is None else start[2])
+        dry_run_origin_ned_m = (north, east, down if role is None else dry_run_origin_ned_m[2])
         _require_same_start(dry_run, (north + first_n, east + first_e), position_ned_m)
-    return _corridor_from(corridor, start)
+    return _in_local_frame(corridor, dry_run_origin_ned_m)
 
 
 def path_of(
@@ -78,9 +82,11 @@ def path_of(
     home = nominal["origin"]
     north, east, _ = origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
     _require_same_start(dry_run, (north, east), ground_ned_m)
-    start = (north, east, ground_ned_m[2])
-    planned = planned_by_dry_run(nominal, plan, start)
-    return planned, None if monte_carlo is None else _corridor_from(monte_carlo["corridor"], start)
+    dry_run_origin_ned_m = (north, east, ground_ned_m[2])
+    planned = planned_by_dry_run(nominal, plan, dry_run_origin_ned_m)
+    if monte_carlo is None:
+        return planned, None
+    return planned, _in_local_frame(monte_carlo["corridor"], dry_run_origin_ned_m)
 
 
 def _require_same_start(
@@ -94,9 +100,10 @@ def _require_same_start(
         )
 
 
-def _corridor_from(corridor: Mapping[str, Any], start: Vector3) -> Corridor:
-    """The corridor in the local frame, with the dry run's start at `start`."""
-    points = [(start[0] + n, start[1] + e, start[2] + d) for n, e, d in corridor["position_ned_m"]]
+def _in_local_frame(corridor: Mapping[str, Any], dry_run_origin_ned_m: Vector3) -> Corridor:
+    """The corridor in the vehicle's local frame; the origin of the dry run's frame is at this position."""
+    north, east, down = dry_run_origin_ned_m
+    points = [(north + n, east + e, down + d) for n, e, d in corridor["position_ned_m"]]
     horizontal, vertical = corridor["horizontal_m"], corridor["vertical_m"]
     above_m = [max(0.0, *pair) for pair in zip(vertical["p95"], vertical["greatest"], strict=True)]
     below_m = [
@@ -105,7 +112,7 @@ def _corridor_from(corridor: Mapping[str, Any], start: Vector3) -> Corridor:
     return Corridor(tuple(points), tuple(horizontal["greatest"]), tuple(above_m), tuple(below_m))
 
 
-def _corridor(dry_run: Mapping[str, Any], role: str | None) -> Mapping[str, Any] | None:
+def _stored_corridor(dry_run: Mapping[str, Any], role: str | None) -> Mapping[str, Any] | None:
     monte_carlo, together = dry_run["monte_carlo"], dry_run["together"]
     if monte_carlo is None or (role is None) != (together is None):
         return None

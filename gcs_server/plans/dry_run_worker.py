@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 
 from gcs_server.operations.operations import ReportProgress
-from gcs_server.operations.process import limit, read_request, serve
+from gcs_server.operations.process import limit_process, read_request, serve
 
 MEMORY_BYTES = 2_500_000_000
 """Limit of address space; NumPy and shapely alone reserve a fifth of it."""
@@ -15,7 +15,7 @@ MEMORY_BYTES = 2_500_000_000
 
 def main() -> None:
     """Reads the request of `missions.dry_run.task`, and writes progress and the result."""
-    limit(memory_bytes=MEMORY_BYTES, computing_s=1200, timeout_s=3600)
+    limit_process(memory_bytes=MEMORY_BYTES, cpu_time_s=1200, timeout_s=3600)
     request = json.loads(read_request())
 
     def work(report: ReportProgress) -> dict[str, object]:

@@ -52,7 +52,8 @@ class DryRuns:
         Args:
             dry_run_id: id of the dry run.
             request: input of `missions.dry_run.task`, and `elevation`: paths of elevation files.
-            details: data to store with the result; the result's assumptions are added to its `assumed`.
+            details: data to store with the result; the assumptions of the result are added to
+                `details["assumed"]`.
             report: receives progress.
 
         Returns:
@@ -94,7 +95,7 @@ class DryRuns:
         """The result of a dry run.
 
         Raises:
-            UnknownDryRun: there is no such dry run, it has not ended, or it was deleted.
+            UnknownDryRun: there is no such dry run, it has not ended, or it was dropped.
         """
         result = self._results.get(dry_run_id)
         if result is None:

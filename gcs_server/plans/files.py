@@ -1,5 +1,5 @@
-"""Stores plans in one folder per plan and one file per version: a line about the version, then the plan, both
-as JSON.
+"""Stores plans in one folder per plan and one file per version: a line with the head (`PlanVersion`), then
+the plan, both as JSON.
 
 A version is written completely or not at all, and is never changed afterwards. All functions block, so do not
 call them in the event loop.
@@ -81,17 +81,17 @@ class PlanFiles:
         return sum(path.stat().st_size for path in (self.folder / plan_id).iterdir())
 
     def head(self, plan_id: str, version: int) -> PlanVersion:
-        """Description of one version.
+        """The head of one version.
 
         Raises:
             OSError: the file cannot be read.
             ValueError: the file is not a version of a plan.
         """
-        return self._read(plan_id, version, MAX_HEAD_BYTES)[0]
+        return self._read(plan_id, version, with_plan=False)[0]
 
     def read(self, plan_id: str, version: int) -> tuple[PlanVersion, bytes]:
         """One version and the plan's JSON; raises the same errors as `head`."""
-        return self._read(plan_id, version, MAX_FILE_BYTES)
+        return self._read(plan_id, version, with_plan=True)
 
     def write(self, head: PlanVersion, plan: bytes) -> int:
         """Adds a version and syncs it to disk; returns its size in bytes.
@@ -102,15 +102,15 @@ class PlanFiles:
         folder = self.folder / head.id
         folder.mkdir(parents=True, exist_ok=True)
         content = json.dumps(asdict(head)).encode() + b"\n" + plan
-        descriptor, draft = tempfile.mkstemp(dir=folder, prefix=".")
+        descriptor, temporary_path = tempfile.mkstemp(dir=folder, prefix=".")
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-            Path(draft).replace(self._path(head.id, head.version))
+            Path(temporary_path).replace(self._path(head.id, head.version))
         except OSError:
-            Path(draft).unlink(missing_ok=True)
+            Path(temporary_path).unlink(missing_ok=True)
             raise
         _sync(folder)
         _sync(self.folder)
@@ -140,22 +140,22 @@ class PlanFiles:
     def _path(self, plan_id: str, version: int) -> Path:
         return self.folder / plan_id / f"{version:08d}.plan"
 
-    def _read(self, plan_id: str, version: int, limit_bytes: int) -> tuple[PlanVersion, bytes]:
+    def _read(self, plan_id: str, version: int, *, with_plan: bool) -> tuple[PlanVersion, bytes]:
         descriptor = os.open(self._path(plan_id, version), os.O_RDONLY | os.O_NONBLOCK)
         with os.fdopen(descriptor, "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise ValueError("it is not a file")
             line = file.readline(MAX_HEAD_BYTES)
-            rest = b"" if limit_bytes == MAX_HEAD_BYTES else file.read(limit_bytes + 1)
-        if len(rest) > limit_bytes:
-            raise ValueError(f"it is longer than {limit_bytes} bytes")
-        head = _head(json.loads(line))
+            plan = file.read(MAX_FILE_BYTES + 1) if with_plan else b""
+        if len(plan) > MAX_FILE_BYTES:
+            raise ValueError(f"it is longer than {MAX_FILE_BYTES} bytes")
+        head = _parse_head(json.loads(line))
         if (head.id, head.version) != (plan_id, version):
             raise ValueError("its first line names another plan or version")
-        return head, rest
+        return head, plan
 
 
-def _head(value: Any) -> PlanVersion:
+def _parse_head(value: Any) -> PlanVersion:
     if not isinstance(value, dict):
         raise ValueError("its first line is not a JSON object")
     fields: dict[str, Any] = {

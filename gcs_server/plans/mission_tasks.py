@@ -1,6 +1,6 @@
 """Edits of offboard missions: a mission inserted into another one, a trajectory from a file.
 
-The compiler's modules take half a second to import, so this module is imported with the first edit.
+The compiler's modules take half a second to import, so this module is imported at the first edit.
 """
 
 from __future__ import annotations

@@ -25,11 +25,11 @@ Values = dict[str, Any]
 
 def generate(arguments: Mapping[str, Any]) -> Values:
     """Generates a pattern. Arguments: `pattern` (JSON text); `kind` of the document; `parameters` of the
-    vehicle; `tolerance_m`: largest deviation from the height above the ground (null: altitudes stay
-    unresolved), with `elevation`, the paths of elevation files."""
+    vehicle; `tolerance_m`: largest deviation from the height above the ground; null: altitudes above the
+    ground are not resolved. `elevation`: paths of elevation files, needed with `tolerance_m`."""
     pattern = document.read(arguments["pattern"])
     items_and_figures = document.make(pattern)
-    plan, notes = _on_ground(Plan(items=items_and_figures.items), arguments)
+    plan, notes = _with_resolved_altitudes(Plan(items=items_and_figures.items), arguments)
     vehicle = VehicleModel.from_parameters(arguments["parameters"])
     flight = estimate(plan, vehicle)
     figures = {
@@ -62,8 +62,8 @@ def _path(plan: Plan) -> list[Values]:
     ]
 
 
-def _on_ground(plan: Plan, arguments: Mapping[str, Any]) -> tuple[Plan, Sequence[str]]:
-    """The plan with resolved altitudes above the ground, and sentences about missing elevation data."""
+def _with_resolved_altitudes(plan: Plan, arguments: Mapping[str, Any]) -> tuple[Plan, Sequence[str]]:
+    """The plan with altitudes above ground resolved to AMSL, and sentences about missing elevation data."""
     if arguments["tolerance_m"] is None:
         return plan, ()
     from gcs_server.plans import terrain_tasks

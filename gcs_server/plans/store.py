@@ -46,7 +46,7 @@ class PlanChange:
 
 @dataclass(slots=True)
 class _Index:
-    """The thread's index of the folder."""
+    """Index of the folder; only the thread changes it."""
 
     newest: dict[str, PlanVersion] = field(default_factory=dict[str, PlanVersion])
     size_bytes: dict[str, int] = field(default_factory=dict[str, int])
@@ -168,7 +168,7 @@ class PlanStore:
         return await self._change("saved", work, by)
 
     async def delete(self, plan_id: str, *, base_version: int, by: tuple[str, str]) -> None:
-        """Removes a plan and all its versions; raises the same errors as `save`."""
+        """Deletes a plan and all its versions; raises the same errors as `save`."""
 
         def work(index: _Index) -> PlanVersion:
             newest = self._require_newest(index, plan_id, base_version)
@@ -178,7 +178,7 @@ class PlanStore:
 
         await self._change("deleted", work, by)
 
-    # --- in the thread --------------------------------------------------------------------------------
+    # --- internal -------------------------------------------------------------------------------------
 
     async def _change(
         self, action: Action, work: Callable[[_Index], PlanVersion], by: tuple[str, str]

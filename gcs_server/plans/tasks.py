@@ -49,9 +49,9 @@ def run(task: str, arguments: Mapping[str, Any]) -> Values:
 
 
 def _check(arguments: Mapping[str, Any]) -> Values:
-    """Checks a plan. Arguments: `plan` (JSON text); `parameters`, `unknown_parameters`, `home`, `origin` and
-    `reported` of the vehicle, and `power`, each may be null; `operator` (as `OperatorArea`); `elevation`:
-    paths of elevation files."""
+    """Checks a plan. Arguments: `plan` (JSON text); `parameters` and `unknown_parameters` of the vehicle;
+    `home`, `origin` and `reported` of the vehicle, and `power`, each may be null; `operator` (as
+    `OperatorArea`); `elevation`: paths of elevation files."""
     document = documents.read(arguments["plan"])
     power = None if arguments["power"] is None else PowerModel(**arguments["power"])
     limits = CheckLimits(power=power, unknown_parameters=tuple(arguments["unknown_parameters"]))
@@ -100,12 +100,12 @@ def _check_mission(mission: OffboardMission, arguments: Mapping[str, Any], limit
     home, origin = arguments["home"], arguments["origin"]
     start = Start()
     if home is not None:
-        frame = LocalOrigin(**(home if origin is None else origin))
-        start_ned_m = frame.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
-        start = Start(position_ned_m=start_ned_m, origin=frame, home_alt_amsl_m=home["alt_amsl_m"])
+        local_origin = LocalOrigin(**(home if origin is None else origin))
+        home_ned_m = local_origin.to_ned(home["lat_deg"], home["lon_deg"], home["alt_amsl_m"])
+        start = Start(position_ned_m=home_ned_m, origin=local_origin, home_alt_amsl_m=home["alt_amsl_m"])
     elif mission.home is not None:
-        frame = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
-        start = Start(origin=frame, home_alt_amsl_m=mission.home.alt_amsl_m)
+        local_origin = LocalOrigin(mission.home.lat_deg, mission.home.lon_deg, mission.home.alt_amsl_m)
+        start = Start(origin=local_origin, home_alt_amsl_m=mission.home.alt_amsl_m)
     vehicle = MissionVehicle.from_parameters(
         arguments["parameters"], limits, arguments["reported"], _area_of(arguments)
     )
@@ -362,7 +362,8 @@ def _elevation_files(arguments: Mapping[str, Any]) -> Values:
 WITH_ELEVATION = frozenset(
     {"check", "compile", "compile_roles", "elevation_files", "follow_ground", "pattern_on_ground"}
 )
-"""Tasks that take the paths of the operator's elevation files; they run in a process if there are any."""
+"""Tasks that take the paths of the operator's elevation files; they run in a process if there are elevation
+files."""
 TASKS: dict[str, Callable[[Mapping[str, Any]], Values]] = {
     "check": _check,
     "compile": _compile,

@@ -22,18 +22,18 @@ from missions.terrain.ground import Ground
 from missions.terrain.profile import PlanGround
 
 MARGIN_M = 100.0
-"""Margin around the positions of a plan."""
+"""Margin around the positions of a plan [m]."""
 LONGEST_SIDE_M = 100_000.0
 """Maximum side of a plan's area [m]; longer than any flight of these vehicles."""
 
 
 def ground_of_plan(plan: Plan, paths: Sequence[str], return_alt_m: float) -> tuple[list[Finding], PlanGround]:
     """Findings about a waypoint plan, and the ground below it."""
-    ground, not_known = _ground(Elevation.from_files(map(Path, paths)), plan_positions(plan))
+    ground, problems = _ground(Elevation.from_files(map(Path, paths)), plan_positions(plan))
     if ground is None:
-        return [], PlanGround(not_known=not_known)
+        return [], PlanGround(not_known=problems)
     findings = list(clearance.plan_findings(plan, ground, return_alt_m))
-    return findings, PlanGround(profile.plan_profile(plan, ground), not_known)
+    return findings, PlanGround(profile.plan_profile(plan, ground), problems)
 
 
 def ground_of_mission(
@@ -52,16 +52,16 @@ def ground_of_mission(
     positions = [
         origin.to_geodetic((point[1], point[2], point[3]))[:2] for leg in legs for point in leg.points
     ]
-    ground, not_known = ground_around(positions, paths)
+    ground, problems = ground_around(positions, paths)
     if ground is None:
-        return [], PlanGround(not_known=not_known)
+        return [], PlanGround(not_known=problems)
     findings = list(clearance.mission_findings(legs, origin, ground))
-    return findings, PlanGround(profile.mission_profile(legs, origin, start_down_m, ground), not_known)
+    return findings, PlanGround(profile.mission_profile(legs, origin, start_down_m, ground), problems)
 
 
 def resolve_altitudes(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Resolves the altitudes of a plan. Arguments: `plan` (JSON text), `elevation` (paths), `tolerance_m`
-    (null: no waypoints are added)."""
+    """Resolves the altitudes above the ground of a plan to AMSL. Arguments: `plan` (JSON text), `elevation`
+    (paths), `tolerance_m` (null: no waypoints are added)."""
     plan = plan_document.read(arguments["plan"])
     ground, problems = _ground(Elevation.from_files(map(Path, arguments["elevation"])), plan_positions(plan))
     result = follow_ground(plan, ground, arguments["tolerance_m"])

@@ -17,7 +17,8 @@ from gcs_server.plans import tasks
 
 MAX_PROCESSES = 2
 """Maximum number of processes; a small computer has two cores, and one is needed for the vehicles."""
-MAX_WAITING = 16
+MAX_PENDING = 16
+"""Maximum number of running and waiting tasks."""
 MAX_RESULT_BYTES = 32 * 1024 * 1024
 ELEVATION_SUFFIXES = (".tif", ".tiff", ".hgt")
 MAX_ELEVATION_FILES = 200
@@ -27,12 +28,12 @@ COMMAND = (sys.executable, "-m", "gcs_server.plans.worker")
 class PlanWork:
     """The tasks of one server."""
 
-    def __init__(self, elevation: Path) -> None:
+    def __init__(self, elevation_folder: Path) -> None:
         """
         Args:
-            elevation: folder of the operator's elevation files; need not exist.
+            elevation_folder: folder of the operator's elevation files; need not exist.
         """
-        self.elevation = elevation
+        self.elevation_folder = elevation_folder
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="plan work")
         self._process_slots = asyncio.Semaphore(MAX_PROCESSES)
         self._pending = 0
@@ -53,15 +54,15 @@ class PlanWork:
                 fix.
             Refused: the task takes too much memory or time, or too many tasks are waiting.
         """
-        if self._pending >= MAX_WAITING:
+        if self._pending >= MAX_PENDING:
             raise Refused(
-                f"{MAX_WAITING} other tasks on plans are still waiting.",
+                f"{MAX_PENDING} other tasks on plans are still waiting.",
                 remedy="Try again in a moment.",
             )
         if task in tasks.WITH_ELEVATION:
-            elevation = await self.elevation_paths()
-            arguments = {**arguments, "elevation": elevation}
-            small = small and not elevation
+            elevation_paths = await self.elevation_paths()
+            arguments = {**arguments, "elevation": elevation_paths}
+            small = small and not elevation_paths
         self._pending += 1
         try:
             if small:
@@ -79,7 +80,7 @@ class PlanWork:
 
     async def elevation_paths(self) -> list[str]:
         """Paths of the operator's elevation files."""
-        return await asyncio.to_thread(elevation_files, self.elevation)
+        return await asyncio.to_thread(elevation_files, self.elevation_folder)
 
     def close(self) -> None:
         """Waits for the thread."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 
-from gcs_server.operations.process import limit, read_request, serve
+from gcs_server.operations.process import limit_process, read_request, serve
 
 MEMORY_BYTES = 1_500_000_000
 """Limit of address space; NumPy and shapely alone reserve a third of it."""
@@ -14,7 +14,7 @@ MEMORY_BYTES = 1_500_000_000
 
 def main() -> None:
     """Reads `{"task", "arguments"}`, and writes the task's result."""
-    limit(memory_bytes=MEMORY_BYTES, computing_s=20, timeout_s=60)
+    limit_process(memory_bytes=MEMORY_BYTES, cpu_time_s=20, timeout_s=60)
     request = json.loads(read_request())
 
     def work(_: object) -> dict[str, object]:
