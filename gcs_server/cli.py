@@ -27,7 +27,6 @@ from gcs_server.storage.folder import DataFolder
 from gcs_server.version import __version__
 
 LISTEN_BACKLOG = 1024
-COMMANDS = ("serve", "sim", "replay", "key")
 EXIT_CANNOT_START = 2
 UNSENT_BYTES = 32_768
 """Limit of unsent data in the system's buffer of a socket, so that a slow browser gets new data instead of
@@ -186,7 +185,7 @@ def listen(settings: Settings) -> socket.socket:
     """Opens the server's socket.
 
     Raises:
-        GcsError: the port is in use, or the address is not one of this computer.
+        GcsError: the port is in use, or the address is not an address of this computer.
     """
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     # IPPROTO_TCP, because asyncio disables Nagle's algorithm (40 ms of delay) only with an explicit protocol.

@@ -91,18 +91,18 @@ class Control:
     ) -> AsyncGenerator[dict[str, Any]]:
         """Keeps control inside a block: control is renewed while the program runs and released at the end."""
         status = await self.take(force=force, on_expiry=on_expiry)
-        problem: BaseException | None = None
+        block_error: BaseException | None = None
         async with asyncio.TaskGroup() as group:
             renewal = group.create_task(self._renew(status["lease_s"] / RENEWALS_PER_LEASE))
             try:
                 yield status
             except BaseException as error:
-                problem = error  # raised below, because a TaskGroup would wrap it
+                block_error = error  # raised below, because a TaskGroup would wrap it
             renewal.cancel()
         with suppress(ApiError, Unreachable):
             await asyncio.shield(self.release())
-        if problem is not None:
-            raise problem
+        if block_error is not None:
+            raise block_error
 
     async def _renew(self, period_s: float) -> None:
         while True:

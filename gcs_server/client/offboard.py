@@ -28,7 +28,7 @@ WebSocket."""
 
 
 class SetpointCalls(ABC, Generic[R_co]):
-    """One call for each kind of setpoint; subclasses implement `send`."""
+    """One call for each type of setpoint; subclasses implement `send`."""
 
     @abstractmethod
     def send(self, body: Body) -> R_co:

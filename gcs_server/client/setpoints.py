@@ -1,4 +1,4 @@
-"""Creates setpoint bodies for the API; one function for each kind. None means "not controlled" or "not
+"""Creates setpoint bodies for the API; one function for each type. None means "not controlled" or "not
 given"."""
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ def first_setpoint(
     Raises:
         ValueError: more than one setpoint was given, or a yaw without a position or velocity.
     """
-    if sum(kind is not None for kind in (body, position_ned_m, velocity_ned_m_s)) > 1:
+    if sum(setpoint is not None for setpoint in (body, position_ned_m, velocity_ned_m_s)) > 1:
         raise ValueError("Give one setpoint: a body, position_ned_m or velocity_ned_m_s.")
     if body is not None:
         return body

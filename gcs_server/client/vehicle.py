@@ -216,11 +216,11 @@ async def hold_at_end(name: str, hold: Callable[[], Awaitable[object]]) -> Async
     fails too."""
     try:
         yield
-    except BaseException as error:
+    except BaseException as block_error:
         try:
             await asyncio.shield(hold())
-        except (ApiError, Unreachable) as problem:
-            error.add_note(f"{name} could not be put into Hold: {problem}")
+        except (ApiError, Unreachable) as hold_error:
+            block_error.add_note(f"{name} could not be put into Hold: {hold_error}")
         raise
     await hold()
 

@@ -27,7 +27,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 log = logging.getLogger(__name__)
 
 EXPIRY_PERIOD_S = 0.5
-FLYING = ("in_air", "taking_off", "landing")
+FLYING_LANDED_STATES = ("in_air", "taking_off", "landing")
 MOVING_MODES = frozenset({"takeoff", "mission", "orbit", "follow", "offboard"})
 """Modes in which the vehicle moves without a pilot, so that Hold stops it. In other modes a pilot flies, or
 the vehicle hovers or lands."""
@@ -273,7 +273,7 @@ class Authority:
         mission = vehicle.offboard_mission
         moves_by_itself = moves_by_itself and not (mission is not None and mission.flown_by_pilot)
         action_leaves_hold = status.mode == "hold" and action != "hold"
-        is_flying = status.armed and status.landed_state in FLYING
+        is_flying = status.armed and status.landed_state in FLYING_LANDED_STATES
         if not is_flying or not (moves_by_itself or action_leaves_hold):
             return
         command = {"hold": vehicle.command.hold, "land": vehicle.command.land, "rtl": vehicle.command.rtl}

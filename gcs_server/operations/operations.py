@@ -76,11 +76,12 @@ class Operation:
 
 
 @dataclass(slots=True)
-class _Running:
+class _RunningOperation:
     task: asyncio.Task[Any]
     ended: asyncio.Event
     needs_vehicle: bool
     reported_s: float
+    """Time of the last progress event [s, monotonic]."""
     stop_error: GcsError | None = None
     """Error with which the operation is being stopped; None: the operation is cancelled or still running."""
 
@@ -102,7 +103,7 @@ class Operations:
         self._known: dict[str, Operation] = {}
         """Ended operations in the order of their ends, and running operations in the order of their
         starts."""
-        self._running: dict[str, _Running] = {}
+        self._running: dict[str, _RunningOperation] = {}
         self._closed = False
 
     def all(self) -> list[Operation]:
@@ -169,7 +170,7 @@ class Operations:
         )
         self._known[operation_id] = operation
         task = self._supervisor.spawn(f"operation {operation_id}: {kind}", self._run(operation_id, work))
-        self._running[operation_id] = _Running(
+        self._running[operation_id] = _RunningOperation(
             task, asyncio.Event(), needs_vehicle, self._clock.monotonic_s()
         )
         task.add_done_callback(lambda _: self._end_not_started(operation_id))
@@ -228,7 +229,7 @@ class Operations:
 
     # --- internal -------------------------------------------------------------------------------------
 
-    async def _fail(self, affected: list[_Running], vehicle_id: str, reason: str) -> None:
+    async def _fail(self, affected: list[_RunningOperation], vehicle_id: str, reason: str) -> None:
         await self._clock.sleep(LINK_GRACE_S)
         for running in affected:
             if not running.ended.is_set():
