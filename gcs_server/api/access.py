@@ -1,10 +1,12 @@
 """Access control: accepts or refuses every request and WebSocket before any other code handles it.
 
-Three checks, in this order. The Host must be one of this server's names (on loopback: against DNS rebinding).
-The Origin must be this server's own page (against other web sites). If a token is required (always, if other
-computers can reach the server), the caller must send it.
+Three checks, in this order:
+1. The Host must be one of this server's names. On loopback, this prevents DNS rebinding.
+2. The Origin must be this server's own page. This prevents commands from other web sites.
+3. If the server requires a token, the caller must send it. A server that other computers can reach always
+   requires one.
 
-No I/O and no state: `guard.py` executes the decisions.
+No I/O and no state: `guard.py` applies the decisions.
 """
 
 from __future__ import annotations
@@ -21,11 +23,11 @@ from gcs_server.origin import host_name, is_loopback, same_origin
 
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 SIGN_IN_PATH = "/sign-in"
-TOKEN_KEY = "token"
-_MAX_FIELDS = 64
+TOKEN_FIELD = "token"
+_MAX_QUERY_FIELDS = 64
 _LEADING_SEPARATORS = "/\\ \t\r\n"
 _SAFE_IN_PATHS = "/:@!$&'()*+,;=~"
-_REMEDY = (
+_TOKEN_REMEDY = (
     "Open the link that the server printed when it started, or send its token as `Authorization: Bearer …` "
     "(the Python client: token=… or GCS_TOKEN)."
 )
@@ -56,7 +58,7 @@ class FormSent:
     """The sign-in page sends a token in the request's body."""
 
 
-Verdict = Refusal | SignedIn | FormSent | None
+AccessDecision = Refusal | SignedIn | FormSent | None
 """None: the request is allowed."""
 
 
@@ -84,7 +86,7 @@ class RequestHead:
 
     @property
     def only_reads(self) -> bool:
-        """Whether the request cannot change anything (GET, HEAD)."""
+        """Whether the request cannot change anything (GET, HEAD, OPTIONS)."""
         return self.method in SAFE_METHODS
 
     @property
@@ -103,8 +105,7 @@ class Access:
     """The access rules of one server.
 
     Args:
-        loopback_only: whether the server is bound to loopback and therefore accepts only this machine's
-            names.
+        loopback_only: whether the server is bound to loopback; it then accepts only this machine's own names.
         token: the token that a caller needs; None if no token is required.
     """
 
@@ -117,8 +118,8 @@ class Access:
         self.cookie_name = "gcs-" + hmac.digest(key, b"cookie name", "sha256").hex()[:8]
         self.cookie_value = hmac.digest(key, b"cookie", "sha256").hex()
 
-    def decide(self, head: RequestHead) -> Verdict:
-        """Decides whether to allow a request."""
+    def decide(self, head: RequestHead) -> AccessDecision:
+        """Whether a request is allowed, or the response to it."""
         refusal = self._refuse_wrong_host(head) or self._refuse_foreign_page(head)
         if refusal is not None or self.token is None:
             return refusal
@@ -197,7 +198,12 @@ class Access:
 def token_refusal(detail: str, *, wrong_token: bool = False) -> Refusal:
     """The refusal for a missing or wrong token."""
     return Refusal(
-        401, "token_wrong" if wrong_token else "token_missing", "Not signed in", detail, _REMEDY, wrong_token
+        401,
+        "token_wrong" if wrong_token else "token_missing",
+        "Not signed in",
+        detail,
+        _TOKEN_REMEDY,
+        wrong_token,
     )
 
 
@@ -218,18 +224,18 @@ def cookies_named(headers: Iterable[str], name: str) -> list[str]:
 
 def token_in_query(query: str) -> str | None:
     """The token in a URL's query; None if there is none."""
-    return next((value for key, value in _query_pairs(query) if key == TOKEN_KEY), None)
+    return next((value for key, value in _query_pairs(query) if key == TOKEN_FIELD), None)
 
 
 def form_fields(body: bytes) -> tuple[str, str]:
     """Token from the sign-in form, empty if missing, and the location to open afterwards; default: `/`."""
     fields = dict(_query_pairs(body.decode("latin-1")))
-    return fields.get(TOKEN_KEY, "").strip(), local_path(fields.get("next", "/"))
+    return fields.get(TOKEN_FIELD, "").strip(), local_path(fields.get("next", "/"))
 
 
 def location_without_token(path: str, query: str) -> str:
     """The location on this server without the token in its query; `path` is decoded, as in ASGI."""
-    rest = [(key, value) for key, value in _query_pairs(query) if key != TOKEN_KEY]
+    rest = [(key, value) for key, value in _query_pairs(query) if key != TOKEN_FIELD]
     local = "/" + quote(path.lstrip(_LEADING_SEPARATORS), safe=_SAFE_IN_PATHS)
     return f"{local}?{urlencode(rest)}" if rest else local
 
@@ -244,7 +250,7 @@ def local_path(address: str) -> str:
 
 def _query_pairs(text: str) -> list[tuple[str, str]]:
     try:
-        return parse_qsl(text, keep_blank_values=True, max_num_fields=_MAX_FIELDS)
+        return parse_qsl(text, keep_blank_values=True, max_num_fields=_MAX_QUERY_FIELDS)
     except ValueError:  # more fields than any page of this server has
         return []
 

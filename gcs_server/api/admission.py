@@ -26,7 +26,7 @@ CLOSE_TRY_AGAIN = 1013
 
 @dataclass(frozen=True, slots=True)
 class OpenLimits:
-    """Limits of one kind (request or WebSocket)."""
+    """Maximum numbers of open requests, or of open WebSockets."""
 
     total: int
     per_address: int
@@ -45,16 +45,16 @@ class OpenCounts:
     def __init__(self, limits: OpenLimits, in_control: Callable[[str], bool]) -> None:
         self._limits = limits
         self._in_control = in_control
-        self._all = 0
-        self._open: Counter[str] = Counter()
-        """Counts by `client …` and `address …`."""
+        self._total = 0
+        self._counts: Counter[str] = Counter()
+        """Numbers by `client …` and `address …`."""
 
     def refusal(self, client_key: str, address: str) -> LimitRefusal | None:
         """Why one more request or WebSocket of the client is refused; None: it is allowed."""
-        if self._open[f"client {client_key}"] >= self._limits.per_client:
+        if self._counts[f"client {client_key}"] >= self._limits.per_client:
             return refusals.TOO_MANY
-        address_is_full = self._open[f"address {address}"] >= self._limits.per_address
-        if (address_is_full or self._all >= self._limits.total) and not self._in_control(client_key):
+        address_is_full = self._counts[f"address {address}"] >= self._limits.per_address
+        if (address_is_full or self._total >= self._limits.total) and not self._in_control(client_key):
             return refusals.TOO_MANY if address_is_full else refusals.SERVER_FULL
         return None
 
@@ -62,30 +62,30 @@ class OpenCounts:
     def counted(self, client_key: str, address: str) -> Generator[None]:
         """Counts one request or WebSocket while the block runs."""
         names = (f"client {client_key}", f"address {address}")
-        self._all += 1
-        self._open.update(names)
+        self._total += 1
+        self._counts.update(names)
         try:
             yield
         finally:
-            self._all -= 1
-            self._open.subtract(names)
+            self._total -= 1
+            self._counts.subtract(names)
             for name in names:
-                if not self._open[name]:
-                    del self._open[name]
+                if not self._counts[name]:
+                    del self._counts[name]
 
 
 class Admission:
-    """ASGI middleware, behind the guard.
+    """ASGI middleware that runs after the guard (`guard.py`).
 
     Args:
         connections: the server's connections.
-        in_control: whether the client of this key controls a vehicle.
+        in_control: returns whether the client with a key controls a vehicle.
     """
 
     def __init__(self, app: ASGIApp, connections: Connections, in_control: Callable[[str], bool]) -> None:
         self._app = app
         self._connections = connections
-        self._open = {kind: OpenCounts(limits, in_control) for kind, limits in LIMITS.items()}
+        self._counts_by_kind = {kind: OpenCounts(limits, in_control) for kind, limits in LIMITS.items()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         kind = scope["type"]
@@ -95,9 +95,9 @@ class Admission:
         key = principal_of(HTTPConnection(scope)).key
         address = scope["client"][0] if scope.get("client") else ""
         connection: Connection | None = (scope.get("extensions") or {}).get(SCOPE_KEY)
-        status = self._connections.admit(connection, key) if connection is not None else 0
-        counts = self._open[kind]
-        refusal = refusals.BY_STATUS[status] if status else counts.refusal(key, address)
+        refusal_status = self._connections.admit(connection, key) if connection is not None else 0
+        counts = self._counts_by_kind[kind]
+        refusal = refusals.BY_STATUS[refusal_status] if refusal_status else counts.refusal(key, address)
         if refusal is None:
             with counts.counted(key, address):
                 await self._app(scope, receive, send)

@@ -1,5 +1,5 @@
 """Runs a command: checks the requirements in the command table, measures the duration, and writes a journal
-entry."""
+line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEBUG = 7
 """MAV_SEVERITY of progress events."""
 
 
-def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportProgress:
+def progress_reporter(vehicle: Vehicle, principal: Principal, command: str) -> ReportProgress:
     """Returns a function that sends the progress of a command to all telemetry clients. Progress is not
     stored as an event."""
 
@@ -39,10 +39,9 @@ def progress_to(vehicle: Vehicle, principal: Principal, command: str) -> ReportP
 
 
 class CommandDuration:
-    """The duration of a command."""
+    """The duration of a command; set at the end of the block of `authorized_command`."""
 
     duration_s: float = 0.0
-    """Set when the block of `authorized_command` has ended."""
 
 
 @contextmanager
@@ -59,12 +58,12 @@ def authorized_command(
     journal.
 
     Args:
-        station: the server's parts.
+        station: the running server.
         principal: the caller.
         name: the command's row in `control/commands.py`.
         vehicle_id: the commanded vehicle; None for commands to no vehicle or to several.
         arguments: arguments of the command, written to the journal.
-        refusal: raised here, if an earlier check of several vehicles has refused the command.
+        refusal: error of an earlier check; raised here, so that the journal contains the refusal.
 
     Raises:
         NotInControl: another client has control of the vehicle.
@@ -92,11 +91,11 @@ def authorized_command(
         raise
     finally:
         duration.duration_s = station.clock.monotonic_s() - began_s
-        end = (result, detail, duration.duration_s)
+        outcome = (result, detail, duration.duration_s)
         if name == SETPOINT and result in ("ok", "not_in_control"):
-            _write_setpoint_line(station, principal, vehicle_id or "", arguments, end)
+            _write_setpoint_line(station, principal, vehicle_id or "", arguments, outcome)
         else:
-            station.journal.add(principal.name, name, vehicle_id, plain(arguments), *end)
+            station.journal.add(principal.name, name, vehicle_id, plain(arguments), *outcome)
 
 
 def _write_setpoint_line(
@@ -104,19 +103,19 @@ def _write_setpoint_line(
     principal: Principal,
     vehicle_id: str,
     arguments: dict[str, object],
-    end: tuple[str, str | None, float],
+    outcome: tuple[str, str | None, float],
 ) -> None:
     """Writes one journal line per second for a stream of setpoints: the newest setpoint, and the number of
     setpoints since the last line."""
     now_s = station.clock.monotonic_s()
-    # Limited, because a caller may change its name for each request.
+    # The number of entries is limited, because a caller may change its name for each request.
     if len(station.setpoint_lines) >= MAX_SETPOINT_STREAMS:
         station.setpoint_lines.clear()
-    key = (principal.key, vehicle_id, end[0])
+    key = (principal.key, vehicle_id, outcome[0])
     last_s, count = station.setpoint_lines.get(key, (float("-inf"), 0))
     if now_s - last_s < SETPOINT_LINE_PERIOD_S:
         station.setpoint_lines[key] = (last_s, count + 1)
         return
     station.setpoint_lines[key] = (now_s, 0)
     arguments = {**plain(arguments), "setpoints_since_last_line": count + 1}
-    station.journal.add(principal.name, SETPOINT, vehicle_id, arguments, *end)
+    station.journal.add(principal.name, SETPOINT, vehicle_id, arguments, *outcome)

@@ -1,7 +1,7 @@
-"""Reads the body of each request before it is handled, within limits of size, time, depth and values.
+"""Reads the body of each request before the request is handled. Limits its size, time, depth and values.
 
-A body that is nested deeper or has more keys than any valid body is refused before it is parsed, because each
-unknown key would produce a validation error.
+A body that is nested deeper, or has more keys, than any valid body is refused before it is parsed, because
+each unknown key would produce a validation error.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_VALUES = 100_000
 MAX_KEYS = 100
 """Maximum number of keys in one object; the largest valid object has 20."""
 _LONG_NUMBER = re.compile(rb"[0-9]{400}")
-_TEXT = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
+_JSON_STRING = re.compile(rb'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 
 
@@ -37,7 +37,7 @@ def json_fault(text: bytes) -> str | None:
         text.decode()
     except UnicodeDecodeError:
         return "it is not UTF-8 text"
-    if _LONG_NUMBER.search(text) and _LONG_NUMBER.search(_TEXT.sub(b"", text)):
+    if _LONG_NUMBER.search(text) and _LONG_NUMBER.search(_JSON_STRING.sub(b"", text)):
         return "it has a number of 400 digits or more"
     opening = text.count(b"{") + text.count(b"[")
     if opening + text.count(b",") > MAX_VALUES:
@@ -51,7 +51,7 @@ def json_fault(text: bytes) -> str | None:
 
 def _deeper_than(text: bytes, max_depth: int) -> bool:
     depth = 0
-    for bracket in _TEXT.sub(b"", text).translate(None, _NOT_BRACKETS):
+    for bracket in _JSON_STRING.sub(b"", text).translate(None, _NOT_BRACKETS):
         depth += 1 if bracket in b"[{" else -1
         if depth > max_depth:
             return True

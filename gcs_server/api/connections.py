@@ -19,7 +19,7 @@ from gcs_server.clock import Clock
 
 SCOPE_KEY = "gcs.connection"
 """Key of the connection in the `extensions` of an ASGI scope."""
-SHED_PERIOD_S = 0.05
+UNREAD_CHECK_PERIOD_S = 0.05
 WARNING_DURATION_S = 60.0
 
 
@@ -78,12 +78,13 @@ class Connection:
     address: str
     opened_s: float
     refusal_status: int = 0
-    """Status (429 or 503) of the refusal for clients that are not in control; 0: all clients are served."""
+    """Status (429 or 503) for clients that are not in control, if the connection belongs to the reserve;
+    otherwise 0."""
     socket: Socket | None = None
     """Set once the transport exists."""
     client_key: str = ""
     admitted: bool = False
-    """Whether a request of the connection has passed the guard."""
+    """Whether the guard has allowed a request of the connection."""
     busy: bool = False
     """Whether a request is being served, or a WebSocket is open."""
     body_bytes: int = 0
@@ -101,7 +102,7 @@ class Connections:
     Args:
         clock: the server's clock.
         limits: limits of the connections; default: `ConnectionLimits()`.
-        in_control: whether the client of this key controls a vehicle.
+        in_control: returns whether the client with a key controls a vehicle.
     """
 
     def __init__(
@@ -117,14 +118,14 @@ class Connections:
         self._by_address: Counter[str] = Counter()
         self._waiting: dict[str, dict[Connection, None]] = {}
         self._waiting_count = 0
-        self._restricted = 0
-        """Number of connections that serve only clients in control."""
+        self._reserve_count = 0
+        """Number of open connections of the reserve, which serve only clients in control."""
         self._body_bytes = 0
-        self._shed_s = float("-inf")
-        self._refused_s = float("-inf")
+        self._last_unread_check_s = float("-inf")
+        self._last_refused_s = float("-inf")
         self.refusal_count = 0
-        """Number of refused connections and requests since the start, and of connections closed because there
-        were too many."""
+        """Number of refused connections and requests, and of connections that a limit closed, since the
+        server started."""
 
     def __len__(self) -> int:
         return len(self._all)
@@ -138,14 +139,14 @@ class Connections:
             self._evict(next(iter(waiting)))
         elif self._waiting_count >= self.limits.waiting_total:
             self._evict(next(iter(max(self._waiting.values(), key=len))))
-        refusal_status = self._refusal_status(address)
+        refusal_status = self._make_room(address)
         if refusal_status is None:
             self.count_refusal()
             return None
         connection = Connection(address, self._clock.monotonic_s(), refusal_status)
         self._all[connection] = None
         self._by_address[address] += 1
-        self._restricted += refusal_status > 0
+        self._reserve_count += refusal_status > 0
         self._start_waiting(connection)
         return connection
 
@@ -157,7 +158,7 @@ class Connections:
         self.release_body(connection)
         self._stop_waiting(connection)
         self._all.pop(connection, None)
-        self._restricted -= connection.refusal_status > 0
+        self._reserve_count -= connection.refusal_status > 0
         self._by_address[connection.address] -= 1
         if not self._by_address[connection.address]:
             del self._by_address[connection.address]
@@ -173,8 +174,8 @@ class Connections:
             self._start_waiting(connection)
 
     def admit(self, connection: Connection, client_key: str) -> int:
-        """Registers that a request has passed the guard; returns 429 or 503 if a limit refuses it, or else
-        0."""
+        """Registers that the guard has allowed a request. Returns 429 or 503 if a limit refuses the request,
+        otherwise 0."""
         connection.admitted = True
         connection.client_key = client_key
         return (
@@ -196,12 +197,12 @@ class Connections:
         self._body_bytes -= connection.body_bytes
         connection.body_bytes = 0
 
-    def shed(self) -> None:
+    def limit_unread_bytes(self) -> None:
         """Closes the connections with the most unread bytes until the total is within the limit."""
         now_s = self._clock.monotonic_s()
-        if now_s - self._shed_s < SHED_PERIOD_S:
+        if now_s - self._last_unread_check_s < UNREAD_CHECK_PERIOD_S:
             return
-        self._shed_s = now_s
+        self._last_unread_check_s = now_s
         unread = [(c.socket.unread_bytes(), c) for c in self._all if c.socket is not None]
         total = sum(size for size, _ in unread)
         if total <= self.limits.unread_bytes:
@@ -218,18 +219,18 @@ class Connections:
         for connection in list(self._all):
             if connection.socket is not None:
                 connection.socket.check(now_s)
-        self.shed()
+        self.limit_unread_bytes()
 
     # --- warning --------------------------------------------------------------------------------
 
     def count_refusal(self) -> None:
         """Counts a refusal."""
         self.refusal_count += 1
-        self._refused_s = self._clock.monotonic_s()
+        self._last_refused_s = self._clock.monotonic_s()
 
     def warning(self) -> str | None:
         """Warning text for a minute after the last refusal."""
-        if self._clock.monotonic_s() - self._refused_s > WARNING_DURATION_S:
+        if self._clock.monotonic_s() - self._last_refused_s > WARNING_DURATION_S:
             return None
         return (
             f"The server refuses clients: too many connections or requests ({self.refusal_count} since its "
@@ -238,16 +239,18 @@ class Connections:
 
     # --- helpers --------------------------------------------------------------------------------
 
-    def _refusal_status(self, address: str) -> int | None:
+    def _make_room(self, address: str) -> int | None:
+        """Closes a connection if a limit is reached. Returns the `refusal_status` of the new connection;
+        None: the server refuses the new connection."""
         address_is_full = self._by_address[address] >= self.limits.per_address
-        if not address_is_full and len(self._all) - self._restricted < self.limits.total:
+        if not address_is_full and len(self._all) - self._reserve_count < self.limits.total:
             return 0
         candidates = [
             c for c in self._all if not c.refusal_status and (not address_is_full or c.address == address)
         ]
         if self._evict_one_of(candidates):
             return 0
-        if self._restricted >= self.limits.reserve and not self._evict_one_of(
+        if self._reserve_count >= self.limits.reserve and not self._evict_one_of(
             [c for c in self._all if c.refusal_status]
         ):
             return None

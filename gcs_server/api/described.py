@@ -1,5 +1,5 @@
-"""Completes the API description: adds the errors that can occur before a route runs to each operation, and
-describes the fields of plans."""
+"""Completes the API description: describes the fields of plans, and adds to each operation the errors that
+can occur before its route runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PROBLEM_JSON = "application/problem+json"
 _PROBLEM = {"schema": {"$ref": "#/components/schemas/Problem"}}
 _PROBLEM_SCHEMAS = ("Problem", "HTTPValidationError")
 
-COMMON: dict[str, str] = {
+COMMON_ERRORS: dict[str, str] = {
     "400": "Not valid HTTP, or not exactly one Host header.",
     "401": "The token is missing or wrong.",
     "403": "The page belongs to another site, the Host is not this server, the Origin is missing, or the "
@@ -30,7 +30,7 @@ def describe_refusals(openapi: dict[str, Any]) -> None:
     operation."""
     openapi["components"]["responses"] = {
         f"Refused{status}": {"description": text, "content": {PROBLEM_JSON: _PROBLEM}}
-        for status, text in COMMON.items()
+        for status, text in COMMON_ERRORS.items()
     }
     openapi["components"]["responses"]["Refused401"]["content"]["text/html"] = {"schema": {"type": "string"}}
     for operations in openapi["paths"].values():
@@ -39,7 +39,7 @@ def describe_refusals(openapi: dict[str, Any]) -> None:
             for response in responses.values():
                 if _is_problem(response):
                     response["content"] = {PROBLEM_JSON: _PROBLEM}
-            common = {status: {"$ref": f"#/components/responses/Refused{status}"} for status in COMMON}
+            common = {status: {"$ref": f"#/components/responses/Refused{status}"} for status in COMMON_ERRORS}
             operation["responses"] = dict(sorted({**responses, **common}.items()))
     schemas = openapi["components"]["schemas"]
     for unused in ("HTTPValidationError", "ValidationError"):
@@ -47,7 +47,7 @@ def describe_refusals(openapi: dict[str, Any]) -> None:
 
 
 def flatten_unions(openapi: dict[str, Any]) -> None:
-    """Flattens unions by `kind` whose branches are unions, because OpenAPI has no nested unions."""
+    """Flattens nested discriminated unions, because OpenAPI has none."""
     schemas = openapi["components"]["schemas"]
 
     def branches(schema: dict[str, Any]) -> list[dict[str, Any]]:
@@ -78,12 +78,13 @@ def flatten_unions(openapi: dict[str, Any]) -> None:
     walk(openapi)
 
 
-def describe_documents(openapi: dict[str, Any]) -> None:
+def describe_plans(openapi: dict[str, Any]) -> None:
     """Describes the fields of plans by their docstrings, or else by name, frame and unit."""
     schemas = openapi["components"]["schemas"]
     for model in _all_subclasses(Model):
         full_name = f"{model.__module__}.{model.__name__}".replace(".", "__")  # for models that share a name
         fields = (schemas.get(model.__name__) or schemas.get(full_name) or {}).get("properties", {})
+        # The last three classes are Model, Pydantic's BaseModel and object.
         docs = {name: text for base in model.__mro__[:-3] for name, text in _docs(base).items()}
         for name, field in fields.items():
             if not {"description", "const", "$ref"} & set(field):

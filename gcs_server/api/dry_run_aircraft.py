@@ -1,4 +1,4 @@
-"""The aircraft of a dry run: parameters, position and battery of a real vehicle, as far as known."""
+"""The simulated aircraft of a dry run, with the known parameters, position and battery of a real vehicle."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def aircraft_from_vehicle(
     (None: unknown), and the assumptions made because values were unknown.
 
     Args:
-        vehicle: the real vehicle; None: PX4's defaults, at the planned start.
+        vehicle: the real vehicle; None: PX4's defaults, at the planned home.
         document: the plan.
         role: the vehicle's role in a mission of several vehicles; the assumptions then do not name the
             vehicle.
@@ -34,11 +34,11 @@ def aircraft_from_vehicle(
     Raises:
         InvalidRequest: the start position is unknown.
     """
-    planned = document.home if isinstance(document, OffboardMission) else document.planned_home
+    planned_home = document.home if isinstance(document, OffboardMission) else document.planned_home
     assumptions: list[str] = []
     if vehicle is None:
         assumptions.append("No vehicle is named: PX4's defaults and a full battery are used.")
-        return {"home": _planned_start(planned, document, role)}, None, assumptions
+        return {"home": _planned_start(planned_home, document, role)}, None, assumptions
     vehicle_name = f"vehicle {vehicle.id}" if role is None else "the vehicle"
     aircraft: dict[str, Any] = {
         "parameters": {param.name: float(param.value) for param in vehicle.params.all()}
@@ -48,7 +48,7 @@ def aircraft_from_vehicle(
     position = _start_position(vehicle, vehicle_name, assumptions)
     if position is None:
         assumptions.append(f"The position of {vehicle_name} is not known: the plan's home is used.")
-        aircraft["home"] = _planned_start(planned, document, role)
+        aircraft["home"] = _planned_start(planned_home, document, role)
         return aircraft, None, assumptions
     aircraft["home"] = position
     attitude, battery = vehicle.topic("attitude"), vehicle.topic("battery")
@@ -64,18 +64,19 @@ def aircraft_from_vehicle(
 
 
 def merged_assumptions(assumptions: Mapping[str, Sequence[str]]) -> list[str]:
-    """Merges the assumptions of all roles: each sentence appears once, after the roles that it applies to."""
+    """Merges the assumptions of all roles: each sentence appears once, preceded by its roles."""
     roles_of: dict[str, list[str]] = {}
     for role, texts in assumptions.items():
         for text in texts:
             roles_of.setdefault(text, []).append(role)
+    # Only sentences about "the vehicle" (or "The vehicle") differ between roles.
     return [
         f"{' and '.join(roles)}: {text}" if "he vehicle" in text else text for text, roles in roles_of.items()
     ]
 
 
 def _start_position(vehicle: Vehicle, vehicle_name: str, assumptions: list[str]) -> dict[str, float] | None:
-    """The vehicle's position on the ground, or its home position in flight; None: unknown."""
+    """The position of a vehicle on the ground, or the home position of a flying vehicle; None: unknown."""
     position, home = vehicle.topic("global_position"), vehicle.topic("home")
     in_flight = vehicle.flight_state.armed and vehicle.flight_state.landed_state != "on_ground"
     if position is not None and isinstance(position.value, GlobalPosition) and not in_flight:
@@ -94,15 +95,17 @@ def _coordinates(value: GlobalPosition | Home | HomePosition) -> dict[str, float
     return {name: getattr(value, name) for name in ("lat_deg", "lon_deg", "alt_amsl_m")}
 
 
-def _planned_start(planned: HomePosition | None, document: Document, role: str | None) -> dict[str, float]:
+def _planned_start(
+    planned_home: HomePosition | None, document: Document, role: str | None
+) -> dict[str, float]:
     """Start position of the plan, or of one of its roles."""
-    if planned is None and not isinstance(document, OffboardMission):
+    if planned_home is None and not isinstance(document, OffboardMission):
         raise InvalidRequest(
             "plan.planned_home",
             "The plan has no planned home, and no vehicle with a position is named: the start is not known.",
             remedy="Give the plan a home, or name a vehicle.",
         )
-    home = _coordinates(planned) if planned is not None else dict(DEFAULT_HOME)
+    home = _coordinates(planned_home) if planned_home is not None else dict(DEFAULT_HOME)
     if not isinstance(document, OffboardMission) or role is None:
         return home
     offset_ned_m = document.roles[role].start_ned_m or (0.0, 0.0, 0.0)

@@ -87,8 +87,7 @@ class DryRunRequest(StrictBody):
         default=None,
         max_length=MAX_ROLES,
         description="For a mission with roles: the vehicle of each role, used like `vehicle`; null: each "
-        "role "
-        "starts at its planned position.",
+        "role starts at its planned position.",
     )
     conditions: DryRunConditions = DryRunConditions()
     flights: int | None = Field(
@@ -98,7 +97,9 @@ class DryRunRequest(StrictBody):
         description="Monte Carlo: number of further flights, each in other conditions; with roles at most "
         f"{MAX_VEHICLES} divided by the number of roles.",
     )
-    spread: DryRunSpread = Field(default=DryRunSpread(), description="How `flights` vary the conditions.")
+    spread: DryRunSpread = Field(
+        default=DryRunSpread(), description="How the conditions vary between the flights."
+    )
     seed: int = Field(default=0, ge=0, le=2**31 - 1, description="The same seed gives the same flights.")
     obstacles: list[DryRunObstacle] = Field(
         default=[], max_length=MAX_OBSTACLES, description="Obstacles around the vehicle's start position."

@@ -1,4 +1,4 @@
-"""Path and corridor of the dry run with which the flight of a waypoint plan is compared."""
+"""Path and corridor of a dry run, for comparison with the flight of a waypoint plan."""
 
 from __future__ import annotations
 
@@ -41,12 +41,13 @@ def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> 
 def _wrong_plan_refusal(vehicle: Vehicle, dry_run_id: str) -> Refused:
     return Refused(
         f"Dry run {dry_run_id} was not made for the plan on vehicle {vehicle.id}.",
-        remedy="Fly the plan on the vehicle in simulation, and name that dry run.",
+        remedy="Make a dry run of the plan that is on the vehicle, and name that dry run.",
     )
 
 
 def _ground_position(vehicle: Vehicle) -> tuple[Vector3, LocalOrigin]:
-    """The vehicle's position on the ground, or its home in flight; and the origin of its local frame.
+    """The position of a vehicle on the ground, or the home of a flying vehicle; and the origin of its local
+    frame.
 
     Raises:
         Refused: the position, the home or the origin is unknown.

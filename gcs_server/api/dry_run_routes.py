@@ -25,7 +25,7 @@ from missions.dry_run.spread import MAX_VEHICLES
 from missions.errors import PlanError
 from missions.offboard.document import OffboardMission
 
-Simulated = tuple[dict[str, Any], list[str]]
+SimulatedVehicles = tuple[dict[str, Any], list[str]]
 """The simulated vehicles, and the assumptions about them."""
 
 router = APIRouter(prefix="/dry_runs", tags=["dry runs"], responses=RESPONSES)
@@ -42,8 +42,8 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
         include={"plan_id", "version", "vehicle", "flights"}, exclude_none=True
     )
     with authorized_command(station, principal, "dry_runs/start", None, journal_arguments):
-        reference, document = await _chosen_plan(station, body)
-        simulated, assumed = _role_vehicles(station, body, document) or _single_vehicle(
+        plan_reference, document = await _chosen_plan(station, body)
+        simulated, assumptions = _role_vehicles(station, body, document) or _single_vehicle(
             station, body, document
         )
         kind = documents.kind_of(document)
@@ -59,7 +59,8 @@ async def start_dry_run(body: m.DryRunRequest, station: StationDep, principal: P
             "elevation": await station.plan_work.elevation_paths(),
         }  # fmt: skip
         details = {
-            "kind": kind, **reference, "vehicle": body.vehicle, "vehicles": body.vehicles, "assumed": assumed,
+            "kind": kind, **plan_reference, "vehicle": body.vehicle, "vehicles": body.vehicles,
+            "assumed": assumptions,
         }  # fmt: skip
         dry_run_id = station.dry_runs.next_id()
 
@@ -81,17 +82,17 @@ async def show_dry_run(d: str, station: StationDep) -> Response:
     return json_response(station.dry_runs.get(d))
 
 
-def _single_vehicle(station: Station, body: m.DryRunRequest, document: Document) -> Simulated:
+def _single_vehicle(station: Station, body: m.DryRunRequest, document: Document) -> SimulatedVehicles:
     if body.vehicles is not None:
         raise InvalidRequest(
             "vehicles", "The plan has no roles: one vehicle flies it.", remedy="Name it in `vehicle`."
         )
     vehicle = None if body.vehicle is None else station.fleet.get(body.vehicle)
-    aircraft, origin, assumed = aircraft_from_vehicle(vehicle, document)
-    return {"roles": None, "aircraft": {**aircraft, **_battery(body)}, "origin": origin}, assumed
+    aircraft, origin, assumptions = aircraft_from_vehicle(vehicle, document)
+    return {"roles": None, "aircraft": {**aircraft, **_battery(body)}, "origin": origin}, assumptions
 
 
-def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) -> Simulated | None:
+def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) -> SimulatedVehicles | None:
     """The vehicles of a mission with roles; None for other plans."""
     if not isinstance(document, OffboardMission) or not document.roles:
         return None
@@ -117,12 +118,12 @@ def _role_vehicles(station: Station, body: m.DryRunRequest, document: Document) 
             remedy="Name a vehicle for each role, or give each role `start_ned_m`.",
         )
     roles: dict[str, dict[str, Any]] = {}
-    assumed: dict[str, list[str]] = {}
+    assumptions: dict[str, list[str]] = {}
     for role in document.roles:
         vehicle = None if body.vehicles is None else station.fleet.get(body.vehicles[role])
-        aircraft, origin, assumed[role] = aircraft_from_vehicle(vehicle, document, role)
+        aircraft, origin, assumptions[role] = aircraft_from_vehicle(vehicle, document, role)
         roles[role] = {"aircraft": {**aircraft, **_battery(body)}, "origin": origin}
-    return {"roles": roles}, merged_assumptions(assumed)
+    return {"roles": roles}, merged_assumptions(assumptions)
 
 
 def _battery(body: m.DryRunRequest) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Routes of a vehicle's gimbals; without `component` and `device` they act on the first gimbal."""
+"""Routes of a vehicle's gimbals; the default for `component` and `device` is the first gimbal."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ async def angles(
     selector: GimbalSelectorDep,
 ) -> Response:
     """Points the camera. Answers once the gimbal has reached the angles or stopped; `limited` is the angle at
-    which a limit stopped it.
+    which a limit stopped the gimbal.
 
     Without `wait`, answers once the vehicle has acknowledged.
     """

@@ -88,20 +88,20 @@ async def hold(g: str, station: StationDep, principal: PrincipalDep) -> Response
 def authorized_commands(
     station: Station, principal: Principal, command: str, arguments: dict[str, dict[str, Any]]
 ) -> Generator[None]:
-    """Wraps a command to several vehicles and writes a journal line for each. If one vehicle is refused, all
-    are refused, and no control is taken.
+    """Wraps a command to several vehicles and writes a journal line for each vehicle. If the command is
+    refused for one vehicle, it is refused for all, and the client does not take control of any.
 
     Raises:
         NotInControl: another client has control of a member; the error names the member.
     """
     refusal = station.authority.refusal(principal, command, arguments)
-    with ExitStack() as commands:
+    with ExitStack() as stack:
         for vehicle_id, vehicle_arguments in arguments.items():
             vehicle_command = authorized_command(
                 station, principal, command, vehicle_id, vehicle_arguments, refusal=refusal
             )
             if refusal is None:
-                commands.enter_context(vehicle_command)
+                stack.enter_context(vehicle_command)
             else:
                 with suppress(NotInControl), vehicle_command:
                     pass

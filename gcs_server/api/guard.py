@@ -43,35 +43,35 @@ class Guard:
         self._app = app
         self._access = access
         self._clock = clock
-        self._wrong_count = 0
-        self._logged_s = float("-inf")
+        self._wrong_token_count = 0
+        self._last_log_s = float("-inf")
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
         head = RequestHead.from_scope(scope)
-        verdict = self._access.decide(head)
-        if verdict is None:
+        decision = self._access.decide(head)
+        if decision is None:
             await self._app(scope, receive, send)
         elif scope["type"] == "websocket":
             await receive()
             reason = ""
-            if isinstance(verdict, Refusal):
-                self._log_wrong_token(scope, verdict)
-                reason = verdict.code
+            if isinstance(decision, Refusal):
+                self._log_wrong_token(scope, decision)
+                reason = decision.code
             await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": reason})
         else:
-            await (await self._respond(head, verdict, scope, receive))(scope, receive, send)
+            await (await self._respond(head, decision, scope, receive))(scope, receive, send)
 
     async def _respond(
-        self, head: RequestHead, verdict: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
+        self, head: RequestHead, decision: Refusal | SignedIn | FormSent, scope: Scope, receive: Receive
     ) -> Response:
-        if isinstance(verdict, Refusal):
-            self._log_wrong_token(scope, verdict)
-            return _refusal_response(head, verdict)
-        if isinstance(verdict, SignedIn):
-            location = verdict.location
+        if isinstance(decision, Refusal):
+            self._log_wrong_token(scope, decision)
+            return _refusal_response(head, decision)
+        if isinstance(decision, SignedIn):
+            location = decision.location
         else:
             token, location = await _read_form(scope, receive)
             if not self._access.is_token(token):
@@ -86,13 +86,13 @@ class Guard:
         """Logs wrong tokens. They never block a client, because that client could be the pilot."""
         if not refusal.wrong_token:
             return
-        self._wrong_count += 1
+        self._wrong_token_count += 1
         now_s = self._clock.monotonic_s()
-        if now_s - self._logged_s < LOG_PERIOD_S:
+        if now_s - self._last_log_s < LOG_PERIOD_S:
             return
         caller = scope["client"][0] if scope.get("client") else "an unknown client"
-        log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_count)
-        self._wrong_count, self._logged_s = 0, now_s
+        log.warning("a wrong token from %s (%d since the last such line)", caller, self._wrong_token_count)
+        self._wrong_token_count, self._last_log_s = 0, now_s
 
 
 def _refusal_response(head: RequestHead, refusal: Refusal) -> Response:
@@ -113,7 +113,7 @@ def _refusal_response(head: RequestHead, refusal: Refusal) -> Response:
 
 
 async def _read_form(scope: Scope, receive: Receive) -> tuple[str, str]:
-    """Token and next address from the sign-in form; empty if the form is too long or arrives too slowly."""
+    """Token and location from the sign-in form; empty if the form is too long or arrives too slowly."""
     body = b""
     try:
         async with asyncio.timeout(FORM_DEADLINE_S):

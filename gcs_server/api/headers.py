@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
 
-FIXED = {
+FIXED_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "SAMEORIGIN",
     "Referrer-Policy": "same-origin",
@@ -36,7 +36,7 @@ def security_headers(scope: Scope) -> dict[str, str]:
     """The security headers for the response to a request."""
     host = Headers(scope=scope).get("host", "")
     return {
-        **FIXED,
+        **FIXED_HEADERS,
         "Content-Security-Policy": content_policy(host, secure=scope.get("scheme") in ("https", "wss")),
     }
 

@@ -7,7 +7,7 @@ import asyncio
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from gcs_server.api.authorized import authorized_command, progress_to
+from gcs_server.api.authorized import authorized_command, progress_reporter
 from gcs_server.api.group_models import VehicleId
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES, Problem, problem_of
@@ -63,7 +63,7 @@ async def hold_several(body: HoldRequest, station: StationDep, principal: Princi
         try:
             with authorized_command(station, principal, "hold", vehicle_id, {}):
                 vehicle = station.fleet.get(vehicle_id)
-                progress = progress_to(vehicle, principal, "hold")
+                progress = progress_reporter(vehicle, principal, "hold")
                 await vehicle.command.hold(by=principal.name, progress=progress)
         except GcsError as error:
             problem = problem_of(error)

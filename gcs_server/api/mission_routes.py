@@ -10,7 +10,7 @@ from msgspec import Raw
 
 from gcs_server.api import mission_models as m
 from gcs_server.api import responses
-from gcs_server.api.authorized import authorized_command, progress_to
+from gcs_server.api.authorized import authorized_command, progress_reporter
 from gcs_server.api.mission_start import check_start, is_still_on_vehicle
 from gcs_server.api.offboard_mission_models import FlownMissionView
 from gcs_server.api.operation_routes import OperationModel, operation_view
@@ -235,7 +235,7 @@ async def start(
         with station.waypoint_flights.announced(vehicle.id, Announcement(principal.name, path)):
             if request.item is not None:
                 await vehicle.mission.set_current(request.item)
-            progress = progress_to(vehicle, principal, "mission/start")
+            progress = progress_reporter(vehicle, principal, "mission/start")
             await vehicle.command.start_mission(by=principal.name, progress=progress)
 
     return await run_command(station, principal, "mission/start", v, arguments, work)
@@ -252,7 +252,7 @@ async def resume(v: str, station: StationDep, principal: PrincipalDep) -> Respon
                 f"Vehicle {vehicle.id} is not flying.",
                 remedy="Start the mission at the item where it should continue (`resume` of GET …/mission).",
             )
-        progress = progress_to(vehicle, principal, "mission/resume")
+        progress = progress_reporter(vehicle, principal, "mission/resume")
         await vehicle.command.set_mode("mission", by=principal.name, progress=progress)
 
     return await run_command(station, principal, "mission/resume", v, {}, work)

@@ -36,7 +36,7 @@ from gcs_server.api import (
     station_routes,
     vehicle_routes,
 )
-from gcs_server.api.described import describe_documents, describe_refusals, flatten_unions
+from gcs_server.api.described import describe_plans, describe_refusals, flatten_unions
 from gcs_server.api.permission import check_permission
 from gcs_server.api.station import renew_control
 from gcs_server.control.commands import API, BY_CALL
@@ -92,7 +92,7 @@ class _DocumentedApp(FastAPI):
                     operation["x-authority"] = BY_CALL[f"{method.upper()} {path}"].openapi_fields()
             describe_refusals(openapi)
             flatten_unions(openapi)
-            describe_documents(openapi)
+            describe_plans(openapi)
         assert self.openapi_schema is not None
         return self.openapi_schema
 

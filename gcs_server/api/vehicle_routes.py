@@ -9,7 +9,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 
 from gcs_server.api import control_models, models, responses
-from gcs_server.api.authorized import authorized_command, progress_to
+from gcs_server.api.authorized import authorized_command, progress_reporter
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
@@ -128,7 +128,7 @@ async def arm(v: str, station: StationDep, principal: PrincipalDep) -> Response:
         "arm",
         v,
         {},
-        lambda vehicle: vehicle.command.arm(progress=progress_to(vehicle, principal, "arm")),
+        lambda vehicle: vehicle.command.arm(progress=progress_reporter(vehicle, principal, "arm")),
     )
 
 
@@ -141,7 +141,7 @@ async def disarm(v: str, station: StationDep, principal: PrincipalDep) -> Respon
         "disarm",
         v,
         {},
-        lambda vehicle: vehicle.command.disarm(progress=progress_to(vehicle, principal, "disarm")),
+        lambda vehicle: vehicle.command.disarm(progress=progress_reporter(vehicle, principal, "disarm")),
     )
 
 
@@ -155,7 +155,7 @@ async def hold(v: str, station: StationDep, principal: PrincipalDep) -> Response
         v,
         {},
         lambda vehicle: vehicle.command.hold(
-            by=principal.name, progress=progress_to(vehicle, principal, "hold")
+            by=principal.name, progress=progress_reporter(vehicle, principal, "hold")
         ),
     )
 
@@ -170,7 +170,7 @@ async def land(v: str, station: StationDep, principal: PrincipalDep) -> Response
         v,
         {},
         lambda vehicle: vehicle.command.land(
-            by=principal.name, progress=progress_to(vehicle, principal, "land")
+            by=principal.name, progress=progress_reporter(vehicle, principal, "land")
         ),
     )
 
@@ -185,7 +185,7 @@ async def rtl(v: str, station: StationDep, principal: PrincipalDep) -> Response:
         v,
         {},
         lambda vehicle: vehicle.command.rtl(
-            by=principal.name, progress=progress_to(vehicle, principal, "rtl")
+            by=principal.name, progress=progress_reporter(vehicle, principal, "rtl")
         ),
     )
 
@@ -202,7 +202,7 @@ async def takeoff(
         v,
         body.model_dump(),
         lambda vehicle: vehicle.command.takeoff(
-            body.alt_home_m, by=principal.name, progress=progress_to(vehicle, principal, "takeoff")
+            body.alt_home_m, by=principal.name, progress=progress_reporter(vehicle, principal, "takeoff")
         ),
     )
 
@@ -217,7 +217,7 @@ async def mode(v: str, body: models.ModeRequest, station: StationDep, principal:
         v,
         body.model_dump(),
         lambda vehicle: vehicle.command.set_mode(
-            body.mode, by=principal.name, progress=progress_to(vehicle, principal, "mode")
+            body.mode, by=principal.name, progress=progress_reporter(vehicle, principal, "mode")
         ),
     )
 
@@ -235,7 +235,7 @@ async def goto(v: str, body: models.GotoRequest, station: StationDep, principal:
             yaw_ned_deg=body.yaw_ned_deg,
             max_distance_m=GOTO_MAX_DISTANCE_M if body.max_distance_m is None else body.max_distance_m,
             by=principal.name,
-            progress=progress_to(vehicle, principal, "goto"),
+            progress=progress_reporter(vehicle, principal, "goto"),
         )
 
     return await run_command(station, principal, "goto", v, body.model_dump(exclude_none=True), work)
@@ -250,7 +250,9 @@ async def land_now(
 
     async def work(vehicle: Vehicle) -> None:
         BY_NAME["land_now"].require_confirmation(body.confirm, vehicle=v)
-        await vehicle.command.land(by=principal.name, progress=progress_to(vehicle, principal, "land_now"))
+        await vehicle.command.land(
+            by=principal.name, progress=progress_reporter(vehicle, principal, "land_now")
+        )
 
     return await run_command(station, principal, "land_now", v, body.model_dump(), work)
 
@@ -264,6 +266,6 @@ async def kill(v: str, body: models.KillRequest, station: StationDep, principal:
 
     async def work(vehicle: Vehicle) -> None:
         BY_NAME["kill"].require_confirmation(body.confirm, vehicle=v)
-        await vehicle.command.kill(by=principal.name, progress=progress_to(vehicle, principal, "kill"))
+        await vehicle.command.kill(by=principal.name, progress=progress_reporter(vehicle, principal, "kill"))
 
     return await run_command(station, principal, "kill", v, body.model_dump(), work)

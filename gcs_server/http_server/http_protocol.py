@@ -158,7 +158,7 @@ class BoundedHttp(HttpToolsProtocol):
             self._open_cycles.append(self.cycle)
             cast("dict[str, Any]", self.scope)["extensions"] = {SCOPE_KEY: self.connection}
             self._connections.set_busy(self.connection, True)
-            self._connections.shed()
+            self._connections.limit_unread_bytes()
 
     def on_chunk_header(self) -> None:
         """A piece of a chunked body starts."""

@@ -6,7 +6,7 @@ import os
 import httpx
 import pytest
 
-from gcs_server.api.described import COMMON, PROBLEM_JSON
+from gcs_server.api.described import COMMON_ERRORS, PROBLEM_JSON
 from gcs_server.api.schema import description
 from gcs_server.app import create_app
 from gcs_server.clock import LoopClock
@@ -120,4 +120,4 @@ def test_responses_of_access_control_and_limits_are_described_at_every_operation
     for method, path, operation in operations():
         for status in ("400", "401", "403", "408", "413", "414", "422", "429", "431", "503"):
             assert PROBLEM_JSON in described_response(operation, status)["content"], (method, path, status)
-    assert set(COMMON) >= {"401", "403", "408", "413", "414", "429", "431", "503"}
+    assert set(COMMON_ERRORS) >= {"401", "403", "408", "413", "414", "429", "431", "503"}

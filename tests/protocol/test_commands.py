@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from gcs_server.api.authorized import progress_to
+from gcs_server.api.authorized import progress_reporter
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotVerified, Refused, Rejected
 from tests.protocol.command_numbers import (
@@ -208,7 +208,7 @@ def test_progress_extends_the_deadline(kit, jump):
 
         def progress(what, fraction):
             fractions.append(fraction)
-            progress_to(vehicle, client, "arm")(what, fraction)
+            progress_reporter(vehicle, client, "arm")(what, fraction)
 
         await vehicle.command.arm(progress=progress)
         assert vehicle.status.armed

@@ -943,7 +943,7 @@ export interface paths {
         /**
          * Angles
          * @description Points the camera. Answers once the gimbal has reached the angles or stopped; `limited` is the angle at
-         *     which a limit stopped it.
+         *     which a limit stopped the gimbal.
          *
          *     Without `wait`, answers once the vehicle has acknowledged.
          */
@@ -4241,7 +4241,7 @@ export interface components {
              * @description Monte Carlo: number of further flights, each in other conditions; with roles at most 400 divided by the number of roles.
              */
             readonly flights?: number | null;
-            /** @description How `flights` vary the conditions. */
+            /** @description How the conditions vary between the flights. */
             readonly spread?: components["schemas"]["DryRunSpread"];
             /**
              * Seed
