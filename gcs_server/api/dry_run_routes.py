@@ -135,8 +135,8 @@ async def _chosen_plan(station: Station, body: m.DryRunRequest) -> tuple[dict[st
     if body.plan is not None:
         return {"name": None, "plan_id": None, "version": None}, body.plan
     assert body.plan_id is not None
-    head, text = await station.plans.get(body.plan_id, body.version)
+    stored, text = await station.plans.get(body.plan_id, body.version)
     try:
-        return {"name": head.name, "plan_id": head.id, "version": head.version}, documents.read(text)
+        return {"name": stored.name, "plan_id": stored.id, "version": stored.version}, documents.read(text)
     except PlanError as error:
-        raise Refused(f"Plan {head.name!r} cannot be read: {error}") from error
+        raise Refused(f"Plan {stored.name!r} cannot be read: {error}") from error

@@ -48,7 +48,7 @@ async def start_joint_mission(
     with authorized_commands(
         station, principal, "offboard_mission/start", {v: shared for v in body.vehicles.values()}
     ):
-        name, text = await chosen_mission(station, body)
+        mission_name, text = await chosen_mission(station, body)
         mission = documents.read(text)
         assert isinstance(mission, OffboardMission)
         vehicles = _vehicles_of(station, mission, body.vehicles)
@@ -63,7 +63,7 @@ async def start_joint_mission(
             small=False,
             field="mission",
         )
-        check_findings(name.name, compiled["findings"], body.despite)
+        check_findings(mission_name.name, compiled["findings"], body.despite)
         timelines = pickle.loads(base64.b64decode(compiled["timelines"]))
         if any(timeline.avoidance for timeline, _ in timelines.values()):
             for role, vehicle in vehicles.items():
@@ -76,7 +76,7 @@ async def start_joint_mission(
         for role, vehicle in vehicles.items():
             timeline, motion = timelines[role]
             starts[role] = vehicle.id, Start(
-                name, timeline, motion, principal.name, low_battery_share(vehicle),
+                mission_name, timeline, motion, principal.name, low_battery_share(vehicle),
                 corridor_for(station, vehicle, body.dry_run, role), role=role, dry_run=body.dry_run,
             )  # fmt: skip
         station.missions.begin_together(starts, mission.separation_m)

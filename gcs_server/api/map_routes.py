@@ -85,8 +85,8 @@ async def map_tile(
     tile = await asyncio.to_thread(read_tile, path, zoom, x, y)
     if tile is None:
         return Response(status_code=204, headers=REVALIDATE)
-    zipped = {"Content-Encoding": "gzip"} if tile.startswith(GZIP_MAGIC) else {}
-    return Response(tile, media_type=info.content_type, headers={**REVALIDATE, **zipped})
+    encoding = {"Content-Encoding": "gzip"} if tile.startswith(GZIP_MAGIC) else {}
+    return Response(tile, media_type=info.content_type, headers={**REVALIDATE, **encoding})
 
 
 def _is_within(range_header: str, size: int) -> bool:
@@ -109,13 +109,13 @@ def _scan_folder(station: Station) -> tuple[list[dict[str, object]], list[str]]:
         if not is_map_name(path.name) or not path.is_file():
             continue
         try:
-            maps.append(_entry(read_map(path)))
+            maps.append(_map_view(read_map(path)))
         except MapError as error:
             unreadable.append(str(error))
     return maps, unreadable
 
 
-def _entry(info: MapInfo) -> dict[str, object]:
+def _map_view(info: MapInfo) -> dict[str, object]:
     return {
         "name": info.name,
         "url": f"/api/v1/maps/{quote(info.name)}",

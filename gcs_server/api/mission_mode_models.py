@@ -10,14 +10,14 @@ from gcs_server.api.strict_body import StrictBody
 from gcs_server.streamer.missions.mode_status import MissionModeStatus
 
 MAX_DEFERRAL_S = 120
-PRINTABLE = r"^[!-~]([ -~]{0,22}[!-~])?$"
+MODE_NAME_PATTERN = r"^[!-~]([ -~]{0,22}[!-~])?$"
 
 
 class RegisterMode(WhichMission):
     """The mission to register, and the name of its mode."""
 
     name: str = Field(
-        pattern=PRINTABLE,
+        pattern=MODE_NAME_PATTERN,
         max_length=24,
         description="Name of the mode, which all ground stations show: 1 to 24 printable ASCII characters, "
         "without a space at either end.",
@@ -47,6 +47,6 @@ class MissionModesView(BaseModel):
 
     vehicle: str = Field(description="The vehicle's id.")
     possible: bool = Field(
-        description="Whether the server has a ROS 2 connection to the vehicle, which modes need."
+        description="Whether modes can be registered: the server has a ROS 2 connection to the vehicle."
     )
     modes: list[MissionModeModel] = Field(description="The registered modes.")  # type: ignore[valid-type]

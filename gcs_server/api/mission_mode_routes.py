@@ -46,10 +46,10 @@ async def register(v: str, body: m.RegisterMode, station: StationDep, principal:
     with authorized_command(station, principal, "mission_modes/register", v, arguments):
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
-        name, text = await chosen_mission(station, body)
+        mission_name, text = await chosen_mission(station, body)
         takes_off, despite = _begins_with_take_off(text), tuple(body.despite)
         deferral_s = body.defer_failsafes_s
-        mode = MissionAsMode(body.name, name, text, despite, principal.name, deferral_s, takes_off)
+        mode = MissionAsMode(body.name, mission_name, text, despite, principal.name, deferral_s, takes_off)
         await station.mission_modes.register(v, mode)
         return _view(station, v)
 

@@ -66,8 +66,9 @@ class StartRequest(StrictBody):
     )
     dry_run: Annotated[str, Field(max_length=20)] | None = Field(
         default=None,
-        description="Id of a dry run of the plan on the vehicle; the flight is compared with its path, and a "
-        "notice is sent if the vehicle leaves the corridor of its flights. Null: compared with the plan.",
+        description="Id of a dry run of the plan on the vehicle. The server compares the flight with the "
+        "path of the dry run, and sends a notice if the vehicle leaves the corridor of the dry run. Null: "
+        "the server compares the flight with the plan.",
     )
     mission_id: int | None = Field(
         default=None,

@@ -35,7 +35,9 @@ from missions.plan import Plan
 
 router = APIRouter(prefix="/vehicles/{v}/mission", tags=["mission"], responses=RESPONSES)
 
-CONFIRM = "Required while the vehicle is in Mission mode: `vehicle {id} loses the mission that it flies`."
+CONFIRM_DESCRIPTION = (
+    "Required while the vehicle is in Mission mode: `vehicle {id} loses the mission that it flies`."
+)
 
 
 @router.get("", response_model=m.MissionView)
@@ -51,7 +53,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
         station.waypoint_flights,
     )
     sample = vehicle.topic("mission")
-    resume_at = flights.resume(vehicle.id)
+    resume_offer = flights.resume(vehicle.id)
     return json_response(
         {
             "vehicle": vehicle.id,
@@ -63,8 +65,8 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
             },
             "transfer": vehicle.mission.running_transfer,
             "flight": flights.status(vehicle.id),
-            "resume": None if isinstance(resume_at, str) else resume_at,
-            "no_resume": resume_at if isinstance(resume_at, str) else None,
+            "resume": None if isinstance(resume_offer, str) else resume_offer,
+            "no_resume": resume_offer if isinstance(resume_offer, str) else None,
             "if_link_lost": flights.if_link_lost(vehicle.id) if plan_state == "plan" else None,
         }
     )
@@ -97,16 +99,16 @@ async def upload(v: str, body: m.UploadRequest, station: StationDep, principal: 
     with authorized_command(station, principal, "mission/upload", v, arguments):
         vehicle = station.fleet.get(v)
         _require_confirmation(vehicle, "mission/upload", body.confirm)
-        name, plan = await _chosen_plan(station, body)
+        reference, plan = await _chosen_plan(station, body)
         items = _mavlink_items(plan)
 
         async def work(report: ReportProgress) -> dict[str, object]:
-            uploaded = await vehicle.mission.upload(items, name, progress=report)
+            uploaded = await vehicle.mission.upload(items, reference, progress=report)
             not_kept = [each.text() for each in uploaded.not_kept]
             counts = {part: len(items[part]) for part in PARTS}
             return {"items": counts, "not_kept": not_kept[:20]}
 
-        subject = f"{name.id}@{name.version}" if name.id is not None else None
+        subject = f"{reference.id}@{reference.version}" if reference.id is not None else None
         operation = _begin_transfer(
             station, vehicle, "mission/upload", work, subject, (principal.name, principal.key)
         )
@@ -161,7 +163,7 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     If a stored plan is equal and the vehicle still has these items, the server regards that plan as the plan
     on the vehicle.
     """
-    name, plan = await _chosen_plan(station, body)
+    reference, plan = await _chosen_plan(station, body)
     on_vehicle = _downloaded_items(vehicle)
     items = _mavlink_items(plan)
     all_differences = [
@@ -169,8 +171,8 @@ async def compare(vehicle: VehicleDep, body: m.WhichPlan, station: StationDep) -
     ]
     equal = not any(each.essential for each in all_differences)
     same_ids = is_still_on_vehicle(vehicle, on_vehicle)
-    if equal and same_ids and name.id is not None:
-        await vehicle.mission.set_items_on_vehicle(replace(on_vehicle, plan=name))
+    if equal and same_ids and reference.id is not None:
+        await vehicle.mission.set_items_on_vehicle(replace(on_vehicle, plan=reference))
     return json_response(
         {
             "vehicle": vehicle.id,
@@ -187,7 +189,7 @@ async def clear(
     v: str,
     station: StationDep,
     principal: PrincipalDep,
-    confirm: Annotated[str | None, Query(max_length=100, description=CONFIRM)] = None,
+    confirm: Annotated[str | None, Query(max_length=100, description=CONFIRM_DESCRIPTION)] = None,
 ) -> Response:
     """Clears mission, geofence and rally points on the vehicle."""
 
@@ -211,11 +213,11 @@ async def start(
     or is unknown, unless `despite` lists their codes; the response contains all findings. Before a start on
     the ground at a later item, the server also checks the flight from the vehicle's position to that item.
 
-    The server compares the predicted flight with the other vehicles of this server that fly a waypoint plan
-    known to the server or an offboard mission, or hover. If two vehicles may come nearer than 5 m plus a
-    margin of about 2 m, braking distances included, the code is `separation`, and the text names both
-    vehicles, place, time and distance. The server does not compare vehicles flown by hand or by other
-    commands, or vehicles of other stations.
+    The server compares the predicted flight with the other vehicles of this server that hover, fly an
+    offboard mission, or fly a waypoint plan that the server knows. If two vehicles may come nearer than the
+    sum of 5 m, a margin of about 2 m and their braking distances, the code is `separation`, and the text
+    names both vehicles, place, time and distance. The server does not compare vehicles flown by hand or by
+    other commands, or vehicles of other stations.
 
     To resume an interrupted flight, start at the item of `resume` of `GET …/mission`. Hold pauses the
     mission. The server monitors the flight of a plan that it knows (topic `waypoint_flight`), and never
@@ -303,17 +305,17 @@ async def _chosen_plan(station: Station, body: m.WhichPlan) -> tuple[PlanReferen
     if body.plan is not None:
         return PlanReference(None, None, None), body.plan
     assert body.plan_id is not None
-    head, document = await station.plans.get(body.plan_id, body.version)
-    if head.kind != "waypoint_plan":
+    stored, document = await station.plans.get(body.plan_id, body.version)
+    if stored.kind != "waypoint_plan":
         raise InvalidRequest(
             "plan_id",
-            f"{head.name!r} is an offboard mission, which cannot be uploaded: the server flies it.",
+            f"{stored.name!r} is an offboard mission, which cannot be uploaded: the server flies it.",
             remedy="Start it as an offboard mission, or name a waypoint plan.",
         )
     try:
-        return PlanReference(head.id, head.version, head.name), plan_document.read(document)
+        return PlanReference(stored.id, stored.version, stored.name), plan_document.read(document)
     except PlanError as error:
-        raise Refused(f"Plan {head.name!r} cannot be read: {error}") from error
+        raise Refused(f"Plan {stored.name!r} cannot be read: {error}") from error
 
 
 def _mavlink_items(plan: Plan) -> Items:

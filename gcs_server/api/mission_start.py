@@ -1,5 +1,7 @@
-"""Checks before the mission on a vehicle starts: the plan, the separation from other vehicles, and for a
-start on the ground at a later item the flight from the vehicle's position."""
+"""Checks before the mission on a vehicle starts: the plan, and the separation from other vehicles.
+
+If a vehicle on the ground starts at a later item, the flight from its position to that item is checked too.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,12 @@ from missions.traffic.conflict import FIX, Conflict
 from missions.values import HomePosition, Obstacle
 from missions.waypoints.resume import remaining_plan, resume_point
 
-NOT_KNOWN = "plan_not_known"
+PLAN_NOT_KNOWN = "plan_not_known"
 """Code in `despite` if the server does not know which plan is on the vehicle."""
-FROM_HERE = "flight_from_here"
+FLIGHT_FROM_HERE = "flight_from_here"
 """Code in `despite` that accepts errors of the flight from the vehicle's position to a later item and
 onwards."""
-PLACE_CODES = frozenset(
+POSITION_CODES = frozenset(
     {
         "fence_crossed",
         "fence_home_outside",
@@ -40,22 +42,22 @@ PLACE_CODES = frozenset(
         "terrain_hit",
     }
 )
-"""Codes of errors that depend on the take-off position."""
+"""Codes of errors that depend on the position at which the flight begins."""
 
 
 async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> DryRunPath | None:
     """Refuses to start a plan that has errors or conflicts with other vehicles that the caller has not
     accepted.
 
-    The error contains all findings. While `WaypointFlights.announced` lasts, the starts of other vehicles are
-    compared with a flight that was not refused.
+    The error contains all findings. If the start is not refused, the predicted path of the vehicle is stored
+    (`WaypointFlights.expect`), so that later starts of other vehicles are compared with it.
 
     Returns:
         Path and corridor of the dry run that the request names.
 
     Raises:
-        PlanFindings: the plan, its rest flown from the vehicle's position, or its separation from other
-            vehicles has such errors, or the plan is not known.
+        PlanFindings: the server does not know the plan; or the plan, the flight from the vehicle's position,
+            or the separation from other vehicles has errors that the caller has not accepted.
         Refused: the vehicle has no mission or another mission than `request` names, or cannot start at the
             item.
     """
@@ -65,63 +67,63 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
     if on_vehicle is not None and not on_vehicle.items["mission"] and same_ids is not False:
         raise Refused(f"Vehicle {vehicle.id} has no mission.", remedy="Upload a plan first.")
     if on_vehicle is None or not same_ids:
-        if NOT_KNOWN not in request.despite:
+        if PLAN_NOT_KNOWN not in request.despite:
             raise PlanFindings(
                 f"The server does not know which plan is on vehicle {vehicle.id}, "
                 "so the plan is not checked.",
-                codes=(NOT_KNOWN,),
+                codes=(PLAN_NOT_KNOWN,),
                 remedy="Download or upload it first, or name plan_not_known in `despite`.",
             )
         return dry_run_path(station, vehicle, request.dry_run)
     path = dry_run_path(station, vehicle, request.dry_run)
     plan, _ = plan_from_items(on_vehicle)
     plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, on_vehicle)})
-    found = await _errors(station, vehicle, plan, request)
+    groups = await _errors(station, vehicle, plan, request)
     async with station.waypoint_flights.comparing:
         compared = await compare_with_others(station, vehicle, plan, request.item, path)
-        found.append(_separation_errors(vehicle, compared.conflicts))
-        _require_accepted(found, request.despite)
+        groups.append(_separation_errors(vehicle, compared.conflicts))
+        _require_accepted(groups, request.despite)
         if compared.path is not None:
             station.waypoint_flights.expect(vehicle.id, compared.path)
     return path
 
 
 @dataclass(frozen=True, slots=True)
-class _Errors:
+class _ErrorGroup:
     """Errors of the plan, of the flight from the vehicle's position, or of the separation."""
 
     message_start: str
     """Beginning of the message; the text of the first error follows."""
-    found: tuple[tuple[str, str], ...]
+    errors: tuple[tuple[str, str], ...]
     """Codes and texts."""
     remedy: str
 
-    def unaccepted(self, despite: Collection[str]) -> _Errors:
+    def unaccepted(self, despite: Collection[str]) -> _ErrorGroup:
         """The errors whose codes are not in `despite`."""
-        return replace(self, found=tuple(each for each in self.found if each[0] not in despite))
+        return replace(self, errors=tuple(each for each in self.errors if each[0] not in despite))
 
 
-def _require_accepted(groups: Sequence[_Errors], despite: Collection[str]) -> None:
+def _require_accepted(groups: Sequence[_ErrorGroup], despite: Collection[str]) -> None:
     """Raises PlanFindings with all errors of all groups that the caller has not accepted."""
-    remaining = [each for each in (errors.unaccepted(despite) for errors in groups) if each.found]
+    remaining = [each for each in (group.unaccepted(despite) for group in groups) if each.errors]
     if not remaining:
         return
-    all_errors = [each for errors in remaining for each in errors.found]
+    all_errors = [error for group in remaining for error in group.errors]
     raise PlanFindings(
-        " ".join(f"{errors.message_start} {errors.found[0][1]}" for errors in remaining),
+        " ".join(f"{group.message_start} {group.errors[0][1]}" for group in remaining),
         codes=tuple(dict.fromkeys(code for code, _ in all_errors)),
         reasons=tuple(text for _, text in all_errors),
-        remedy=" ".join(errors.remedy for errors in remaining),
+        remedy=" ".join(group.remedy for group in remaining),
     )
 
 
-async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: StartRequest) -> list[_Errors]:
+async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: StartRequest) -> list[_ErrorGroup]:
     """Errors of the plan, and of the flight from the vehicle's position for a start on the ground at a later
     item."""
     findings = (await check_document(station, plan, vehicle))["findings"]
     errors = [(each["code"], each["text"]) for each in findings if each["severity"] == "error"]
-    found = [
-        _Errors(
+    groups = [
+        _ErrorGroup(
             f"The plan on vehicle {vehicle.id} has errors:",
             tuple(errors),
             "Correct the plan and upload it, or accept the findings by naming their codes in `despite`.",
@@ -129,22 +131,22 @@ async def _errors(station: Station, vehicle: Vehicle, plan: Plan, request: Start
     ]
     landed = not vehicle.status.armed or vehicle.flight_state.landed_state == "on_ground"
     if landed and request.item is not None and request.item > 0:
-        rest = await _rest_errors(station, vehicle, plan, request.item)
+        later_errors = await _errors_from_here(station, vehicle, plan, request.item)
         plan_errors = {text for _, text in errors}
-        found.append(
-            _Errors(
+        groups.append(
+            _ErrorGroup(
                 f"The flight from here to item {request.item + 1} and onwards has errors:",
-                tuple((FROM_HERE, text) for text in rest if text not in plan_errors),
+                tuple((FLIGHT_FROM_HERE, text) for text in later_errors if text not in plan_errors),
                 "Start at another item or place, or name flight_from_here in `despite`.",
             )
         )
-    return found
+    return groups
 
 
-def _separation_errors(vehicle: Vehicle, found: Sequence[Conflict]) -> _Errors:
-    return _Errors(
+def _separation_errors(vehicle: Vehicle, conflicts: Sequence[Conflict]) -> _ErrorGroup:
+    return _ErrorGroup(
         f"Vehicle {vehicle.id} may come too near to another vehicle:",
-        tuple((SEPARATION, each.text) for each in found),
+        tuple((SEPARATION, each.text) for each in conflicts),
         f"{FIX} Or name separation in `despite`.",
     )
 
@@ -167,12 +169,13 @@ def _require_mission(vehicle: Vehicle, mission_id: int | None) -> None:
         )
 
 
-async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int) -> list[str]:
-    """Errors of the rest of the plan from the vehicle's position on the ground, which becomes its home."""
-    found = resume_point(plan, item)
-    if isinstance(found, str):
+async def _errors_from_here(station: Station, vehicle: Vehicle, plan: Plan, item: int) -> list[str]:
+    """Errors of the flight from the vehicle's position on the ground to an item and onwards. This position
+    becomes the vehicle's home."""
+    point = resume_point(plan, item)
+    if isinstance(point, str):
         raise Refused(
-            f"Vehicle {vehicle.id} cannot start at item {item + 1} on the ground. {found}",
+            f"Vehicle {vehicle.id} cannot start at item {item + 1} on the ground. {point}",
             remedy="Start at an earlier item.",
         )
     position = VehicleEstimates(vehicle).global_position()
@@ -180,7 +183,7 @@ async def _rest_errors(station: Station, vehicle: Vehicle, plan: Plan, item: int
         return []  # the vehicle refuses to arm without a position
     start = HomePosition(lat_deg=position.lat_deg, lon_deg=position.lon_deg, alt_amsl_m=position.alt_amsl_m)
     check = await check_document(station, remaining_plan(plan, item, start), vehicle, home=start)
-    return [each["text"] for each in check["findings"] if each["code"] in PLACE_CODES]
+    return [each["text"] for each in check["findings"] if each["code"] in POSITION_CODES]
 
 
 async def _stored_obstacles(station: Station, on_vehicle: ItemsOnVehicle) -> tuple[Obstacle, ...]:

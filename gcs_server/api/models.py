@@ -1,30 +1,19 @@
-"""Request bodies, validated on arrival: units, ranges, no NaN, no unknown fields."""
+"""Request bodies of flight commands, gimbals, links and replays."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from pydantic import Field, model_validator
 
-from pydantic import ConfigDict, Field, JsonValue, model_validator
-
+from gcs_server.api.setpoint_fields import Latitude, Longitude, example
 from gcs_server.api.strict_body import StrictBody
 from gcs_server.links.names import MAX_NAME_LENGTH, NAME_RULE
 from gcs_server.replay.playback import MAX_SPEED, MIN_SPEED
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, description="Degrees north, WGS 84.")]
-Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
-
-
-def _example(**fields: JsonValue) -> ConfigDict:
-    """An example of the body, for the API reference."""
-    examples: list[JsonValue] = [fields]
-    return ConfigDict(json_schema_extra={"examples": examples})
 
 
 class TakeoffRequest(StrictBody):
     """The take-off altitude."""
 
-    model_config = _example(alt_home_m=10)
+    model_config = example(alt_home_m=10)
 
     alt_home_m: float = Field(
         allow_inf_nan=False, ge=1, le=120, description="Altitude above home to climb to [m], 1 to 120."
@@ -34,7 +23,7 @@ class TakeoffRequest(StrictBody):
 class ModeRequest(StrictBody):
     """The flight mode to switch to."""
 
-    model_config = _example(mode="position")
+    model_config = example(mode="position")
 
     mode: str = Field(
         min_length=1, max_length=32, description="hold, position, altitude, mission, … as in `status.mode`."
@@ -44,7 +33,7 @@ class ModeRequest(StrictBody):
 class GotoRequest(StrictBody):
     """The target position; exactly one of the two altitudes."""
 
-    model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_home_m=15)
+    model_config = example(lat_deg=47.3982, lon_deg=8.5462, alt_home_m=15)
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -75,7 +64,7 @@ class GotoRequest(StrictBody):
 class KillRequest(StrictBody):
     """Confirmation of Stop motors."""
 
-    model_config = _example(confirm="motors stop, vehicle 1 falls")
+    model_config = example(confirm="motors stop, vehicle 1 falls")
 
     confirm: str = Field(
         max_length=100,
@@ -86,7 +75,7 @@ class KillRequest(StrictBody):
 class GimbalAngles(StrictBody):
     """The gimbal's target angles."""
 
-    model_config = _example(pitch_deg=-30, yaw_deg=0)
+    model_config = example(pitch_deg=-30, yaw_deg=0)
 
     pitch_deg: float = Field(allow_inf_nan=False, ge=-180, le=180, description="Pitch; up is positive [deg].")
     yaw_deg: float = Field(
@@ -113,7 +102,7 @@ class GimbalAngles(StrictBody):
 class GimbalRates(StrictBody):
     """The gimbal's turning rates; zero stops both axes."""
 
-    model_config = _example(pitch_rate_deg_s=5, yaw_rate_deg_s=-10)
+    model_config = example(pitch_rate_deg_s=5, yaw_rate_deg_s=-10)
 
     pitch_rate_deg_s: float = Field(
         allow_inf_nan=False, ge=-360, le=360, description="Pitch rate, upward [deg/s]."
@@ -127,7 +116,7 @@ class GimbalRates(StrictBody):
 class GimbalRoi(StrictBody):
     """A location at which the camera stays pointed (ROI)."""
 
-    model_config = _example(lat_deg=47.3982, lon_deg=8.5462, alt_amsl_m=488)
+    model_config = example(lat_deg=47.3982, lon_deg=8.5462, alt_amsl_m=488)
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -139,7 +128,7 @@ class GimbalRoi(StrictBody):
 class LinkRequest(StrictBody):
     """A link to open."""
 
-    model_config = _example(url="udpin://127.0.0.1:14551", name="second")
+    model_config = example(url="udpin://127.0.0.1:14551", name="second")
 
     url: str = Field(
         min_length=3,
@@ -158,7 +147,7 @@ class LinkRequest(StrictBody):
 class ReplayRequest(StrictBody):
     """The recording to replay, and playback options."""
 
-    model_config = _example(recording="20260711-093000-udpin-127.0.0.1-14550.tlog")
+    model_config = example(recording="20260711-093000-udpin-127.0.0.1-14550.tlog")
 
     recording: str = Field(
         min_length=1, max_length=255, description="Name of a recording in `GET /recordings`."
@@ -176,7 +165,7 @@ class ReplayRequest(StrictBody):
 class ReplayChange(StrictBody):
     """Changes of a replay; omitted fields stay unchanged."""
 
-    model_config = _example(playing=True, speed=4, position_unix_s=1783762200)
+    model_config = example(playing=True, speed=4, position_unix_s=1783762200)
 
     playing: bool | None = Field(
         default=None, description="Whether to play; at the end, playing restarts from the beginning."

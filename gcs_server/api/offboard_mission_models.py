@@ -19,8 +19,8 @@ Role = Annotated[str, Field(min_length=1, max_length=100)]
 OptionalDryRun = Annotated[
     Annotated[str, Field(max_length=20)] | None,
     Field(
-        description="Id of a dry run of this mission with several flights; a notice is sent if a vehicle "
-        "leaves its corridor.",
+        description="Id of a dry run of this mission with several flights. The server sends a notice if a "
+        "vehicle leaves the corridor of the dry run.",
     ),
 ]
 
@@ -79,7 +79,8 @@ class MissionToInsert(MissionSource):
         default=None,
         description="Needed if the planned starts of the two missions differ. `from_start`: positions "
         "relative to start or home are measured from the start of `plan`. `same_places`: they are converted, "
-        "so that the inserted mission is flown at the same places. null: refused if this makes a difference.",
+        "so that the inserted mission is flown at the same places. null: refused if the two would give "
+        "different missions.",
     )
 
 

@@ -61,13 +61,13 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
     with authorized_command(station, principal, "offboard_mission/start", v, arguments):
         vehicle = station.fleet.get(v)
         vehicle.require_commandable()
-        name, text = await chosen_mission(station, body)
-        prepared, findings = await _compiled_start(station, v, name, text, principal.name)
+        mission_name, text = await chosen_mission(station, body)
+        prepared, findings = await _compiled_start(station, v, mission_name, text, principal.name)
         corridor = corridor_for(station, vehicle, body.dry_run)
         async with station.waypoint_flights.comparing:
             findings += await mission_traffic(station, vehicle, prepared.timeline)
-            check_findings(name.name, findings, body.despite)
-            await _require_sensor(station, v, prepared)
+            check_findings(mission_name.name, findings, body.despite)
+            await _wait_for_sensor(station, v, prepared)
             station.missions.begin(v, replace(prepared, corridor=corridor, dry_run=body.dry_run))
         return _view(station, v)
 
@@ -135,14 +135,14 @@ def command_mission(
     principal: Principal,
     command: str,
     vehicle_id: str,
-    command_flight: Callable[[MissionFlight], None],
+    action: Callable[[MissionFlight], None],
     arguments: dict[str, object] | None = None,
 ) -> Response:
     """Runs a command on the mission of a vehicle. The caller must control all vehicles of this mission."""
     vehicles = (vehicle_id, *station.missions.others_on_mission(vehicle_id))
     with authorized_commands(station, principal, command, {v: arguments or {} for v in vehicles}):
         station.fleet.get(vehicle_id).require_commandable()
-        command_flight(station.missions.flight(vehicle_id))
+        action(station.missions.flight(vehicle_id))
         return _view(station, vehicle_id)
 
 
@@ -153,7 +153,7 @@ def _view(station: Station, vehicle_id: str) -> Response:
 async def prepared_start(
     station: Station,
     vehicle_id: str,
-    name: MissionName,
+    mission_name: MissionName,
     text: str,
     despite: Sequence[str],
     client: str,
@@ -164,7 +164,7 @@ async def prepared_start(
     Args:
         station: the running server.
         vehicle_id: the vehicle.
-        name: name and origin of the mission.
+        mission_name: name, id and version of the mission.
         text: its JSON text.
         despite: codes of the error findings that the client accepts.
         client: name of the client that starts the mission.
@@ -174,16 +174,16 @@ async def prepared_start(
         PlanFindings: the mission has error findings whose codes are not in `despite`.
         Refused: the vehicle's position is unknown, or a needed sensor is missing.
     """
-    prepared, findings = await _compiled_start(station, vehicle_id, name, text, client, overrides)
-    check_findings(name.name, findings, despite)
-    await _require_sensor(station, vehicle_id, prepared)
+    prepared, findings = await _compiled_start(station, vehicle_id, mission_name, text, client, overrides)
+    check_findings(mission_name.name, findings, despite)
+    await _wait_for_sensor(station, vehicle_id, prepared)
     return prepared
 
 
 async def _compiled_start(
     station: Station,
     vehicle_id: str,
-    name: MissionName,
+    mission_name: MissionName,
     text: str,
     client: str,
     overrides: Mapping[str, Any] | None = None,
@@ -205,10 +205,11 @@ async def _compiled_start(
         field="mission",
     )
     timeline, motion = pickle.loads(base64.b64decode(compiled["timeline"]))
-    return Start(name, timeline, motion, client, low_battery_share(vehicle)), list(compiled["findings"])
+    start = Start(mission_name, timeline, motion, client, low_battery_share(vehicle))
+    return start, list(compiled["findings"])
 
 
-async def _require_sensor(station: Station, vehicle_id: str, prepared: Start) -> None:
+async def _wait_for_sensor(station: Station, vehicle_id: str, prepared: Start) -> None:
     """Waits for the distance sensor that obstacle avoidance needs; raises Refused if there is none."""
     if prepared.timeline.avoidance:
         await station.offboard(vehicle_id).avoidance.wait_for_sensor()
@@ -219,15 +220,15 @@ async def chosen_mission(station: Station, body: m.MissionSource) -> tuple[Missi
     if body.mission is not None:
         return MissionName(body.mission.name, None, None), text_of(body.mission)
     assert body.plan_id is not None
-    head, document = await station.plans.get(body.plan_id, body.version)
-    if head.kind != "offboard_mission":
+    stored, document = await station.plans.get(body.plan_id, body.version)
+    if stored.kind != "offboard_mission":
         raise InvalidRequest(
             "plan_id",
-            f"{head.name!r} is a waypoint plan, which the vehicle flies itself.",
+            f"{stored.name!r} is a waypoint plan, which the vehicle flies itself.",
             remedy="Upload it and start it (…/mission/start), or convert it to an offboard mission "
             "(POST /plans/convert).",
         )
-    return MissionName(head.name, head.id, head.version), document.decode()
+    return MissionName(stored.name, stored.id, stored.version), document.decode()
 
 
 def start_conditions(vehicle: Vehicle) -> dict[str, Any]:
@@ -257,7 +258,8 @@ def start_conditions(vehicle: Vehicle) -> dict[str, Any]:
 def corridor_for(
     station: Station, vehicle: Vehicle, dry_run_id: str | None, role: str | None = None
 ) -> Corridor | None:
-    """The corridor of a dry run for the vehicle that flies the mission or a role of it; None: no dry run.
+    """The corridor of a dry run for a vehicle that flies the mission, or one role of it; None: no dry run is
+    named.
 
     Raises:
         UnknownDryRun: there is no such dry run.

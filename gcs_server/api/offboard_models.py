@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from gcs_server.api.setpoint_fields import Latitude, Longitude, example
 from gcs_server.api.strict_body import StrictBody
-from gcs_server.streamer.values import limit_values as values
+from gcs_server.streamer.values import limit_values
 from missions.fence import CircleFence, Fence, PolygonFence
 
 
@@ -78,14 +78,14 @@ class LimitsRequest(StrictBody):
             raise ValueError("height_max_m must be at least 1 m above height_min_m")
         return self
 
-    def to_limits(self) -> values.OperatorLimits:
+    def to_limits(self) -> limit_values.OperatorLimits:
         """Converts to the streamer's type."""
         fields = {name: getattr(self, name) for name in type(self).model_fields if name != "fence"}
-        return values.OperatorLimits(**fields, fence=self.fence.to_fence() if self.fence else None)
+        return limit_values.OperatorLimits(**fields, fence=self.fence.to_fence() if self.fence else None)
 
 
 class AvoidanceRequest(StrictBody):
-    """Obstacle avoidance of a vehicle's setpoints."""
+    """Obstacle avoidance for a vehicle's setpoint stream."""
 
     model_config = example(on=True, way="over")
 
@@ -96,7 +96,7 @@ class AvoidanceRequest(StrictBody):
     )
 
 
-FAILSAFE_ACTIONS = Literal["position", "altitude", "stabilized", "rtl", "land", "hold"]
+FailsafeAction = Literal["position", "altitude", "stabilized", "rtl", "land", "hold"]
 
 
 class FailsafeRequest(StrictBody):
@@ -104,10 +104,10 @@ class FailsafeRequest(StrictBody):
 
     model_config = example(action="hold", after_s=1)
 
-    action: FAILSAFE_ACTIONS | None = Field(
+    action: FailsafeAction | None = Field(
         default=None,
-        description="A mode. Without an RC transmitter, the vehicle descends in the three modes that need "
-        "sticks.",
+        description="A mode. In `position`, `altitude` and `stabilized`, the vehicle descends if it has no "
+        "RC transmitter.",
     )
     after_s: float | None = Field(
         default=None,

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Response, WebSocket, WebSocketDisconnect
 from gcs_server.api import offboard_models as models
 from gcs_server.api import offboard_views as views
 from gcs_server.api.authorized import authorized_command
-from gcs_server.api.offboard_stream import SetpointSocket, apply, arguments_of
+from gcs_server.api.offboard_stream import SetpointSocket, apply_setpoint, arguments_of
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import fields_of, json_response
@@ -49,7 +49,7 @@ async def start(v: str, body: StartRequest, station: StationDep, principal: Prin
 async def setpoint(v: str, body: SetpointRequest, station: StationDep, principal: PrincipalDep) -> Response:
     """Replaces the setpoint of a running stream and sends the new one immediately; refused (409) if no stream
     is running."""
-    return json_response(await apply(station, principal, v, body))
+    return json_response(await apply_setpoint(station, principal, v, body))
 
 
 @router.post("/stop", response_model=views.OffboardModel)
@@ -76,7 +76,8 @@ async def set_limits(
     """
     with authorized_command(station, principal, "offboard/limits", v, body.model_dump(exclude_none=True)):
         offboard = station.offboard(v)
-        await offboard.operator_limits.set(body.to_limits(), by=principal.name)  # applied before it is stored
+        # The limits apply before they are stored.
+        await offboard.operator_limits.set(body.to_limits(), by=principal.name)
         await offboard.ensure_parameters()
         return json_response(offboard.limits())
 

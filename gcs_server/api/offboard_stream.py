@@ -37,13 +37,14 @@ LARGE_MESSAGE = 4096
 MAX_BACKLOG = 200
 """Maximum number of messages that wait to be parsed; older messages are superseded."""
 FLOOD_PER_S = 2000
+"""Maximum number of messages per second; the server closes the socket of a client that sends more."""
 CLOSE_FLOOD = 1008
 
-Response = dict[str, object]
+JsonObject = dict[str, object]
 
 
 class Socket(Protocol):
-    """The part of a WebSocket that is used."""
+    """The part of a WebSocket that this module uses."""
 
     async def send_text(self, data: str) -> None: ...
     async def receive_text(self) -> str: ...
@@ -55,7 +56,7 @@ class SetpointSocket:
 
     Args:
         clock: the server's clock.
-        station: the parts of the server.
+        station: the running server.
         principal: the caller.
         vehicle_id: the vehicle.
         socket: an accepted WebSocket.
@@ -70,9 +71,9 @@ class SetpointSocket:
         self._vehicle_id = vehicle_id
         self._socket = socket
         self._backlog: deque[str] = deque()
-        self._backlog_size = 0
+        self._backlog_characters = 0
         self._responses: deque[bytes] = deque()
-        self._responses_size = 0
+        self._responses_bytes = 0
         self._received = asyncio.Event()
         self._response_added = asyncio.Event()
 
@@ -85,21 +86,21 @@ class SetpointSocket:
                 task.cancel()
 
     async def _receive(self) -> None:
-        window_s, count = self._clock.monotonic_s(), 0
+        window_start_s, count = self._clock.monotonic_s(), 0
         while True:
             text = await self._socket.receive_text()
             now_s = self._clock.monotonic_s()
-            if now_s - window_s >= 1.0:
-                window_s, count = now_s, 0
+            if now_s - window_start_s >= 1.0:
+                window_start_s, count = now_s, 0
             count += 1
             if count > FLOOD_PER_S:
                 await self._socket.close(CLOSE_FLOOD, f"more than {FLOOD_PER_S} setpoints in a second")
                 return
             self._backlog.append(text)
-            self._backlog_size += len(text)
-            while len(self._backlog) > MAX_BACKLOG or self._backlog_size > MAX_UNPARSED_CHARACTERS:
+            self._backlog_characters += len(text)
+            while len(self._backlog) > MAX_BACKLOG or self._backlog_characters > MAX_UNPARSED_CHARACTERS:
                 superseded = self._backlog.popleft()
-                self._backlog_size -= len(superseded)
+                self._backlog_characters -= len(superseded)
                 self._respond(_superseded_response(superseded))
             self._received.set()
 
@@ -112,7 +113,7 @@ class SetpointSocket:
             applied = False
             while self._backlog:  # newest first; an invalid setpoint must not replace a valid one
                 text = self._backlog.pop()
-                self._backlog_size -= len(text)
+                self._backlog_characters -= len(text)
                 if applied:
                     self._respond(_superseded_response(text))
                 else:
@@ -121,7 +122,7 @@ class SetpointSocket:
                     response = await self._apply_message(text)
                     applied = "error" not in response
                     self._respond(response)
-            # One setpoint may be applied before its period has passed.
+            # After a delay, the next setpoint is applied up to one period earlier, to keep the average rate.
             period_s = 1.0 / MAX_HZ
             next_s = max(next_s, self._clock.monotonic_s() - period_s) + period_s
 
@@ -131,23 +132,23 @@ class SetpointSocket:
             self._response_added.clear()
             while self._responses:
                 encoded = self._responses.popleft()
-                self._responses_size -= len(encoded)
+                self._responses_bytes -= len(encoded)
                 await self._socket.send_text(encoded.decode())
 
-    def _respond(self, response: Response) -> None:
+    def _respond(self, response: JsonObject) -> None:
         encoded = encode(response)
         self._responses.append(encoded)
-        self._responses_size += len(encoded)
-        while len(self._responses) > MAX_RESPONSES or self._responses_size > MAX_RESPONSES_BYTES:
-            self._responses_size -= len(self._responses.popleft())
+        self._responses_bytes += len(encoded)
+        while len(self._responses) > MAX_RESPONSES or self._responses_bytes > MAX_RESPONSES_BYTES:
+            self._responses_bytes -= len(self._responses.popleft())
         self._response_added.set()
 
-    async def _apply_message(self, text: str) -> Response:
+    async def _apply_message(self, text: str) -> JsonObject:
         try:
             seq, data = _parse(text)
         except ValueError as error:
             return {"error": {"code": "invalid_request", "detail": str(error), "field": "body"}}
-        seq_field: Response = {} if seq is None else {"seq": seq}
+        seq_field: JsonObject = {} if seq is None else {"seq": seq}
         try:
             body = SetpointRequest.model_validate(data)
         except ValidationError as error:
@@ -161,7 +162,7 @@ class SetpointSocket:
             }
             return {**seq_field, "error": error_fields}
         try:
-            status = await apply(self._station, self._principal, self._vehicle_id, body)
+            status = await apply_setpoint(self._station, self._principal, self._vehicle_id, body)
         except GcsError as error:
             error_fields = {
                 "code": error.code,
@@ -176,7 +177,7 @@ class SetpointSocket:
         return {**seq_field, "applied": status.setpoint, "limited": status.limited}
 
 
-async def apply(
+async def apply_setpoint(
     station: Station, principal: Principal, vehicle_id: str, body: SetpointRequest
 ) -> OffboardStatus:
     """Applies one setpoint, from HTTP or WebSocket."""
@@ -210,7 +211,7 @@ def _parse(text: str) -> tuple[int | None, dict[str, Any]]:
     return seq, fields
 
 
-def _superseded_response(text: str) -> Response:
+def _superseded_response(text: str) -> JsonObject:
     try:
         seq, _ = _parse(text)
     except ValueError:

@@ -12,7 +12,7 @@ from gcs_server.api.strict_body import ResponseBody
 from gcs_server.streamer.offboard import status
 from gcs_server.streamer.offboard.operator_limits import LimitsOrigin
 from gcs_server.streamer.validation.availability import Available
-from gcs_server.streamer.values import limit_values as values
+from gcs_server.streamer.values import limit_values
 from missions.frames import Quaternion, Vector3
 from missions.setpoints import Partial3
 
@@ -84,8 +84,8 @@ class FenceView(ResponseBody):
 LimitsModel = model_of(
     status.OffboardLimits,
     "OffboardLimits",
-    vehicle=model_of(values.VehicleLimits),
-    operator=model_of(values.OperatorLimits, fence=FenceView | None),
+    vehicle=model_of(limit_values.VehicleLimits),
+    operator=model_of(limit_values.OperatorLimits, fence=FenceView | None),
     origin=LimitsOriginModel,
 )
 FailsafeModel = model_of(status.FailsafeView, "OffboardFailsafe")

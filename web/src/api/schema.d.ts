@@ -1912,11 +1912,11 @@ export interface paths {
          *     or is unknown, unless `despite` lists their codes; the response contains all findings. Before a start on
          *     the ground at a later item, the server also checks the flight from the vehicle's position to that item.
          *
-         *     The server compares the predicted flight with the other vehicles of this server that fly a waypoint plan
-         *     known to the server or an offboard mission, or hover. If two vehicles may come nearer than 5 m plus a
-         *     margin of about 2 m, braking distances included, the code is `separation`, and the text names both
-         *     vehicles, place, time and distance. The server does not compare vehicles flown by hand or by other
-         *     commands, or vehicles of other stations.
+         *     The server compares the predicted flight with the other vehicles of this server that hover, fly an
+         *     offboard mission, or fly a waypoint plan that the server knows. If two vehicles may come nearer than the
+         *     sum of 5 m, a margin of about 2 m and their braking distances, the code is `separation`, and the text
+         *     names both vehicles, place, time and distance. The server does not compare vehicles flown by hand or by
+         *     other commands, or vehicles of other stations.
          *
          *     To resume an interrupted flight, start at the item of `resume` of `GET …/mission`. Hold pauses the
          *     mission. The server monitors the flight of a plan that it knows (topic `waypoint_flight`), and never
@@ -2561,7 +2561,7 @@ export interface components {
         };
         /**
          * AvoidanceRequest
-         * @description Obstacle avoidance of a vehicle's setpoints.
+         * @description Obstacle avoidance for a vehicle's setpoint stream.
          * @example {
          *       "on": true,
          *       "way": "over"
@@ -4655,7 +4655,7 @@ export interface components {
         readonly FailsafeRequest: {
             /**
              * Action
-             * @description A mode. Without an RC transmitter, the vehicle descends in the three modes that need sticks.
+             * @description A mode. In `position`, `altitude` and `stabilized`, the vehicle descends if it has no RC transmitter.
              */
             readonly action?: ("position" | "altitude" | "stabilized" | "rtl" | "land" | "hold") | null;
             /**
@@ -7873,7 +7873,7 @@ export interface components {
             readonly vehicle: string;
             /**
              * Possible
-             * @description Whether the server has a ROS 2 connection to the vehicle, which modes need.
+             * @description Whether modes can be registered: the server has a ROS 2 connection to the vehicle.
              */
             readonly possible: boolean;
             /**
@@ -7990,7 +7990,7 @@ export interface components {
             readonly in_air?: boolean;
             /**
              * Positions
-             * @description Needed if the planned starts of the two missions differ. `from_start`: positions relative to start or home are measured from the start of `plan`. `same_places`: they are converted, so that the inserted mission is flown at the same places. null: refused if this makes a difference.
+             * @description Needed if the planned starts of the two missions differ. `from_start`: positions relative to start or home are measured from the start of `plan`. `same_places`: they are converted, so that the inserted mission is flown at the same places. null: refused if the two would give different missions.
              */
             readonly positions?: ("from_start" | "same_places") | null;
         };
@@ -11947,7 +11947,7 @@ export interface components {
             };
             /**
              * Dry Run
-             * @description Id of a dry run of this mission with several flights; a notice is sent if a vehicle leaves its corridor.
+             * @description Id of a dry run of this mission with several flights. The server sends a notice if a vehicle leaves the corridor of the dry run.
              */
             readonly dry_run?: string | null;
         };
@@ -11975,7 +11975,7 @@ export interface components {
             readonly despite?: readonly string[];
             /**
              * Dry Run
-             * @description Id of a dry run of this mission with several flights; a notice is sent if a vehicle leaves its corridor.
+             * @description Id of a dry run of this mission with several flights. The server sends a notice if a vehicle leaves the corridor of the dry run.
              */
             readonly dry_run?: string | null;
         };
@@ -13677,7 +13677,7 @@ export interface components {
             readonly despite?: readonly string[];
             /**
              * Dry Run
-             * @description Id of a dry run of the plan on the vehicle; the flight is compared with its path, and a notice is sent if the vehicle leaves the corridor of its flights. Null: compared with the plan.
+             * @description Id of a dry run of the plan on the vehicle. The server compares the flight with the path of the dry run, and sends a notice if the vehicle leaves the corridor of the dry run. Null: the server compares the flight with the plan.
              */
             readonly dry_run?: string | null;
             /**

@@ -17,8 +17,8 @@ def commands_of(function):
     """Names that a function passes to `authorized_command`."""
     nodes = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(function))))
     calls = [node for node in nodes if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)]
-    if any(call.func.id == "apply" for call in calls):
-        return commands_of(offboard_stream.apply)
+    if any(call.func.id == "apply_setpoint" for call in calls):
+        return commands_of(offboard_stream.apply_setpoint)
     texts = [
         arg
         for call in calls
