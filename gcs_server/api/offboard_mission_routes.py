@@ -15,7 +15,7 @@ from gcs_server.api import offboard_mission_models as m
 from gcs_server.api.authorized import authorized_command
 from gcs_server.api.group_routes import authorized_commands
 from gcs_server.api.plan_checks import plan_context_of, text_of
-from gcs_server.api.plan_traffic import mission_traffic
+from gcs_server.api.plan_traffic import mission_separation_findings
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.responses import json_response
@@ -65,7 +65,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         prepared, findings = await _compiled_start(station, v, mission_name, text, principal.name)
         corridor = corridor_for(station, vehicle, body.dry_run)
         async with station.waypoint_flights.comparing:
-            findings += await mission_traffic(station, vehicle, prepared.timeline)
+            findings += await mission_separation_findings(station, vehicle, prepared.timeline)
             check_findings(mission_name.name, findings, body.despite)
             await _wait_for_sensor(station, v, prepared)
             station.missions.begin(v, replace(prepared, corridor=corridor, dry_run=body.dry_run))

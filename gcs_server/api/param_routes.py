@@ -29,7 +29,7 @@ router = APIRouter(prefix="/vehicles", tags=["parameters"], responses=RESPONSES)
 MAX_ENCODED_AT_ONCE = 100
 """Maximum number of parameters that are encoded in one iteration of the event loop."""
 
-FactsModel = model_of(
+MetadataModel = model_of(
     ParamMetadata,
     "ParameterFacts",
     choices=tuple[model_of(Choice, "ParameterChoice"), ...],
@@ -47,7 +47,7 @@ class ParameterView(ResponseBody):
     is_default: bool | None = Field(
         description="Whether the value is the firmware's default; null: not known."
     )
-    facts: FactsModel | None = Field(  # type: ignore[valid-type]
+    facts: MetadataModel | None = Field(  # type: ignore[valid-type]
         description="The vehicle's own metadata of this parameter; null if not available."
     )
 
@@ -83,13 +83,13 @@ class ParamRequest(StrictBody):
 
 
 def _view(vehicle: Vehicle, param: Param) -> dict[str, object]:
-    facts = vehicle.params.metadata_of(param.name)
+    metadata = vehicle.params.metadata_of(param.name)
     return {
         "name": param.name,
         "value": param.value,
         "is_integer": param.is_integer,
-        "is_default": None if facts is None else is_default(facts, param.value),
-        "facts": facts,
+        "is_default": None if metadata is None else is_default(metadata, param.value),
+        "facts": metadata,
     }
 
 
@@ -119,9 +119,9 @@ async def refresh_params(
 ) -> Response:
     """Reads all parameters (929 on PX4), unless the vehicle's checksum shows that they are unchanged.
 
-    Answers immediately with the progress, or after the end with `wait`. The header `Location` is the
-    operation that reads them; it can be followed and cancelled. Descriptions are read from the vehicle's
-    files, once per firmware.
+    Answers immediately with the progress; with `wait`, answers once all parameters have been read. The header
+    `Location` is the URL of the operation, which can be followed and cancelled. Descriptions are read from
+    the vehicle's files, once per firmware.
     """
     request = body or RefreshRequest()
     vehicle.require("parameters")

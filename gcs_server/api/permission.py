@@ -1,4 +1,4 @@
-"""Checks before every route whether the caller's role includes its command (`control/commands.py`)."""
+"""Checks before each route whether the caller's role includes the route's command (`control/commands.py`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ POLICY_VIOLATION = 1008
 
 
 def calls_of(app: FastAPI) -> Iterator[tuple[str, Callable[..., Any] | None]]:
-    """(`METHOD /path`, endpoint) of every route; `WS` for a WebSocket; mounted files have no endpoint."""
+    """Call (`METHOD /path`) and endpoint of every route. The method of a WebSocket is `WS`; mounted files
+    have no endpoint."""
     for route in iter_route_contexts(app.routes):
         if route.endpoint is None:
             yield f"GET {route.path or '/'}", None
@@ -50,7 +51,7 @@ def command_of(connection: HTTPConnection) -> Command:
 
 
 def require_permission(principal: Principal, command: Command) -> None:
-    """Checks the permission before anything else.
+    """Refuses a command that the caller's role does not include.
 
     Raises:
         NotPermitted: the caller's role does not include the command.

@@ -53,7 +53,7 @@ class PlanContext:
     reported: tuple[str, ...] | None = None
     """Names of the condition values that the vehicle reports; None without a vehicle."""
     operator: OperatorArea = field(default_factory=OperatorArea)
-    """The operator's limits of this vehicle."""
+    """The operator's limits for this vehicle."""
 
 
 async def check_document(
@@ -64,7 +64,7 @@ async def check_document(
     *,
     home: HomePosition | None = None,
 ) -> dict[str, Any]:
-    """Findings and estimates of a plan for a vehicle; as `PlanCheck`.
+    """Findings and estimates of a plan for a vehicle, with the fields of `PlanCheck`.
 
     Args:
         station: the running server.
@@ -104,13 +104,13 @@ def is_small(document: Document) -> bool:
         return len(documents.write(document)) <= SMALL_MISSION_BYTES
     corners = sum(len(zone.polygon) for zone in document.fence if zone.shape == "polygon")
     corners += sum(len(obstacle.polygon) for obstacle in document.obstacles)
-    weight = documents.count_steps(document) + corners + len(document.fence) + len(document.rally_points)
-    return weight <= SMALL_ITEMS
+    size = documents.count_steps(document) + corners + len(document.fence) + len(document.rally_points)
+    return size <= SMALL_ITEMS
 
 
 def is_small_pattern(pattern: PatternDocument) -> bool:
-    """Whether a pattern is small enough for a thread, in about 50 ms; larger patterns need a process. A form
-    generates a pattern after each change, and a process takes a second to start."""
+    """Whether a pattern is small enough for a thread, in about 50 ms; larger patterns need a process. The
+    page requests a pattern after each change of a field, and a process takes a second to start."""
     if isinstance(pattern, OrbitPattern | PerimeterPattern):
         return True
     if isinstance(pattern, StructurePattern):
@@ -136,7 +136,9 @@ def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
     parameters = {name: float(param.value) for name, param in params.items() if param is not None}
     # A parameter that is missing in a complete list does not exist in this PX4 build.
     is_complete = vehicle.params.list.state == "ready"
-    unknown = () if is_complete else tuple(sorted(name for name in params if name not in parameters))
+    unknown_parameters = (
+        () if is_complete else tuple(sorted(name for name in params if name not in parameters))
+    )
     limits = station.offboard(vehicle.id).operator_limits.limits
     operator = OperatorArea(limits.height_max_m, limits.distance_max_m, limits.fence)
     sample = vehicle.topic("home")
@@ -144,7 +146,7 @@ def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
         not_known.append(f"The home of vehicle {vehicle.id} is not known: the plan's home is used.")
         return PlanContext(
             parameters,
-            unknown,
+            unknown_parameters,
             not_known=tuple(not_known),
             reported=reported_values(vehicle),
             operator=operator,
@@ -154,7 +156,7 @@ def plan_context_of(station: Station, vehicle: Vehicle | None) -> PlanContext:
     origin = VehicleEstimates(vehicle).origin()
     return PlanContext(
         parameters,
-        unknown,
+        unknown_parameters,
         home,
         None if origin is None else asdict(origin),
         tuple(not_known),

@@ -194,7 +194,7 @@ class FindingModel(ResponseBody):
     fix: str | None = Field(description="How to correct the problem.")
     limit: float | None = Field(
         description="The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt "
-        "[rad] or minimum time [s]; null: no limit. The page's fixes use it."
+        "[rad] or minimum time [s]; null: no limit. The page uses it to correct the plan."
     )
 
 
@@ -241,7 +241,7 @@ class ImportedArea(ResponseBody):
     """An area in a file; the user decides whether it becomes a survey or a fence."""
 
     name: str = Field(description="Name in the file.")
-    outer: list[Point] = Field(description="Its corners.")
+    outer: list[Point] = Field(description="Corners of the outer boundary.")
     holes: list[list[Point]] = Field(description="Holes in the area.")
 
 
@@ -300,7 +300,7 @@ class ElevationFiles(ResponseBody):
 
 
 class PatternFigures(ResponseBody):
-    """Figures of a pattern."""
+    """Lengths, number of pictures and flight time of a pattern."""
 
     lines_length_m: float = Field(description="Total length of the lines with pictures [m].")
     lower_bound_m: float = Field(description="Smallest possible length of lines with this spacing [m].")
@@ -333,5 +333,5 @@ class PatternPlan(ResponseBody):
     )
     lines: list[tuple[Point, Point]] = Field(description="The lines on which pictures are taken.")
     path: list[PatternPosition] = Field(description="The positions that the vehicle flies to, in order.")
-    figures: PatternFigures = Field(description="Figures of the pattern.")
+    figures: PatternFigures = Field(description="Lengths, number of pictures and flight time.")
     notes: list[str] = Field(description="What could not be computed; sentences.")

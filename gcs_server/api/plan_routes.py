@@ -21,7 +21,7 @@ from gcs_server.api.plan_checks import (
     plan_context_of,
     text_of,
 )
-from gcs_server.api.plan_traffic import traffic_findings
+from gcs_server.api.plan_traffic import plan_separation_findings
 from gcs_server.api.principals import PrincipalDep
 from gcs_server.api.problems import RESPONSES
 from gcs_server.api.refusals import MAX_BODY_BYTES
@@ -76,8 +76,8 @@ async def list_plans(station: StationDep) -> Response:
 async def create_plan(body: m.NewPlan, station: StationDep, principal: PrincipalDep) -> Response:
     """Stores a new plan as version 1."""
     with authorized_command(station, principal, "plans/create", None, {"name": body.name}):
-        head = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
-        return _stored_plan(head, documents.write(documents.with_name(body.plan, head.name)), 201)
+        stored = await station.plans.create(body.name, body.plan, by=(principal.name, principal.key))
+        return _plan_response(stored, documents.write(documents.with_name(body.plan, stored.name)), 201)
 
 
 @router.post("/check", response_model=m.PlanCheck)
@@ -95,7 +95,7 @@ async def check_plan(body: m.PlanToCheck, station: StationDep) -> Response:
     power = None if body.power is None else body.power.model_dump()
     check = await check_document(station, body.plan, vehicle, power)
     if vehicle is not None and not isinstance(body.plan, OffboardMission):
-        check["findings"] += await traffic_findings(station, vehicle, body.plan)
+        check["findings"] += await plan_separation_findings(station, vehicle, body.plan)
     return json_response(check)
 
 
@@ -127,12 +127,12 @@ async def insert_mission(body: MissionToInsert, station: StationDep) -> Response
     limit and avoidance become fields of its steps; its other limits, its geofence and its obstacles apply to
     the whole mission.
     """
-    name, inserted = await chosen_mission(station, body)
+    mission_name, inserted = await chosen_mission(station, body)
     arguments = {
         **body.model_dump(include={"at", "in_air", "positions"}),
         "plan": text_of(body.plan),
         "added": inserted,
-        "name": name.name,
+        "name": mission_name.name,
         "max_bytes": MAX_MISSION_BYTES,
     }
     small = is_small(body.plan) and len(inserted) <= SMALL_MISSION_BYTES
@@ -229,7 +229,7 @@ async def _file_content(request: Request) -> bytes:
         200: {
             "description": "The file. `X-Plan-Notes` is a JSON list of sentences about content that the "
             "format cannot represent.",
-            "content": {kind.partition(";")[0]: {} for kind in MEDIA_TYPES.values()},
+            "content": {media_type.partition(";")[0]: {} for media_type in MEDIA_TYPES.values()},
         }
     },
 )
@@ -304,7 +304,7 @@ async def get_plan(
     version: Annotated[int | None, Query(ge=1, description="Default: the newest.")] = None,
 ) -> Response:
     """A plan with its document."""
-    return _stored_plan(*await station.plans.get(plan, version))
+    return _plan_response(*await station.plans.get(plan, version))
 
 
 @router.get("/{plan}/versions", response_model=m.PlanVersions)
@@ -319,14 +319,14 @@ async def save_plan(plan: str, body: m.ChangedPlan, station: StationDep, princip
     the client of the newest version."""
     arguments: dict[str, object] = {"plan": plan, "name": body.name, "base_version": body.base_version}
     with authorized_command(station, principal, "plans/save", None, arguments):
-        head = await station.plans.save(
+        stored = await station.plans.save(
             plan,
             body.name,
             body.plan,
             base_version=body.base_version,
             by=(principal.name, principal.key),
         )
-        return _stored_plan(head, documents.write(documents.with_name(body.plan, head.name)))
+        return _plan_response(stored, documents.write(documents.with_name(body.plan, stored.name)))
 
 
 @router.delete("/{plan}", status_code=204)
@@ -345,5 +345,5 @@ async def delete_plan(
     return Response(status_code=204)
 
 
-def _stored_plan(head: PlanVersion, document: bytes, status: int = 200) -> Response:
-    return json_response({**fields_of(head), "plan": Raw(document)}, status)
+def _plan_response(stored: PlanVersion, document: bytes, status: int = 200) -> Response:
+    return json_response({**fields_of(stored), "plan": Raw(document)}, status)

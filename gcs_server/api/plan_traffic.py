@@ -75,7 +75,7 @@ async def compare_with_others(
     return await asyncio.to_thread(compare)
 
 
-async def traffic_findings(station: Station, vehicle: Vehicle, plan: Plan) -> list[dict[str, Any]]:
+async def plan_separation_findings(station: Station, vehicle: Vehicle, plan: Plan) -> list[dict[str, Any]]:
     """Separation findings of a plan, as `FindingModel`, for a start of the vehicle now. They are warnings,
     because the real time of the start is not known. Empty if the vehicle is already flying."""
     if vehicle_reading(vehicle).in_air:
@@ -89,9 +89,11 @@ async def traffic_findings(station: Station, vehicle: Vehicle, plan: Plan) -> li
     return findings + [_finding(SEPARATION_UNKNOWN, text, None, None) for text in comparison.not_compared]
 
 
-async def mission_traffic(station: Station, vehicle: Vehicle, timeline: Timeline) -> list[dict[str, Any]]:
-    """Separation errors of an offboard mission that starts now: the steps in which it comes too near to other
-    vehicles."""
+async def mission_separation_findings(
+    station: Station, vehicle: Vehicle, timeline: Timeline
+) -> list[dict[str, Any]]:
+    """Separation errors of an offboard mission that starts now: the steps in which the vehicle comes too near
+    to other vehicles."""
     position_ned_m, origin = vehicle_reading(vehicle).position_ned_m, VehicleEstimates(vehicle).origin()
     if position_ned_m is None or origin is None:
         return []  # the mission is not started without a position
@@ -101,15 +103,15 @@ async def mission_traffic(station: Station, vehicle: Vehicle, timeline: Timeline
         path = predict_timeline(vehicle.id, origin, timeline, position_ned_m)
         return () if path is None else conflicts(path, other_paths)
 
-    findings = await asyncio.to_thread(compare)
+    found = await asyncio.to_thread(compare)
     return [
-        {"code": SEPARATION, "severity": "error", "step": each.place, "text": each.text} for each in findings
+        {"code": SEPARATION, "severity": "error", "step": each.place, "text": each.text} for each in found
     ]
 
 
 def _finding(code: str, text: str, row: int | None, fix: str | None) -> dict[str, Any]:
-    location = {"row": row, "zone": None, "rally_point": None, "obstacle": None, "step": None}
-    return {"code": code, "severity": "warning", "text": text, "place": location, "fix": fix, "limit": None}
+    place = {"row": row, "zone": None, "rally_point": None, "obstacle": None, "step": None}
+    return {"code": code, "severity": "warning", "text": text, "place": place, "fix": fix, "limit": None}
 
 
 # --- the other vehicles -----------------------------------------------------------------------------------
@@ -211,7 +213,7 @@ def _predict(start: _Start, plan: Plan, dry_run_passes: PlannedPasses | None) ->
         return None
     index = 0
     if start.in_air:
-        index = next((number for number, each in enumerate(planned.passes) if max(each.items) >= item), 0)
+        index = next((i for i, each in enumerate(planned.passes) if max(each.items) >= item), 0)
     return predict_plan(
         start.vehicle, start.origin, planned, ends_in_air=not ends_with_landing(flown_plan), index=index,
         current_position_ned_m=start.position_ned_m if start.in_air else None,

@@ -161,7 +161,7 @@ def _body(status: int, title: str, code: str, detail: str, more: Mapping[str, ob
 
 def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
     """(field, message) of the first invalid values; the names of union branches are left out of the path."""
-    problems: list[dict[str, str]] = []
+    field_errors: list[dict[str, str]] = []
     errors = [
         item for item in error.errors() if item["type"] != "too_short" or not _is_consequence(item, error)
     ]
@@ -175,10 +175,12 @@ def validation_errors(error: RequestValidationError) -> list[dict[str, str]]:
             parts, message = ["body"], f"not JSON: {item.get('ctx', {}).get('error', message)}"
         if item["type"] == "document_field":
             parts = [item["ctx"]["field"]]
-        problems.append({"field": _shortened(".".join(parts) or "body"), "message": _shortened(message)})
+        field_errors.append({"field": _shortened(".".join(parts) or "body"), "message": _shortened(message)})
     if len(errors) > MAX_ERRORS:
-        problems.append({"field": "body", "message": f"and {len(errors) - MAX_ERRORS} more invalid values"})
-    return problems
+        field_errors.append(
+            {"field": "body", "message": f"and {len(errors) - MAX_ERRORS} more invalid values"}
+        )
+    return field_errors
 
 
 def _is_consequence(item: dict[str, Any], error: RequestValidationError) -> bool:
@@ -200,7 +202,7 @@ def install(app: FastAPI) -> None:
         status, title = status_of(error)
         return problem(status, title, error.code, error.message, remedy=error.remedy, **error.details())
 
-    async def invalid(request: Request, error: Exception) -> Response:
+    async def invalid_request(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
         errors = validation_errors(error)
         detail = "; ".join(f"{e['field']}: {e['message']}" for e in errors)
@@ -229,6 +231,6 @@ def install(app: FastAPI) -> None:
         return response
 
     app.add_exception_handler(GcsError, gcs_error)
-    app.add_exception_handler(RequestValidationError, invalid)
+    app.add_exception_handler(RequestValidationError, invalid_request)
     app.add_exception_handler(HTTPException, http_error)
     app.add_exception_handler(Exception, unexpected_error)

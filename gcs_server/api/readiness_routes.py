@@ -1,4 +1,4 @@
-"""Routes of readiness: why a vehicle cannot arm or fly in each of its modes."""
+"""Routes of readiness: for each flight mode, why a vehicle cannot arm or fly in it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ReadinessModel = model_of(
 ReadinessView = create_model(
     "VehicleReadiness",
     __base__=ReadinessModel,
-    __doc__="Why the vehicle cannot arm or fly each of its modes, from its last report.",
+    __doc__="For each flight mode, why the vehicle cannot arm or fly in it; from the vehicle's last report.",
     vehicle=(str, Field(description="The vehicle's id.")),
 )
 

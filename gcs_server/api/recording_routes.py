@@ -41,7 +41,10 @@ async def download_recording(name: str, station: StationDep) -> StreamingRespons
     """The file of a recording; its current content, if the recording is still running."""
     path = station.replays.path(name)
     size = path.stat().st_size
-    headers = {"content-length": str(size), "content-disposition": f'attachment; filename="{_quoted(name)}"'}
+    headers = {
+        "content-length": str(size),
+        "content-disposition": f'attachment; filename="{_header_safe(name)}"',
+    }
     return StreamingResponse(_read_pieces(path, size), media_type="application/octet-stream", headers=headers)
 
 
@@ -118,7 +121,7 @@ async def close_replay(name: str, station: StationDep, principal: PrincipalDep) 
     return Response(status_code=204)
 
 
-def _quoted(name: str) -> str:
+def _header_safe(name: str) -> str:
     return "".join(c if c.isascii() and c.isprintable() and c not in '"\\' else "_" for c in name)
 
 

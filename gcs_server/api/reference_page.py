@@ -10,7 +10,7 @@ from fastapi import APIRouter
 from fastapi.responses import FileResponse, RedirectResponse
 
 FOLDER = Path(__file__).resolve().parent / "reference"
-_FRESH = {"Cache-Control": "no-cache"}
+_REVALIDATE = {"Cache-Control": "no-cache"}
 
 router = APIRouter(include_in_schema=False)
 
@@ -18,19 +18,19 @@ router = APIRouter(include_in_schema=False)
 @router.get("/docs")
 async def page() -> FileResponse:
     """The HTML document of the page."""
-    return FileResponse(FOLDER / "index.html", headers=_FRESH)
+    return FileResponse(FOLDER / "index.html", headers=_REVALIDATE)
 
 
 @router.get("/docs/reference.js")
 async def script() -> FileResponse:
     """The script of the page."""
-    return FileResponse(FOLDER / "reference.js", media_type="text/javascript", headers=_FRESH)
+    return FileResponse(FOLDER / "reference.js", media_type="text/javascript", headers=_REVALIDATE)
 
 
 @router.get("/docs/reference.css")
 async def style() -> FileResponse:
     """The style sheet of the page."""
-    return FileResponse(FOLDER / "reference.css", headers=_FRESH)
+    return FileResponse(FOLDER / "reference.css", headers=_REVALIDATE)
 
 
 @router.get("/docs/")

@@ -44,24 +44,24 @@ _FRAMES = {
 
 def field_description(name: str) -> str:
     """Description of a field without a docstring: its name, frame and unit."""
-    unit = next((text for end, text in _UNITS.items() if name.endswith(end)), "")
+    unit = next((text for suffix, text in _UNITS.items() if name.endswith(suffix)), "")
     frame = next((text for part, text in _FRAMES.items() if f"{part}_" in f"{name}_"), "")
     description = name
-    for end in _UNITS:
-        if unit and name.endswith(end):
-            description = name[: -len(end)]
+    for suffix in _UNITS:
+        if unit and name.endswith(suffix):
+            description = name[: -len(suffix)]
             break
     label = description.replace("_", " ").capitalize()
     return " ".join(part for part in (label, f"({frame})" if frame else "", unit) if part) + "."
 
 
-def attribute_docs(kind: type) -> dict[str, str]:
+def attribute_docs(cls: type) -> dict[str, str]:
     """The docstrings of the attributes of a class and of its base dataclasses."""
     docs: dict[str, str] = {}
-    for base in kind.__bases__:
+    for base in cls.__bases__:
         if dataclasses.is_dataclass(base):
             docs |= attribute_docs(base)
-    tree = ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0]
+    tree = ast.parse(textwrap.dedent(inspect.getsource(cls))).body[0]
     assert isinstance(tree, ast.ClassDef)
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         if (
@@ -75,23 +75,23 @@ def attribute_docs(kind: type) -> dict[str, str]:
     return docs
 
 
-def model_of(kind: type, name: str | None = None, **overrides: Any) -> type[BaseModel]:
+def model_of(dataclass_type: type, name: str | None = None, **overrides: Any) -> type[BaseModel]:
     """Creates a model with the fields of a dataclass.
 
     Args:
-        kind: the dataclass.
+        dataclass_type: the dataclass.
         name: name of the schema; default: the class's name.
         overrides: other types for some fields.
     """
-    docs = attribute_docs(kind)
-    hints = typing.get_type_hints(kind)
+    docs = attribute_docs(dataclass_type)
+    hints = typing.get_type_hints(dataclass_type)
     fields: dict[str, Any] = {}
-    for field in dataclasses.fields(kind):
+    for field in dataclasses.fields(dataclass_type):
         description = docs.get(field.name) or field_description(field.name)
         fields[field.name] = (overrides.get(field.name, hints[field.name]), Field(description=description))
     return create_model(
-        name or kind.__name__,
+        name or dataclass_type.__name__,
         __config__=ConfigDict(frozen=True, extra="forbid"),
-        __doc__=inspect.getdoc(kind),
+        __doc__=inspect.getdoc(dataclass_type),
         **fields,
     )

@@ -67,7 +67,7 @@ BODY_TOO_LARGE = LimitRefusal(
     "Send less at once: a path of fewer points, fewer vehicles in a call.",
 )
 URL_TOO_LONG = LimitRefusal(
-    414, "url_too_long", f"The address is longer than {MAX_URL_BYTES:,} bytes.", "Send a shorter address."
+    414, "url_too_long", f"The URL is longer than {MAX_URL_BYTES:,} bytes.", "Send a shorter URL."
 )
 HEAD_TOO_LARGE = LimitRefusal(
     431,

@@ -2,8 +2,8 @@
 
 Without this queue, the loop would serve hundreds of simultaneous requests in one iteration and delay all
 other work. Clients in control of a vehicle come first, then known clients, then new clients. A client that
-keeps changing its name therefore does not delay other clients. Within a priority, addresses alternate, and
-the clients of an address alternate.
+keeps changing its name therefore does not delay other clients. Within a priority, the queue alternates
+between addresses, and between the clients of an address.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ KNOWN_AFTER_S = 2.0
 FORGOTTEN_AFTER_S = 60.0
 MAX_KNOWN_CLIENTS = 500
 
-Waiting = deque[asyncio.Future[None]]
+_Futures = deque[asyncio.Future[None]]
 
 
-class _Lane:
+class _FairQueue:
     """Waiting requests of the same priority, in fair order."""
 
     def __init__(self) -> None:
-        self._addresses: OrderedDict[str, OrderedDict[str, Waiting]] = OrderedDict()
+        self._addresses: OrderedDict[str, OrderedDict[str, _Futures]] = OrderedDict()
 
     def push(self, client: Principal, future: asyncio.Future[None]) -> None:
         clients = self._addresses.setdefault(client.address, OrderedDict())
@@ -49,14 +49,14 @@ class RequestQueue:
     """The waiting requests of one server.
 
     Args:
-        in_control: whether the client of this key controls a vehicle.
+        in_control: returns whether the client with a key controls a vehicle.
     """
 
     def __init__(self, in_control: Callable[[str], bool]) -> None:
         self._in_control = in_control
-        self._is_starting = False
-        self._lanes = (_Lane(), _Lane(), _Lane())
-        """Lanes of clients in control, known clients and new clients."""
+        self._next_is_scheduled = False
+        self._queues = (_FairQueue(), _FairQueue(), _FairQueue())
+        """Requests of clients in control, of known clients and of new clients."""
         self._seen: dict[str, tuple[float, float]] = {}
         """Time of the first and the last request, by client key."""
 
@@ -64,12 +64,12 @@ class RequestQueue:
         """Returns when the request may start; immediately if no other request waits."""
         loop = asyncio.get_running_loop()
         is_known = self._record_request(client.key, loop.time())
-        if not self._is_starting:
-            self._is_starting = True
+        if not self._next_is_scheduled:
+            self._next_is_scheduled = True
             loop.call_soon(self._next)
             return
         future: asyncio.Future[None] = loop.create_future()
-        self._lanes[0 if self._in_control(client.key) else 1 if is_known else 2].push(client, future)
+        self._queues[0 if self._in_control(client.key) else 1 if is_known else 2].push(client, future)
         await future
 
     def _record_request(self, key: str, now_s: float) -> bool:
@@ -84,9 +84,9 @@ class RequestQueue:
 
     def _next(self) -> None:
         while True:
-            future = next((f for lane in self._lanes if (f := lane.pop()) is not None), None)
+            future = next((f for queue in self._queues if (f := queue.pop()) is not None), None)
             if future is None:
-                self._is_starting = False
+                self._next_is_scheduled = False
                 return
             if not future.done():  # otherwise the request was cancelled
                 break

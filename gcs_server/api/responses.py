@@ -40,8 +40,8 @@ from gcs_server.vehicle.services.gimbal import Roi
 from gcs_server.vehicle.services.gimbal_limits import GimbalLimited
 from gcs_server.vehicle.vehicle import Vehicle
 
-LINES_PER_YIELD = 500
-"""Number of lines of a history that are encoded in one iteration of the event loop."""
+SAMPLES_PER_PIECE = 500
+"""Number of samples of a history that are encoded in one iteration of the event loop."""
 
 
 _LIST_FIELDS: dict[str, dict[str, Any]] = {
@@ -99,9 +99,9 @@ class Me(ResponseBody):
     controls: list[str] = Field(description="Vehicles that the caller controls.")
 
 
-def _sample_model(name: str, value: Any) -> type[BaseModel]:
+def _sample_model(name: str, topic_model: Any) -> type[BaseModel]:
     return create_model(
-        f"{value.__name__}Sample",
+        f"{topic_model.__name__}Sample",
         __config__=ConfigDict(frozen=True, extra="forbid"),
         __doc__=f"The newest `{name}` with its time on two clocks.",
         vehicle_time_boot_s=(
@@ -109,7 +109,7 @@ def _sample_model(name: str, value: Any) -> type[BaseModel]:
             Field(description="The vehicle's boot clock [s]; null if its message has no time."),
         ),
         received_unix_s=(float, Field(description="Time of reception by the server [s since 1970 UTC].")),
-        value=(value, Field(description="The sample itself.")),
+        value=(topic_model, Field(description="The sample itself.")),
     )
 
 
@@ -332,7 +332,7 @@ def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
         return None if sample is None else sample_view(sample)
 
     topics = {name: part(name, partial(newest, name)) for name in TOPICS}
-    recorded = vehicle.identity.replayed
+    is_replayed = vehicle.identity.replayed
     return {
         "id": vehicle.id,
         "identity": vehicle.identity,
@@ -341,27 +341,30 @@ def vehicle_view(vehicle: Vehicle) -> dict[str, object]:
         "links": vehicle.links,
         "reach": vehicle.reach,
         "topics": {name: sample for name, sample in topics.items() if sample is not None},
-        "control": None if recorded or not vehicle.control else part("control", vehicle.control.status),
+        "control": None if is_replayed or not vehicle.control else part("control", vehicle.control.status),
         "offboard": part("offboard", vehicle.offboard.status) if vehicle.offboard is not None else None,
     }
 
 
 def history_pieces(vehicle: Vehicle, samples: Sequence[Sample]) -> Iterator[bytes]:
-    """Lines of the history as JSON, LINES_PER_YIELD at a time; a line that cannot be encoded is left out."""
+    """Samples of the history as JSON, SAMPLES_PER_PIECE at a time; a sample that cannot be encoded is
+    omitted."""
     run = vehicle.isolation.run
 
-    def line(sample: Sample) -> dict[str, object]:
+    def history_sample(sample: Sample) -> dict[str, object]:
         return {"vehicle": vehicle.id, "topic": sample.topic, **sample_view(sample)}
 
-    def encode_lines(part: Sequence[Sample]) -> bytes:
-        return encode([line(sample) for sample in part])[1:-1]
+    def encode_samples(part: Sequence[Sample]) -> bytes:
+        return encode([history_sample(sample) for sample in part])[1:-1]
 
-    for start in range(0, len(samples), LINES_PER_YIELD):
-        part = samples[start : start + LINES_PER_YIELD]
-        piece = run("the history", encode_lines, part)
+    for start in range(0, len(samples), SAMPLES_PER_PIECE):
+        part = samples[start : start + SAMPLES_PER_PIECE]
+        piece = run("the history", encode_samples, part)
         if piece is None:
-            encoded_lines = (run(f"the history of {sample.topic}", encode_lines, [sample]) for sample in part)
-            piece = b",".join(encoded_line for encoded_line in encoded_lines if encoded_line)
+            encoded_samples = (
+                run(f"the history of {sample.topic}", encode_samples, [sample]) for sample in part
+            )
+            piece = b",".join(encoded for encoded in encoded_samples if encoded)
         if piece:
             yield piece
 

@@ -32,9 +32,9 @@ async def ros2_topics(vehicle: VehicleDep, station: StationDep) -> Response:
     For continuous values subscribe to the telemetry topic `ros2_topics`. 409 `refused` if the vehicle has no
     ROS 2 link.
     """
-    until_s = station.clock.monotonic_s() + MAX_START_S
+    deadline_s = station.clock.monotonic_s() + MAX_START_S
     while (inspection := station.topic_inspectors.inspect(vehicle)) is not None:
-        if inspection.state != "starting" or station.clock.monotonic_s() >= until_s:
+        if inspection.state != "starting" or station.clock.monotonic_s() >= deadline_s:
             return json_response(inspection)
         await station.clock.sleep(CHECK_PERIOD_S)
     raise Refused(

@@ -20,7 +20,7 @@ Latitude = Annotated[float, Field(allow_inf_nan=False, ge=-90, le=90, descriptio
 Longitude = Annotated[float, Field(allow_inf_nan=False, ge=-180, le=180, description="Degrees east, WGS 84.")]
 Angle = Annotated[float, Field(allow_inf_nan=False, ge=-2 * math.pi, le=2 * math.pi)]
 Normalized = Annotated[float, Field(allow_inf_nan=False, ge=-1, le=1)]
-PositionNed = tuple[Metres, Metres, Metres]
+Metres3 = tuple[Metres, Metres, Metres]
 PartialPositionNed = tuple[Metres | None, Metres | None, Metres | None]
 PartialVelocity = tuple[MetresPerSecond | None, MetresPerSecond | None, MetresPerSecond | None]
 PartialAcceleration = tuple[MetresPerSecond2 | None, MetresPerSecond2 | None, MetresPerSecond2 | None]

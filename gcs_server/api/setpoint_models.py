@@ -1,5 +1,5 @@
-"""Setpoint bodies of HTTP and WebSocket, one class per kind; `to_setpoint` converts to the streamer's
-type."""
+"""Setpoint bodies of HTTP and WebSocket, one class per setpoint type; `to_setpoint` converts to the
+streamer's type."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from gcs_server.api.setpoint_fields import (
     Angle,
     Latitude,
     Longitude,
+    Metres3,
     MetresPerSecond,
     Normalized,
     PartialAcceleration,
     PartialPositionNed,
     PartialVelocity,
-    PositionNed,
     Quaternion,
     RadiansPerSecond,
     SetpointBody,
@@ -87,7 +87,7 @@ class PositionBodySetpoint(SetpointBody):
     model_config = example(type="position_body", offset_frd_m=[5, 0, 0])
 
     type: Literal["position_body"]
-    offset_frd_m: PositionNed = Field(description="Forward, right, down of the heading, level [m].")
+    offset_frd_m: Metres3 = Field(description="Forward, right, down of the heading, level [m].")
     yaw_offset_rad: Angle | None = Field(
         default=None, description="Yaw offset, clockwise [rad]; default: keep the heading."
     )
@@ -273,7 +273,7 @@ class PathPointBody(StrictBody):
     t_s: float = Field(
         allow_inf_nan=False, ge=0, le=3600, description="Time since the start of the path [s]."
     )
-    position_ned_m: PositionNed = Field(description=POSITION_TEXT)
+    position_ned_m: Metres3 = Field(description=POSITION_TEXT)
     yaw_ned_rad: Angle | None = Field(
         default=None, description="Heading clockwise from north [rad]; given for all points or for none."
     )
@@ -282,7 +282,7 @@ class PathPointBody(StrictBody):
 class PathSetpoint(SetpointBody):
     """A smooth curve through points in time, flown by the server even if its client disconnects.
 
-    It starts at the vehicle's position (the first point within 5 m) and at `t_s` 0.
+    The first point must be within 5 m of the vehicle's position, and its `t_s` must be 0.
     `valid_for_s` starts at the end of the path.
     """
 
@@ -323,10 +323,10 @@ class FollowSetpoint(SetpointBody):
 
     type: Literal["follow"]
     vehicle: str = Field(min_length=1, max_length=32, description="Id of the vehicle to follow.")
-    offset_ned_m: PositionNed | None = Field(
+    offset_ned_m: Metres3 | None = Field(
         default=None, description="Offset north, east, down of that vehicle [m]."
     )
-    offset_frd_m: PositionNed | None = Field(
+    offset_frd_m: Metres3 | None = Field(
         default=None, description="Offset forward, right, down along that vehicle's heading, level [m]."
     )
     yaw: Literal["keep", "same", "face"] = Field(

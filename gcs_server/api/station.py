@@ -1,4 +1,4 @@
-"""The parts of the running server that the routes use."""
+"""The running server, for the routes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 
 @dataclass(slots=True)
 class Station:
-    """The parts of the running server."""
+    """The running server: the parts that the routes use."""
 
     clock: Clock
     router: Router

@@ -101,7 +101,7 @@ async def history(
     samples: list[Sample] = []
     for topic in topic_names:
         samples += vehicle.history((topic,), since)
-        # Between two topics with thousands of frames, the event loop can do other work.
+        # Between two topics with thousands of samples, the event loop can do other work.
         await asyncio.sleep(0)
     samples.sort(key=lambda sample: sample.received_monotonic_s)
     pieces: list[bytes] = []
@@ -224,7 +224,7 @@ async def mode(v: str, body: models.ModeRequest, station: StationDep, principal:
 
 @router.post("/{v}/goto", response_model=responses.CommandDone, tags=["commands"])
 async def goto(v: str, body: models.GotoRequest, station: StationDep, principal: PrincipalDep) -> Response:
-    """Flies to a position in Hold; answers once the vehicle has accepted the target."""
+    """In Hold mode, flies to a position; answers once the vehicle has accepted the target."""
 
     async def work(vehicle: Vehicle) -> None:
         await vehicle.command.goto(

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from gcs_server.api.responses import LINES_PER_YIELD, history_pieces, history_view, json_response
+from gcs_server.api.responses import SAMPLES_PER_PIECE, history_pieces, history_view, json_response
 from gcs_server.clock import SystemClock
 from gcs_server.isolation import Isolation
 from gcs_server.vehicle.samples import Sample
@@ -31,10 +31,10 @@ def lines(pieces):
     return json.loads(json_response(history_view(pieces)).body)["samples"]
 
 
-@pytest.mark.parametrize("count", [0, 1, LINES_PER_YIELD, 3 * LINES_PER_YIELD + 7])
+@pytest.mark.parametrize("count", [0, 1, SAMPLES_PER_PIECE, 3 * SAMPLES_PER_PIECE + 7])
 def test_a_long_history_is_encoded_in_pieces(count):
     pieces = list(history_pieces(vehicle(), [sample(n) for n in range(count)]))
-    assert len(pieces) == -(-count // LINES_PER_YIELD)
+    assert len(pieces) == -(-count // SAMPLES_PER_PIECE)
     assert [line["value"]["n"] for line in lines(pieces)] == list(range(count))
 
 

@@ -367,7 +367,7 @@ export interface paths {
         readonly put?: never;
         /**
          * Goto
-         * @description Flies to a position in Hold; answers once the vehicle has accepted the target.
+         * @description In Hold mode, flies to a position; answers once the vehicle has accepted the target.
          */
         readonly post: operations["goto_api_v1_vehicles__v__goto_post"];
         readonly delete?: never;
@@ -1067,9 +1067,9 @@ export interface paths {
          * Refresh Params
          * @description Reads all parameters (929 on PX4), unless the vehicle's checksum shows that they are unchanged.
          *
-         *     Answers immediately with the progress, or after the end with `wait`. The header `Location` is the
-         *     operation that reads them; it can be followed and cancelled. Descriptions are read from the vehicle's
-         *     files, once per firmware.
+         *     Answers immediately with the progress; with `wait`, answers once all parameters have been read. The header
+         *     `Location` is the URL of the operation, which can be followed and cancelled. Descriptions are read from
+         *     the vehicle's files, once per firmware.
          */
         readonly post: operations["refresh_params_api_v1_vehicles__v__params_refresh_post"];
         readonly delete?: never;
@@ -4868,7 +4868,7 @@ export interface components {
             readonly fix: string | null;
             /**
              * Limit
-             * @description The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt [rad] or minimum time [s]; null: no limit. The page's fixes use it.
+             * @description The limit that the plan was checked against: altitude above home [m], speed [m/s], tilt [rad] or minimum time [s]; null: no limit. The page uses it to correct the plan.
              */
             readonly limit: number | null;
         };
@@ -6645,7 +6645,7 @@ export interface components {
             readonly name: string;
             /**
              * Outer
-             * @description Its corners.
+             * @description Corners of the outer boundary.
              */
             readonly outer: readonly components["schemas"]["Point"][];
             /**
@@ -9648,7 +9648,7 @@ export interface components {
          * PathSetpoint
          * @description A smooth curve through points in time, flown by the server even if its client disconnects.
          *
-         *     It starts at the vehicle's position (the first point within 5 m) and at `t_s` 0.
+         *     The first point must be within 5 m of the vehicle's position, and its `t_s` must be 0.
          *     `valid_for_s` starts at the end of the path.
          * @example {
          *       "points": [
@@ -9694,7 +9694,7 @@ export interface components {
         };
         /**
          * PatternFigures
-         * @description Figures of a pattern.
+         * @description Lengths, number of pictures and flight time of a pattern.
          */
         readonly PatternFigures: {
             /**
@@ -9771,7 +9771,7 @@ export interface components {
              * @description The positions that the vehicle flies to, in order.
              */
             readonly path: readonly components["schemas"]["PatternPosition"][];
-            /** @description Figures of the pattern. */
+            /** @description Lengths, number of pictures and flight time. */
             readonly figures: components["schemas"]["PatternFigures"];
             /**
              * Notes
@@ -13031,7 +13031,7 @@ export interface components {
         };
         /**
          * VehicleReadiness
-         * @description Why the vehicle cannot arm or fly each of its modes, from its last report.
+         * @description For each flight mode, why the vehicle cannot arm or fly in it; from the vehicle's last report.
          */
         readonly VehicleReadiness: {
             /**
@@ -14008,7 +14008,7 @@ export interface components {
                 readonly "application/problem+json": components["schemas"]["Problem"];
             };
         };
-        /** @description The address is longer than 8,192 bytes. */
+        /** @description The URL is longer than 8,192 bytes. */
         readonly Refused414: {
             headers: {
                 readonly [name: string]: unknown;
