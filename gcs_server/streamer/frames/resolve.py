@@ -29,10 +29,10 @@ from missions.setpoints import (
 
 LEADER_TIMEOUT_S = 1.0
 """Maximum age of the followed vehicle's position [s]."""
-RESOLVED_KINDS = frozenset(kind.type for kind in (PositionBody, Path, Follow))
+KINDS_TO_RESOLVE = frozenset(kind.type for kind in (PositionBody, Path, Follow))
 """Kinds that this module converts into a kind that can be sent."""
-LOCAL_KINDS = frozenset(kind.type for kind in (VelocityBody, PositionGlobal))
-"""Kinds that this module converts to the local frame for links that carry only the local frame (ROS 2)."""
+NON_LOCAL_KINDS = frozenset(kind.type for kind in (VelocityBody, PositionGlobal))
+"""Kinds in other frames; this module converts them for links that carry only the local frame (ROS 2)."""
 
 
 class ResolvedSetpoint:
@@ -57,7 +57,7 @@ class ResolvedSetpoint:
         yaw_kept_rad: float | None,
     ) -> None:
         self._yaw_kept_rad = yaw_kept_rad
-        self._began_s = now_s
+        self._path_start_s = now_s
         self._curve: PathCurve | None = None
         self._follow: Follow | None = None
         self.sampler: ScriptSampler | None = None
@@ -81,14 +81,9 @@ class ResolvedSetpoint:
         """Id of the followed vehicle; None if none is followed."""
         return None if self._follow is None else self._follow.vehicle
 
-    @property
-    def moves(self) -> bool:
-        """Whether the setpoint to send changes with time."""
-        return self._fixed is None
-
     def restart_path(self, now_s: float) -> None:
         """Starts the path now. Before this call, only its first point was sent."""
-        self._began_s = now_s
+        self._path_start_s = now_s
         if self.sampler is not None:
             self.sampler.restart_time(now_s)
 
@@ -104,23 +99,23 @@ class ResolvedSetpoint:
             position, velocity = snapshot.position_at(now_s), snapshot.velocity_ned_m_s
             return self.sampler.at(now_s, position, velocity, waiting=waiting)
         if self._curve is not None:
-            return self._curve.at(0.0 if waiting else now_s - self._began_s)
+            return self._curve.at(0.0 if waiting else now_s - self._path_start_s)
         if self._follow is not None:
-            return _with_offset(self._follow, now_s, snapshot, self._yaw_kept_rad)
+            return _follow_setpoint(self._follow, now_s, snapshot, self._yaw_kept_rad)
         if snapshot.local_only and self._fixed is not None:
             self._local = _to_local(self._fixed, snapshot) or self._local
             return self._local
         return self._fixed
 
     def later(self, now_s: float, at_s: float, snapshot: Snapshot) -> DirectSetpoint | None:
-        """The setpoint that will be sent at `at_s`, as far as known now; None if it does not change. Has no
-        side effects."""
+        """The setpoint that will be sent at the later time `at_s`, as predicted now; None if the setpoint
+        does not change with time. Changes no state."""
         if self.sampler is not None:
             return self.sampler.setpoint_ahead(at_s - now_s)
         if self._curve is not None:
-            return self._curve.at(at_s - self._began_s)
+            return self._curve.at(at_s - self._path_start_s)
         if self._follow is not None:
-            return _with_offset(self._follow, at_s, snapshot, self._yaw_kept_rad)
+            return _follow_setpoint(self._follow, at_s, snapshot, self._yaw_kept_rad)
         return None
 
 
@@ -159,7 +154,7 @@ def _fixed_setpoint(
 
 
 def _to_local(setpoint: DirectSetpoint, snapshot: Snapshot) -> DirectSetpoint | None:
-    """A setpoint in the local frame; None if the vehicle's heading or the frame's origin is not known."""
+    """Converts a setpoint to the local frame; None if the heading or the frame's origin is not known."""
     if isinstance(setpoint, VelocityBody):
         yaw = snapshot.yaw_ned_rad
         if yaw is None:
@@ -175,18 +170,19 @@ def _to_local(setpoint: DirectSetpoint, snapshot: Snapshot) -> DirectSetpoint | 
     return setpoint
 
 
-def _with_offset(
-    follow: Follow, now_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
+def _follow_setpoint(
+    follow: Follow, at_s: float, snapshot: Snapshot, yaw_kept_rad: float | None
 ) -> DirectSetpoint | None:
+    """The setpoint beside the followed vehicle at a time; None if its position is unknown or too old."""
     leader = snapshot.leader
-    if leader is None or now_s - leader.received_s > LEADER_TIMEOUT_S:
+    if leader is None or at_s - leader.received_s > LEADER_TIMEOUT_S:
         return None
     offset = follow.offset_ned_m
     if offset is None:
         if leader.yaw_ned_rad is None or follow.offset_frd_m is None:
             return None
         offset = ned_from_heading(follow.offset_frd_m, leader.yaw_ned_rad)
-    age_s = max(now_s - leader.received_s, 0.0)
+    age_s = max(at_s - leader.received_s, 0.0)
     n, e, d = (
         position + velocity * age_s + axis_offset
         for position, velocity, axis_offset in zip(

@@ -58,18 +58,18 @@ class GroupChecks:
     def __init__(self, clock: Clock, streams: Streams) -> None:
         self._clock = clock
         self._streams = streams
-        self._computing = asyncio.Lock()
-        """Locked while one piece of a prediction is computed, so that concurrent predictions together compute
-        only one piece per iteration of the event loop.
+        self._piece_lock = asyncio.Lock()
+        """Locked while one piece of a prediction is computed. So concurrent predictions together compute only
+        one piece per iteration of the event loop.
         """
 
-    def check_start_time(self, request: GroupRequest, earliest_s: float) -> None:
-        """Raises InvalidRequest if the common start is too early or too late."""
+    def check_start_time(self, request: GroupRequest, min_lead_s: float) -> None:
+        """Raises InvalidRequest unless the common start is `min_lead_s` to `MAX_LEAD_S` ahead."""
         at = request.start_at_unix_s
         if at is None:
             return
         ahead_s = at - self._clock.unix_s()
-        if not earliest_s <= ahead_s <= MAX_LEAD_S:
+        if not min_lead_s <= ahead_s <= MAX_LEAD_S:
             raise InvalidRequest(
                 "start_at_unix_s",
                 f"start_at_unix_s is {ahead_s:.1f} s ahead; it must be {MIN_LEAD_S:g} to {MAX_LEAD_S:g} s "
@@ -93,7 +93,7 @@ class GroupChecks:
                 vehicles=(vehicle.id,),
                 remedy="Take off first.",
             )
-        self.check_setpoint(member, index, self.requests(request, request.setpoints)[vehicle.id])
+        self.check_setpoint(member, index, self.stream_requests(request, request.setpoints)[vehicle.id])
 
     @staticmethod
     def check_setpoint(member: Member, index: int, request: StreamRequest, field: str = "members") -> None:
@@ -171,7 +171,7 @@ class GroupChecks:
     async def _in_pieces(self, search: Generator[None, None, Conflict | None]) -> Conflict | None:
         """Computes a prediction piece by piece; the event loop does other work after each piece."""
         while True:
-            async with self._computing:
+            async with self._piece_lock:
                 try:
                     next(search)
                 except StopIteration as end:
@@ -205,14 +205,20 @@ class GroupChecks:
                 state = self._streams.state(vehicle_id)
                 request, elapsed_s = state.request, state.age_s or 0.0
                 if request is not None and state.phase == "streaming":
-                    requested = request.setpoint  # offsets were resolved when the request was accepted
-                    setpoint = state.sent if isinstance(requested, PositionBody | Script) else requested
+                    accepted = request.setpoint  # a body offset was resolved when the request was accepted
+                    setpoint = state.sent if isinstance(accepted, PositionBody | Script) else accepted
             expires_s = duration_s if duration_s is not None or request is None else request.duration_s
             predicted.append(PredictedMember(vehicle_id, setpoint, snapshot, expires_s or 0.0, elapsed_s))
         return predicted
 
-    def requests(self, request: GroupRequest, setpoints: Mapping[str, Setpoint]) -> dict[str, StreamRequest]:
-        """The requests with these setpoints; the setpoints of all members expire at the same time."""
+    def stream_requests(
+        self, request: GroupRequest, setpoints: Mapping[str, Setpoint]
+    ) -> dict[str, StreamRequest]:
+        """The stream requests for these setpoints. All members' setpoints expire at the same time.
+
+        Raises:
+            InvalidRequest: a path lasts longer than `MAX_PREDICTION_S`.
+        """
         longest_s = max((_duration_s(s) for s in request.setpoints.values()), default=0.0)
         if longest_s > MAX_PREDICTION_S:
             raise InvalidRequest(
@@ -237,12 +243,12 @@ class GroupChecks:
             current: the current setpoints of all members.
             changed: the new setpoints that replace some of them.
         """
-        remaining_path_s = [_duration_s(setpoint) for setpoint in changed.values()]
+        remaining_s = [_duration_s(setpoint) for setpoint in changed.values()]
         for vehicle_id, setpoint in current.items():
             if vehicle_id not in changed:
                 age_s = self._streams.state(vehicle_id).age_s
-                remaining_path_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
-        return max(remaining_path_s, default=0.0)
+                remaining_s.append(max(0.0, _duration_s(setpoint) - (age_s or 0.0)))
+        return max(remaining_s, default=0.0)
 
 
 def _raise_conflict(conflict: Conflict | None, minimum_m: float) -> None:

@@ -1,7 +1,7 @@
 """Several vehicles in Offboard as one group: they start together and are stopped in one call.
 
     starting ── all confirmed ──► waiting ── start time ──► flying ──► holding ──► ended
-        └────────── one refuses: all into Hold ──────────────────────────────────────┘
+        └────────── one vehicle fails: all into Hold ────────────────────────────────┘
 
 Each member's own stream (`offboard/control.py`) sends the member's position until the scheduler sets the
 first setpoints of all members in one step. From then on the guard (`separation/guard.py`) keeps them apart.
@@ -24,8 +24,8 @@ from gcs_server.streamer.separation.guard import EXPIRY_TOLERANCE_S, Finding, Gr
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Setpoint
 
-LEAD_S = 0.5
-"""Time from the last confirmation to the common start, if the request gives no start."""
+START_DELAY_S = 0.5
+"""Time from the last confirmation to the common start, if the request gives no start time."""
 MAX_WAIT_S = 600.0
 """Maximum time for which a member keeps its position before the start, until all members are ready [s]."""
 FINDINGS_KEPT, GROUPS_KEPT = 50, 20
@@ -51,6 +51,7 @@ class Groups:
         self.on_change: Callable[[str, GroupStatus, bool], None] = lambda _text, _status, _warning: None
         """Called with a text for each change; set by the application."""
         self.on_mission_finding: Callable[[str, Finding], None] = lambda _name, _finding: None
+        """Called with each finding of a mission's guard, and the guard's name; set by `OffboardMissions`."""
 
     # --- commands ---------------------------------------------------------------------------------
 
@@ -65,7 +66,7 @@ class Groups:
         """
         self._checks.check_start_time(request, MIN_LEAD_S)
         members = self._joinable(request)
-        requests = self._checks.requests(request, request.setpoints)
+        requests = self._checks.stream_requests(request, request.setpoints)
         await self._checks.check_separation(request.minimum_separation_m, members, requests)
         members = self._joinable(request)  # another request may have been accepted meanwhile
         self._checks.check_separation_now(request.minimum_separation_m, members, requests)
@@ -110,24 +111,24 @@ class Groups:
             NotTogether: two vehicles would come too close; all continue with their previous setpoints.
         """
         group = self._find_group(group_id)
-        async with group.changing:  # each change is checked against the result of the previous change
-            template = replace(
+        async with group.change_lock:  # each change is checked against the result of the previous change
+            renewal = replace(
                 group.request,
                 valid_for_s=valid_for_s,
                 on_expiry=on_expiry,
                 client=client,
                 client_key=client_key,
             )
-            return await self._change(group, changed, template)
+            return await self._change(group, changed, renewal)
 
     async def _change(
-        self, group: Group, changed: Mapping[str, Setpoint], template: GroupRequest
+        self, group: Group, changed: Mapping[str, Setpoint], renewal: GroupRequest
     ) -> GroupStatus:
-        group_id, minimum_m, valid_for_s = group.id, template.minimum_separation_m, template.valid_for_s
+        group_id, minimum_m, valid_for_s = group.id, renewal.minimum_separation_m, renewal.valid_for_s
         held = group.require_changeable(changed, self._guard(group)).held
         setpoints = group.setpoints | dict(changed)
-        request = replace(template, setpoints=setpoints)
-        requests = self._checks.requests(request, changed)
+        request = replace(renewal, setpoints=setpoints)
+        requests = self._checks.stream_requests(request, changed)
         self._checks.check_setpoints(group.members, requests)
         paths_s = self._checks.remaining_path_s(group.setpoints, changed)
         await self._checks.check_separation(minimum_m, group.members, requests, held, paths_s + valid_for_s)
@@ -156,7 +157,7 @@ class Groups:
         group = self._find_group(group_id)
         if group.state == "ended":
             return self._status(group)
-        group.ending = f"{client} commanded Hold."
+        group.requested_end = f"{client} commanded Hold."
         if group.guard is not None:
             self._streams.disable_guard(group.id)
         failed = await self._hold(group, group.members)
@@ -201,11 +202,11 @@ class Groups:
             elif group.state == "holding" and "streaming" in phases:
                 group.state = "flying"
 
-    def disable_guard(self) -> None:
+    def disable_guards(self) -> None:
         """Called at shutdown before all streams stop, so that the guards do not report the stops."""
         for group in self._groups.values():
             if group.guard is not None and group.state != "ended":
-                group.ending = "The server was shut down."
+                group.requested_end = "The server was shut down."
                 self._streams.disable_guard(group.id)
 
     # --- starting ---------------------------------------------------------------------------------
@@ -276,7 +277,7 @@ class Groups:
         self, group: Group, waiting: Mapping[str, StreamRequest], requests: Mapping[str, StreamRequest]
     ) -> None:
         request = group.request
-        lead_s = LEAD_S
+        lead_s = START_DELAY_S
         if request.start_at_unix_s is not None:
             lead_s = request.start_at_unix_s - self._clock.unix_s()
         start_s = self._clock.monotonic_s() + lead_s
@@ -287,7 +288,7 @@ class Groups:
             requests,
             minimum_m=request.minimum_separation_m,
             start_s=start_s,
-            duration_s=max(o.duration_s for o in requests.values()),
+            duration_s=max(r.duration_s for r in requests.values()),
             others_go_on=request.others_go_on,
         )
         group.state, group.guard = "waiting", guard.state()
@@ -296,11 +297,11 @@ class Groups:
             group, f"Group {group.id}: all members are in Offboard and start together in {lead_s:.1f} s."
         )
 
-    async def _abort_start(self, group: Group, why: str) -> None:
+    async def _abort_start(self, group: Group, reason: str) -> None:
         failed = await self._hold(group, list(group.stream_numbers))
         for vehicle_id, error in failed.items():
-            why += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
-        self._end(group, why)
+            reason += f" Vehicle {vehicle_id} did not confirm Hold: {error}"
+        self._end(group, reason)
 
     async def _hold(self, group: Group, members: Iterable[str]) -> dict[str, GcsError]:
         """Stops all members whose stream belongs to the group; returns the errors by vehicle."""
@@ -328,8 +329,8 @@ class Groups:
 
     def _add_finding(self, group: Group, finding: Finding) -> None:
         ago_s = self._clock.monotonic_s() - finding.at_s
-        left_group = finding.vehicles if finding.code == "left" else ()  # not held by the group
-        held = [vehicle_id for vehicle_id in finding.held if vehicle_id not in left_group]
+        departed = finding.vehicles if finding.code == "left" else ()  # the group does not hold these
+        held = [vehicle_id for vehicle_id in finding.held if vehicle_id not in departed]
         hold = f" {listed(held)} {'holds' if len(held) == 1 else 'hold'}." if held else ""
         group_finding = GroupFinding(
             unix_s=self._clock.unix_s() - ago_s,
@@ -342,24 +343,21 @@ class Groups:
         group.findings = [*group.findings, group_finding][-FINDINGS_KEPT:]
         self._announce(group, f"Group {group.id}: {group_finding.text}", warning=True)
 
-    def _end(self, group: Group, why: str | None) -> None:
+    def _end(self, group: Group, reason: str | None) -> None:
         if group.state == "ended":
             return
         self.collect()
         guard = self._guard(group)
-        if why is None and guard is not None:
-            expired = self._clock.monotonic_s() >= guard.until_s - EXPIRY_TOLERANCE_S
-            why = (
-                "The setpoints expired."
-                if expired and not guard.held
-                else "All vehicles have left the group."
-            )
+        if reason is None and guard is not None:
+            now_s = self._clock.monotonic_s()
+            expired = not guard.held and now_s >= guard.until_s - EXPIRY_TOLERANCE_S
+            reason = "The setpoints expired." if expired else "All vehicles have left the group."
             if group.findings:
-                why = group.findings[-1].text
-            why = group.ending or why
-        group.state, group.ended = "ended", why
+                reason = group.findings[-1].text
+            reason = group.requested_end or reason
+        group.state, group.end_reason = "ended", reason
         self._streams.unwatch(group.id)
-        self._announce(group, f"Group {group.id} has ended: {why}")
+        self._announce(group, f"Group {group.id} has ended: {reason}")
 
     def _announce(self, group: Group, text: str, *, warning: bool = False) -> None:
         self.on_change(text, self._status(group), warning)

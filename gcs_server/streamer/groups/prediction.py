@@ -113,7 +113,7 @@ class Conflict:
 def first_conflict(
     members: Sequence[PredictedMember], now_s: float, minimum_m: float
 ) -> Generator[None, None, Conflict | None]:
-    """Finds the first two vehicles that would come closer than the minimum; returns None if all stay apart.
+    """Finds the earliest conflict: two vehicles closer than the minimum; returns None if all stay apart.
 
     Yields after every few milliseconds of work; counts steps instead of measuring the time.
 
@@ -128,9 +128,9 @@ def first_conflict(
         yield
     by_id = {prediction.member.vehicle: prediction for prediction in predictions}
     t_s, steps = 0.0, 0
-    minimum_s = max(prediction.minimum_s for prediction in predictions)
+    min_duration_s = max(prediction.min_duration_s for prediction in predictions)
     while t_s < MAX_PREDICTION_S and (
-        t_s <= minimum_s or any(prediction.moves for prediction in predictions)
+        t_s <= min_duration_s or any(prediction.moves for prediction in predictions)
     ):
         for prediction in predictions:
             prediction.step(t_s, by_id)
@@ -152,8 +152,8 @@ def first_conflict(
 
 
 def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: float) -> Conflict | None:
-    """The first two vehicles that are too close now, or too fast to be stopped at the minimum separation;
-    None if all are far enough apart. Fast enough to run without yielding.
+    """A pair of vehicles that are too close now, or too fast to be stopped at the minimum separation; None if
+    all are far enough apart. Computed without yielding, because this is fast.
 
     Args:
         members: members with a position and an origin in their snapshots.
@@ -171,7 +171,7 @@ def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: fl
             braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.decel_m_s2) for m in (motion_a, motion_b)
         )
         if distance_m >= required_m and distance_m - reach_m < required_m:
-            position, velocity, other_position, velocity_b = (
+            pos_a, vel_a, pos_b, vel_b = (
                 np.array(v)
                 for v in (
                     motion_a.position_ned_m,
@@ -181,9 +181,7 @@ def too_near_now(members: Sequence[PredictedMember], now_s: float, minimum_m: fl
                 )
             )
             closest_distance_m = float(
-                closest_m(
-                    position, velocity, other_position, velocity_b, motion_a.decel_m_s2, motion_b.decel_m_s2
-                )
+                closest_m(pos_a, vel_a, pos_b, vel_b, motion_a.decel_m_s2, motion_b.decel_m_s2)
             )
         if closest_distance_m < required_m:
             return Conflict(
@@ -212,7 +210,7 @@ def _conflict_between(
         for prediction in (a, b)
     )
     margin = margin_m(motion_a, motion_b)
-    minimum_m += margin
+    required_m = minimum_m + margin
     positions_a, velocity_a = track_a
     positions_b, velocity_b = (
         track_b[0] + np.array(b.origin.to_frame_of(a.origin, LOCAL_ORIGIN_NED_M)),
@@ -224,7 +222,7 @@ def _conflict_between(
     reach_m = braking_distance_m(speed_a, motion_a.decel_m_s2)
     reach_m = reach_m + braking_distance_m(speed_b, motion_b.decel_m_s2)
     # at all other steps the vehicles are far enough apart
-    candidates = np.nonzero(distances - reach_m < minimum_m)[0]
+    candidates = np.nonzero(distances - reach_m < required_m)[0]
     longest_s = max(
         float(np.max(speed_a)) / motion_a.decel_m_s2, float(np.max(speed_b)) / motion_b.decel_m_s2
     )
@@ -236,17 +234,17 @@ def _conflict_between(
             positions_a[batch], velocity_a[batch], positions_b[batch], velocity_b[batch],
             motion_a.decel_m_s2, motion_b.decel_m_s2,
         )  # fmt: skip
-        if np.any(closest[batch] < minimum_m):
+        if np.any(closest[batch] < required_m):
             break  # only the first conflict is reported
-    conflicting = np.nonzero(closest < minimum_m)[0]
+    conflicting = np.nonzero(closest < required_m)[0]
     if not len(conflicting):
         return None
-    too_near = np.nonzero(distances < minimum_m)[0]
+    too_near = np.nonzero(distances < required_m)[0]
     index = int(conflicting[0])
     while_stopping = not len(too_near)
     if not while_stopping:
         begin = int(too_near[0])
-        end = begin + int(np.argmax(np.append(distances[begin:] >= minimum_m, True)))
+        end = begin + int(np.argmax(np.append(distances[begin:] >= required_m, True)))
         index = begin + int(np.argmin(distances[begin:end]))
         if begin == 0:
             index = 0
@@ -274,21 +272,21 @@ class _PredictedTrack:
         self._climb = min(bounds.climb_m_s, bounds.approach_climb_m_s, CLIMB_M_S)
         self._descent = min(bounds.descent_m_s, bounds.approach_descent_m_s, CLIMB_M_S)
         self._gains = (bounds.position_gain, bounds.position_gain, bounds.vertical_gain)
-        self._until_s = min(member.duration_s, MAX_VELOCITY_PREDICTION_S)
+        self._expires_s = min(member.duration_s, MAX_VELOCITY_PREDICTION_S)
         self._curve: PathCurve | None = None
         self._follow = setpoint if isinstance(setpoint, Follow) else None
         self._target, self._feed_forward = UNCONTROLLED, UNCONTROLLED
-        self.minimum_s = 0.0
+        self.min_duration_s = 0.0
         """Minimum time for which the track is predicted [s]."""
         if isinstance(setpoint, Path):
             self._curve = PathCurve(setpoint, None)
-            self.minimum_s = self._curve.duration_s - member.elapsed_s
+            self.min_duration_s = self._curve.duration_s - member.elapsed_s
             begin = complete_vector(self._curve.at(member.elapsed_s).position_ned_m) or position
             self._offset = (position[0] - begin[0], position[1] - begin[1], position[2] - begin[2])
         elif setpoint is not None and self._follow is None:
             self._target, self._feed_forward = self._target_of(setpoint, now_s)
             if self._feed_forward != UNCONTROLLED and self._target == UNCONTROLLED:
-                self.minimum_s = self._until_s
+                self.min_duration_s = self._expires_s
 
     def step(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> None:
         """Stores the current position, and advances by `STEP_S`."""
@@ -297,15 +295,15 @@ class _PredictedTrack:
             return
         self.positions.append(self._position)
         self.velocities.append(self._velocity)
-        target, feed_forward = self._commanded(t_s, others)
+        target, feed_forward = self._target_at(t_s, others)
         velocity = [
             (0.0 if position is None else gain * (position - current)) + (speed or 0.0)
             for position, speed, current, gain in zip(
                 target, feed_forward, self._position, self._gains, strict=True
             )
         ]
-        ground = math.hypot(velocity[0], velocity[1])
-        scale = min(1.0, self._speed / ground) if ground > 0 else 1.0
+        ground_speed = math.hypot(velocity[0], velocity[1])
+        scale = min(1.0, self._speed / ground_speed) if ground_speed > 0 else 1.0
         velocity = [
             velocity[0] * scale,
             velocity[1] * scale,
@@ -352,7 +350,7 @@ class _PredictedTrack:
         self._position, self._velocity = (n, e, d), velocity
         self.positions.append(self._position)
         self.velocities.append(velocity)
-        self.moves = False  # the path ends after `minimum_s`
+        self.moves = False  # the path ends after `min_duration_s`
 
     def _target_of(self, setpoint: Setpoint, now_s: float) -> tuple[Partial3, Partial3]:
         """Target position and velocity of the setpoint, in the local frame."""
@@ -373,10 +371,10 @@ class _PredictedTrack:
             return UNCONTROLLED, sent.velocity_ned_m_s
         return UNCONTROLLED, UNCONTROLLED
 
-    def _commanded(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> tuple[Partial3, Partial3]:
+    def _target_at(self, t_s: float, others: Mapping[str, _PredictedTrack]) -> tuple[Partial3, Partial3]:
         if self._follow is not None:
             return self._target_beside_leader(self._follow, t_s, others)
-        return self._target, self._feed_forward if t_s < self._until_s else UNCONTROLLED
+        return self._target, self._feed_forward if t_s < self._expires_s else UNCONTROLLED
 
     def _target_beside_leader(
         self, follow: Follow, t_s: float, others: Mapping[str, _PredictedTrack]
@@ -387,7 +385,7 @@ class _PredictedTrack:
         if leader is not None:
             position, velocity = leader.position_in(self.origin), leader.velocity
         elif reported is not None:
-            moved_s = min(t_s, self._until_s)
+            moved_s = min(t_s, self._expires_s)
             n, e, d = (
                 at + speed * moved_s
                 for at, speed in zip(reported.position_ned_m, reported.velocity_ned_m_s, strict=True)

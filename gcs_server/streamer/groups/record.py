@@ -32,12 +32,12 @@ class Group:
     start_unix_s: float | None = None
     findings: list[GroupFinding] = field(default_factory=list[GroupFinding])
     stream_numbers: dict[str, int] = field(default_factory=dict[str, int])
-    """Numbers of this group's streams, because a member that left may later have a stream of its own."""
-    changing: asyncio.Lock = field(default_factory=asyncio.Lock)
+    """Number of the group's stream to each member. A member that has left may later have another stream."""
+    change_lock: asyncio.Lock = field(default_factory=asyncio.Lock)
     """Locked while new setpoints are checked and applied."""
-    ending: str | None = None
-    """Reason for the end, set before the group has ended; None: the guard's state contains the reason."""
-    ended: str | None = None
+    requested_end: str | None = None
+    """Which command ends the group, as a sentence; None: the group ends without a command."""
+    end_reason: str | None = None
     """Reason for the end; None while the group exists."""
 
     def phase(self, vehicle_id: str, stream: StreamState) -> str:
@@ -88,9 +88,9 @@ class Group:
         Args:
             streams: newest state of each member's stream.
         """
-        guard, ended = self.guard, self.state == "ended"
-        nearest = guard.nearest if guard is not None and not ended else None
-        margin_m = guard.margin_m if guard is not None and not ended else None
+        guard, has_ended = self.guard, self.state == "ended"
+        nearest = guard.nearest if guard is not None and not has_ended else None
+        margin_m = guard.margin_m if guard is not None and not has_ended else None
         valid = [s.valid_left_s for s in streams.values() if s.phase == "streaming"]
         valid_left_s = min((left_s for left_s in valid if left_s is not None), default=None)
         return GroupStatus(
@@ -116,7 +116,7 @@ class Group:
             ),
             nearest=None if nearest is None else ClosestPair(nearest[:2], round(nearest[2], 2)),
             findings=tuple(self.findings),
-            ended=self.ended,
+            ended=self.end_reason,
         )
 
 

@@ -28,10 +28,10 @@ from gcs_server.streamer.limits.braking import (
     BRAKE_M_S2,
     BRAKE_VERTICAL_DELAY_S,
     BRAKE_VERTICAL_M_S2,
-    GUARD_DELAY_S,
-    GUARD_M_S2,
     MARGIN_M,
     MARGIN_VERTICAL_M,
+    TAKEOVER_DELAY_S,
+    TAKEOVER_M_S2,
     braking_speed,
 )
 from missions.avoidance.scans import DEFAULT_HALF_ANGLE_RAD, LEVEL_MAX_SINE, Scan, recent_scans
@@ -49,12 +49,12 @@ HALF_WIDTH_M, MIN_HALF_WIDTH_M = 0.8, 0.35
 nearer to the vehicle, the half width is smaller, but at least MIN_HALF_WIDTH_M."""
 BACK_M_S = 0.5
 """Maximum speed at which the vehicle is moved back [m/s]."""
-GUARD_MARGIN_M = 0.3
-TRACK_WIDTH_M = 2.0
-"""A vehicle farther than this from its track gets a new track [m], because its position estimate was reset or
-the vehicle was pushed away."""
-SLOW_M_S = 0.5
-"""Speed below which the brake does not take over a vehicle flown by attitude or rates [m/s]."""
+TAKEOVER_MARGIN_M = 0.3
+MAX_CROSS_TRACK_M = 2.0
+"""Maximum distance of the vehicle from its track [m]. Beyond this distance the vehicle gets a new track,
+because its position estimate was reset or the vehicle was pushed away."""
+MIN_TAKEOVER_M_S = 0.5
+"""Minimum speed at which the brake takes over a vehicle that is flown by attitude or rates [m/s]."""
 
 Points = NDArray[np.float64]
 """(N, 2), north and east [m]."""
@@ -70,7 +70,7 @@ class Surroundings:
     scans: tuple[Scan, ...]
     """Newest scan of each sensor."""
     velocity_ned_m_s: Vector3
-    track_ne: NorthEast | None = None
+    track_point_ne_m: NorthEast | None = None
     """Point of the track of a braked vehicle, in its local frame [m]; None: the vehicle is not braked."""
 
 
@@ -78,7 +78,7 @@ class BrakeMemory:
     """Measurements of one vehicle's sensors in the last seconds, in its local frame."""
 
     def __init__(self) -> None:
-        self.track_ne: NorthEast | None = None
+        self.track_point_ne_m: NorthEast | None = None
         """Point of the track that the brake keeps, from the last setpoint; None: the brake did not act."""
         self._recent_scans: deque[tuple[Scan, float, Points]] = deque(maxlen=MAX_SCANS)
         """Scan, down coordinate of the vehicle [m], points in the local frame."""
@@ -105,7 +105,7 @@ class BrakeMemory:
             p for _, down_m, p in self._recent_scans if abs(down_m - position_ned_m[2]) <= SAME_ALTITUDE_M
         ]
         around_m = np.vstack([NO_POINTS, *points]) - position
-        return Surroundings(around_m, newest, velocity_ned_m_s, self.track_ne)
+        return Surroundings(around_m, newest, velocity_ned_m_s, self.track_point_ne_m)
 
 
 def _level_points(scan: Scan) -> Points:
@@ -134,10 +134,10 @@ class ObstacleBrake:
         self._notes = notes
         self.acted = False
         """Whether the brake has reduced the setpoint."""
-        self.track_ne: NorthEast | None = None
+        self.track_point_ne_m: NorthEast | None = None
         """Point of the track next to the vehicle, if the brake limits a position; None: the brake limits no
         position."""
-        self._last_track = None if surroundings is None else surroundings.track_ne
+        self._last_track_point = None if surroundings is None else surroundings.track_point_ne_m
         self._scans = () if surroundings is None else surroundings.scans
         self._points = NO_POINTS if surroundings is None else surroundings.points_ne_m
         self._velocity = (0.0, 0.0, 0.0) if surroundings is None else surroundings.velocity_ned_m_s
@@ -183,28 +183,30 @@ class ObstacleBrake:
         feed_m_s = math.hypot(*feed_forward) if feed_forward is not None else 0.0
         if to_target_m < 1e-3:
             return target, None if feed_forward is None else self.limit_velocity_ne(feed_forward)
-        (dir_n, dir_e), to_track = self._track(position, target if goal is None else goal)
-        free_m, reason = min(self._free_m(dir_n, dir_e), self._free_m(dir_n, dir_e, to_track))
+        (dir_n, dir_e), vector_to_track = self._track(position, target if goal is None else goal)
+        free_m, reason = min(self._free_m(dir_n, dir_e), self._free_m(dir_n, dir_e, vector_to_track))
         if free_m < MARGIN_M:
             self._add_note(f"position limited {reason}")
             back_m = self._back_m(dir_n, dir_e, free_m)
             no_feed = None if feed_forward is None else (0.0, 0.0)
-            return self._on_track(position, (dir_n, dir_e), -back_m, to_track, to_target_m, gain), no_feed
+            return self._on_track(
+                position, (dir_n, dir_e), -back_m, vector_to_track, to_target_m, gain
+            ), no_feed
         stop_m = free_m - MARGIN_M
         max_m_s = braking_speed(stop_m, BRAKE_M_S2, BRAKE_DELAY_S)
-        near_m = min(to_target_m, stop_m)
-        commanded_m_s = gain * near_m + feed_m_s
-        if near_m == to_target_m and commanded_m_s <= max_m_s:
+        ahead_m = min(to_target_m, stop_m)
+        commanded_m_s = gain * ahead_m + feed_m_s
+        if ahead_m == to_target_m and commanded_m_s <= max_m_s:
             return target, feed_forward
-        self._add_note(f"speed reduced {reason}" if near_m == to_target_m else f"position limited {reason}")
+        self._add_note(f"speed reduced {reason}" if ahead_m == to_target_m else f"position limited {reason}")
         scale = min(1.0, max_m_s / commanded_m_s) if commanded_m_s > 0.0 else 1.0
-        near_m *= scale
+        ahead_m *= scale
         slowed = (
             None
             if feed_forward is None
             else self.limit_velocity_ne((feed_forward[0] * scale, feed_forward[1] * scale))
         )
-        return self._on_track(position, (dir_n, dir_e), near_m, to_track, to_target_m, gain), slowed
+        return self._on_track(position, (dir_n, dir_e), ahead_m, vector_to_track, to_target_m, gain), slowed
 
     def limit_climb(self, velocity_down_m_s: float) -> float:
         """Reduces the climb rate so that the vehicle can stop below an obstacle."""
@@ -225,16 +227,16 @@ class ObstacleBrake:
         self._add_note("altitude limited to stay below an obstacle")
         return highest
 
-    def must_stop(self) -> str | None:
+    def stop_reason(self) -> str | None:
         """Why the stream must take over a flight without position control; None: the flight may continue."""
         if not self._scans:
             return None
         n, e, _ = self._velocity
         speed = math.hypot(n, e)
-        if speed < SLOW_M_S:
+        if speed < MIN_TAKEOVER_M_S:
             return None
         free_m, _ = self._free_m(n / speed, e / speed, within_range=False)
-        max_m_s = braking_speed(free_m - GUARD_MARGIN_M, GUARD_M_S2, GUARD_DELAY_S)
+        max_m_s = braking_speed(free_m - TAKEOVER_MARGIN_M, TAKEOVER_M_S2, TAKEOVER_DELAY_S)
         return "The vehicle would hit an obstacle" if speed > max_m_s else None
 
     # --- inside -------------------------------------------------------------------------------------
@@ -247,7 +249,7 @@ class ObstacleBrake:
         """Direction of the track to the goal, and the vector from the vehicle to the nearest point of the
         track [m]: zero if braking begins now.
         """
-        start = self._last_track
+        start = self._last_track_point
         if start is None or math.dist(start, goal) < 1e-3:
             start = (position[0], position[1])
         length_m = math.dist(start, goal)
@@ -255,7 +257,7 @@ class ObstacleBrake:
             return (1.0, 0.0), (0.0, 0.0)
         dir_n, dir_e = (goal[0] - start[0]) / length_m, (goal[1] - start[1]) / length_m
         across_m = (start[1] - position[1]) * dir_n - (start[0] - position[0]) * dir_e
-        if abs(across_m) <= TRACK_WIDTH_M:
+        if abs(across_m) <= MAX_CROSS_TRACK_M:
             return (dir_n, dir_e), (-dir_e * across_m, dir_n * across_m)
         away_m = math.dist(goal, position[:2])
         return ((goal[0] - position[0]) / away_m, (goal[1] - position[1]) / away_m), (0.0, 0.0)
@@ -265,19 +267,21 @@ class ObstacleBrake:
         position: Vector3,
         along: NorthEast,
         ahead_m: float,
-        to_track: NorthEast,
+        vector_to_track: NorthEast,
         max_m: float,
         gain: float,
     ) -> NorthEast:
         """Point of the track ahead of the vehicle, at most `max_m` away. If an obstacle is between vehicle
         and track, the point lies on the vehicle's side of the track.
         """
-        self.track_ne = (position[0] + to_track[0], position[1] + to_track[1])
+        self.track_point_ne_m = (position[0] + vector_to_track[0], position[1] + vector_to_track[1])
         north, east = position[0] + along[0] * ahead_m, position[1] + along[1] * ahead_m
-        to_track_m = math.hypot(*to_track)
+        to_track_m = math.hypot(*vector_to_track)
         if to_track_m == 0.0:
             return north, east
-        free_m, _ = self._free_m(to_track[0] / to_track_m, to_track[1] / to_track_m, within_range=False)
+        free_m, _ = self._free_m(
+            vector_to_track[0] / to_track_m, vector_to_track[1] / to_track_m, within_range=False
+        )
         max_m_s = braking_speed(free_m - MARGIN_M, BRAKE_M_S2, BRAKE_DELAY_S)
         max_side_m = math.sqrt(max(0.0, max_m**2 - ahead_m**2))
         fraction = min(
@@ -286,7 +290,7 @@ class ObstacleBrake:
             max_m_s / (gain * to_track_m),
             max_side_m / to_track_m,
         )
-        return north + to_track[0] * fraction, east + to_track[1] * fraction
+        return north + vector_to_track[0] * fraction, east + vector_to_track[1] * fraction
 
     def _back_m(self, dir_n: float, dir_e: float, free_m: float) -> float:
         """Distance by which the vehicle is moved back to the margin [m]; less if an obstacle is behind the
@@ -315,14 +319,14 @@ class ObstacleBrake:
 
     def _range_m(self, dir_n: float, dir_e: float) -> float:
         """Range of the sensor that covers this direction; infinite if no sensor covers it."""
-        best: float | None = None
+        range_m: float | None = None
         for scan in self._scans:
-            least = math.cos(max(scan.half_angle_rad, DEFAULT_HALF_ANGLE_RAD))
+            min_cosine = math.cos(max(scan.half_angle_rad, DEFAULT_HALF_ANGLE_RAD))
             for n, e, d in scan.directions_ned:
-                if abs(d) <= LEVEL_MAX_SINE and n * dir_n + e * dir_e >= least * math.hypot(n, e):
-                    best = scan.range_m if best is None else max(best, scan.range_m)
+                if abs(d) <= LEVEL_MAX_SINE and n * dir_n + e * dir_e >= min_cosine * math.hypot(n, e):
+                    range_m = scan.range_m if range_m is None else max(range_m, scan.range_m)
                     break
-        return math.inf if best is None else best
+        return math.inf if range_m is None else range_m
 
     def _clearance_above_m(self) -> float:
         """Distance to the nearest obstacle above the vehicle."""

@@ -1,9 +1,9 @@
 """Keeps a sent setpoint finite, within the vehicle's and the operator's limits, and inside the fence.
 
 `apply_limits` does no I/O: it converts the requested setpoint to one that may be sent, with a note on each
-reduction. A speed from which the vehicle could not stop before the edge is reduced. For
-kinds that control neither position nor velocity (acceleration, attitude, rates), which cannot be reduced in
-this way, `stop` is the reason why the stream must take over.
+reduction. A speed from which the vehicle could not stop before the edge is reduced.
+Setpoints that control neither position nor velocity (acceleration, attitude, rates) cannot be reduced in this
+way. For these, `stop_reason` says why the stream must take over.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ class LimitResult:
     """None if no part of the request may be sent."""
     notes: tuple[str, ...] = ()
     """One text for each reduction."""
-    stop: str | None = None
+    stop_reason: str | None = None
     """Why the stream must take over instead of sending the setpoint; None: the setpoint may be sent."""
     braked: bool = False
     """Whether the obstacle brake reduced the setpoint."""
-    track_ne: NorthEast | None = None
+    track_point_ne_m: NorthEast | None = None
     """Point of the track on which the brake keeps the target position [m]; None: the brake limits no
     position."""
 
@@ -74,16 +74,16 @@ def apply_limits(
         surroundings: measured surroundings; None: nothing is measured, or the brake is off.
     """
     if not is_finite(requested):
-        return LimitResult(None, stop="The setpoint contains a value that is not a finite number")
+        return LimitResult(None, stop_reason="The setpoint contains a value that is not a finite number")
     limiter = _Limiter(bounds, motion, last_sent, dt_s, surroundings)
     setpoint = limiter.limit(requested)
-    stop = (
-        limiter.stop
-        if limiter.stop or is_finite(setpoint)
+    stop_reason = (
+        limiter.stop_reason
+        if limiter.stop_reason or is_finite(setpoint)
         else "The setpoint contains a value that is not a finite number"
     )
     notes = tuple(dict.fromkeys(limiter.notes))
-    return LimitResult(setpoint, notes, stop, limiter.brake.acted, limiter.brake.track_ne)
+    return LimitResult(setpoint, notes, stop_reason, limiter.brake.acted, limiter.brake.track_point_ne_m)
 
 
 def is_finite(setpoint: DirectSetpoint) -> bool:
@@ -112,17 +112,17 @@ class _Limiter:
         self.notes: list[str] = []
         self._region = RegionLimiter(bounds, motion, self.notes)
         self.brake = ObstacleBrake(surroundings, self.notes)
-        self._must_stop: str | None = None
+        self._brake_stop_reason: str | None = None
 
     @property
-    def stop(self) -> str | None:
-        return self._region.stop or self._must_stop
+    def stop_reason(self) -> str | None:
+        return self._region.stop_reason or self._brake_stop_reason
 
     def limit(self, s: DirectSetpoint) -> DirectSetpoint:
         if isinstance(s, Rates):
             return self._limit_rates(s)
         if isinstance(s, ThrustTorque | Actuators):
-            return self._require_stoppable(s)
+            return self._pass_through(s)
         if isinstance(s, Attitude):
             return self._limit_attitude(s)
         if isinstance(s, PositionGlobal):
@@ -179,8 +179,8 @@ class _Limiter:
         return replace(s, velocity_frd_m_s=ned_from_heading((n or 0.0, e or 0.0, d or 0.0), -yaw))
 
     def _limit_attitude(self, s: Attitude) -> Attitude:
-        self._region.require_stoppable()
-        self._must_stop = self.brake.must_stop()
+        self._region.check_stoppable()
+        self._brake_stop_reason = self.brake.stop_reason()
         q, tilted = limit_tilt(s.q_ned_frd, self._bounds.tilt_rad)
         if tilted:
             self.notes.append(f"tilt limited to {math.degrees(self._bounds.tilt_rad):.0f}°")
@@ -195,19 +195,19 @@ class _Limiter:
         return replace(self._limit_yaw_rate(s), q_ned_frd=q, thrust=min(1.0, max(0.0, s.thrust)))
 
     def _limit_rates(self, s: Rates) -> Rates:
-        self._region.require_stoppable()
-        self._must_stop = self.brake.must_stop()
+        self._region.check_stoppable()
+        self._brake_stop_reason = self.brake.stop_reason()
         pairs = zip(s.rates_frd_rad_s, self._bounds.rates_rad_s, strict=True)
         p, q, r = (min(limit, max(-limit, rate)) for rate, limit in pairs)
         if (p, q, r) != s.rates_frd_rad_s:
             self.notes.append("body rates limited to the vehicle's limits")
         return Rates((p, q, r), min(1.0, max(0.0, s.thrust)))
 
-    def _require_stoppable(self, s: ThrustTorque | Actuators) -> DirectSetpoint:
-        """Thrust, torque and actuator setpoints bypass all controllers; only `stop` can protect the
-        vehicle."""
-        self._region.require_stoppable()
-        self._must_stop = self.brake.must_stop()
+    def _pass_through(self, s: ThrustTorque | Actuators) -> DirectSetpoint:
+        """Thrust, torque and actuator setpoints bypass all controllers, so they are not limited; only
+        `stop_reason` can protect the vehicle."""
+        self._region.check_stoppable()
+        self._brake_stop_reason = self.brake.stop_reason()
         return s
 
     def _limit_yaw_rate(self, s: S) -> S:
@@ -247,12 +247,12 @@ class _Limiter:
                 self.brake.limit_climb(self._limit_climb(velocity_down_m_s)), keep_margin=down is None
             )
         if (position_ne is None and velocity_ne is None) or (down is None and velocity_down_m_s is None):
-            self._region.require_stoppable(
+            self._region.check_stoppable(
                 horizontal=position_ne is None and velocity_ne is None,
                 vertical=down is None and velocity_down_m_s is None,
             )
         if position_ne is None and velocity_ne is None:
-            self._must_stop = self.brake.must_stop()
+            self._brake_stop_reason = self.brake.stop_reason()
         acceleration_ne = self._limit_acceleration_ne(_horizontal(acceleration))
         acceleration_down = acceleration[2]
         if acceleration_down is not None:
@@ -337,12 +337,14 @@ class _Limiter:
         last = self._last_velocity()
         if last is None:
             return velocity
-        step = [(axis or 0.0) - at for axis, at in zip(velocity, last, strict=True)]
+        step = [(axis or 0.0) - last_axis for axis, last_axis in zip(velocity, last, strict=True)]
         size = math.hypot(*step)
         if size <= limit:
             return velocity
         self.notes.append(f"velocity change limited to {self._bounds.slew_velocity_m_s2:g} m/s²")
-        n, e, d = (at + each * limit / size for at, each in zip(last, step, strict=True))
+        n, e, d = (
+            last_axis + step_axis * limit / size for last_axis, step_axis in zip(last, step, strict=True)
+        )
         return (n, e, d)
 
     def _last_velocity(self) -> Vector3 | None:

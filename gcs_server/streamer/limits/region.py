@@ -1,6 +1,6 @@
-"""Limits positions to the allowed region, and velocities so that the vehicle stops before its edge. For
-setpoints without position or velocity, which cannot be limited in this way, `require_stoppable` decides when
-the stream must take over.
+"""Limits positions to the allowed region, and velocities so that the vehicle stops before the region's edge.
+Setpoints without position or velocity cannot be limited in this way. For these, `check_stoppable` decides
+when the stream must take over.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from gcs_server.streamer.limits.braking import (
     BRAKE_M_S2,
     BRAKE_VERTICAL_DELAY_S,
     BRAKE_VERTICAL_M_S2,
-    GUARD_DELAY_S,
-    GUARD_M_S2,
     MARGIN_M,
     MARGIN_VERTICAL_M,
     MAX_BACK_M_S,
+    TAKEOVER_DELAY_S,
+    TAKEOVER_M_S2,
     braking_speed,
 )
 from gcs_server.streamer.values.bounds import Bounds
@@ -37,7 +37,7 @@ class VehicleMotion:
 
 
 class RegionLimiter:
-    """The allowed region around a vehicle at one moment.
+    """Applies the allowed region to the setpoint of one moment.
 
     Args:
         bounds: the limits, in the vehicle's local frame.
@@ -49,7 +49,7 @@ class RegionLimiter:
         self._bounds = bounds
         self._motion = motion
         self._notes = notes
-        self.stop: str | None = None
+        self.stop_reason: str | None = None
         """Why the stream must take over instead of sending the setpoint; None: the setpoint may be sent."""
 
     def limit_position_ne(self, target: NorthEast) -> NorthEast:
@@ -63,7 +63,7 @@ class RegionLimiter:
             position_ned = self._motion.position_ned_m
             inside = region.last_position_inside((position_ned[0], position_ned[1]), target)
         if inside is None:
-            self.stop = "No way back inside the fence was found"
+            self.stop_reason = "No way back inside the fence was found"
             return target
         if inside != target:
             breach = region.breach(target) or "the fence on the way"
@@ -109,13 +109,15 @@ class RegionLimiter:
         if self._motion is None or not region.is_limited_horizontally:
             return velocity
         n, e = velocity
-        for inside_m, out in region.edges((self._motion.position_ned_m[0], self._motion.position_ned_m[1])):
+        for inside_m, outward in region.edges(
+            (self._motion.position_ned_m[0], self._motion.position_ned_m[1])
+        ):
             if inside_m >= MARGIN_M:
                 continue
             max_m_s = -min(BACK_PER_S * (MARGIN_M - inside_m), MAX_BACK_M_S, self._bounds.speed_m_s)
-            excess = n * out[0] + e * out[1] - max_m_s
+            excess = n * outward[0] + e * outward[1] - max_m_s
             if excess > 0.0:
-                n, e = n - excess * out[0], e - excess * out[1]
+                n, e = n - excess * outward[0], e - excess * outward[1]
         if (n, e) != velocity:
             self._notes.append("moved back from the fence")
             size = math.hypot(n, e)
@@ -144,46 +146,46 @@ class RegionLimiter:
             self._notes.append("climb or descent reduced to stay inside the altitude limits")
         return limited
 
-    def require_stoppable(self, *, horizontal: bool = True, vertical: bool = True) -> None:
-        """Sets `stop` if the vehicle is outside the region, or must be stopped now to stay inside."""
+    def check_stoppable(self, *, horizontal: bool = True, vertical: bool = True) -> None:
+        """Sets `stop_reason` if the vehicle is outside the region, or must be stopped now to stay inside."""
         region = self._bounds.region
         if not (horizontal and region.is_limited_horizontally) and not (
             vertical and region.is_limited_vertically
         ):
             return
         if self._motion is None:
-            self.stop = "No valid position estimate, and a fence or altitude limit is set"
+            self.stop_reason = "No valid position estimate, and a fence or altitude limit is set"
             return
         n, e, d = self._motion.position_ned_m
         if horizontal and region.is_limited_horizontally:
             breach = region.breach((n, e))
             if breach is not None or self._cannot_stop_inside((n, e)):
-                self.stop = f"The vehicle would leave {breach or 'the fence'}"
+                self.stop_reason = f"The vehicle would leave {breach or 'the fence'}"
         velocity_down_m_s = self._motion.velocity_ned_m_s[2]
-        left_m = (region.down_max_m - d) if velocity_down_m_s > 0 else (d - region.down_min_m)
+        remaining_m = (region.down_max_m - d) if velocity_down_m_s > 0 else (d - region.down_min_m)
         if vertical and (
-            left_m < 0
+            remaining_m < 0
             or (
                 abs(velocity_down_m_s) > 0.3
-                and abs(velocity_down_m_s) > braking_speed(left_m, GUARD_M_S2, GUARD_DELAY_S)
+                and abs(velocity_down_m_s) > braking_speed(remaining_m, TAKEOVER_M_S2, TAKEOVER_DELAY_S)
             )
         ):
-            self.stop = "The vehicle would leave the altitude limits"
+            self.stop_reason = "The vehicle would leave the altitude limits"
 
     def _cannot_stop_inside(self, position_ne: NorthEast) -> bool:
-        """Whether the vehicle is too fast to stop inside the region with the deceleration `GUARD_M_S2`."""
+        """Whether the vehicle is too fast to stop inside the region with the deceleration `TAKEOVER_M_S2`."""
         assert self._motion is not None
         n, e, _ = self._motion.velocity_ned_m_s
         speed = math.hypot(n, e)
         if speed < 0.5:
             return False
         to_edge_m = self._bounds.region.distance_to_edge_m(position_ne, (n / speed, e / speed))
-        return speed > braking_speed(to_edge_m, GUARD_M_S2, GUARD_DELAY_S)
+        return speed > braking_speed(to_edge_m, TAKEOVER_M_S2, TAKEOVER_DELAY_S)
 
 
-def _max_vertical_speed(left_m: float, max_back_m_s: float) -> float:
+def _max_vertical_speed(remaining_m: float, max_back_m_s: float) -> float:
     """Maximum speed towards an altitude limit from which the vehicle stops in time; negative: the minimum
     speed away from the limit."""
-    if left_m >= 0.0:
-        return braking_speed(left_m, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
-    return max(BACK_PER_S * left_m, -MAX_BACK_M_S, -max_back_m_s)
+    if remaining_m >= 0.0:
+        return braking_speed(remaining_m, BRAKE_VERTICAL_M_S2, BRAKE_VERTICAL_DELAY_S)
+    return max(BACK_PER_S * remaining_m, -MAX_BACK_M_S, -max_back_m_s)

@@ -115,7 +115,7 @@ class Streamer:
         not in Hold within `STOP_ALL_S`, its stream ends and its failsafe takes over. An unconfirmed Stop
         motors command is repeated for the same time.
         """
-        self.groups.disable_guard()
+        self.groups.disable_guards()
         async with asyncio.TaskGroup() as group:
             stops = [group.create_task(self._stop_one(vehicle_id)) for vehicle_id in self._streams.active()]
             group.create_task(self._wait_for_kills())

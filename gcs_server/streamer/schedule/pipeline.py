@@ -67,7 +67,7 @@ class SetpointPipeline:
         """Resets for a new stream."""
         self.sent, self.limited, self._unlimited = None, (), None
         self._brake_has_scans = self._braked = False
-        self._brake_memory.track_ne = None
+        self._brake_memory.track_point_ne_m = None
         self._avoidance.reset()
 
     def accept(self, now_s: float, setpoint: Setpoint | Script, snapshot: Snapshot) -> None:
@@ -148,7 +148,7 @@ class SetpointPipeline:
             return None
         if self._resolved is not None:
             requested = self._avoid(now_s, snapshot, requested, waiting=waiting)
-        return self._load(now_s, snapshot, requested).stop
+        return self._load(now_s, snapshot, requested).stop_reason
 
     def take_reports(self) -> list[StreamEvent]:
         """Returns the reports of limits and avoidance since the last call."""
@@ -210,7 +210,7 @@ class SetpointPipeline:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         surroundings = self._surroundings(now_s, snapshot, bounds)
         if surroundings is None:
-            self._brake_memory.track_ne = None
+            self._brake_memory.track_point_ne_m = None
         requested = requested if self._held_without_sensor is None else self._held_without_sensor
         is_unchanged = requested is self._unlimited and bounds is self._bounds
         if is_unchanged and surroundings is None and not bounds.depends_on_position:
@@ -218,7 +218,7 @@ class SetpointPipeline:
         dt_s = max(0.0, now_s - self._limited_s)
         result = apply_limits(requested, bounds, _motion(now_s, snapshot), self.sent, dt_s, surroundings)
         self._unlimited, self._bounds, self._limited_s, self._braked = requested, bounds, now_s, result.braked
-        self.limited, self._brake_memory.track_ne = result.notes, result.track_ne
+        self.limited, self._brake_memory.track_point_ne_m = result.notes, result.track_point_ne_m
         for note in result.notes:
             if now_s - self._reported_s.get(note, -math.inf) > REPORT_PERIOD_S:
                 self._reports.append(StreamEvent("limited", NOTICE, f"Setpoint limited: {note}."))

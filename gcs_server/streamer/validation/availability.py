@@ -8,14 +8,14 @@ from typing import Protocol
 
 from gcs_server.errors import Refused
 from gcs_server.ros2.versions import REMEDY as VERSION_REMEDY
-from gcs_server.streamer.frames.resolve import LOCAL_KINDS, RESOLVED_KINDS
+from gcs_server.streamer.frames.resolve import KINDS_TO_RESOLVE, NON_LOCAL_KINDS
 from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
 from gcs_server.streamer.transport.ros2 import ROS2_KINDS, topics_of
 from missions.setpoints import KINDS, Estimate, Setpoint, needs_of
 
 TYPES_BY_PROTOCOL: dict[str, frozenset[str]] = {
-    "MAVLink": MAVLINK_KINDS | RESOLVED_KINDS,
-    "ROS 2": ROS2_KINDS | RESOLVED_KINDS | LOCAL_KINDS,
+    "MAVLink": MAVLINK_KINDS | KINDS_TO_RESOLVE,
+    "ROS 2": ROS2_KINDS | KINDS_TO_RESOLVE | NON_LOCAL_KINDS,
 }
 """By link protocol: the setpoint types that its messages can carry, directly or after a conversion."""
 WAIT_REMEDY = "Wait for GPS and the estimator (see the vehicle's messages), then try again."

@@ -175,10 +175,10 @@ def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_is_finally_disca
 def test_setpoints_without_position_control_are_stopped_before_an_obstacle(requested):
     fast = VehicleMotion((0.0, 0.0, -5.0), (4.0, 0.0, 0.0), 0.0)
     near = obstacle_at(5.0, velocity=fast.velocity_ned_m_s)
-    assert "hit an obstacle" in limited(requested, near, fast).stop
-    assert limited(requested, obstacle_at(15.0, velocity=fast.velocity_ned_m_s), fast).stop is None
-    assert limited(requested, obstacle_at(0.5)).stop is None, "the vehicle had already stopped"
-    assert limited(requested, None, fast).stop is None
+    assert "hit an obstacle" in limited(requested, near, fast).stop_reason
+    assert limited(requested, obstacle_at(15.0, velocity=fast.velocity_ned_m_s), fast).stop_reason is None
+    assert limited(requested, obstacle_at(0.5)).stop_reason is None, "the vehicle had already stopped"
+    assert limited(requested, None, fast).stop_reason is None
 
 
 def test_flight_along_a_near_wall_is_allowed():
@@ -252,7 +252,7 @@ def fly_braked(requested, seed, wind_m_s, seconds=60.0):
         motion = VehicleMotion((n + drift_n, e + drift_e, -5.0), (vn, ve, 0.0), 0.0)
         surroundings = memory.update(now_s, (scan,), motion.position_ned_m, motion.velocity_ned_m_s)
         result = limited(requested, surroundings, motion)
-        memory.track_ne = result.track_ne
+        memory.track_point_ne_m = result.track_point_ne_m
         target_n, target_e = result.setpoint.position_ned_m[:2]
         feed_n, feed_e, _ = getattr(result.setpoint, "velocity_ned_m_s", STILL)
         setpoint_n, setpoint_e = (
@@ -281,9 +281,9 @@ def test_a_braked_vehicle_stays_in_front_of_the_obstacle_and_does_not_drift_arou
 def braked_twice(first, second, aside_m, surroundings=None):
     """The limited position of the second setpoint; the vehicle was braked and then moved to the east."""
     memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
-    memory.track_ne = limited(
+    memory.track_point_ne_m = limited(
         Position(first), memory.update(NOW_S, (scan,), HOVERING.position_ned_m, STILL)
-    ).track_ne
+    ).track_point_ne_m
     moved = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
     later = memory.update(NOW_S, surroundings or (scan,), moved.position_ned_m, STILL)
     return limited(Position(second), later, moved).setpoint.position_ned_m
@@ -304,7 +304,7 @@ def test_the_track_follows_a_new_target_and_ends_where_the_brake_does_not_act():
     assert (north > 0.0, east > 0.3) == (True, True)
     free = (-10.0, 5.0, -5.0)
     assert braked_twice((30.0, 0.0, -5.0), free, 0.3) == free
-    assert limited(Position(free), obstacle_at(4.0)).track_ne is None
+    assert limited(Position(free), obstacle_at(4.0)).track_point_ne_m is None
 
 
 def test_a_vehicle_that_was_moved_far_away_is_kept_on_a_new_track():
@@ -320,7 +320,7 @@ def test_the_speed_limit_does_not_release_the_vehicle_from_its_track():
         motion = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
         surroundings = memory.update(NOW_S, (scan,), motion.position_ned_m, STILL)
         result = limited(Position((30.0, 0.0, -5.0)), surroundings, motion, slow)
-        memory.track_ne = result.track_ne
+        memory.track_point_ne_m = result.track_point_ne_m
     north, east, _ = result.setpoint.position_ned_m
     assert east == pytest.approx(0.0, abs=1e-6)
     assert slow.position_gain * math.hypot(north, east - 0.5) <= 1.0 + 1e-9

@@ -162,7 +162,7 @@ def test_any_setpoint_is_sent_within_the_limits(requested, limits, motion, previ
         assert inside_fence(position_ned[:2], limits)
         assert limits.region.clamp_down_m(position_ned[2]) == position_ned[2]
     unchanged = sent == requested
-    assert unchanged or result.notes or result.stop, "a change was not reported"
+    assert unchanged or result.notes or result.stop_reason, "a change was not reported"
 
 
 @given(setpoints, bounds(), st.sampled_from((math.nan, math.inf, -math.inf)))
@@ -178,7 +178,7 @@ def test_values_that_are_not_finite_are_never_sent(requested, limits, not_finite
         broken = Position((0.0, 0.0, not_finite))
     result = apply_limits(broken, limits, None)
     assert result.setpoint is None
-    assert "not a finite number" in result.stop
+    assert "not a finite number" in result.stop_reason
 
 
 @given(vector, bounds())
@@ -257,19 +257,24 @@ def test_from_outside_a_target_beyond_the_fence_is_moved_inside():
 )
 def test_setpoints_without_position_control_are_stopped_before_the_fence(requested):
     limits = Bounds(region=FENCED)
-    assert apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop is None
     assert (
-        "leave" in apply_limits(requested, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop
+        apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop_reason
+        is None
     )
     assert (
-        "leave" in apply_limits(requested, limits, VehicleMotion((50.0, 10.0, -20.0), (0.0, 0.0, 0.0))).stop
+        "leave"
+        in apply_limits(requested, limits, VehicleMotion((-30.0, -8.0, -20.0), (0.0, 30.0, 0.0))).stop_reason
+    )
+    assert (
+        "leave"
+        in apply_limits(requested, limits, VehicleMotion((50.0, 10.0, -20.0), (0.0, 0.0, 0.0))).stop_reason
     )
     assert (
         "altitude"
-        in apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop
+        in apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -37.0), (0.0, 0.0, -6.0))).stop_reason
     )
-    assert "No valid position" in apply_limits(requested, limits, None).stop
-    assert apply_limits(requested, Bounds(), None).stop is None
+    assert "No valid position" in apply_limits(requested, limits, None).stop_reason
+    assert apply_limits(requested, Bounds(), None).stop_reason is None
 
 
 def test_a_far_target_is_approached_at_the_operators_speed():

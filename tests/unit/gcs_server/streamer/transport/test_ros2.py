@@ -232,5 +232,5 @@ def test_thrust_and_motor_setpoints_stop_without_a_position_if_a_fence_is_set(
     setpoint: DirectSetpoint,
 ) -> None:
     fenced = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
-    assert apply_limits(setpoint, Bounds(), None).stop is None
-    assert "No valid position estimate" in (apply_limits(setpoint, fenced, None).stop or "")
+    assert apply_limits(setpoint, Bounds(), None).stop_reason is None
+    assert "No valid position estimate" in (apply_limits(setpoint, fenced, None).stop_reason or "")

@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.api.offboard_views import SetpointType
 from gcs_server.api.setpoint_models import AnySetpoint
-from gcs_server.streamer.frames.resolve import LOCAL_KINDS, RESOLVED_KINDS
+from gcs_server.streamer.frames.resolve import KINDS_TO_RESOLVE, NON_LOCAL_KINDS
 from gcs_server.streamer.transport.mavlink import MAVLINK_KINDS
 from gcs_server.streamer.transport.ros2 import ROS2_KINDS
 from gcs_server.streamer.validation.availability import why_not_carried
@@ -25,11 +25,11 @@ def test_responses_can_name_each_setpoint_type() -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_ros_2_link_carries_every_setpoint_type(kind: str) -> None:
     assert why_not_carried(kind, "ROS 2") is None
-    assert (kind in ROS2_KINDS) == (kind not in RESOLVED_KINDS | LOCAL_KINDS)
+    assert (kind in ROS2_KINDS) == (kind not in KINDS_TO_RESOLVE | NON_LOCAL_KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_setpoint_type_is_encoded_resolved_or_refused_with_a_reason(kind: str) -> None:
     reason = why_not_carried(kind, "MAVLink")
-    assert (reason is None) == (kind in MAVLINK_KINDS | RESOLVED_KINDS)
+    assert (reason is None) == (kind in MAVLINK_KINDS | KINDS_TO_RESOLVE)
     assert reason is None or kind in reason
