@@ -145,7 +145,7 @@ def _current_path(station: Station, other: Vehicle) -> PredictedPath | None:
 
 
 def _mission_path(station: Station, other: Vehicle) -> PredictedPath | None:
-    mission, origin = station.missions.newest(other.id), VehicleEstimates(other).origin()
+    mission, origin = station.missions.find_flight(other.id), VehicleEstimates(other).origin()
     position_ned_m = vehicle_reading(other).position_ned_m
     if mission is None or not mission.runner.in_charge or origin is None or position_ned_m is None:
         return None

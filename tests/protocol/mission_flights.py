@@ -10,7 +10,7 @@ from gcs_server.control.journal import Journal
 from gcs_server.control.lease import LeaseTimes
 from gcs_server.control.principal import Principal
 from gcs_server.streamer.missions.flight import MissionFlight
-from gcs_server.streamer.missions.missions import CHECK_PERIOD_S, OffboardMissions
+from gcs_server.streamer.missions.missions import UPDATE_PERIOD_S, OffboardMissions
 from gcs_server.streamer.missions.start import Start
 from gcs_server.streamer.missions.status import MissionName
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
@@ -45,7 +45,7 @@ class Missions:
         )
         self.authority.start()
         # A lambda, so that a test can replace the method.
-        world.supervisor.repeat("offboard-missions", lambda: self.offboard.update(), CHECK_PERIOD_S)
+        world.supervisor.repeat("offboard-missions", lambda: self.offboard.update(), UPDATE_PERIOD_S)
         self.flight: Any = None
 
     def begin(

@@ -160,12 +160,12 @@ def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
         await rig.start_in_flight()
         streams = rig.world.streamer._streams
         flight = rig.station.missions.flight("1")
-        record, tick = streams._record_loop_message, flight.tick
-        streams._record_loop_message, flight.tick = lambda _: None, lambda: None
+        record, update = streams._record_loop_message, flight.update
+        streams._record_loop_message, flight.update = lambda _: None, lambda: None
         began_s = rig.world.loop.time()
         await rig.mode("rtl")
         assert 1.0 < rig.world.loop.time() - began_s < 2.5
-        streams._record_loop_message, flight.tick = record, tick
+        streams._record_loop_message, flight.update = record, update
         await until(lambda: rig.mission == "suspended", 2)
 
     fly(jump, scenario)

@@ -10,7 +10,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
 from gcs_server.ros2.external_mode import IF_SILENT
 from gcs_server.streamer.missions.executor import IF_SILENT_IN_PX4_MODE, PX4_MODES, MissionExecutor
-from gcs_server.streamer.missions.readings import above_home_m, reading_of
+from gcs_server.streamer.missions.readings import above_home_m, stream_reading
 from gcs_server.streamer.missions.start import Spawn, Start, Task
 from gcs_server.streamer.missions.status import OffboardMissionStatus
 from gcs_server.streamer.offboard.control import OffboardControl
@@ -45,7 +45,7 @@ RENEWAL_TIMEOUT_S = 3.0
 """Time without an update of the mission after which the stream holds the position, then switches to PX4's
 Hold mode [s]."""
 HOLD_FOR_S = 5.0
-"""Time for which the stream holds the position before it requests Hold mode [s]."""
+"""Time for which the stream then holds the position, before it requests Hold mode [s]."""
 RATE_HZ = 50.0
 MAX_PICTURES_WAITING = 5
 WARNING, NOTICE = 4, 5
@@ -95,7 +95,7 @@ class MissionFlight:
         """The running command; a newer command cancels it."""
         self._pictures = 0
         self._gimbal_requested = False
-        self._has_gimbal = False
+        self._controls_gimbal = False
 
     # --- requests of clients ------------------------------------------------------------------------
 
@@ -151,7 +151,7 @@ class MissionFlight:
 
     # --- time -------------------------------------------------------------------------------------
 
-    def tick(self) -> None:
+    def update(self) -> None:
         """Updates the runner; called about ten times a second."""
         if not self.runner.over:
             reading = self.reading()
@@ -180,7 +180,7 @@ class MissionFlight:
 
     def reading(self) -> Reading:
         """The current state of the vehicle, for the runner."""
-        reading = reading_of(self._control, self._streams.state(self._vehicle.id))
+        reading = stream_reading(self._control, self._streams.state(self._vehicle.id))
         executor = self._executor
         if executor.state is None:
             return reading
@@ -199,7 +199,7 @@ class MissionFlight:
             version=mission.version,
             client=self._start.client,
             role=self._start.role,
-            others=() if self.joint is None else self.joint.others(self),
+            others=() if self.joint is None else self.joint.other_vehicle_ids(self),
             started_unix_s=self._record.started_unix_s,
             place=result.place,
             title=result.title,
@@ -264,7 +264,7 @@ class MissionFlight:
                 case PointGimbal():
                     self._point_gimbal(request)
                 case ReleaseGimbal():
-                    self._gimbal_requested = self._has_gimbal = False
+                    self._gimbal_requested = self._controls_gimbal = False
                     self._spawn(
                         "mission gimbal", self._report_failure(request, self._vehicle.gimbal.release_control)
                     )
@@ -293,7 +293,8 @@ class MissionFlight:
     def _command(self, request: TakeOff | StreamScript | SetMode) -> None:
         if self._task is not None:
             self._task.cancel()
-        # decided now: a later command of this server would override a pilot or station that takes over
+        # Decided now, not when the task runs: PX4 rejects a command of the executor after a pilot or another
+        # station has taken over, but a command that does not use the executor would override them.
         by_executor = self._executor.in_charge
         self._task = self._spawn(
             "mission command", self._report_failure(request, lambda: self._run_command(request, by_executor))
@@ -315,7 +316,7 @@ class MissionFlight:
         elif isinstance(request, TakeOff):
             await command.takeoff(above_home_m(self._vehicle) + request.height_m, by=self._by)
         elif isinstance(request, StreamScript):
-            await self._play(request, by_executor)
+            await self._stream_script(request, by_executor)
         elif request.mode == "hold":
             if self._streams.state(self._vehicle.id).phase != "idle":
                 await self._control.stop()
@@ -326,7 +327,7 @@ class MissionFlight:
         else:
             await (command.land if request.mode == "land" else command.rtl)(by=self._by)
 
-    async def _play(self, request: StreamScript, by_executor: bool) -> None:
+    async def _stream_script(self, request: StreamScript, by_executor: bool) -> None:
         self._check_approach(request.script.approach)
         on_expiry = OnExpiry("hold", HOLD_FOR_S)
         name = self._start.mission.name
@@ -373,14 +374,14 @@ class MissionFlight:
         self._spawn("mission picture", self._report_failure(request, take_picture))
 
     def _point_gimbal(self, request: PointGimbal) -> None:
-        if self._has_gimbal:
+        if self._controls_gimbal:
             self._vehicle.gimbal.point(request.pitch_rad, request.yaw_ned_rad)
         elif not self._gimbal_requested:
             self._gimbal_requested = True
 
             async def take_control() -> None:
                 await self._vehicle.gimbal.take_control()
-                self._has_gimbal = True
+                self._controls_gimbal = True
 
             self._spawn("mission gimbal", self._report_failure(request, take_control))
 

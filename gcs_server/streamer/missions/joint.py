@@ -30,14 +30,14 @@ class JointMission:
         self.name, self.flights = name, flights
         self._clock, self._streams, self._minimum_m = clock, streams, minimum_m
         self._runner = JointRunner({role: flight.runner for role, flight in flights.items()})
-        self._watched = False
+        self._guarded = False
 
     @property
     def over(self) -> bool:
         """Whether the mission has ended for all vehicles."""
         return self._runner.over
 
-    def others(self, flight: MissionFlight) -> tuple[str, ...]:
+    def other_vehicle_ids(self, flight: MissionFlight) -> tuple[str, ...]:
         """Ids of the other vehicles of the mission."""
         return tuple(each.vehicle_id for each in self.flights.values() if each is not flight)
 
@@ -55,18 +55,18 @@ class JointMission:
         for flight in self.flights.values():
             flight.require_attitude()
         requests = call_runner(self._runner.start, self._now_s, self._readings())
-        self._watch()
-        self._watched = True
+        self._start_guard()
+        self._guarded = True
         for flight in self.flights.values():
             flight.joint = self
         self._execute(requests)
 
     def update(self) -> None:
         """Updates the mission; called after the update of each flight."""
-        if not self._watched:
+        if not self._guarded:
             return
         if self._streams.guard(self.name) is None:  # the stream process was restarted
-            self._watch()
+            self._start_guard()
         readings = self._readings()
         not_updated = [
             f.vehicle_id for f in self.flights.values() if self._now_s - f.updated_s > RENEWAL_TIMEOUT_S
@@ -79,7 +79,7 @@ class JointMission:
         else:
             self._execute(self._runner.update(self._now_s, readings))
         if self._runner.over:
-            self._watched = False
+            self._guarded = False
             self._streams.unwatch(self.name)
 
     def stop_on_finding(self, finding: Finding) -> None:
@@ -119,7 +119,7 @@ class JointMission:
     def _now_s(self) -> float:
         return self._clock.monotonic_s()
 
-    def _watch(self) -> None:
+    def _start_guard(self) -> None:
         vehicles = self.vehicles.values()
         guard = MissionGuard(self.name, vehicles, minimum_m=self._minimum_m, now_s=self._now_s)
         self._streams.watch(guard)

@@ -18,7 +18,7 @@ from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.runner.runner import LOW_BATTERY_SHARE
 
-CHECK_PERIOD_S = 0.1
+UPDATE_PERIOD_S = 0.1
 
 
 class OffboardMissions:
@@ -36,7 +36,7 @@ class OffboardMissions:
         self._supervisor = supervisor
         self._flights: dict[str, MissionFlight] = {}
         """By vehicle id."""
-        self._joint: dict[str, JointMission] = {}
+        self._joint_missions: dict[str, JointMission] = {}
         """Missions of several vehicles that are being flown, by the name of their guard."""
         self._count = 0
         streamer.groups.on_mission_finding = self._on_finding
@@ -53,7 +53,7 @@ class OffboardMissions:
 
     def start(self) -> None:
         """Starts the periodic update."""
-        self._supervisor.repeat("offboard-missions", self.update, CHECK_PERIOD_S)
+        self._supervisor.repeat("offboard-missions", self.update, UPDATE_PERIOD_S)
 
     def begin(self, vehicle_id: str, start: Start) -> MissionFlight:
         """Starts a mission.
@@ -85,7 +85,7 @@ class OffboardMissions:
         self._count += 1
         joint = JointMission(f"mission {self._count}", flights, self._clock, self._streams, minimum_m)
         joint.begin()
-        self._joint[joint.name] = joint
+        self._joint_missions[joint.name] = joint
         self._flights |= {flight.vehicle_id: flight for flight in flights.values()}
         return joint
 
@@ -112,7 +112,7 @@ class OffboardMissions:
         return MissionFlight(self._clock, control, self._streams, spawn, start)  # type: ignore[arg-type]
 
     def flight(self, vehicle_id: str) -> MissionFlight:
-        """The newest mission of a known vehicle.
+        """The newest mission of a vehicle.
 
         Raises:
             Refused: the vehicle has had no mission.
@@ -125,7 +125,7 @@ class OffboardMissions:
             )
         return flight
 
-    def newest(self, vehicle_id: str) -> MissionFlight | None:
+    def find_flight(self, vehicle_id: str) -> MissionFlight | None:
         """The newest mission of a vehicle; None: the vehicle has had no mission."""
         return self._flights.get(vehicle_id)
 
@@ -138,7 +138,7 @@ class OffboardMissions:
         """Ids of the other vehicles that fly the same mission as this vehicle."""
         flight = self._flights.get(vehicle_id)
         joint = None if flight is None else flight.joint
-        return () if flight is None or joint is None or joint.over else joint.others(flight)
+        return () if flight is None or joint is None or joint.over else joint.other_vehicle_ids(flight)
 
     def status(self, vehicle_id: str) -> OffboardMissionStatus | None:
         """Status of a vehicle's newest mission; None: the vehicle has had no mission."""
@@ -152,16 +152,16 @@ class OffboardMissions:
         self._streamer.groups.collect()
         for vehicle_id, flight in list(self._flights.items()):
             vehicle = self._streamer.offboard(vehicle_id).vehicle
-            vehicle.isolation.run("the update of its offboard mission", flight.tick)
+            vehicle.isolation.run("the update of its offboard mission", flight.update)
 
-        for name, joint in list(self._joint.items()):
+        for name, joint in list(self._joint_missions.items()):
             next(iter(joint.flights.values())).run_isolated(joint.update)
             if joint.over:
-                del self._joint[name]
+                del self._joint_missions[name]
 
     def _on_finding(self, name: str, finding: Finding) -> None:
-        if name in self._joint:
-            self._joint[name].stop_on_finding(finding)
+        if name in self._joint_missions:
+            self._joint_missions[name].stop_on_finding(finding)
 
 
 def low_battery_share(vehicle: Vehicle) -> float:
@@ -184,5 +184,5 @@ class VehicleMission:
     @property
     def flown_by_pilot(self) -> bool:
         """Whether a pilot or another station has started the mission that is flown now."""
-        flight = self.missions.newest(self.vehicle_id)
+        flight = self.missions.find_flight(self.vehicle_id)
         return flight is not None and flight.runner.in_charge and flight.runner.flight.started_by_pilot

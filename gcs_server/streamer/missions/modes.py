@@ -40,7 +40,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Estimate
 
 log = logging.getLogger(__name__)
-CHECK_PERIOD_S: Final = 0.1
+UPDATE_PERIOD_S: Final = 0.1
 REGISTER_TIMEOUT_S: Final = 10.0
 """DDS needs up to a few seconds to connect; then the registration is requested up to five times, once a
 second."""
@@ -53,7 +53,7 @@ REQUIREMENT_OF: Final[Mapping[Estimate, str]] = {
 IN_CHARGE_TIMEOUT_S: Final = 1.0
 """Time within which PX4 reports that the executor of the selected mode is in charge."""
 AFTER_DISARMING_S: Final = 3.0
-"""PX4 can select the mode of an executor again up to this long after disarming (after a landing it does)."""
+"""Time after disarming within which PX4 may select an executor's mode again, as after a landing [s]."""
 
 
 @dataclass(slots=True)
@@ -108,7 +108,7 @@ class MissionModes:
 
     def start(self) -> None:
         """Starts the periodic update."""
-        self._supervisor.repeat("mission-modes", self.update, CHECK_PERIOD_S)
+        self._supervisor.repeat("mission-modes", self.update, UPDATE_PERIOD_S)
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops the modes of a removed vehicle."""
@@ -152,7 +152,7 @@ class MissionModes:
         while (registration := self._registration(vehicle_id, mode.name)).state == "registering":
             if self._clock.monotonic_s() >= until_s:
                 break
-            await self._clock.sleep(CHECK_PERIOD_S / 2)
+            await self._clock.sleep(UPDATE_PERIOD_S / 2)
         if registration.state != "registered":
             self._drop(vehicle_id, mode.name)
             raise Refused(
@@ -190,8 +190,8 @@ class MissionModes:
         """The modes of a vehicle."""
         state = self._vehicles.get(vehicle_id)
         return [
-            self._status(each, self._registration(vehicle_id, name))
-            for name, each in ({} if state is None else state.modes).items()
+            self._status(entry, self._registration(vehicle_id, name))
+            for name, entry in ({} if state is None else state.modes).items()
         ]
 
     # --- time -------------------------------------------------------------------------------------
@@ -204,23 +204,23 @@ class MissionModes:
 
     def _update_vehicle(self, vehicle: Vehicle, state: _VehicleModes) -> None:
         by_mode: dict[str, _ModeEntry] = {}
-        for name, each in state.modes.items():
+        for name, entry in state.modes.items():
             registration = self._registration(vehicle.id, name)
             if registration.mode is not None:
-                by_mode[registration.mode] = each
+                by_mode[registration.mode] = entry
                 vehicle.mode_names.external[registration.mode] = name
-            if registration.state != each.state:
-                each.state = registration.state
+            if registration.state != entry.state:
+                entry.state = registration.state
                 self._report(vehicle, name, registration)
-            if registration.failsafe_deferred != each.failsafe_deferred:
-                each.failsafe_deferred = registration.failsafe_deferred
-                self._report_deferral(vehicle, each)
+            if registration.failsafe_deferred != entry.failsafe_deferred:
+                entry.failsafe_deferred = registration.failsafe_deferred
+                self._report_deferral(vehicle, entry)
         self._forget_names(vehicle, by_mode)
         status = vehicle.status
         if status.link_lost:
             return
         if not status.armed:
-            prepared = [(each.mode, each.preparation) for each in by_mode.values()]
+            prepared = [(entry.mode, entry.preparation) for entry in by_mode.values()]
             self._preparer.update(
                 vehicle, [(mode, preparation) for mode, preparation in prepared if preparation is not None]
             )
@@ -311,12 +311,12 @@ class MissionModes:
             if mission_mode.takes_off:
                 await self._wait_until_in_charge(vehicle.id, mission_mode.name)
             if flight is not None and on_ground:
-                flight.abort(by, "hold")  # without a command, because the mission is suspended
+                flight.abort(by, "hold")  # sends no command, because the mission is suspended
                 flight = None
             if flight is not None:
                 flight.resume(by)
                 return
-            start = await self._start_of(vehicle, entry)
+            start = await self._mission_to_begin(vehicle, entry)
             if vehicle.status.mode == mode and vehicle.status.armed:
                 self._missions.begin(vehicle.id, replace(start, mode=mode))
         except GcsError as error:
@@ -328,7 +328,7 @@ class MissionModes:
                 self._streams.complete_mode(vehicle.id, mode, False)
                 await vehicle.command.hold(by=by)
 
-    async def _start_of(self, vehicle: Vehicle, entry: _ModeEntry) -> Start:
+    async def _mission_to_begin(self, vehicle: Vehicle, entry: _ModeEntry) -> Start:
         """The mission to begin now.
 
         PX4 learns up to 1 s late that the mission must be compiled again. If the vehicle was armed in that
@@ -351,7 +351,7 @@ class MissionModes:
                 raise Refused(
                     "PX4 did not put the mode's executor in charge.", remedy="Select the mode again."
                 )
-            await self._clock.sleep(CHECK_PERIOD_S / 2)
+            await self._clock.sleep(UPDATE_PERIOD_S / 2)
 
     # --- inside -----------------------------------------------------------------------------------
 

@@ -54,7 +54,7 @@ class Preparation:
     def __init__(self, start: Start, inputs: CompileInputs | None) -> None:
         self._start: Start | None = start
         self._inputs = inputs
-        self._compiling, self._next_s = False, 0.0
+        self._compiling, self._next_compile_s = False, 0.0
         self.ready = self.reported = True
         """Whether the mission can begin when the vehicle is armed, and the value last sent to the stream
         process."""
@@ -75,8 +75,8 @@ class Preparation:
             inputs: the current inputs; None: the vehicle has no valid position.
         """
         self.ready = self._is_compiled_for(inputs, READY_WITHIN)
-        current = self._is_compiled_for(inputs, COMPILE_AFTER)
-        if current or self._compiling or now_s < self._next_s:
+        is_current = self._is_compiled_for(inputs, COMPILE_AFTER)
+        if is_current or self._compiling or now_s < self._next_compile_s:
             return False
         self._compiling = True
         return True
@@ -89,12 +89,12 @@ class Preparation:
     def succeeded(self, start: Start, inputs: CompileInputs | None, now_s: float) -> None:
         """Stores the mission that was compiled for these inputs."""
         self._start, self._inputs, self.problem = start, inputs, ""
-        self._compiling, self._next_s = False, now_s + MIN_INTERVAL_S
+        self._compiling, self._next_compile_s = False, now_s + MIN_INTERVAL_S
 
     def failed(self, problem: str, now_s: float) -> None:
         """Stores why the compilation failed, or why the mission cannot begin at the vehicle's position."""
         self._start, self.problem, self.ready = None, problem, False
-        self._compiling, self._next_s = False, now_s + RETRY_S
+        self._compiling, self._next_compile_s = False, now_s + RETRY_S
 
     @property
     def start(self) -> Start | None:

@@ -54,12 +54,12 @@ class Preparer:
     async def _compile(
         self, vehicle: Vehicle, mode: MissionAsMode, preparation: Preparation, inputs: CompileInputs | None
     ) -> None:
-        problem = preparation.problem
+        previous_problem = preparation.problem
         try:
             start = await self._prepare(vehicle.id, mode)
         except GcsError as error:
             preparation.failed(with_remedy(error), self._clock.monotonic_s())
-            if preparation.problem != problem:
+            if preparation.problem != previous_problem:
                 text = (
                     f"The mission of the mode {mode.name!r} cannot begin here: {preparation.problem} "
                     "PX4 does not arm in this mode until the mission can begin."
@@ -67,6 +67,6 @@ class Preparer:
                 add_event(vehicle, self._clock, mode.name, "not_ready", text, WARNING)
         else:
             preparation.succeeded(start, inputs, self._clock.monotonic_s())
-            if problem:
+            if previous_problem:
                 text = f"The mission of the mode {mode.name!r} can begin here now."
                 add_event(vehicle, self._clock, mode.name, "ready", text, NOTICE)

@@ -14,7 +14,8 @@ from missions.setpoints import Estimate
 
 MAX_DISTANCE_AGE_S, MAX_WIND_AGE_S = 3.0, 10.0
 """Maximum age of these messages [s]; by default PX4 sends DISTANCE_SENSOR and WIND_COV every two seconds."""
-PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
+RUNNER_PHASES: dict[str, StreamPhase] = {"idle": "idle", "starting": "starting", "streaming": "flying"}
+"""The runner's name of a stream's phase; all other phases are "ending"."""
 
 
 def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
@@ -87,7 +88,7 @@ def reported_values(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def vehicle_reading(vehicle: Vehicle) -> Reading:
-    """The current state of a vehicle, without a setpoint stream."""
+    """The current state of a vehicle, without its setpoint stream."""
     estimates, status, cause = VehicleEstimates(vehicle), vehicle.status, vehicle.mode_cause
     local, attitude = estimates.local(), estimates.attitude()
     holder = None if vehicle.control is None else vehicle.control.status()
@@ -115,7 +116,7 @@ def vehicle_reading(vehicle: Vehicle) -> Reading:
     )
 
 
-def reading_of(control: OffboardControl, state: StreamState) -> Reading:
+def stream_reading(control: OffboardControl, state: StreamState) -> Reading:
     """The current state of a vehicle with its setpoint stream.
 
     Args:
@@ -124,7 +125,7 @@ def reading_of(control: OffboardControl, state: StreamState) -> Reading:
     """
     flies_mission = state.request is not None and state.request.owner == "mission"
     return vehicle_reading(control.vehicle)._replace(
-        stream=PHASES.get(state.phase, "ending") if flies_mission else "idle",
+        stream=RUNNER_PHASES.get(state.phase, "ending") if flies_mission else "idle",
         stream_text=None if state.last_end is None else state.last_end.text,
         progress=state.progress if flies_mission else None,
     )

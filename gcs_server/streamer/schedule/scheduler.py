@@ -334,7 +334,7 @@ class StreamScheduler:
             actions = guard.check(now_s, {v: self._view_of(v) for v in guard.members})
         except Exception as error:  # a failure of the guard must be reported
             guard.skip_check(now_s)
-            actions = guard.fault(now_s, f"The check that keeps the group apart failed ({error})")
+            actions = guard.stop_on_fault(now_s, f"The check that keeps the group apart failed ({error})")
             if actions.hold:
                 log.exception("the guard of group %s failed", guard.name)
         self._execute(guard, now_s, actions, guard.until_s)
@@ -360,9 +360,9 @@ class StreamScheduler:
                     log.exception("the setpoint of vehicle %s failed", vehicle_id)
                 refused = f"Vehicle {vehicle_id} could not start ({error})"
         if refused is not None:
-            actions = guard.fault(now_s, refused)
+            actions = guard.stop_on_fault(now_s, refused)
         elif actions.new_requests or until_s != guard.until_s:
-            guard.renewed(until_s)
+            guard.set_expiry(until_s)
             for vehicle_id in guard.members:
                 if vehicle_id not in guard.held:
                     self._streams[vehicle_id].machine.set_expiry(until_s)

@@ -56,7 +56,7 @@ class MemberView:
     """Phase of the member's stream."""
     request: StreamRequest | None
     snapshot: Snapshot
-    ended: str | None
+    end_reason: str | None
     """Reason for the end of the stream; None while it runs."""
 
 
@@ -85,6 +85,7 @@ class Actions:
     hold: dict[str, str] = field(default_factory=dict[str, str])
     """Vehicles to stop, with the reason."""
     code: str = "group"
+    """Code of the stream's event about the stop: separation or group."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +166,7 @@ class GroupGuard:
         """A member's first request; None after the common start."""
         return self._requests[vehicle] if self.phase == "waiting" else None
 
-    def renewed(self, until_s: float) -> None:
+    def set_expiry(self, until_s: float) -> None:
         """Sets the time at which all setpoints expire; called when new setpoints were accepted."""
         self.until_s = until_s
 
@@ -187,21 +188,21 @@ class GroupGuard:
             return Actions()
         self._next_check_s = now_s + CHECK_PERIOD_S
         flying = [v for v in self.members if v not in self.held and self._is_checked(views[v])]
-        if self._have_all_left(now_s, flying, views):
+        if self._nothing_to_stop(now_s, flying, views):
             return Actions()
         actions = Actions()
         for vehicle in flying:
-            why = self._reason_left(vehicle, views[vehicle])
-            if why is not None:
-                self._stop(now_s, actions, "left", (vehicle,), why)
+            reason = self._leave_reason(vehicle, views[vehicle])
+            if reason is not None:
+                self._stop(now_s, actions, "left", (vehicle,), reason)
         motions = self._moving_vehicles(now_s, views)
         for vehicle in flying:
             if vehicle not in self.held and vehicle not in motions:
-                why = (
+                reason = (
                     f"The position of vehicle {vehicle} is not known (no message for 1 s, or no "
                     f"valid estimate)"
                 )
-                self._stop(now_s, actions, "place_unknown", (vehicle,), why)
+                self._stop(now_s, actions, "place_unknown", (vehicle,), reason)
         self._keep_apart(now_s, actions, motions)
         if self.phase == "waiting" and now_s >= self.start_s:
             self._begin(now_s, actions)
@@ -211,11 +212,11 @@ class GroupGuard:
         """Makes the next check due at its normal time; called when a check failed."""
         self._next_check_s = now_s + CHECK_PERIOD_S
 
-    def fault(self, now_s: float, why: str) -> Actions:
+    def stop_on_fault(self, now_s: float, reason: str) -> Actions:
         """Stops all members after an unexpected error."""
         actions = Actions()
         self._others_go_on = False
-        self._stop(now_s, actions, "fault", self.members, why)
+        self._stop(now_s, actions, "fault", self.members, reason)
         return actions
 
     # --- inside -----------------------------------------------------------------------------------
@@ -224,7 +225,7 @@ class GroupGuard:
         """Whether the separation of this member is checked now."""
         return True
 
-    def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
+    def _nothing_to_stop(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
         """Whether nothing must be stopped: no member follows the group's requests any more, or all requests
         expire now."""
         if self.phase == "over":
@@ -239,11 +240,11 @@ class GroupGuard:
             and len(following) < len(flying)
         )
 
-    def _reason_left(self, vehicle: str, view: MemberView) -> str | None:
+    def _leave_reason(self, vehicle: str, view: MemberView) -> str | None:
         """Why a member no longer flies its request; None while it flies the request."""
         if view.phase not in FOLLOWING_PHASES:
-            why = f": {view.ended.rstrip('.')}" if view.ended else ""
-            return f"Vehicle {vehicle} no longer follows the group's setpoints{why}"
+            suffix = f": {view.end_reason.rstrip('.')}" if view.end_reason else ""
+            return f"Vehicle {vehicle} no longer follows the group's setpoints{suffix}"
         if self.phase == "waiting" and view.request != self._waiting_requests[vehicle]:
             return f"Vehicle {vehicle} received another setpoint before the common start"
         return None
@@ -266,10 +267,8 @@ class GroupGuard:
             motion = motion_of(snapshot, now_s, origin.to_frame_of(common, position), setpoint)
             self._trends[vehicle].add(snapshot.received_s, motion.velocity_ned_m_s)
             if not has_velocity_control(setpoint):
-                extrapolated_ned_m_s = self._trends[vehicle].extrapolated_ned_m_s(
-                    motion.age_s + LEVEL_AFTER_S
-                )
-                motion = replace(motion, velocity_ned_m_s=extrapolated_ned_m_s)
+                velocity_ned_m_s = self._trends[vehicle].extrapolated_ned_m_s(motion.age_s + LEVEL_AFTER_S)
+                motion = replace(motion, velocity_ned_m_s=velocity_ned_m_s)
             motions[vehicle] = motion
         return motions
 
@@ -278,19 +277,19 @@ class GroupGuard:
         pairs: list[tuple[str, str, float, float]] = []
         for a, b in itertools.combinations(motions, 2):
             motion_a, motion_b = motions[a], motions[b]
-            apart_m, margin = (
+            distance_m, margin = (
                 math.dist(motion_a.position_ned_m, motion_b.position_ned_m),
                 margin_m(motion_a, motion_b),
             )
-            if self.nearest is None or apart_m < self.nearest[2]:
-                self.nearest = (a, b, apart_m)
+            if self.nearest is None or distance_m < self.nearest[2]:
+                self.nearest = (a, b, distance_m)
             self.margin_m = max(self.margin_m or 0.0, margin)
             reach_m = sum(
                 braking_distance_m(math.hypot(*m.velocity_ned_m_s), m.decel_m_s2)
                 for m in (motion_a, motion_b)
             )
-            if apart_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
-                pairs.append((a, b, apart_m, margin))
+            if distance_m - reach_m < self.minimum_m + margin and not (a in self.held and b in self.held):
+                pairs.append((a, b, distance_m, margin))
         if not pairs:
             return
         motions_a, motions_b = [motions[a] for a, *_ in pairs], [motions[b] for _, b, *_ in pairs]
@@ -302,20 +301,20 @@ class GroupGuard:
             np.array([m.decel_m_s2 for m in motions_a]),
             np.array([m.decel_m_s2 for m in motions_b]),
         )
-        for (a, b, apart_m, margin), closest_distance_m in zip(pairs, closest_distances_m, strict=True):
+        for (a, b, distance_m, margin), closest_distance_m in zip(pairs, closest_distances_m, strict=True):
             if closest_distance_m < self.minimum_m + margin:
-                why = (
-                    f"Vehicles {a} and {b} are {apart_m:.1f} m apart, and stopping both now leaves "
+                reason = (
+                    f"Vehicles {a} and {b} are {distance_m:.1f} m apart, and stopping both now leaves "
                     f"{closest_distance_m:.1f} m (the minimum is {self.minimum_m:g} m plus {margin:.1f} m "
                     "margin for estimation errors)"
                 )
-                self._stop(now_s, actions, "separation", (a, b), why, apart_m)
+                self._stop(now_s, actions, "separation", (a, b), reason, distance_m)
 
     def _begin(self, now_s: float, actions: Actions) -> None:
         late_s = now_s - self.start_s
         if late_s > MAX_START_DELAY_S:
-            why = f"The common start was missed by {late_s:.1f} s (the server was stalled)"
-            self._stop(now_s, actions, "late", self.members, why)
+            reason = f"The common start was missed by {late_s:.1f} s (the server was stalled)"
+            self._stop(now_s, actions, "late", self.members, reason)
             return
         self.phase = "flying"
         actions.new_requests = dict(self._requests)
@@ -326,7 +325,7 @@ class GroupGuard:
         actions: Actions,
         code: str,
         vehicles: tuple[str, ...],
-        why: str,
+        reason: str,
         distance_m: float | None = None,
     ) -> None:
         stops_all = not self._others_go_on or self.phase == "waiting"
@@ -335,10 +334,10 @@ class GroupGuard:
             return
         self.held.update(stopped)
         actions.code = "separation" if code == "separation" else "group"
-        actions.hold |= dict.fromkeys(stopped, why)
+        actions.hold |= dict.fromkeys(stopped, reason)
         if self.phase == "waiting":
             self.phase = "flying"  # no more requests start, and the guard ends when all members have stopped
-        self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{why}.", distance_m))
+        self.findings.append(Finding(now_s, code, vehicles, tuple(stopped), f"{reason}.", distance_m))
 
 
 def has_velocity_control(setpoint: Setpoint | None) -> bool:

@@ -43,8 +43,8 @@ class MissionGuard(GroupGuard):
     def _is_checked(self, view: MemberView) -> bool:
         return view.snapshot.armed
 
-    def _reason_left(self, vehicle: str, view: MemberView) -> str | None:
+    def _leave_reason(self, vehicle: str, view: MemberView) -> str | None:
         return None
 
-    def _have_all_left(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
+    def _nothing_to_stop(self, now_s: float, flying: list[str], views: Mapping[str, MemberView]) -> bool:
         return False
