@@ -369,7 +369,9 @@ class StreamProcess(Streams):
         self._groups.clear()
         self._reported.clear()
         self._modes = {
-            vehicle_id: tuple(replace(mode, state="lost", why=ANSWERS_ENDED, executor=None) for mode in modes)
+            vehicle_id: tuple(
+                replace(mode, state="lost", reason=ANSWERS_ENDED, executor=None) for mode in modes
+            )
             for vehicle_id, modes in self._modes.items()
         }
 

@@ -10,6 +10,8 @@ from dataclasses import replace
 import pytest
 
 from gcs_server.errors import Refused
+from gcs_server.links.base import DdsAddress
+from gcs_server.ros2.external_mode import ModeDeclaration
 from gcs_server.streamer.process.worker import Worker
 from gcs_server.streamer.separation.guard import GroupGuard
 from gcs_server.streamer.values.stream_request import StreamRequest
@@ -42,6 +44,20 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     assert len(vehicle.frames) == count
     assert await begin(streams, "1", vehicle, attach=False) > number
     await until(lambda: len(vehicle.frames) > count)
+
+
+@with_stream_process
+async def test_the_modes_of_a_killed_process_are_lost(streams, vehicle):
+    await begin(streams, "1", vehicle)
+    await streams.register_mode("1", DdsAddress(0, None, "none"), ModeDeclaration("Survey", frozenset()))
+    await until(lambda: streams.modes().get("1"))
+    pid = streams.pid
+    os.kill(pid, signal.SIGKILL)
+    await until(lambda: streams.pid != pid)
+    (mode,) = streams.modes()["1"]
+    assert (mode.name, mode.state, mode.mode) == ("Survey", "lost", None)
+    assert mode.reason.endswith("ended")
+    assert streams.pid is not None
 
 
 @with_stream_process
