@@ -1,6 +1,6 @@
 """Interfaces of the objects that `streamer/` and `control/` attach to each vehicle.
 
-Code that needs the complete objects uses `Streamer.offboard` and `Authority.control`.
+They have only the members that `vehicle/` needs. Other code uses `Streamer.offboard` and `Authority.control`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class AttachedStream(Protocol):
         ...
 
     def requested_mode(self) -> str | None:
-        """The mode that an ending stream is requesting; None: no mode request."""
+        """The mode that the stream requests from the vehicle before it ends; None: no mode request."""
         ...
 
 
@@ -38,7 +38,7 @@ class AttachedMission(Protocol):
 
     @property
     def flown_by_pilot(self) -> bool:
-        """Whether a pilot or another station has started the mission that is flown now."""
+        """Whether the RC pilot or another ground station started the mission that is flown now."""
         ...
 
 
@@ -51,7 +51,7 @@ class AttachedFlight(Protocol):
 
 
 class HolderStatus(Protocol):
-    """State of control of a vehicle."""
+    """Which client controls a vehicle."""
 
     @property
     def holder(self) -> str | None:

@@ -1,7 +1,7 @@
 """This server's texts for PX4's arming checks: the cause and the remedy.
 
-Ids and names are those of PX4 v1.16 (the namespace of component 1 is in the id's top byte). These texts are
-used if the vehicle's own metadata is missing or has no remedy.
+Ids and names are those of PX4 v1.16; the top byte of an id is the component id (1: autopilot). These texts
+are used if the vehicle's own metadata is missing or has no remedy.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ MODE_NEEDS: dict[int, Check] = {
         "check_external_modes_unresponsive", "the external mode does not respond", "Restart its program."
     ),
 }  # fmt: skip
-"""Checks without which the vehicle cannot fly a mode; all other checks only prevent arming."""
+"""Checks that must pass before the vehicle can fly a mode; all other checks only prevent arming."""
 
 CHECKS: dict[int, Check] = MODE_NEEDS | {
     18648929: Check(
@@ -118,8 +118,9 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     32490591: Check(
         "check_estimator_mag_interference", "the magnetic field here is disturbed", "Move away from metal."
     ),
-    20380425: Check("check_estimator_mag_fault", ("the estimator stopped using the "
-        "compass"), "Calibrate it again."),
+    20380425: Check(
+        "check_estimator_mag_fault", "the estimator stopped using the compass", "Calibrate it again."
+    ),
     26743035: Check("check_estimator_gnss_fault", "the GPS heading is not reliable", SKY),
     22720449: Check(
         "check_mag_sys_has_mag_missing", "too few compasses were found", "Connect them, or lower SYS_HAS_MAG."
@@ -192,7 +193,7 @@ CHECKS: dict[int, Check] = MODE_NEEDS | {
     23436396: Check("check_rc_dz_too_high", "the calibration of an RC channel is invalid", CALIBRATE_RC),
 }  # fmt: skip
 
-COMPONENTS: tuple[str, ...] = (
+HEALTH_COMPONENTS: tuple[str, ...] = (
     "nothing", "barometer", "airspeed sensor", "GPS", "optical flow", "vision", "distance sensor",
     "transmitter", "motors",
     "traffic management", "logging", "battery", "links", "rate control", "attitude control",

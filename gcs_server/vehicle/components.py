@@ -59,8 +59,8 @@ class Components:
     Args:
         autopilot: the autopilot's component id.
         clock: the vehicle's clock.
-        report: called with (text, whether it is a loss) when a component other than the autopilot appears, is
-            lost or is back. The autopilot's connection is reported as the vehicle's connection.
+        report: called with (text, whether the connection was lost) when a component connects, is lost or
+            connects again. Not called for the autopilot: `Vehicle` reports its connection.
     """
 
     def __init__(self, autopilot: int, clock: Clock, report: Callable[[str, bool], None]) -> None:
@@ -96,15 +96,15 @@ class Components:
     def all(self) -> tuple[Component, ...]:
         """All components: the autopilot first, then by id."""
         ids = sorted(self._last_heartbeats, key=lambda each: (each != self._autopilot, each))
-        return tuple(self._view(component_id) for component_id in ids)
+        return tuple(self._component(component_id) for component_id in ids)
 
     def camera(self, component_id: int | None = None) -> int | None:
-        """Component id of the connected camera with this id (None: of the first camera); None: no such
-        camera."""
+        """The component id, if a camera with this id is connected; None: no such camera. Without an id, the
+        first connected camera."""
         cameras = [c.component_id for c in self.all() if c.kind == "camera" and not c.lost]
         return next((camera_id for camera_id in cameras if component_id in (None, camera_id)), None)
 
-    def _view(self, component_id: int) -> Component:
+    def _component(self, component_id: int) -> Component:
         mav_type, received_s = self._last_heartbeats[component_id]
         lost = self._is_lost(component_id)
         age_s = self._clock.monotonic_s() - received_s

@@ -1,8 +1,8 @@
 """Decodes payloads into samples: pure functions, one for each message.
 
-Every decoder gets full payloads, padded with zeros (`instances.py` explains their keys). It returns the value
-and, if the message contains it, the vehicle's boot time. Returned numbers are finite and
-plausible (`numbers.py`); other values become None. If the sample is useless without a value, the decoder
+Every decoder gets full payloads, padded with zeros, by key (`instances.py`). It returns the sample's value
+and, if the message contains it, the time since the vehicle's boot [s]. Returned numbers are finite and
+plausible (`numbers.py`); other numbers become None. If the sample is useless without a number, the decoder
 raises Unusable. `FORMATS` repeats the layouts of the MAVLink dialect; a test compares them.
 """
 
@@ -20,6 +20,7 @@ from missions.frames import euler_from_q, q_from_euler
 
 Payloads = Mapping[int, bytes]
 Decoded = tuple[object, float | None]
+"""(value, time since the vehicle's boot [s])."""
 
 _attitude_quaternion = struct.Struct("<I7f")
 _attitude = struct.Struct("<I6f")
@@ -184,8 +185,8 @@ def _battery_reading(battery_id: int, payload: bytes) -> samples.BatteryReading:
 
 
 def _cell_voltages_v(millivolts: list[int]) -> tuple[float, ...] | None:
-    """Cell voltages. A single value is the total voltage; a total above 65.5 V is split over several
-    values."""
+    """Voltage of each cell [V]; None if the values are not cell voltages: a single value is the total
+    voltage, and a total above 65.5 V is split over several values."""
     if len(millivolts) < 2 or max(millivolts) > MAX_CELL_MV:
         return None
     return tuple(mv / 1e3 for mv in millivolts)
@@ -213,8 +214,8 @@ def motors(payloads: Payloads) -> Decoded:
     """SERVO_OUTPUT_RAW: outputs up to the last used one."""
     unpacked = [(instance_of(key), _servo.unpack_from(payload)) for key, payload in sorted(payloads.items())]
     groups = tuple(samples.OutputGroup(port, _used_outputs(values[1:9])) for port, values in unpacked)
-    boot_s = unpacked[0][1][0] / 1e6
-    return samples.Motors(groups[0].pwm_us, groups if len(groups) > 1 else ()), boot_s
+    time_boot_s = unpacked[0][1][0] / 1e6
+    return samples.Motors(groups[0].pwm_us, groups if len(groups) > 1 else ()), time_boot_s
 
 
 def _used_outputs(outputs: tuple[int, ...]) -> tuple[int, ...]:

@@ -1,16 +1,16 @@
-"""Decides whether two endpoints (link, peer, system id) are one vehicle.
+"""Decides whether two endpoints (link, peer, system id) belong to the same vehicle.
 
 System ids are set by hand, and duplicates are common. Therefore an endpoint is assigned to a vehicle only by
 one of these rules:
 
-1. Both autopilots have a unique uid: equal uids are one vehicle, different uids are two.
+1. If both autopilots report a unique uid, equal uids mean the same vehicle, and different uids two vehicles.
 2. On one link, two peers that both send are two vehicles, because a vehicle has one address per link. A peer
 that starts to send after the other has stopped is the same vehicle with a new port.
-3. On two links, endpoints with the same boot time are one vehicle, because an autopilot has one boot clock.
-This also separates simulators, which all have the same uid.
+3. On two links, endpoints with the same boot time belong to the same vehicle; different boot times mean two
+vehicles. This also distinguishes simulators, which all have the same uid.
 
-Until the decision, at most `DECISION_TIMEOUT_S`, the endpoint's messages belong to no vehicle. If no rule
-applies, the endpoints are two vehicles. A uid that arrives late corrects the decision.
+If no rule applies, the endpoints belong to two vehicles. The decision takes at most `DECISION_TIMEOUT_S`;
+until then, the endpoint's messages are ignored. A uid that arrives later corrects the decision.
 """
 
 from __future__ import annotations
@@ -34,9 +34,11 @@ DECISION_TIMEOUT_S = 3.0
 UID_TIMEOUT_S = 2.0
 """Maximum wait for a uid before the other rules are applied [s]."""
 NO_DATA_AFTER_S = 3.5
+"""Time without a message after which an endpoint no longer sends [s]."""
 SAME_BOOT_S = 1.5
-"""Tolerance of boot times, including radio delays [s]."""
+"""Maximum difference of boot times that count as the same, because of radio delays [s]."""
 BOOT_TIME_EVERY_S = 0.5
+"""Period at which the boot time is measured [s]."""
 REQUEST_PERIOD_S = 1.0
 MAX_REQUESTS = 5
 SLOW_REQUEST_PERIOD_S = 30.0
@@ -55,7 +57,8 @@ _boot_ms = struct.Struct("<I")
 MAVLINK, ROS2 = "MAVLink", "ROS 2"
 """Protocols of links."""
 RECEIVED_WITHIN_S = 1.5
-"""A link is preferred if its newest message is at most this much older than the newest of all links [s]."""
+"""The preferred protocol is used while its newest message is at most this much older than the newest message
+of all links [s]."""
 
 
 class SameVehicle(enum.Enum):
@@ -63,7 +66,7 @@ class SameVehicle(enum.Enum):
 
     YES = enum.auto()
     NO = enum.auto()
-    NOT_KNOWN = enum.auto()
+    UNDECIDED = enum.auto()
 
 
 @dataclass(slots=True, eq=False)
@@ -83,13 +86,14 @@ class Endpoint:
     boot_at_s: float | None = None
     """Time of the vehicle's boot on this server's monotonic clock, from the newest frame."""
     boot_next_s: float = float("-inf")
+    """Time from which `boot_at_s` is measured again [s, monotonic]."""
     requests_sent: int = 0
     next_request_s: float = 0.0
     refused_until_s: float = float("-inf")
     """Time until which new vehicles of this endpoint are refused, because a limit of
     `population.py` is reached."""
     over_ros2: bool = field(init=False)
-    """Whether its connection is one of ROS 2; stored, because it is read for each frame."""
+    """Whether the connection uses ROS 2; stored, because it is read for each frame."""
 
     def __post_init__(self) -> None:
         self.over_ros2 = self.connection.protocol == ROS2
@@ -132,7 +136,7 @@ def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequenc
     """The connected endpoints of this protocol; all endpoints if no endpoint has this protocol.
 
     For a vehicle that is connected over both protocols, commands and state use MAVLink. Setpoints use ROS 2,
-    which has all kinds of setpoints; they use MAVLink if the server does not know the versions of the
+    which supports all kinds of setpoints; they use MAVLink if the server does not know the versions of the
     vehicle's ROS 2 topics for commands and setpoints.
     """
     candidates = [e for e in endpoints if protocol != ROS2 or not _has_unusable_inputs(e)]
@@ -146,8 +150,12 @@ def preferred_endpoints(endpoints: Sequence[Endpoint], protocol: str) -> Sequenc
 
 
 def protocol_in_use(endpoints: Sequence[Endpoint], preferred_protocol: str) -> str:
-    """Protocol over which data are sent now if `preferred_protocol` is preferred: `MAVLINK` for telemetry and
-    commands, `ROS2` for setpoints. MAVLink for a vehicle without endpoints."""
+    """The protocol that is used now; MAVLink for a vehicle without endpoints.
+
+    Args:
+        endpoints: the vehicle's endpoints.
+        preferred_protocol: `MAVLINK` for telemetry and commands, `ROS2` for setpoints.
+    """
     newest = _newest(preferred_endpoints(endpoints, preferred_protocol))
     return MAVLINK if newest is None else newest.connection.protocol
 
@@ -180,7 +188,7 @@ def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:
         return SameVehicle.YES if uid == new.unique_uid else SameVehicle.NO
     waited_s = now_s - new.first_received_s
     if new.version is None and waited_s < UID_TIMEOUT_S:
-        return SameVehicle.NOT_KNOWN
+        return SameVehicle.UNDECIDED
     sending = [e for e in assigned if now_s - e.received_s < NO_DATA_AFTER_S]
     if not sending:
         return SameVehicle.YES
@@ -192,4 +200,4 @@ def same_vehicle(new: Endpoint, vehicle: Vehicle, now_s: float) -> SameVehicle:
         return SameVehicle.YES if min(abs(b - new.boot_at_s) for b in boots) < SAME_BOOT_S else SameVehicle.NO
     if on_other_links and waited_s > DECISION_TIMEOUT_S:
         return SameVehicle.NO
-    return SameVehicle.NOT_KNOWN
+    return SameVehicle.UNDECIDED

@@ -68,25 +68,25 @@ class Definition:
         """Whether the event is a finding of the arming checks or of a component's health."""
         return self.group in CHECK_GROUPS
 
-    def text(self, arguments: bytes) -> str:
+    def text(self, argument_bytes: bytes) -> str:
         """The message with this event's values."""
-        return self.message.fill(self.values(arguments))
+        return self.message.fill(self.values(argument_bytes))
 
-    def remedy(self, arguments: bytes) -> str | None:
+    def remedy(self, argument_bytes: bytes) -> str | None:
         """The description, which contains the remedy; None: no description."""
-        return self.description.fill(self.values(arguments)) if self.description else None
+        return self.description.fill(self.values(argument_bytes)) if self.description else None
 
-    def values(self, arguments: bytes) -> list[tuple[Argument, int | float]]:
-        """The arguments' values, decoded from the message in order."""
-        read: list[tuple[Argument, int | float]] = []
+    def values(self, argument_bytes: bytes) -> list[tuple[Argument, int | float]]:
+        """Decodes the arguments of an EVENT, in order."""
+        decoded: list[tuple[Argument, int | float]] = []
         offset = 0
-        for each in self.arguments:
-            size = struct.calcsize(f"<{each.format}")
-            if offset + size > len(arguments):
+        for argument in self.arguments:
+            size = struct.calcsize(f"<{argument.format}")
+            if offset + size > len(argument_bytes):
                 break
-            read.append((each, struct.unpack_from(f"<{each.format}", arguments, offset)[0]))
+            decoded.append((argument, struct.unpack_from(f"<{argument.format}", argument_bytes, offset)[0]))
             offset += size
-        return read
+        return decoded
 
 
 Definitions = Document[int, Definition]

@@ -2,7 +2,7 @@
 
 Format: MAVLink's events metadata schema, version 2. Messages contain `{2}`, `{3:.1}`, `{3:.1m/s}`, tags such
 as `<param>NAME</param>` and `<profile name="dev">…</profile>`, and backslashes before literal characters.
-Each message is split once, so that filling in values takes time proportional to its length.
+Each message is split once, so that the time to fill in values is proportional to the length of the message.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ _token = re.compile(
 _blank = re.compile(r"\s+")
 
 
-class _Label(msgspec.Struct):
+class _EnumEntry(msgspec.Struct):
     name: str = ""
     description: str | None = None
 
 
 class _Enum(msgspec.Struct):
     type: str
-    entries: Annotated[dict[str, _Label], msgspec.Meta(max_length=MAX_ENUM_ENTRIES)]
+    entries: Annotated[dict[str, _EnumEntry], msgspec.Meta(max_length=MAX_ENUM_ENTRIES)]
     is_bitfield: bool = False
 
 
@@ -95,7 +95,7 @@ def parse(content: bytes | str) -> Document[int, Definition]:
     """Reads the metadata document. Keys: the event's id with the namespace's component in its top byte.
 
     Raises:
-        ValueError: the text is not a document of a known version.
+        ValueError: the content is not an events document, or its version is not supported.
     """
     document = _document.decode(content)
     if document.version != 2:
@@ -158,11 +158,11 @@ class _Reader:
                 except (ValueError, RecursionError) as error:
                     self._omitted.add(f"event {event_id}", error)
 
-    def _definition(self, raw: msgspec.Raw, group: str, space: str) -> Definition:
+    def _definition(self, raw: msgspec.Raw, group: str, namespace: str) -> Definition:
         event = _event.decode(raw)
         arguments: list[Argument] = []
         for each in event.arguments:
-            argument = self._argument(each, space)
+            argument = self._argument(each, namespace)
             if argument is None:  # after an unknown type, the offsets of further arguments are unknown
                 break
             arguments.append(argument)
@@ -177,19 +177,19 @@ class _Reader:
             arguments=tuple(arguments),
         )
 
-    def _argument(self, argument: _Argument, space: str) -> Argument | None:
+    def _argument(self, argument: _Argument, namespace: str) -> Argument | None:
         kind, name = argument.type, cut(argument.name, MAX_NAME_LENGTH)
         if kind in TYPES:
             return Argument(name, TYPES[kind])
-        for full_name in (kind, f"{space}::{kind}", f"common::{kind}"):
+        for full_name in (kind, f"{namespace}::{kind}", f"common::{kind}"):
             if full_name in self._enums:
                 table = self._enums[full_name]
                 return Argument(name, table.format, table.labels, table.is_bitfield)
         return None
 
-    def _count_omitted(self, count: int, kind: str) -> None:
+    def _count_omitted(self, count: int, entries: str) -> None:
         if count > 0:
-            self._omitted.add(f"more {kind}", "there are too many", count)
+            self._omitted.add(f"more {entries}", "there are too many", count)
 
 
 def parse_template(text: str, max_length: int) -> Template:

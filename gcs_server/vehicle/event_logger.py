@@ -1,4 +1,4 @@
-"""Writes each text, event and state change of a vehicle to its event feed, once."""
+"""Writes each STATUSTEXT, EVENT and state change of a vehicle to its event feed, once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ MAX_PAIR_DELAY_S = 0.3
 """Maximum time between a text that ends in a tab and its event [s]; PX4 sends both within a few
 milliseconds."""
 SAME_TEXT_S = 1.0
+"""Maximum time between equal texts from two links that become one line [s]."""
 REMEMBERED_SEQUENCES = 64
+"""Number of events that are remembered to recognise repeats."""
 MAX_LATE_PAIR_DELAY_S = 5.0
 """Maximum time between a text and its event if the event was lost and requested again [s]."""
 WARNING, NOTICE = 4, 5
@@ -28,8 +30,9 @@ MAX_UNDESCRIBED = 20
 class EventLogger:
     """Writes one vehicle's event feed.
 
-    A text that ends in a tab has the same content as an event: the pair becomes one line with the text. A
-    text or event received on two links also becomes one line.
+    In this class, a text is a STATUSTEXT, an event is an EVENT, and a line is an entry of the feed. A text
+    that ends in a tab has the same content as an event: the pair becomes one line with the text. A text or
+    event received on two links also becomes one line.
     """
 
     def __init__(self, feed: EventFeed, clock: Clock, mode_names: ModeNames | None = None) -> None:
@@ -40,6 +43,7 @@ class EventLogger:
         self._waiting_texts: deque[tuple[float, int, str]] = deque()
         """(arrival time [s], severity, text) of texts that wait for their event."""
         self._unpaired_events: deque[float] = deque(maxlen=8)
+        """Times of events that were logged before their text arrived."""
         self._seen_events: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_SEQUENCES)
         self._seen_texts: deque[tuple[float, object, str]] = deque(maxlen=16)
         self._unpaired_texts: deque[float] = deque(maxlen=8)
@@ -89,12 +93,13 @@ class EventLogger:
             data: dict[str, object] = {"mode": name}
             if cause is not None:
                 data |= {"cause": cause.source, "by": cause.who}
-                if cause.from_outside or cause.source == "failsafe":
+                if cause.is_external or cause.source == "failsafe":
                     text, severity = f"{text}: {cause.text}", WARNING
             self._feed.add("mode_changed", self._clock.unix_s(), text, severity=severity, data=data)
 
     def tick(self) -> None:
-        """Logs texts and events that were not completed in time; called a few times a second."""
+        """Logs texts and events whose missing chunks, pair or description did not arrive in time; called a
+        few times a second."""
         now_s = self._clock.monotonic_s()
         for severity, text in self._texts.expire(now_s):
             self._log_text(severity, text, None, now_s)

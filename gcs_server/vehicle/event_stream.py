@@ -27,11 +27,12 @@ class EventStream(Generic[Item]):
     expected: int | None = None
     """Sequence number of the next event; None before the first event."""
     lost: int = 0
-    """Number of events that were never received."""
+    """Number of events that were never received; a gap above `MAX_GAP` counts as one."""
     _buffered: dict[int, Item] = field(default_factory=dict[int, Item])
     _newest: int = 0
     """Newest sequence number known."""
     _requests: int = 0
+    """Number of requests for the first gap."""
     _next_request_s: float = float("-inf")
 
     def take(self, sequence: int, item: Item) -> list[Item]:
@@ -79,8 +80,8 @@ class EventStream(Generic[Item]):
         )
 
     def next_request(self, now_s: float) -> tuple[int, int] | None:
-        """(first, last) sequence number to request now; None: no event is missing, or the last request
-        is recent."""
+        """(first, last) sequence number to request now; None: no event is missing, the last request is
+        recent, or all `MAX_REQUESTS` requests were sent."""
         missing = self.missing
         if missing is None or now_s < self._next_request_s or self._requests >= MAX_REQUESTS:
             return None

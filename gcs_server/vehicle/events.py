@@ -1,4 +1,4 @@
-"""The event list of a vehicle: texts, events, acknowledgements and mode changes, in order."""
+"""The event feed of a vehicle: status texts, EVENT messages, acknowledgements and mode changes, in order."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ FEED_LENGTH = 1000
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One event; events are never merged or replaced."""
+    """One entry of an event feed; entries are never merged or replaced."""
 
     index: int
-    """Number of the event in its list, from 1."""
+    """Number of the event in its feed, from 1."""
     kind: str
     """vehicle_added, vehicle_removed, status_text, event, mode_changed, armed, disarmed, command, progress,
-    readiness, link, warning, group."""
+    readiness, link, warning, group, …"""
     vehicle: str | None
     unix_s: float
+    """Time of the event [s since 1970 UTC]."""
     severity: int
     """MAV_SEVERITY: 0 emergency … 6 info, 7 debug."""
     text: str
@@ -30,7 +31,7 @@ class Event:
 
 
 class EventFeed:
-    """A bounded list, newest event last; subscribers are called immediately, in the event loop."""
+    """A list of limited length, newest event last; subscribers are called immediately, in the event loop."""
 
     def __init__(self, vehicle: str | None = None, length: int = FEED_LENGTH) -> None:
         self._vehicle = vehicle
@@ -59,8 +60,8 @@ class EventFeed:
         for callback in tuple(self._subscribers):
             try:
                 callback(event)
-            except Exception:  # a failing listener must not affect the vehicle's frames or other listeners
-                log.exception("a listener failed at event %r", kind)
+            except Exception:  # a failing subscriber must not affect frames or other subscribers
+                log.exception("a subscriber failed at event %r", kind)
         return event
 
     @property

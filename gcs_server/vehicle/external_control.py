@@ -1,5 +1,5 @@
-"""Detects external control of a vehicle: by another station, by an RC transmitter, or through the
-gimbal. The server reports external control and never interferes with it.
+"""Detects external control of a vehicle: another ground station or the RC pilot changes its mode, or another
+ground station takes its gimbal. The server reports external control and never interferes with it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class ExternalControl:
     Args:
         vehicle: the vehicle; its messages are evaluated.
         command: the command service, which has the modes that this server requested.
-        stream_request: returns the mode that an ending setpoint stream is requesting; None: no request.
+        stream_request: returns the mode that the setpoint stream requests before it ends; None: no request.
     """
 
     def __init__(
@@ -42,12 +42,12 @@ class ExternalControl:
         self._stream_request = stream_request
         self._foreign_ack: ForeignAck | None = None
         self._gimbal_control: dict[tuple[int, int], tuple[int, int] | None] = {}
-        """Primary controllers, by the manager's component and device id."""
+        """Primary controller of each gimbal, by (component id of the manager, device id)."""
         self.mode_cause: ModeCause | None = None
         """Cause of the current mode; None before the first mode change."""
 
     def mode(self, before: FlightState, after: FlightState) -> ModeCause | None:
-        """The cause of a mode change; None if the mode did not change, or is the first reported mode."""
+        """The cause of a mode change; None: no mode change, the first reported mode, or not PX4."""
         vehicle = self._vehicle
         self._reclassify_as_failsafe(before, after)
         if after.custom_mode == before.custom_mode or before.heartbeat_s == float("-inf"):
@@ -71,13 +71,14 @@ class ExternalControl:
         return self.mode_cause
 
     def _reclassify_as_failsafe(self, before: FlightState, after: FlightState) -> None:
-        """Corrects the cause when CURRENT_MODE's intended mode arrives after the heartbeat."""
+        """Changes the cause to failsafe if CURRENT_MODE, received after the heartbeat, has another intended
+        mode."""
         cause = self.mode_cause
         from_current_mode = after.mode_s > before.mode_s and after.heartbeat_s == before.heartbeat_s
         if (
             from_current_mode
             and cause is not None
-            and cause.from_outside
+            and cause.is_external
             and cause.source != "station"
             and after.custom_mode == before.custom_mode
             and is_overruled(after)

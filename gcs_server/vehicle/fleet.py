@@ -29,7 +29,7 @@ from gcs_server.vehicle.vehicle import Vehicle
 TICK_S = 0.25
 RECHECK_PERIOD_S = 0.25
 """Period at which a full link is checked for endpoints to remove [s]."""
-OTHER_MARK = "~"
+NUMBER_SEPARATOR = "~"
 """Separates system id and number in the id of a further vehicle with the same system id: `1~2`."""
 VERSION_ID = d.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
@@ -130,7 +130,7 @@ class Fleet(FrameSink):
                 f"Setpoints are streamed to vehicle {vehicle_id}.",
                 remedy="Stop the stream (offboard/stop) first.",
             )
-        self._drop(vehicle, f"{by} removed it")
+        self._remove_with_endpoints(vehicle, f"{by} removed it")
 
     def warnings(self) -> list[Notice]:
         """Current warnings."""
@@ -164,7 +164,7 @@ class Fleet(FrameSink):
                 return
         endpoint.take_frame(frame)
         if frame.msg_id == VERSION_ID and frame.component_id == endpoint.component_id:
-            self._version(endpoint, frame)
+            self._apply_version(endpoint, frame)
         vehicle = endpoint.vehicle
         if vehicle is None:
             self._assign(endpoint)
@@ -177,7 +177,7 @@ class Fleet(FrameSink):
         """Removes the peer's endpoints; a replayed vehicle is removed with its link, other vehicles stay."""
         for key, endpoint in list(self._endpoints.items()):
             if key[0] is connection and key[1] == peer.name:
-                self._forget(endpoint)
+                self._remove_endpoint(endpoint)
                 vehicle = endpoint.vehicle
                 if vehicle is not None:
                     vehicle.detach(endpoint)
@@ -231,7 +231,7 @@ class Fleet(FrameSink):
             return True
         inactive = [e for e in on_link if e.vehicle is None and now_s - e.received_s > NO_DATA_AFTER_S]
         for endpoint in inactive:
-            self._forget(endpoint)
+            self._remove_endpoint(endpoint)
         if not inactive:
             self._full_until_s[connection.name] = now_s + RECHECK_PERIOD_S
         return bool(inactive)
@@ -245,7 +245,7 @@ class Fleet(FrameSink):
         why, others = limit
         to_remove = removable_vehicle(others, now_s)
         if to_remove is not None:
-            self._drop(
+            self._remove_with_endpoints(
                 to_remove, "it sent no message for a long time, and the maximum number of vehicles is reached"
             )
             return True
@@ -265,16 +265,16 @@ class Fleet(FrameSink):
         now_s = self._clock.monotonic_s()
         undecided = False
         for candidate in candidates:
-            verdict = same_vehicle(endpoint, candidate, now_s)
-            if verdict is SameVehicle.YES:
+            decision = same_vehicle(endpoint, candidate, now_s)
+            if decision is SameVehicle.YES:
                 # An endpoint without messages is assigned again when it sends again.
                 for old in candidate.endpoints:
                     if now_s - old.received_s > NO_DATA_AFTER_S:
-                        self._forget(old)
+                        self._remove_endpoint(old)
                         candidate.detach(old)
                 candidate.attach(endpoint)
                 return
-            undecided = undecided or verdict is SameVehicle.NOT_KNOWN
+            undecided = undecided or decision is SameVehicle.UNDECIDED
         if not undecided and self._may_add_vehicle(endpoint):
             self._add(endpoint)
 
@@ -288,7 +288,7 @@ class Fleet(FrameSink):
         number, vehicle_id = 1, base
         while vehicle_id in self._vehicles:
             number += 1
-            vehicle_id = f"{base}{OTHER_MARK}{number}"
+            vehicle_id = f"{base}{NUMBER_SEPARATOR}{number}"
         identity = Identity(
             system_id=endpoint.system_id,
             component_id=endpoint.component_id,
@@ -331,7 +331,7 @@ class Fleet(FrameSink):
             else:
                 vehicle.clear_warnings()
 
-    def _version(self, endpoint: Endpoint, frame: Frame) -> None:
+    def _apply_version(self, endpoint: Endpoint, frame: Frame) -> None:
         endpoint.version = read_version(full_payload(frame))
         vehicle = endpoint.vehicle
         if vehicle is None:
@@ -357,10 +357,9 @@ class Fleet(FrameSink):
         self._remove(removed, f"it is vehicle {into.id} on another link")
         self._warn_of_same_id(into.identity.system_id)
 
-    def _drop(self, vehicle: Vehicle, why: str) -> None:
-        """Removes a vehicle with all its endpoints."""
+    def _remove_with_endpoints(self, vehicle: Vehicle, why: str) -> None:
         for endpoint in vehicle.endpoints:
-            self._forget(endpoint)
+            self._remove_endpoint(endpoint)
             vehicle.detach(endpoint)
         self._remove(vehicle, why)
         self._warn_of_same_id(vehicle.identity.system_id)
@@ -374,7 +373,7 @@ class Fleet(FrameSink):
         text = f"Vehicle {vehicle.id} was removed: {why}"
         self.events.add("vehicle_removed", self._clock.unix_s(), text, vehicle=vehicle.id)
 
-    def _forget(self, endpoint: Endpoint) -> None:
+    def _remove_endpoint(self, endpoint: Endpoint) -> None:
         self._endpoints.pop((endpoint.connection, endpoint.peer.name, endpoint.system_id), None)
 
     # --- events ---------------------------------------------------------------------------------
@@ -395,5 +394,5 @@ class Fleet(FrameSink):
 
 
 def _sort_key(vehicle_id: str) -> tuple[int, int]:
-    base, _, number = vehicle_id.partition(OTHER_MARK)
+    base, _, number = vehicle_id.partition(NUMBER_SEPARATOR)
     return int(base), int(number or 1)

@@ -1,4 +1,4 @@
-"""Finds the cause of a vehicle's mode: this server's command, the vehicle itself, its pilot or another
+"""Finds the cause of a mode change: this server's command, the vehicle itself, its pilot or another
 station. No I/O.
 
 The vehicle does not report the cause. The server infers it from this server's commands, the vehicle's
@@ -32,6 +32,7 @@ PILOT_MODES = frozenset(
     {"manual", "altitude", "position", "position_slow", "altitude_cruise", "acro", "stabilized"}
 )
 ENDS_IN_HOLD = frozenset({"takeoff", "mission", "land", "rtl", "orbit", "precision_land", "vtol_takeoff"})
+"""Modes after which PX4 itself switches to Hold."""
 MAV_SYS_STATUS_SENSOR_RC_RECEIVER = 1 << 16
 
 Source = Literal["command", "vehicle", "failsafe", "pilot", "station", "unknown"]
@@ -54,13 +55,13 @@ class ModeCause:
     """command (of this server), vehicle (the vehicle itself), failsafe, pilot (RC transmitter), station
     (another ground station), unknown."""
     who: str | None
-    """Client or other station."""
+    """The client or the other station; None: unknown, or the vehicle itself."""
     text: str
     """Message for the operator."""
     since_unix_s: float
 
     @property
-    def from_outside(self) -> bool:
+    def is_external(self) -> bool:
         """Whether the inferred cause is neither this server nor the vehicle itself."""
         return self.source in ("pilot", "station", "unknown")
 
@@ -93,7 +94,7 @@ def cause_of(
         who = f"station {foreign.system}/{foreign.component}"
         return ModeCause("station", who, f"another ground station commanded it ({who})", unix_s)
     old, new = (_name(flight_state.custom_mode) for flight_state in (before, after))
-    # a heartbeat has no intended mode, so the intended mode may be outdated
+    # HEARTBEAT has no intended mode: after a HEARTBEAT, the stored intended mode may be outdated
     has_intended_mode = after.heartbeat_s == before.heartbeat_s
     if (has_intended_mode and is_overruled(after)) or after.system_status in (
         d.MAV_STATE_CRITICAL,

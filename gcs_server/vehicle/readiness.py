@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from gcs_server.vehicle.check_texts import COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
+from gcs_server.vehicle.check_texts import HEALTH_COMPONENTS, MANUAL_CONTROL_ID, MODE_NEEDS
 from gcs_server.vehicle.metadata_limits import cut
 from gcs_server.vehicle.modes import BY_NAME, MODES, Mode
 
@@ -167,7 +167,7 @@ def _join(a: HealthReport, b: HealthReport) -> HealthReport:
 def modes_and_component(arguments: bytes) -> tuple[int, str | None]:
     """(bit mask of the modes, name of the component), from the first arguments of a finding."""
     modes, component = _finding.unpack_from(arguments)
-    return modes, COMPONENTS[component] if 0 < component < len(COMPONENTS) - 1 else None
+    return modes, HEALTH_COMPONENTS[component] if 0 < component < len(HEALTH_COMPONENTS) - 1 else None
 
 
 # --- for the API ------------------------------------------------------------------------------------------
@@ -353,7 +353,7 @@ def _cause(finding: Finding, shown: Iterable[Mode]) -> Cause:
 
 
 def _components(mask: int) -> tuple[str, ...]:
-    return tuple(name for bit, name in enumerate(COMPONENTS[:-1]) if bit and mask >> bit & 1)
+    return tuple(name for bit, name in enumerate(HEALTH_COMPONENTS[:-1]) if bit and mask >> bit & 1)
 
 
 def is_unchanged(new: HealthReport, old: HealthReport | None) -> bool:
