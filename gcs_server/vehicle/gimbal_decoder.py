@@ -41,12 +41,13 @@ EARTH_FRAME = d.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
 YAW_LOCK = d.GIMBAL_DEVICE_FLAGS_YAW_LOCK
 MAX_ANGLE_RAD = math.radians(720.0)
 MIN_RANGE_RAD = math.radians(0.1)
+"""Plausibility of reported angle limits: largest angle, and smallest difference of the two limits."""
 
 
 def gimbal(
     payloads: Mapping[int, bytes], component_id: int, device_id: int
 ) -> tuple[GimbalReading, float] | None:
-    """One gimbal, and the boot time of its attitude [s]; None before the first attitude.
+    """One gimbal, and the time of its attitude since boot [s]; None before the first attitude.
 
     Args:
         payloads: payloads of this gimbal, by message id, and of the vehicle's attitude (ATTITUDE_QUATERNION
@@ -111,15 +112,15 @@ def gimbal(
 
 
 def yaw_in_earth_frame(flags: int) -> bool:
-    """Whether a device's yaw is relative to north: by the frame flags, or without them by the
-    yaw lock."""
+    """Whether a device's yaw is relative to north. If neither frame flag is set, yaw is relative to north
+    while yaw is locked."""
     if flags & EARTH_FRAME:
         return True
     return False if flags & VEHICLE_FRAME else bool(flags & YAW_LOCK)
 
 
 def control_of(status: bytes) -> tuple[int, int] | None:
-    """The primary controller, from GIMBAL_MANAGER_STATUS."""
+    """(system id, component id) of the primary controller in GIMBAL_MANAGER_STATUS; None: not controlled."""
     return _manager_status(status)[1]
 
 

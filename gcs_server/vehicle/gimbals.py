@@ -1,8 +1,9 @@
 """Finds the gimbals of a vehicle, and the messages that belong to each.
 
-A gimbal is commanded at its manager (a component, usually the autopilot) by the device id that the manager
-gives it. Device ids 1 to 6 are devices without an own MAVLink component, attached to the component that names
-them; a larger id is the id of the device's own component. A device with an own component sends id 0.
+Commands for a gimbal are addressed to its manager (a component, usually the autopilot) and contain the
+device id that the manager reports. Device ids 1 to 6 are devices without their own MAVLink component,
+attached to the component that reports the id; a larger device id is the component id of the device. A device
+that is a component reports device id 0 for itself.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Device = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class GimbalAddress:
-    """The address at which a gimbal is commanded."""
+    """The address for commands to a gimbal."""
 
     component_id: int
     """The gimbal manager's component."""
@@ -98,8 +99,8 @@ def _sorted_frames(frames: Mapping[int, Frame], msg_ids: tuple[int, ...]) -> Ite
 def _known_device(
     component_id: int, device_id: int, managed: Mapping[Device, tuple[int, GimbalAddress, dict[int, Frame]]]
 ) -> Device:
-    """The device of an attitude. An attitude without a device id from a manager belongs to the manager's
-    first device."""
+    """The device of an attitude. An attitude that a manager sends without a device id belongs to the
+    manager's first device."""
     device = device_of(component_id, device_id)
     if device in managed:
         return device

@@ -35,7 +35,7 @@ class History:
     def store(self, latest: dict[int, Frame], now_s: float) -> None:
         """Stores new frames, and drops frames older than `HISTORY_S`.
 
-        One older frame of each message stays stored, because it was valid at the start of the stored time.
+        One older frame of each message stays stored, because it is the newest at the start of the history.
         The history of a message that is no longer received is dropped only when the message is received
         again.
         """

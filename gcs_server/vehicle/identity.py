@@ -13,7 +13,7 @@ from gcs_server.mavlink import dialect as d
 
 PX4_SITL_UID = 0x4954414C44494E4F
 SITL_BOARD_VERSION = 1
-"""Board version that only PX4's simulator reports, without USB vendor and product."""
+"""Board version that only PX4's simulator reports; the simulator reports no USB vendor and product id."""
 COMMANDABLE_TYPES = frozenset(
     {
         d.MAV_TYPE_QUADROTOR,
@@ -60,7 +60,7 @@ class Identity:
 
     @property
     def commandable(self) -> bool:
-        """Whether the vehicle is a multicopter with PX4; commands are verified only for these."""
+        """Whether the vehicle is a multicopter with PX4; commands were not tested with other vehicles."""
         return self.autopilot == d.MAV_AUTOPILOT_PX4 and self.vehicle_type in COMMANDABLE_TYPES
 
 
@@ -79,14 +79,14 @@ class Version:
 def read_version(payload: bytes) -> Version:
     """Decodes a full AUTOPILOT_VERSION payload."""
     capabilities, uid, software, _, _, board, vendor, product, _, uid2 = _version.unpack(payload)
-    shared = uid == PX4_SITL_UID
+    is_constant_uid = uid == PX4_SITL_UID
     text = uid2.hex() if any(uid2) else f"{uid:016x}" if uid else None
     return Version(
         uid=text,
-        unique=text is not None and (any(uid2) or not shared),
+        unique=text is not None and (any(uid2) or not is_constant_uid),
         firmware=f"{software >> 24}.{software >> 16 & 0xFF}.{software >> 8 & 0xFF}",
         capabilities=capabilities,
-        is_sitl=vendor == 0 and product == 0 and (shared or board == SITL_BOARD_VERSION),
+        is_sitl=vendor == 0 and product == 0 and (is_constant_uid or board == SITL_BOARD_VERSION),
     )
 
 

@@ -21,7 +21,7 @@ INSTANCE_OFFSET = {
     d.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: 8,
     d.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: 32,
 }
-"""Offset of the instance's byte in the payload; a test compares them with the dialect."""
+"""Offset of the instance's byte in the payload; a test compares the offsets with the dialect."""
 ANY_COMPONENT = frozenset(gimbal_decoder.IDS)
 """Messages that are stored from every component; all other messages are stored from the autopilot only."""
 MAX_INSTANCES = 8
@@ -78,7 +78,8 @@ class Instances:
         return key
 
     def keys(self, msg_ids: Iterable[int]) -> tuple[int, ...]:
-        """All keys of these messages, sorted by component (the autopilot first) and instance."""
+        """All keys of these messages, sorted by component (the autopilot first) and instance. A message
+        that was never received has one key, that of the autopilot."""
         return tuple([k for msg_id in msg_ids for k in self._keys.get(msg_id, (msg_id,))])
 
 

@@ -27,10 +27,10 @@ MAX_OUTPUT_BYTES = 3_000_000
 """Maximum size of the encoded document, which takes about three times as much memory in the server. PX4's
 largest has 0.6 MB."""
 BATCH = 50
-"""Number of entries decoded at a time while the event loop waits."""
+"""Number of entries that are decoded in one call, during which no other thread runs."""
 MAX_PROBLEM_LENGTH = 200
-DICTIONARY_BYTES = 100_000_000
-"""Memory limit of the decoder; xz -9 requests 65 MB, but only the memory for the content is used."""
+DECODER_MEMORY_BYTES = 100_000_000
+"""Memory limit of the xz decoder. A file packed with xz -9 needs a limit of 65 MB, even if it is small."""
 XZ_MAGIC = b"\xfd7zXZ\0"
 
 
@@ -101,7 +101,7 @@ def unpacked(packed: bytes, crc: int, max_bytes: int = MAX_BYTES) -> bytes:
     """
     content = packed
     if packed.startswith(XZ_MAGIC):
-        unpacker = lzma.LZMADecompressor(memlimit=DICTIONARY_BYTES)
+        unpacker = lzma.LZMADecompressor(memlimit=DECODER_MEMORY_BYTES)
         try:
             content = unpacker.decompress(packed, max_length=max_bytes + 1)
         except lzma.LZMAError as error:
@@ -116,7 +116,7 @@ def unpacked(packed: bytes, crc: int, max_bytes: int = MAX_BYTES) -> bytes:
 
 
 def read_general(packed: bytes, crc: int) -> list[FileEntry]:
-    """Reads the general file, which lists the other files. The file is small enough for any thread.
+    """Reads the general file, which lists the other files; it is small enough to read in the event loop.
 
     Raises:
         Damaged: see `unpacked`.

@@ -72,5 +72,5 @@ class Document(Mapping[Key, Entry]):
     def __len__(self) -> int:
         return len(self._entries)
 
-    def __hash__(self) -> int:
+    def __hash__(self) -> int:  # for weak sets, which compare documents by identity
         return id(self)

@@ -23,7 +23,7 @@ NICENESS = 10
 MEMORY_BYTES = 256_000_000
 COMPUTING_S = 5
 TIMEOUT_S = 20.0
-"""Time limit for one document, on a busy machine."""
+"""Time limit for one document; long enough for a busy machine."""
 MAX_BUFFERED_BYTES = 24_000_000
 """Maximum total size of the encoded documents of all vehicles; ten different firmwares need 8 MB."""
 LIMIT_EXCEEDED = "reading it took more memory or time than allowed"

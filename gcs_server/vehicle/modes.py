@@ -1,7 +1,8 @@
 """PX4's flight modes: names in the API, labels for people, and numbers in MAVLink.
 
 `custom_mode` contains the main mode in bits 16–23 and the sub mode in bits 24–31 (PX4 v1.16 and v1.17,
-px4_custom_mode.h); `nav_state` is the bit that arming checks use for the mode.
+px4_custom_mode.h). `nav_state` is PX4's navigation state, which is also the mode's bit number in the bit
+masks of the arming checks.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ class Mode:
     sub: int
     nav_state: int
     settable: bool = True
+    """Whether a ground station can request the mode."""
 
     @property
     def custom_mode(self) -> int:
@@ -77,23 +79,22 @@ def name_and_label(custom_mode: int, autopilot: int) -> tuple[str, str]:
 
 @dataclass(slots=True)
 class ModeNames:
-    """The names of one vehicle's modes; external modes get their names when they are
-    registered."""
+    """The names of one vehicle's modes; an external mode gets its name when it is registered."""
 
     external: dict[str, str] = field(default_factory=dict[str, str])
-    """Names of this server's external modes, by mode (`external_1` …)."""
+    """Registered names of this server's external modes, by name in the API (`external_1` …)."""
     announced: dict[str, str] = field(default_factory=dict[str, str])
-    """Names of all registered external modes, as the vehicle last sent them."""
+    """Registered names of all external modes, as the vehicle last sent them, by name in the API."""
 
     def name_and_label(self, custom_mode: int, autopilot: int) -> tuple[str, str]:
-        """Name and label of a mode; see `name_and_label`."""
+        """Name in the API, and registered name or label, of a mode; see the function `name_and_label`."""
         name, label = name_and_label(custom_mode, autopilot)
         return name, self.name_or_label(name, label)
 
     def label(self, mode: Mode) -> str:
-        """The label of a mode."""
+        """The registered name of a mode; otherwise its label."""
         return self.name_or_label(mode.name, mode.label)
 
     def name_or_label(self, name: str, label: str) -> str:
-        """The name with which a mode was registered; otherwise its label."""
+        """The registered name of the mode with this name in the API; otherwise `label`."""
         return self.external.get(name) or self.announced.get(name, label)

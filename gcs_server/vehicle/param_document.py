@@ -73,7 +73,7 @@ def parse(content: bytes) -> Document[str, ParamMetadata]:
     """Reads the metadata document; returns the parameters by name.
 
     Raises:
-        ValueError: the text is not a document of a known version.
+        ValueError: the content is not a parameter document, or its version is not supported.
     """
     document = _document.decode(content)  # msgspec's errors are ValueErrors
     if document.version != 1:

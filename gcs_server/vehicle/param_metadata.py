@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from gcs_server.errors import InvalidRequest
 from gcs_server.vehicle.metadata_limits import Document, cut
 
-MAX_NAMED, MAX_NAMED_LENGTH = 20, 60
+MAX_CHOICES_SHOWN, MAX_CHOICE_LENGTH = 20, 60
 """Maximum number of choices in an error text, and maximum length of a choice [characters]."""
 FORCE = 'Send "force": true to set it anyway.'
 
@@ -71,7 +71,7 @@ class ParamMetadata:
             if not any(_is_equal(value, choice.value) for choice in self.choices):
                 choices_text = _choices_text((c.value, c.label) for c in self.choices)
                 raise InvalidRequest(
-                    "value", f"{self.name} is one of {choices_text}; not {value:g}.", remedy=FORCE
+                    "value", f"{self.name} must be one of {choices_text}; not {value:g}.", remedy=FORCE
                 )
             return
         if self.bits:
@@ -81,7 +81,7 @@ class ParamMetadata:
             if value < 0 or value != int(value) or int(value) & ~known_bits:
                 names = _choices_text((1 << int(b.value), b.label) for b in self.bits)
                 raise InvalidRequest(
-                    "value", f"{self.name} is a sum of {names}; not {value:g}.", remedy=FORCE
+                    "value", f"{self.name} must be a sum of {names}; not {value:g}.", remedy=FORCE
                 )
             return
         too_low = self.min is not None and value < self.min and not _is_equal(value, self.min)
@@ -105,9 +105,9 @@ MetadataByName = Document[str, ParamMetadata]
 
 
 def _choices_text(choices: Iterable[tuple[float, str]]) -> str:
-    texts = [f"{value:g} ({cut(label, MAX_NAMED_LENGTH)})" for value, label in choices]
-    more = len(texts) - MAX_NAMED
-    return ", ".join(texts[:MAX_NAMED]) + (f" and {more} more" if more > 0 else "")
+    texts = [f"{value:g} ({cut(label, MAX_CHOICE_LENGTH)})" for value, label in choices]
+    more = len(texts) - MAX_CHOICES_SHOWN
+    return ", ".join(texts[:MAX_CHOICES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def is_default(metadata: ParamMetadata, value: float) -> bool | None:

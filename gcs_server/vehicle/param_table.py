@@ -87,7 +87,7 @@ class ParamTable:
         return self._values.get(name)
 
     def all(self) -> list[Param]:
-        """All parameters by name."""
+        """All parameters, sorted by name."""
         return [self._values[name] for name in sorted(self._values)]
 
     @property
@@ -111,8 +111,8 @@ class ParamTable:
         return missing_indexes
 
     def put(self, report: ParamReport) -> bool:
-        """Stores a value; returns False if the length of the list has changed; the indexes have then changed,
-        too."""
+        """Stores a value. Returns False if the length of the list has changed, because then the indexes are
+        different."""
         name = report.param.name
         if name == HASH_NAME:
             self.hash = checksum_of(report.param)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gcs_server.vehicle.vehicle import Vehicle
 
 MAX_VEHICLES = 200
-MAX_ON_LINK = 120
+MAX_VEHICLES_ON_LINK = 120
 MAX_WITH_SAME_ID = 6
 """Maximum number of vehicles with the same system id; even two are a configuration error."""
 MAX_ENDPOINTS_ON_LINK = 400
@@ -39,7 +39,7 @@ def limit_reached(endpoint: Endpoint, vehicles: list[Vehicle]) -> tuple[str, lis
     if len(same_id) >= MAX_WITH_SAME_ID:
         return f"{len(same_id)} vehicles already use system id {system_id}", same_id
     on_link = [v for v in vehicles if any(e.connection is endpoint.connection for e in v.endpoints)]
-    if len(on_link) >= MAX_ON_LINK:
+    if len(on_link) >= MAX_VEHICLES_ON_LINK:
         return f"{len(on_link)} vehicles are already connected on this link", on_link
     if len(vehicles) >= MAX_VEHICLES:
         return f"the server already has {len(vehicles)} vehicles", vehicles
@@ -66,7 +66,7 @@ def last_received_s(vehicle: Vehicle) -> float:
 
 
 class Refusals:
-    """Refused vehicles, reported once per link."""
+    """Refused vehicles; a link is reported again only after `WARNED_FOR_S`."""
 
     def __init__(self) -> None:
         self._last: dict[str, tuple[float, str]] = {}

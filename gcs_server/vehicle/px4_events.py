@@ -18,7 +18,7 @@ _event = struct.Struct("<IIHBBB40s")
 ARMING_SUMMARY_ID = 27825120
 HEALTH_SUMMARY_ID = 18691879
 LEVEL_PROTOCOL = 8
-"""Lowest level that is internal to the events protocol."""
+"""From this level on, events are for the protocol and not for people."""
 
 TEXTS: dict[int, str] = {
     16910493: "Arming denied: the vehicle's checks failed",
@@ -70,7 +70,7 @@ class VehicleEvent:
     id: int
     sequence: int
     level: int
-    """MAV_SEVERITY, or 8 and more for internal events."""
+    """MAV_SEVERITY; from `LEVEL_PROTOCOL` (8) on, the event is not for people."""
     text: str
     name: str
     """PX4's name of the event; `event_…` if unknown."""

@@ -1,4 +1,5 @@
-"""Decodes distance measurements: DISTANCE_SENSOR of each sensor, and OBSTACLE_DISTANCE all around.
+"""Decodes distance measurements: DISTANCE_SENSOR of each sensor, and OBSTACLE_DISTANCE in sectors
+around the vehicle.
 
 A distance beyond the sensor's range means that no obstacle is within range; None: unknown. Directions are
 relative to the body (FRD), or to north if the message states this.

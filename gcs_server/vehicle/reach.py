@@ -42,8 +42,8 @@ class Reach:
     setpoints: str | None
     """Protocol over which setpoints are sent."""
     missing: tuple[Feature, ...]
-    """Features that the vehicle's links do not carry; such requests are refused immediately. Empty over
-    MAVLink."""
+    """Features that the vehicle's links do not carry; requests that need them are refused immediately. Empty
+    over MAVLink."""
 
 
 def reach_of(endpoints: Sequence[Endpoint]) -> Reach:

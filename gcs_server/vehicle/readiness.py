@@ -58,13 +58,13 @@ class Finding:
     arguments: bytes = b""
     """Raw arguments, for a later description."""
 
-    def concerns(self, nav_state: int) -> bool:
-        """Whether the check concerns this mode."""
+    def affects(self, nav_state: int) -> bool:
+        """Whether the check affects this mode."""
         return bool(self.modes_mask >> nav_state & 1)
 
     def blocks(self, nav_state: int, *, running: bool = False) -> bool:
         """Whether the check prevents arming in this mode (or, if `running`, flying it)."""
-        if not self.concerns(nav_state):
+        if not self.affects(nav_state):
             return False
         if self.id == MANUAL_CONTROL_ID:
             return bool(STICK_MODES >> nav_state & 1) or self.level <= LEVEL_ERROR
@@ -76,13 +76,16 @@ class HealthReport:
     """A complete health and arming report."""
 
     can_arm: int
-    """Bit mask over nav states."""
+    """Modes in which the vehicle can be armed: bit mask over nav states."""
     can_run: int
+    """Modes that the vehicle can fly: bit mask over nav states."""
     findings: tuple[Finding, ...] = ()
     errors: int = 0
-    """Bit mask over components; the same for the next two fields."""
+    """Components with errors: bit mask over `HEALTH_COMPONENTS`."""
     warnings: int = 0
+    """Components with warnings: bit mask over `HEALTH_COMPONENTS`."""
     present: int = 0
+    """Components of the vehicle: bit mask over `HEALTH_COMPONENTS`."""
     omitted_count: int = 0
     """Number of findings beyond `MAX_FINDINGS`."""
 
@@ -90,11 +93,11 @@ class HealthReport:
         """Findings that prevent arming in a mode (with `running`: flying it), most severe first."""
         if (self.can_run if running else self.can_arm) >> nav_state & 1:
             return ()
-        concerned = [f for f in self.findings if f.concerns(nav_state)]
-        blocking = [f for f in concerned if f.blocks(nav_state, running=running)]
+        affecting = [f for f in self.findings if f.affects(nav_state)]
+        blocking = [f for f in affecting if f.blocks(nav_state, running=running)]
         if not blocking and running:
-            blocking = [f for f in concerned if f.blocks(nav_state)]
-        return tuple(sorted(blocking or concerned, key=lambda f: f.level))
+            blocking = [f for f in affecting if f.blocks(nav_state)]
+        return tuple(sorted(blocking or affecting, key=lambda f: f.level))
 
 
 class ReportJoiner:
@@ -102,7 +105,8 @@ class ReportJoiner:
 
     def __init__(self) -> None:
         self._findings: list[Finding] | None = None
-        self._chunk: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
+        self._first_summary: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
+        """Of the open chunk: (chunk number, errors, warnings, can_arm, can_run)."""
         self._joined_chunks: HealthReport | None = None
         """Chunks joined so far."""
         self._next_chunk = 0
@@ -110,10 +114,10 @@ class ReportJoiner:
 
     def begin(self, arguments: bytes) -> None:
         """Begins a chunk with its first summary."""
-        self._chunk = _arming.unpack_from(arguments)
-        if self._chunk[0] == 0:
+        self._first_summary = _arming.unpack_from(arguments)
+        if self._first_summary[0] == 0:
             self._joined_chunks, self._next_chunk, self._omitted_count = None, 0, 0
-        self._findings = [] if self._chunk[0] == self._next_chunk else None
+        self._findings = [] if self._first_summary[0] == self._next_chunk else None
 
     @property
     def collecting(self) -> bool:
@@ -134,10 +138,10 @@ class ReportJoiner:
         """Ends the chunk with its second summary. Returns the chunks joined so far; None if the first
         summary was not received."""
         number, present, error, warning = _health.unpack_from(arguments)
-        if self._findings is None or number != self._chunk[0]:
+        if self._findings is None or number != self._first_summary[0]:
             self._findings = None
             return None
-        _, errors, warnings, can_arm, can_run = self._chunk
+        _, errors, warnings, can_arm, can_run = self._first_summary
         chunk = HealthReport(
             can_arm, can_run, tuple(self._findings), errors | error, warnings | warning, present
         )
@@ -330,7 +334,7 @@ def _is_shown(mode: Mode, report: HealthReport) -> bool:
     """Whether a mode is shown. An external mode is shown only if it is registered or a finding names it."""
     if not mode.name.startswith(EXTERNAL):
         return mode.name not in HIDDEN_MODES
-    named = any(f.modes_mask != ALL_MODES and f.concerns(mode.nav_state) for f in report.findings)
+    named = any(f.modes_mask != ALL_MODES and f.affects(mode.nav_state) for f in report.findings)
     return named or bool((report.can_arm | report.can_run) >> mode.nav_state & 1)
 
 
@@ -340,7 +344,7 @@ def _cause(finding: Finding, shown: Iterable[Mode]) -> Cause:
     )
     modes = None
     if finding.modes_mask != ALL_MODES:
-        modes = tuple(mode.name for mode in shown if finding.concerns(mode.nav_state))
+        modes = tuple(mode.name for mode in shown if finding.affects(mode.nav_state))
     return Cause(
         finding.id,
         finding.name,

@@ -168,7 +168,7 @@ class TargetLocal:
 
 @dataclass(frozen=True, slots=True)
 class TargetAttitude:
-    """ATTITUDE_TARGET; stale while the vehicle flies body rates (PX4)."""
+    """ATTITUDE_TARGET; PX4 does not update it while it controls only body rates."""
 
     q_ned_frd: Quaternion
     rates_frd_rad_s: Vector3
@@ -326,7 +326,7 @@ class Sample:
 
     topic: str
     vehicle_time_boot_s: float | None
-    """Time on the vehicle's boot clock, if the message has it."""
+    """Time since the vehicle's boot, if the message contains it."""
     received_unix_s: float
     received_monotonic_s: float
     value: object

@@ -34,16 +34,20 @@ TOPIC_MESSAGES: dict[str, tuple[int, ...]] = {
     "gimbal": gimbal_decoder.IDS,
     **{topic: ids for topic, (ids, _) in decoders.DECODERS.items()},
 }
+"""The messages that contain each topic; their time is the time of the sample."""
 EXTRA_MESSAGES: dict[str, tuple[int, ...]] = {"gimbal": ATTITUDE_IDS}
+"""Further messages that the decoder of a topic needs."""
 INPUT_MESSAGES: dict[str, tuple[int, ...]] = {
     topic: (*ids, *EXTRA_MESSAGES.get(topic, ())) for topic, ids in TOPIC_MESSAGES.items()
 }
+"""All messages that the decoder of each topic needs."""
 TOPICS_OF_MESSAGE: dict[int, tuple[str, ...]] = {
     msg_id: tuple(topic for topic, ids in INPUT_MESSAGES.items() if msg_id in ids)
     for msg_id in {msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids}
 }
 """The topics that depend on each message."""
 MAX_ATTITUDE_DELAY_S = 1.0
+"""If one of the two attitude messages is older than the other by more than this, it is not used [s]."""
 KEEPS_LAST_VALUE = frozenset({"home"})
 """Topics whose last valid value stays stored: limits refer to home, and one invalid message must not remove
 the limits."""
@@ -66,17 +70,18 @@ class VehicleState:
         """Newest frame of each (component, message, instance), by key (`instances.py`)."""
         self._instances = Instances(component_id)
         self.unusable: dict[str, str] = {}
-        """Topics whose newest message could not be used at the last reading, with the reasons."""
+        """Topics whose newest message was unusable when the topic was last read, with the reasons."""
         self._component_id = component_id
         self._clock = clock
         self._cache: dict[str, Sample | None] = {}
         self._decoded: set[str] = set()
         """Topics that were decoded and have no newer message."""
         self._inputs: set[int] = set()
-        """Ids of the messages from which topics were decoded, until the next such message."""
+        """Ids of messages that decoded topics depend on and that were not received again since then."""
         self._history = History({msg_id for ids in INPUT_MESSAGES.values() for msg_id in ids})
         self._received_s = float("-inf")
-        """Time of the last heartbeat, or of the last message that followed it without a gap."""
+        """Time of the last heartbeat, or of the last message after it, if no gap was longer than
+        `LINK_LOST_AFTER_S`."""
         self._statuses: deque[tuple[float, FlightState, bool, Sample]] = deque()
         """(time, flight state, whether the connection is lost, sample) of the last minutes."""
 
@@ -115,7 +120,7 @@ class VehicleState:
         )
 
     def reason_lost(self) -> str:
-        """Why the connection counts as lost, as text."""
+        """Why the connection is lost, as text."""
         now_s = self._clock.monotonic_s()
         if self._received_s == float("-inf"):
             return "no message received"
@@ -283,18 +288,18 @@ class VehicleState:
             if msg_id in frame_by_key
         }
         readings: list[tuple[GimbalReading, float]] = []
-        fault: Unusable | None = None
+        unusable: Unusable | None = None
         for address, frames in frames_by_gimbal(frame_by_key, self._component_id):
             payloads = {msg_id: full_payload(frame) for msg_id, frame in frames.items()}
             try:
                 decoded = gimbal_decoder.gimbal(payloads | vehicle, address.component_id, address.device_id)
             except Unusable as error:
-                fault = error
+                unusable = error
             else:
                 readings += [decoded] if decoded is not None else []
         if not readings:
-            if fault is not None:
-                raise fault
+            if unusable is not None:
+                raise unusable
             return None
         first = {field.name: getattr(readings[0][0], field.name) for field in fields(GimbalReading)}
         return Gimbal(
@@ -316,8 +321,10 @@ class VehicleState:
                 raise
             return decoders.attitude(payloads)
 
-    def _sample(self, name: str, value: object, boot_s: float | None, received_s: float) -> Sample | None:
+    def _sample(
+        self, name: str, value: object, time_boot_s: float | None, received_s: float
+    ) -> Sample | None:
         if received_s == float("-inf"):
             return None
         unix_s = self._clock.unix_s() - (self._clock.monotonic_s() - received_s)
-        return Sample(name, boot_s, unix_s, received_s, value)
+        return Sample(name, time_boot_s, unix_s, received_s, value)

@@ -22,7 +22,7 @@ class _Pending:
     severity: int
     began_s: float
     chunks: dict[int, bytes] = field(default_factory=dict[int, bytes])
-    complete: bool = False
+    has_last_chunk: bool = False
 
 
 class TextJoiner:
@@ -51,8 +51,8 @@ class TextJoiner:
             pending = self._pending[text_id] = _Pending(severity, now_s)
         pending.chunks[chunk] = part
         last = max(pending.chunks)
-        pending.complete = pending.complete or is_last
-        if pending.complete and len(pending.chunks) == last + 1:
+        pending.has_last_chunk = pending.has_last_chunk or is_last
+        if pending.has_last_chunk and len(pending.chunks) == last + 1:
             texts.append(self._finish(text_id))
         return texts
 
@@ -67,7 +67,7 @@ class TextJoiner:
             _decode(pending.chunks[i]) if i in pending.chunks else "‹…›"
             for i in range(max(pending.chunks) + 1)
         ]
-        if not pending.complete:
+        if not pending.has_last_chunk:
             parts.append("‹…›")
         return pending.severity, "".join(parts)
 
@@ -92,7 +92,7 @@ class LineRateLimiter:
         return True
 
     def take_dropped(self, now_s: float) -> int:
-        """Number of lines dropped since the last call; 0 while the vehicle sends too fast to report it."""
+        """Number of lines dropped since the last call; 0 while the vehicle still sends too fast."""
         if not self._dropped or self._filled_s is None:
             return 0
         if self._tokens + (now_s - self._filled_s) * MAX_LINES_PER_S < MAX_LINES_PER_S / 2:

@@ -47,7 +47,7 @@ much shorter than PX4's timeout of a setpoint stream (COM_OF_LOSS_T, 1 s)."""
 
 
 class Vehicle:
-    """One vehicle; only calls by the router change its state.
+    """One vehicle; only the fleet changes its state.
 
     Args:
         vehicle_id: "1", or "1~2" for a second vehicle with system id 1.
@@ -87,6 +87,7 @@ class Vehicle:
         self._known_links: set[str] = set()
         self._endpoint_in_use: Endpoint | None = None
         self._lost = False
+        """Whether the event "Connection lost" was added for the current loss."""
         self._handlers: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._event_logger.text(full_payload(f), e),
             d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
@@ -207,8 +208,8 @@ class Vehicle:
         return None if frame is None else (full_payload(frame), frame.received_monotonic_s)
 
     def require_commandable(self) -> None:
-        """Raises Refused for a replayed vehicle, NotVerified for an unverified type, or Disconnected while
-        the link is lost."""
+        """Raises Refused for a replayed vehicle, NotVerified for a vehicle that the server's commands were
+        not tested with, or Disconnected while the link is lost."""
         identity = self._identity
         if identity.replayed:
             raise Refused(f"Vehicle {self.id} is a recording; it cannot be commanded.")
@@ -233,7 +234,7 @@ class Vehicle:
         require_feature(self.id, self._endpoints, feature)
 
     def send(self, message: MAVLink_message, *, until_s: float | None = None) -> bool:
-        """Packs and sends a message on the vehicle's best link, from any thread; False if nothing was sent.
+        """Encodes and sends a message on the link in use, from any thread; False if nothing was sent.
 
         Args:
             until_s: the message is dropped if the link cannot send it by this time [s, monotonic].
@@ -243,7 +244,7 @@ class Vehicle:
     def send_payload(
         self, msg_id: int, payload: bytes, *, created_s: float | None = None, until_s: float | None = None
     ) -> bool:
-        """Like `send`, for a packed payload that was created at `created_s` [s, monotonic]; None: now."""
+        """Like `send`, for an encoded payload that was created at `created_s` [s, monotonic]; None: now."""
         if self._identity.replayed:
             return False
         endpoint = self._choose_endpoint(preferred_endpoints(self._endpoints, MAVLINK))
@@ -279,7 +280,7 @@ class Vehicle:
     def _fetch_metadata(self) -> None:
         self.in_background("metadata of its events", self.health.read_texts(self.metadata))
 
-    # --- written by the fleet only --------------------------------------------------------------
+    # --- called by the fleet only --------------------------------------------------------------
 
     def receive(self, frame: Frame, endpoint: Endpoint) -> None:
         """Handles a frame of this vehicle from one of its endpoints."""
@@ -329,13 +330,13 @@ class Vehicle:
         self._identity = with_version(self._identity, version)
 
     def warn(self, text: str) -> None:
-        """Sets the warning of the identity."""
+        """Sets the warning of the identity, and adds an event if the warning is new."""
         if text not in self._identity.warnings:
             self._identity = replace(self._identity, warnings=(text,))
             self.events.add("warning", self.clock.unix_s(), text, severity=d.MAV_SEVERITY_WARNING)
 
     def clear_warnings(self) -> None:
-        """Clears the warnings of the identity."""
+        """Clears the warning of the identity."""
         self._identity = replace(self._identity, warnings=())
 
     def tick(self) -> None:

@@ -10,8 +10,8 @@ from gcs_server.errors import Refused, UnknownVehicle
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_frame, encode_payload
 from gcs_server.vehicle.population import (
-    MAX_ON_LINK,
     MAX_VEHICLES,
+    MAX_VEHICLES_ON_LINK,
     MAX_WITH_SAME_ID,
     REMOVABLE_AFTER_S,
 )
@@ -79,13 +79,13 @@ def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(jump):
         for system in range(2, 255):
             send_heartbeat(link, system, f"10.0.0.2:{system}")
         await asyncio.sleep(3.0)
-        assert len(world.fleet.all()) == MAX_ON_LINK
+        assert len(world.fleet.all()) == MAX_VEHICLES_ON_LINK
         world.autopilot(link, peer="real", system=1)
         await asyncio.sleep(10.0)
         assert "1" not in [vehicle.id for vehicle in world.fleet.all()], "it replaced a connected vehicle"
         await asyncio.sleep(REMOVABLE_AFTER_S)
         assert (await world.ready()).id == "1"
-        assert len(world.fleet.all()) <= MAX_ON_LINK
+        assert len(world.fleet.all()) <= MAX_VEHICLES_ON_LINK
 
     run_test(jump, scenario, OffboardWorld)
 

@@ -10742,8 +10742,8 @@ export interface components {
             readonly setpoints: string | null;
             /**
              * Missing
-             * @description Features that the vehicle's links do not carry; such requests are refused immediately. Empty over
-             *     MAVLink.
+             * @description Features that the vehicle's links do not carry; requests that need them are refused immediately. Empty
+             *     over MAVLink.
              */
             readonly missing: readonly ("parameters" | "mission_transfer" | "files" | "gimbal" | "camera" | "arming_report")[];
         };
@@ -12441,7 +12441,7 @@ export interface components {
         };
         /**
          * TargetAttitude
-         * @description ATTITUDE_TARGET; stale while the vehicle flies body rates (PX4).
+         * @description ATTITUDE_TARGET; PX4 does not update it while it controls only body rates.
          */
         readonly TargetAttitude: {
             /**
