@@ -1,4 +1,4 @@
-"""Converts bytes to frames and back, without I/O and message objects.
+"""Converts bytes to frames and back. No I/O; only `decode` and `encode_payload` use message objects.
 
 Frame layouts and the checksum are those of the MAVLink guide ("Packet serialization"): MAVLink 1 has a
 6-byte header, MAVLink 2 a 10-byte header; if incompatibility flag 1 is set, a 13-byte signature follows the
@@ -19,6 +19,7 @@ from gcs_server.mavlink.tables import CRC_EXTRA, LAYOUTS
 
 STX_V1, STX_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2, CHECKSUM, SIGNATURE = 6, 10, 2, 13
+"""Lengths of the parts of a frame [bytes]."""
 MIN_V2_BYTES = HEADER_V2 + CHECKSUM
 SIGNED = 0x01
 
@@ -51,9 +52,9 @@ class Frame:
 
 
 class FrameParser:
-    """Splits the bytes of one peer into frames, and resynchronises after garbage. A byte that does not start
-    a valid frame is skipped and counted. An unknown message cannot be checked; it is accepted if another
-    frame or the end of the data follows.
+    """Splits the bytes of one peer into frames. A byte that does not start a valid frame is skipped and
+    counted, so that parsing continues after bytes that are not MAVLink. An unknown message cannot be checked;
+    it is accepted if another frame or the end of the data follows.
     """
 
     __slots__ = (
@@ -133,23 +134,23 @@ class FrameParser:
         return frames
 
     def _check(
-        self, data: bytes, at: int, header: int, checksum_end: int, frame_end: int, now_s: float
+        self, data: bytes, start: int, header: int, checksum_end: int, frame_end: int, now_s: float
     ) -> Frame | None:
-        """The frame at a position of `data`; None if its checksum is wrong. A signature is between
+        """The frame that begins at `data[start]`; None if its checksum is wrong. A signature is between
         `checksum_end` and `frame_end`."""
         if header == HEADER_V2:
-            msg_id = data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
-            seq, system_id, component_id = data[at + 4], data[at + 5], data[at + 6]
+            msg_id = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
+            seq, system_id, component_id = data[start + 4], data[start + 5], data[start + 6]
         else:
-            msg_id = data[at + 5]
-            seq, system_id, component_id = data[at + 2], data[at + 3], data[at + 4]
+            msg_id = data[start + 5]
+            seq, system_id, component_id = data[start + 2], data[start + 3], data[start + 4]
         extra = CRC_EXTRA.get(msg_id)
         if extra is None:
             if frame_end < len(data) and data[frame_end] not in (STX_V1, STX_V2):
                 return None
             self.frames_unknown += 1
         elif (
-            _crc(data[at + 1 : checksum_end - 2] + extra)
+            _crc(data[start + 1 : checksum_end - 2] + extra)
             != data[checksum_end - 2] | data[checksum_end - 1] << 8
         ):
             self.crc_errors += 1
@@ -162,7 +163,7 @@ class FrameParser:
             system_id,
             component_id,
             seq,
-            data[at:frame_end],
+            data[start:frame_end],
             now_s,
             extra is not None,
         )

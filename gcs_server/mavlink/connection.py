@@ -1,4 +1,4 @@
-"""A link with MAVLink: one parser per peer, the recording, and this server's sequence numbers."""
+"""An open link, with one MAVLink parser per peer, the recording, and this server's sequence numbers."""
 
 from __future__ import annotations
 
@@ -191,7 +191,7 @@ class Connection:
             self._recording.append(stamp(time_us), raw)
 
     def mavlink_peers(self) -> tuple[Peer, ...]:
-        """Peers to which heartbeats are sent: all except those that sent only garbage."""
+        """Peers to which heartbeats are sent: all except those that have sent bytes, but no MAVLink frame."""
         return tuple(
             peer
             for peer in self.link.peers()
@@ -228,7 +228,8 @@ class Connection:
         frames = parser.feed(data, received_s)
         if not frames:
             return
-        # before frames are refused, because the vehicle adopts the signing time of this server's heartbeat
+        # Called before frames are refused: `on_new_peer` sends a heartbeat, from which the vehicle adopts the
+        # signing time.
         if is_new:
             try:
                 self._on_new_peer(self, peer)

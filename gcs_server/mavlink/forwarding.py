@@ -16,7 +16,8 @@ from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.tables import TARGET_SYSTEM_OFFSET
 
 CHANGE_ROUTE_AFTER_S = 2.0
-"""After this time without frames over a vehicle's link, its frames from another link are forwarded [s]."""
+"""If a vehicle sends nothing on the link whose frames are forwarded for this time, its frames from another
+link are forwarded [s]."""
 
 
 @dataclass(slots=True)
@@ -60,7 +61,7 @@ class Forwarder:
                 station.forward(frame, station_peer)
 
     def peer_gone(self, connection: Connection, peer: Peer) -> None:
-        """Forgets the systems behind this peer."""
+        """Deletes the routes over this peer."""
         for system_id, route in list(self._routes.items()):
             if route.connection is connection and route.peer is peer:
                 del self._routes[system_id]

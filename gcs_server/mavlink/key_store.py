@@ -128,9 +128,9 @@ class KeyStore:
     def store_timestamp(self, timestamp: int) -> None:
         """Stores the newest timestamp. Raises OSError."""
         path = self._folder / "timestamp"
-        draft = path.with_name(f".{path.name}.{os.getpid()}")
-        draft.write_text(f"{timestamp}\n")
-        draft.replace(path)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}")
+        temporary.write_text(f"{timestamp}\n")
+        temporary.replace(path)
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{checked_key_name(name)}{SUFFIX}"

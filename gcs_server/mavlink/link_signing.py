@@ -46,7 +46,7 @@ _REFUSAL_TEXT = {
 
 
 @dataclass(slots=True)
-class _Refused:
+class _RefusalCount:
     count: int = 0
     last_s: float = float("-inf")
     system_id: int = 0
@@ -61,21 +61,23 @@ class LinkSigning:
     signer: FrameSigner
     verifier: KeyVerifier
     clock: Clock
-    _refused: dict[Refusal, _Refused] = field(default_factory=lambda: {r: _Refused() for r in Refusal})
+    _refused: dict[Refusal, _RefusalCount] = field(
+        default_factory=lambda: {refusal: _RefusalCount() for refusal in Refusal}
+    )
 
     def accepts(self, frame: Frame) -> bool:
         """Whether a received frame may be recorded, forwarded and handled; counts refusals."""
         raw = frame.raw
         if not is_signed(raw) and (not self.options.required or frame.msg_id in UNSIGNED_ACCEPTED):
             return True
-        why = self.verifier.refusal(raw, frame.system_id, frame.component_id)
-        if why is None:
+        refusal = self.verifier.refusal(raw, frame.system_id, frame.component_id)
+        if refusal is None:
             return True
-        now_s, refused = self.clock.monotonic_s(), self._refused[why]
+        now_s, refused = self.clock.monotonic_s(), self._refused[refusal]
         is_first = now_s - refused.last_s > WARNED_FOR_S
         refused.count, refused.last_s, refused.system_id = refused.count + 1, now_s, frame.system_id
         if is_first:
-            log.warning("link %s: %s", self.link, self._text(why, refused))
+            log.warning("link %s: %s", self.link, self._text(refusal, refused))
         return False
 
     def report(self) -> SigningReport:
@@ -84,7 +86,7 @@ class LinkSigning:
             key=self.options.key,
             mode="required" if self.options.required else "allowed",
             link_id=self.signer.link_id,
-            **{why.value: refused.count for why, refused in self._refused.items()},
+            **{refusal.value: refused.count for refusal, refused in self._refused.items()},
         )
 
     def refused(self) -> int:
@@ -94,11 +96,11 @@ class LinkSigning:
     def warnings(self) -> list[str]:
         """Warnings about recently refused frames."""
         before_s = self.clock.monotonic_s() - WARNED_FOR_S
-        return [self._text(why, r) for why, r in self._refused.items() if r.last_s >= before_s]
+        return [self._text(refusal, r) for refusal, r in self._refused.items() if r.last_s >= before_s]
 
-    def _text(self, why: Refusal, refused: _Refused) -> str:
+    def _text(self, refusal: Refusal, refused: _RefusalCount) -> str:
         key = f"(key {self.options.key!r}; refused so far: {refused.count})"
-        return f"System {refused.system_id} {_REFUSAL_TEXT[why]} {key}"
+        return f"System {refused.system_id} {_REFUSAL_TEXT[refusal]} {key}"
 
 
 class Signing:
@@ -114,8 +116,9 @@ class Signing:
         self.clock = SigningClock(clock.unix_s)
         newest = 0 if store is None else store.newest_timestamp()
         if newest >= self.clock.now():  # the system clock was set back, or a vehicle's clock was ahead
-            unstored = round(STORE_INTERVAL_S * TICKS_PER_S)
-            self.clock = SigningClock(clock.unix_s, newest + unstored)
+            # timestamps may have been used after the last one was stored
+            max_unstored_ticks = round(STORE_INTERVAL_S * TICKS_PER_S)
+            self.clock = SigningClock(clock.unix_s, newest + max_unstored_ticks)
         self._verifiers: list[tuple[SecretKey, KeyVerifier]] = []
         """Verifiers stay after the links of a key are closed, because they contain the received
         timestamps."""

@@ -18,14 +18,14 @@ Reply = Any
 Matches = Callable[[Reply], bool]
 
 
-MAX_WAITING = 4096
+MAX_UNREAD = 4096
 """Maximum number of unread messages in one waiter; more than PX4's parameters in one burst."""
 
 
 class Waiter:
     """A stream of awaited messages: `await next()` returns the matches in order.
 
-    With `MAX_WAITING` unread matches, further ones are dropped.
+    With `MAX_UNREAD` unread matches, further ones are dropped.
     """
 
     def __init__(self, msg_ids: frozenset[int], matches: Matches | None) -> None:
@@ -57,7 +57,7 @@ class Waiter:
 
     def offer(self, message: MAVLink_message) -> None:
         """Adds a message if it matches; called by the mailbox."""
-        if self._queue.qsize() < MAX_WAITING and (self._matches is None or self._matches(message)):
+        if self._queue.qsize() < MAX_UNREAD and (self._matches is None or self._matches(message)):
             self._queue.put_nowait(message)
 
     def fail(self, error: GcsError) -> None:

@@ -56,10 +56,11 @@ class Urgency:
 
 _LONG, _INT = d.MAVLINK_MSG_ID_COMMAND_LONG, d.MAVLINK_MSG_ID_COMMAND_INT
 _COMMAND_BYTES = 33
-_CONFIRMATION_AT = 32
+_CONFIRMATION_OFFSET = 32
 _command = struct.Struct("<2f20xHBB")
 """Fields of both COMMAND_LONG and COMMAND_INT: parameters 1 and 2, command, target system and component."""
 FORCE = 21196.0
+"""Parameter 2 of MAV_CMD_COMPONENT_ARM_DISARM that disarms also in flight."""
 
 SETPOINTS = frozenset(
     {
@@ -115,8 +116,8 @@ def classify(msg_id: int, payload: bytes) -> Urgency:
     if msg_id in INPUTS:
         return Urgency(Priority.SETPOINT, SETPOINT_LIFETIME_S, (msg_id, system))
     if msg_id in GIMBAL_INPUTS:
-        at = TARGET_SYSTEM_OFFSET[msg_id]
-        return Urgency(Priority.SETPOINT, COMMAND_LIFETIME_S, ("gimbal", payload[at : at + 3]))
+        offset = TARGET_SYSTEM_OFFSET[msg_id]
+        return Urgency(Priority.SETPOINT, COMMAND_LIFETIME_S, ("gimbal", payload[offset : offset + 3]))
     if msg_id == d.MAVLINK_MSG_ID_SET_MODE:
         return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (msg_id, system), ("flight", system))
     if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
@@ -150,7 +151,7 @@ def _classify_command(msg_id: int, payload: bytes) -> Urgency:
         return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (command, system, component), flight)
     if command in FLIGHT_COMMANDS:
         return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (command, system, component), flight)
-    without_confirmation = full_payload[:_CONFIRMATION_AT] if msg_id == _LONG else full_payload
+    without_confirmation = full_payload[:_CONFIRMATION_OFFSET] if msg_id == _LONG else full_payload
     return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S, (msg_id, without_confirmation))
 
 

@@ -96,7 +96,8 @@ class Router:
         )
 
     def start(self) -> None:
-        """Starts heartbeats (1 Hz to each peer of each link except replays) and recording."""
+        """Starts recording, and heartbeats at 1 Hz to each peer of each link that is neither a replay nor a
+        forwarding link."""
         if self._recorder is not None:
             self._recorder.start()
         self._supervisor.start("heartbeats", self._send_heartbeats)
@@ -193,7 +194,8 @@ class Router:
         return self._connections[name]
 
     def warnings(self) -> list[tuple[str, str, str]]:
-        """Current warnings (kind, link, text): links that wait or have faults, stopped recordings."""
+        """Current warnings (kind, link, text): links that wait or have faults, refused frames, stopped
+        recordings."""
         faults = [
             (
                 "link",

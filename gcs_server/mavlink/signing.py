@@ -82,21 +82,22 @@ class SecretKey:
 class SigningClock:
     """Timestamps for signing in one process: always increasing, from any thread.
 
-    The timestamps follow the system clock. They run ahead of it after a correctly signed frame that was
-    ahead, because a vehicle refuses a new stream that is a minute behind its own time.
+    The timestamps follow the system clock. If a correctly signed frame has a larger timestamp, this clock
+    adopts it and stays ahead of the system clock, because a vehicle refuses a new stream that is a minute
+    behind the vehicle's time.
 
     Args:
         unix_s: the system clock [s since 1970].
-        at_least: an earlier used timestamp; the first new one is larger.
+        last_used: the largest timestamp used earlier; the first new timestamp is larger.
     """
 
-    def __init__(self, unix_s: Callable[[], float], at_least: int = 0) -> None:
+    def __init__(self, unix_s: Callable[[], float], last_used: int = 0) -> None:
         self._unix_s = unix_s
-        self._last = min(at_least, MAX_ADOPTED_TIMESTAMP)
+        self._last = min(last_used, MAX_ADOPTED_TIMESTAMP)
         self._lock = threading.Lock()
         self.ahead_ticks = 0
         """Difference between the timestamps and the system clock [ticks]."""
-        if at_least:
+        if last_used:
             self._run_ahead_to(self._last)
 
     def next(self) -> int:
@@ -106,7 +107,7 @@ class SigningClock:
             return self._last
 
     def now(self) -> int:
-        """A lower bound of `next`."""
+        """The current timestamp; `next` returns this or a larger one."""
         return max(self._system_clock_ticks() + self.ahead_ticks, self._last)
 
     def adopt(self, timestamp: int) -> None:
@@ -171,7 +172,7 @@ class KeyVerifier:
         if not is_signed(raw):
             return Refusal.UNSIGNED
         if not hmac.compare_digest(self._key.signature(raw[:-6]), raw[-6:]):
-            return Refusal.WRONG_SIGNATURE  # checked first, because it must not change any state
+            return Refusal.WRONG_SIGNATURE  # checked first: a wrong signature must not change any state
         low, high = _time_low_high.unpack_from(raw, len(raw) - 12)
         timestamp = low | high << 32
         stream = (raw[-13], system_id, component_id)

@@ -1,4 +1,4 @@
-"""Records the frames of links in a thread, so that a slow or full disk never delays the flight.
+"""Records the frames of links in a thread, so that a slow or full disk never delays messages.
 
 A record is an 8-byte big-endian time (microseconds since 1970) and the raw frame, as other ground
 stations write it. Writes are unbuffered, so a killed server loses at most the frames since the last flush.
@@ -23,8 +23,8 @@ from gcs_server.links.base import Recording
 log = logging.getLogger(__name__)
 
 FLUSH_INTERVAL_S = 0.25
-BACKLOG_LIMIT_FRAMES = 150_000
-"""Maximum number of frames of a link that wait for a stalled disk (15 MB: half a minute of fifty vehicles).
+BACKLOG_LIMIT_RECORDS = 150_000
+"""Maximum number of records of a link that wait for a stalled disk (15 MB: half a minute of fifty vehicles).
 Above it, the recording stops.
 """
 TRY_AGAIN_FLUSHES = 40
@@ -55,10 +55,10 @@ class TlogChannel:
         self._size = 0
         self._flushes_until_retry = 0
 
-    def append(self, when: bytes, raw: bytes) -> None:
-        """Adds a received or sent frame with its `stamp`."""
-        if not self.problem and len(self._waiting) < BACKLOG_LIMIT_FRAMES:
-            self._waiting.append(when + raw)
+    def append(self, encoded_time: bytes, raw: bytes) -> None:
+        """Adds a received or sent frame, with its time encoded by `stamp`."""
+        if not self.problem and len(self._waiting) < BACKLOG_LIMIT_RECORDS:
+            self._waiting.append(encoded_time + raw)
 
     def take(self) -> bytes:
         """Takes all waiting records; only for the recorder's thread."""
@@ -66,8 +66,8 @@ class TlogChannel:
         return b"".join([waiting.popleft() for _ in range(len(waiting))])
 
     @property
-    def backlog_frames(self) -> int:
-        """Number of waiting frames."""
+    def backlog_records(self) -> int:
+        """Number of waiting records."""
         return len(self._waiting)
 
     def write(self, directory: Path, data: bytes, time_us: int, max_bytes: int) -> None:
@@ -113,7 +113,7 @@ class TlogChannel:
             self._file = None
 
     def stop(self, problem: str) -> None:
-        """Stops recording for a while."""
+        """Stops recording until `should_retry` returns true."""
         self.problem = problem
         self._flushes_until_retry = TRY_AGAIN_FLUSHES
         self.take()
@@ -181,17 +181,17 @@ class TlogRecorder:
                     log.info("recording of %s continues", channel.link)
                     channel.problem = ""
                 continue
-            if disk_problem and channel.backlog_frames:
+            if disk_problem and channel.backlog_records:
                 self._stop_channel(channel, disk_problem)
                 continue
             self._write(channel)
-            if channel.closing and not channel.backlog_frames:
+            if channel.closing and not channel.backlog_records:
                 channel.end()
                 with self._lock:
                     self._channels.remove(channel)
 
     def _write(self, channel: TlogChannel) -> None:
-        if channel.backlog_frames >= BACKLOG_LIMIT_FRAMES:
+        if channel.backlog_records >= BACKLOG_LIMIT_RECORDS:
             self._stop_channel(channel, "The disk is too slow: too many frames wait to be written.")
             return
         data = channel.take()

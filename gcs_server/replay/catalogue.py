@@ -131,8 +131,8 @@ def read_info(path: Path, size: int) -> RecordingInfo:
     last, damaged = first, first.bytes_skipped > 0
     if tail_offset:
         last = parse(tail, Cursor(tail_offset, first.records[-1].time_us, 0), is_last=True)
-        incomplete_bytes = last.records[0].offset - tail_offset if last.records else len(tail)
-        damaged = damaged or not last.records or last.bytes_skipped > incomplete_bytes
+        bytes_before_first = last.records[0].offset - tail_offset if last.records else len(tail)
+        damaged = damaged or not last.records or last.bytes_skipped > bytes_before_first
     end_us = (last.records or first.records)[-1].time_us
     begin_us = first.records[0].time_us
     return replace(

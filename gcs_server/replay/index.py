@@ -30,12 +30,12 @@ MODE_COMMANDS = frozenset({20, 21, 22, 34, 176, 192, 300})
 the dialect takes a second."""
 CHANGES_RESTORED, TEXTS_RESTORED = 2000, 500
 """Maximum number of changes and texts restored after a jump."""
-MAX_KINDS = 10_000
+MAX_KEYS = 10_000
 """Maximum number of (system, component, message) combinations, enough for a hundred vehicles."""
 MAX_EVENT_RECORDS = 50_000
 """Maximum number of state changes, and of texts; more than one per second for a day."""
 MAX_CHECKPOINT_NUMBERS = 2_000_000
-"""Maximum number of numbers in all checkpoints (16 MB); above it, every second checkpoint is dropped."""
+"""Maximum total length of all checkpoint arrays (16 MB); above it, every second checkpoint is dropped."""
 MAX_DAMAGED_FRACTION = 0.5
 """Fraction of bytes outside records above which a file is not a telemetry log."""
 
@@ -73,7 +73,7 @@ class Index:
     first_heartbeats: tuple[tuple[int, int], ...]
     """(time, offset) of each autopilot's first heartbeat, which adds the vehicle."""
     left_out: int
-    """Records beyond MAX_KINDS or MAX_EVENT_RECORDS; they may be missing after a jump."""
+    """Records beyond MAX_KEYS or MAX_EVENT_RECORDS; they may be missing after a jump."""
 
     def checkpoint(self, time_us: int) -> Checkpoint:
         """The last checkpoint before `time_us`."""
@@ -101,8 +101,8 @@ def _newest_until(flat: array[int], until_us: int, at_most: int) -> list[tuple[i
     return [(flat[2 * i], flat[2 * i + 1]) for i in range(max(0, end - at_most), end)]
 
 
-class _ChangeFinder:
-    """Finds state changes; called with every record in order."""
+class _EventFinder:
+    """Finds state changes, texts and first heartbeats; called with every record in order."""
 
     def __init__(self) -> None:
         self.changes: array[int] = array("q")
@@ -126,7 +126,7 @@ class _ChangeFinder:
         if msg_id in STATES:
             is_new = self._states.get(key) != payload
             self._states[key] = payload
-            if msg_id != EXTENDED_SYS_STATE:  # both messages contain the mode; a different value is a change
+            if msg_id != EXTENDED_SYS_STATE:  # HEARTBEAT and CURRENT_MODE both contain the mode
                 sender, mode = key >> 24, payload[:4].ljust(4, b"\0")
                 is_new = is_new or self._modes.get(sender) != mode
                 self._modes[sender] = mode
@@ -162,20 +162,20 @@ class _Checkpoints:
 
 
 def make_index(file: BinaryIO) -> Index:
-    """Reads a whole log.
+    """Reads a whole recording.
 
     Raises:
         UnreadableRecording: the file has no records, or is not a telemetry log.
         OSError: the file cannot be read.
     """
-    finder, newest, checkpoints = _ChangeFinder(), dict[int, tuple[int, int]](), _Checkpoints()
+    finder, newest, checkpoints = _EventFinder(), dict[int, tuple[int, int]](), _Checkpoints()
     batch = Batch([], Cursor(), at_end=False, bytes_skipped=0)
     begin_us = end_us = count = skipped = left_out = 0
     while not batch.at_end:
         checkpoints.add(batch.after, newest)
         batch = read_batch(file, batch.after)
         for record in batch.records:
-            if record.key not in newest and len(newest) >= MAX_KINDS:
+            if record.key not in newest and len(newest) >= MAX_KEYS:
                 left_out += 1
                 continue
             newest[record.key] = (record.time_us, record.offset)

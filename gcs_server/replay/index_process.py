@@ -1,6 +1,6 @@
 """Creates an index in a separate process (`python -m gcs_server.replay.index_process FILE`).
 
-Reading a long log takes seconds, which must not stall the server. The process has limits of memory and
+Reading a long recording takes seconds, which must not stall the server. The process has limits of memory and
 computing time, so that no recording can exhaust the server. Its output is one line of JSON, then the arrays
 as bytes, because parsing millions of numbers from text would stall all threads of the server.
 """
@@ -23,7 +23,7 @@ from gcs_server.replay.records import Cursor, open_log
 NICENESS = 10
 MEMORY_BYTES = 1_000_000_000
 COMPUTING_S = 900
-"""Processor time [s], enough for a log of about ten gigabytes."""
+"""Processor time [s], enough for a recording of about ten gigabytes."""
 
 _limit_exceeded = "Reading the recording took more memory or time than allowed."
 

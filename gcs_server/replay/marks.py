@@ -63,7 +63,7 @@ class VehicleMarks:
 
 
 @dataclass(slots=True)
-class _VehicleLog:
+class _VehicleReader:
     """State of one vehicle while the recording is read."""
 
     component_id: int
@@ -72,7 +72,7 @@ class _VehicleLog:
     flight_state: FlightState = field(default_factory=FlightState)
     changes: list[tuple[float, FlightState]] = field(default_factory=list[tuple[float, FlightState]])
     in_report: bool = False
-    """Whether the log is between the two summaries that enclose the findings of the vehicle's checks."""
+    """Whether the next event belongs to a health and arming report; such events are not marked."""
 
     def __post_init__(self) -> None:
         self.event_logger = EventLogger(self.feed, self.clock)
@@ -86,55 +86,52 @@ def make_marks(path: Path, index: Index) -> tuple[VehicleMarks, ...]:
     Raises:
         OSError: the file cannot be read.
     """
-    vehicle_logs: dict[int, _VehicleLog] = {}
+    readers: dict[int, _VehicleReader] = {}
     parser = FrameParser()
     clock = ReplayClock(index.begin_us, 0)
     with open_log(path) as file:
         for time_us, offset in index.events():
             clock.time_us = time_us
             for frame in parser.feed(read_at(file, offset), clock.monotonic_s()):
-                vehicle_log = vehicle_logs.get(frame.system_id)
-                if vehicle_log is None and frame.msg_id == HEARTBEAT:
-                    vehicle_log = vehicle_logs[frame.system_id] = _VehicleLog(frame.component_id, clock)
-                if vehicle_log is not None and frame.component_id == vehicle_log.component_id:
-                    _add_frame(vehicle_log, frame.msg_id, full_payload(frame), clock)
+                reader = readers.get(frame.system_id)
+                if reader is None and frame.msg_id == HEARTBEAT:
+                    reader = readers[frame.system_id] = _VehicleReader(frame.component_id, clock)
+                if reader is not None and frame.component_id == reader.component_id:
+                    _add_frame(reader, frame.msg_id, full_payload(frame), clock)
     clock.time_us = index.end_us
-    for vehicle_log in vehicle_logs.values():
-        vehicle_log.event_logger.tick()
+    for reader in readers.values():
+        reader.event_logger.tick()
     return tuple(
-        _marks(system_id, vehicle_log, index.end_us / 1e6)
-        for system_id, vehicle_log in sorted(vehicle_logs.items())
+        _marks(system_id, reader, index.end_us / 1e6) for system_id, reader in sorted(readers.items())
     )
 
 
-def _add_frame(vehicle_log: _VehicleLog, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
+def _add_frame(reader: _VehicleReader, msg_id: int, payload: bytes, clock: ReplayClock) -> None:
     if msg_id == STATUSTEXT:
-        vehicle_log.event_logger.text(payload, vehicle_log)
+        reader.event_logger.text(payload, reader)
     elif msg_id == EVENT:
         event = decode_event(payload)
-        in_report = event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID) or vehicle_log.in_report
-        vehicle_log.in_report = event.id == ARMING_SUMMARY_ID or (in_report and event.id != HEALTH_SUMMARY_ID)
+        in_report = event.id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID) or reader.in_report
+        reader.in_report = event.id == ARMING_SUMMARY_ID or (in_report and event.id != HEALTH_SUMMARY_ID)
         if not in_report:
-            vehicle_log.event_logger.event(event)
+            reader.event_logger.event(event)
     elif msg_id in REDUCERS:
-        vehicle_log.flight_state = REDUCERS[msg_id](vehicle_log.flight_state, payload, clock.monotonic_s())
-        vehicle_log.changes.append((clock.unix_s(), vehicle_log.flight_state))
+        reader.flight_state = REDUCERS[msg_id](reader.flight_state, payload, clock.monotonic_s())
+        reader.changes.append((clock.unix_s(), reader.flight_state))
 
 
-def _marks(system_id: int, vehicle_log: _VehicleLog, end_unix_s: float) -> VehicleMarks:
-    messages = [MessageMark(e.unix_s, e.severity, e.text) for e in vehicle_log.feed.since() if e.text]
+def _marks(system_id: int, reader: _VehicleReader, end_unix_s: float) -> VehicleMarks:
+    messages = [MessageMark(e.unix_s, e.severity, e.text) for e in reader.feed.since() if e.text]
     most_severe = sorted(messages, key=lambda s: s.severity)[:MAX_MESSAGES]
     return VehicleMarks(
         system_id,
         tuple(
             ModeSpan(begin_s, end_s, *name_and_label(flight_state.custom_mode, flight_state.autopilot))
-            for begin_s, end_s, flight_state in _spans(
-                vehicle_log.changes, end_unix_s, lambda f: f.custom_mode
-            )
+            for begin_s, end_s, flight_state in _spans(reader.changes, end_unix_s, lambda f: f.custom_mode)
         ),
         tuple(
             ArmedSpan(begin_s, end_s)
-            for begin_s, end_s, flight_state in _spans(vehicle_log.changes, end_unix_s, lambda f: f.armed)
+            for begin_s, end_s, flight_state in _spans(reader.changes, end_unix_s, lambda f: f.armed)
             if flight_state.armed
         ),
         tuple(sorted(most_severe, key=lambda s: s.unix_s)),

@@ -30,7 +30,7 @@ class ReplayClock(Clock):
         self.time_us = begin_us
 
     def monotonic_s(self) -> float:
-        """Seconds since the start of the recording."""
+        """Time since the start of the recording, plus `JUMP_GAP_S` for each jump [s]."""
         return self._offset_s + (self.time_us - self._begin_us) / 1e6
 
     def unix_s(self) -> float:
@@ -54,7 +54,9 @@ class PlaybackPosition:
         self._speed = speed
         self._playing = playing
         self._start_us = begin_us
+        """Position at the last change of playback [us since 1970]."""
         self._since_s: float | None = None
+        """Time of the last change of playback [s, monotonic]; None before the first use of the position."""
 
     @property
     def speed(self) -> float:
@@ -125,9 +127,9 @@ def state_at(file: BinaryIO, index: Index, time_us: int) -> RestoredState:
         OSError: the file cannot be read.
     """
     checkpoint = index.checkpoint(time_us)
-    times_us = dict(zip(checkpoint.newest[1::2], checkpoint.newest[::2], strict=True))
-    times_us |= {offset: at_us for at_us, offset in index.events_until(time_us)}
-    times_us |= {offset: at_us for at_us, offset in index.first_heartbeats if at_us <= time_us}
+    time_us_by_offset = dict(zip(checkpoint.newest[1::2], checkpoint.newest[::2], strict=True))
+    time_us_by_offset |= {offset: at_us for at_us, offset in index.events_until(time_us)}
+    time_us_by_offset |= {offset: at_us for at_us, offset in index.first_heartbeats if at_us <= time_us}
     batch = Batch([], checkpoint.cursor, at_end=False, bytes_skipped=0)
     recent: list[Record] = []
     following: list[Record] = []
@@ -136,8 +138,8 @@ def state_at(file: BinaryIO, index: Index, time_us: int) -> RestoredState:
         recent = _newest_events(condense([*recent, *(r for r in batch.records if r.time_us <= time_us)]))
         following = batch.records[len(batch.records) - sum(r.time_us > time_us for r in batch.records) :]
     earlier = [
-        Record(times_us[offset], offset, 0, read_at(file, offset))
-        for offset in sorted(times_us)
+        Record(time_us_by_offset[offset], offset, 0, read_at(file, offset))
+        for offset in sorted(time_us_by_offset)
         if offset < checkpoint.cursor.offset
     ]
     return RestoredState([*earlier, *recent], following, batch.after, batch.at_end)

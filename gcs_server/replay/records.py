@@ -1,8 +1,8 @@
 """Records of a telemetry log: an 8-byte big-endian time (microseconds since 1970) and a raw MAVLink frame.
 
-A log may be damaged anywhere, so each record is checked: the frame must start with a MAVLink marker, and the
-time must be close to the times of its neighbours. Bytes outside records are skipped and counted. Returned
-times never run backwards and never jump by days, even if the clock of the recording computer did.
+A recording may be damaged anywhere, so each record is checked: the frame must start with a MAVLink marker,
+and the time must be close to the times of its neighbours. Bytes outside records are skipped and counted.
+Returned times never run backwards and never jump by days, even if the clock of the recording computer did.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Cursor:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """The records of one piece of the file."""
+    """The records of one part of the file."""
 
     records: list[Record]
     after: Cursor
@@ -79,7 +79,7 @@ def system_id(key: int) -> int:
 
 
 def open_log(path: Path) -> BinaryIO:
-    """Opens a log for random access; unpacks a `.gz` into an unnamed temporary file.
+    """Opens a recording for random access; unpacks a `.gz` into an unnamed temporary file.
 
     Raises:
         OSError: the file cannot be read, or its content does not match its name.
@@ -152,7 +152,8 @@ def read_at(file: BinaryIO, offset: int) -> bytes:
 
 
 def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
-    """Parses the complete records of `data`, which was read at the cursor."""
+    """Parses the complete records of `data`, which was read at the cursor; `is_last`: the file ends with
+    `data`."""
     records: list[Record] = []
     position, skipped, size = 0, 0, len(data)
     time_us, shift_us = cursor.time_us, cursor.shift_us
@@ -168,11 +169,11 @@ def parse(data: bytes, cursor: Cursor, *, is_last: bool) -> Batch:
         if is_record and time_us:
             is_neighbour = -JITTER_US <= stamp_us + shift_us - time_us < SAME_CLOCK_US
         else:
-            is_neighbour = cursor.offset + position == 0  # a log starts with a record
+            is_neighbour = cursor.offset + position == 0  # a recording starts with a record
         if is_record and not is_neighbour:
             following = frame_start + length
             if position and not is_last and size - following < TIME_BYTES + MIN_FRAME_BYTES:
-                break  # checked again with the next piece
+                break  # checked again with the next batch
             is_record = _record_follows(data, following, stamp_us)
         if not is_record:
             step = _next_start(data, position + TIME_BYTES + 1, size) - TIME_BYTES - position

@@ -108,14 +108,14 @@ class Replays:
         return self._catalogue.path(name)
 
     async def index_of_recording(self, name: str) -> RecordingIndex:
-        """Start, end and timeline marks of a recording, which are computed once, outside the event loop.
+        """Start, end and time bar marks of a recording, which are computed once, outside the event loop.
 
         Raises:
             UnknownRecording: there is no such recording.
             RecordingUnusable: the recording cannot be read.
         """
         path = self.path(name)
-        return await self._view(path, await self._index(path))
+        return await self._recording_index(path, await self._index(path))
 
     def is_indexed(self, name: str) -> bool:
         """Whether `index_of_recording` returns immediately. Raises UnknownRecording."""
@@ -134,12 +134,12 @@ class Replays:
                     del self._indexes[key]
 
     async def index_of_replay(self, name: str) -> RecordingIndex:
-        """Start, end and timeline marks of an open replay. Raises UnknownRecording, RecordingUnusable."""
+        """Start, end and time bar marks of an open replay. Raises UnknownRecording, RecordingUnusable."""
         link = self._link(name)
         await link.opened()
         if link.index is None:
             raise RecordingUnusable(link.replay_state().detail or "The recording was closed.")
-        return await self._view(link.path, link.index)
+        return await self._recording_index(link.path, link.index)
 
     async def open(self, name: str, *, speed: float, playing: bool) -> Replay:
         """Opens a replay from the start; a replay that is already open is not changed.
@@ -237,7 +237,7 @@ class Replays:
             state.end_unix_s,
         )
 
-    async def _view(self, path: Path, index: Index) -> RecordingIndex:
+    async def _recording_index(self, path: Path, index: Index) -> RecordingIndex:
         marks = await self._compute_once(self._marks, path, lambda: make_marks(path, index))
         return RecordingIndex(
             path.name,
@@ -290,15 +290,15 @@ class Replays:
 def _with_index(info: RecordingInfo, index: Index | None) -> RecordingInfo:
     if index is None or info.running:
         return info
-    damage = (
+    problem = (
         f"{index.bytes_skipped} damaged bytes of the recording are left out." if index.bytes_skipped else None
     )
     if index.left_out:
-        damage = f"The recording has too many senders or messages; {index.left_out} records are left out."
+        problem = f"The recording has too many senders or messages; {index.left_out} records are left out."
     return replace(
         info,
         started_unix_s=index.begin_us / 1e6,
         duration_s=(index.end_us - index.begin_us) / 1e6,
         vehicles=index.systems,
-        problem=damage,
+        problem=problem,
     )

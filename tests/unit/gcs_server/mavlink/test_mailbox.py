@@ -5,7 +5,7 @@ import asyncio
 import pytest
 
 from gcs_server.errors import Disconnected
-from gcs_server.mavlink.mailbox import MAX_WAITING, Mailbox
+from gcs_server.mavlink.mailbox import MAX_UNREAD, Mailbox
 
 
 class Frame:
@@ -16,10 +16,10 @@ def test_waiting_messages_are_limited_and_a_lost_link_is_still_reported():
     async def run():
         mailbox = Mailbox(lambda frame: frame)
         with mailbox.expect(Frame.msg_id) as waiter:
-            for _ in range(3 * MAX_WAITING):
+            for _ in range(3 * MAX_UNREAD):
                 mailbox.deliver(Frame())
             mailbox.fail_all(Disconnected("The link was lost."))
-            for _ in range(MAX_WAITING):
+            for _ in range(MAX_UNREAD):
                 assert isinstance(await waiter.next(), Frame)
             with pytest.raises(Disconnected):
                 await waiter.next()

@@ -39,8 +39,8 @@ MINUTE = 60 * TICKS_PER_S
 keys = st.binary(min_size=32, max_size=32)
 
 
-def clock(at_s=NOW_S, at_least=0):
-    return SigningClock(lambda: at_s, at_least)
+def clock(at_s=NOW_S, last_used=0):
+    return SigningClock(lambda: at_s, last_used)
 
 
 def signed(key=KEY, link_id=3, timestamp=NOW, system_id=1, payload=bytes(9), msg_id=0):

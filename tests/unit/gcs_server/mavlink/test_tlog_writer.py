@@ -75,7 +75,7 @@ def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypa
     assert link == "a"
     assert "No space left" in problem
     channel.append(stamp(NOW_US + 2), FRAME)
-    assert channel.backlog_frames == 0
+    assert channel.backlog_records == 0
     full = False
     tlogs.flush()
     tlogs.flush()
@@ -97,12 +97,12 @@ def test_too_little_disk_space_is_reported_in_numbers(tmp_path):
 
 
 def test_the_backlog_of_a_stalled_disk_is_limited(tmp_path, monkeypatch):
-    monkeypatch.setattr(tlog_writer, "BACKLOG_LIMIT_FRAMES", 5)
+    monkeypatch.setattr(tlog_writer, "BACKLOG_LIMIT_RECORDS", 5)
     tlogs = recorder(tmp_path)
     channel = tlogs.channel("a")
     for n in range(10):
         channel.append(stamp(NOW_US + n), FRAME)
-    assert channel.backlog_frames == 5
+    assert channel.backlog_records == 5
     tlogs.flush()
     assert "too slow" in tlogs.problems()[0][1]
     tlogs.close()

@@ -51,9 +51,9 @@ def index_of(path):
 
 
 def test_message_kinds_beyond_the_limit_are_omitted_and_counted(write_log):
-    index = index_of(write_log(many_kinds(index_module.MAX_KINDS + 2000)))
+    index = index_of(write_log(many_kinds(index_module.MAX_KEYS + 2000)))
     assert index.left_out == 2000
-    assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KINDS
+    assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KEYS
 
 
 def test_too_many_events_are_cut_and_counted(write_log, monkeypatch):
