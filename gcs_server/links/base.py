@@ -38,7 +38,7 @@ class Peer:
     name: str
     address: tuple[str, int] | None = None
     dds: DdsAddress | None = None
-    """Address of the vehicle's ROS 2 topics, with which another process may also send; None over MAVLink."""
+    """Address of the vehicle's ROS 2 topics, to which another process may also publish; None over MAVLink."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +141,8 @@ OnBytes = Callable[[bytes, Peer, float], None]
 """(data, peer, received_monotonic_s); called in the event loop."""
 
 OnPeerGone = Callable[[Peer], None]
-OnState = Callable[[], None]
+OnChange = Callable[[], None]
+"""Called when the state or the peers have changed."""
 
 
 class Link(ABC):
@@ -183,14 +184,14 @@ class Link(ABC):
         self._loop: asyncio.AbstractEventLoop
         self._on_bytes: OnBytes
         self._on_peer_gone: OnPeerGone
-        self._on_state: OnState
+        self._on_change: OnChange
 
-    def start(self, on_bytes: OnBytes, on_peer_gone: OnPeerGone, on_state: OnState) -> None:
+    def start(self, on_bytes: OnBytes, on_peer_gone: OnPeerGone, on_change: OnChange) -> None:
         """Starts the link. Temporary problems (a port in use, a missing device) raise no error: see
         `info()`."""
         self._loop = asyncio.get_running_loop()
         self.now_s = self._loop.time
-        self._on_bytes, self._on_peer_gone, self._on_state = on_bytes, on_peer_gone, on_state
+        self._on_bytes, self._on_peer_gone, self._on_change = on_bytes, on_peer_gone, on_change
         self._should_be_open = True
         try:
             self._try_to_open()
@@ -298,7 +299,7 @@ class Link(ABC):
         self._retry_s = min(self._retry_s * 2, MAX_RETRY_S)
 
     def _received(self, data: bytes, peer: Peer, now_s: float | None = None) -> None:
-        """Passes received bytes to the handler; errors of the handler do not end the link.
+        """Passes received bytes to the handler; an error in the handler does not close the link.
 
         Args:
             now_s: the event loop's time, if the caller knows it.
@@ -319,7 +320,7 @@ class Link(ABC):
     def _changed(self) -> None:
         """Reports a change of the state or the peers."""
         try:
-            self._on_state()
+            self._on_change()
         except Exception as error:
             self.faults.add(error, "handling a change of the link's state")
 

@@ -12,18 +12,18 @@ WAKE_INTERVAL_S = 0.005
 MAX_READ_S = 0.02
 """Maximum time spent on one link per iteration of the event loop [s]. The remaining data wait in the system's
 buffer; if it overflows, bytes are lost on this link only."""
-PACES = ((2000.0, 0.020), (500.0, 0.010))
+READ_INTERVALS = ((2000.0, 0.020), (500.0, 0.010))
 """(minimum pieces per second, seconds between two reads). A piece is a datagram, or the bytes of one read. A
 busy link is read less often, because each wake-up costs as much as reading dozens of pieces."""
 
 
-def pace(pieces_per_s: float) -> float:
+def read_interval_s(pieces_per_s: float) -> float:
     """Time to wait before a link is read again [s]."""
-    return next((wait_s for min_rate, wait_s in PACES if pieces_per_s >= min_rate), WAKE_INTERVAL_S)
+    return next((wait_s for min_rate, wait_s in READ_INTERVALS if pieces_per_s >= min_rate), WAKE_INTERVAL_S)
 
 
 class ThrottledReader:
-    """Calls `read_available()` when data can be read, at the link's `pace`.
+    """Calls `read_available()` when data can be read, at intervals of `read_interval_s`.
 
     While bytes keep arriving, a timer is used instead of watching the descriptor, because a timer costs less.
 
@@ -65,7 +65,7 @@ class ThrottledReader:
 
     def _schedule_read(self, pieces: int) -> None:
         if pieces:
-            self._waited_s = pace(pieces / self._waited_s)
+            self._waited_s = read_interval_s(pieces / self._waited_s)
             self._timer = self._loop.call_later(self._waited_s, self._read)
         else:
             self._waited_s = WAKE_INTERVAL_S

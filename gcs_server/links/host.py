@@ -1,4 +1,4 @@
-"""Links to a host and port, or that listen on them."""
+"""Links that connect to, send to or listen on a host and port."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ class HostLink(Link):
         return self._socket.getsockname()[1] if self._socket else None
 
     def _open(self) -> None:
-        def open_socket(address: Address) -> None:
+        def on_address(address: Address) -> None:
             if self._should_be_open and self._socket is None:
-                self._run_opening_step(self._resolved, address)
+                self._run_opening_step(self._open_socket, address)
 
-        resolve(self._loop, self._host, self._port, open_socket, self._lost)
+        resolve(self._loop, self._host, self._port, on_address, self._lost)
 
     @abstractmethod
-    def _resolved(self, address: Address) -> None:
+    def _open_socket(self, address: Address) -> None:
         """Opens the socket; may raise OSError."""

@@ -27,7 +27,7 @@ class MemoryLink(Link):
         super().__init__(name, f"memory://{name}", forward=forward)
         self.replay = replay
         self._outgoing = outgoing
-        self._sender = LinkWriter(None, self._write, self._counts, self.faults, lambda: self.now_s())
+        self._link_writer = LinkWriter(None, self._write, self._counts, self.faults, lambda: self.now_s())
 
     def inject(self, data: bytes, peer: Peer | str = "peer") -> None:
         """Simulates the arrival of bytes from `peer`."""
@@ -50,7 +50,7 @@ class MemoryLink(Link):
         return
 
     def _writer(self, peer: Peer) -> LinkWriter | None:
-        return self._sender
+        return self._link_writer
 
     def _write(self, data: bytes, peer: Peer) -> int:
         if self._outgoing is not None:

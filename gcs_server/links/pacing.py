@@ -127,7 +127,7 @@ class AckPacer:
         self._writes.append((self._written, now_s))
 
 
-def bytes_in_driver(fileno: int) -> int:
+def bytes_in_output_queue(fileno: int) -> int:
     """Bytes written to a descriptor and not yet sent (serial) or acknowledged (TCP); 0 if unknown."""
     try:
         return struct.unpack("i", fcntl.ioctl(fileno, termios.TIOCOUTQ, b"\0" * 4))[0]

@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from gcs_server.links.base import Peer
 
 CLASSES = 5
-"""Class 0 is the most urgent. `mavlink/priority.py` defines the classes."""
-FIRST, LAST = 0, CLASSES - 1
+"""Number of priority classes; class 0 is the most urgent. `mavlink/priority.py` defines the classes."""
+MOST_URGENT, LEAST_URGENT = 0, CLASSES - 1
 MAX_PASSED_OVER = 4
-"""Packets of more urgent classes that may be sent before a waiting class is sent next. Class 0 is always sent
-first."""
-LAST_LIMIT_BYTES = 64_000
+"""After this many packets of more urgent classes, a packet of a waiting class is sent next. Class 0 is always
+sent first."""
+LEAST_URGENT_LIMIT_BYTES = 64_000
 """Limit of the waiting packets of the least urgent class; further packets are dropped."""
 CLASS_LIMIT = 512
 """Maximum number of packets in each class between the first and the last; packets of class 0 are never
@@ -37,9 +37,10 @@ class Packet:
     Args:
         peer: the receiver.
         size_bytes: maximum size of the completed packet.
-        finish: returns the bytes to send, numbered and signed. It is called again if they could not be sent.
-        on_sent: called with the bytes once they are sent; the frame's number is then used up.
-        priority: class of the packet.
+        finish: returns the bytes to send, with sequence number and signature. It is called again if they
+            could not be sent.
+        on_sent: called with the bytes once they are sent; the sequence number is then used up.
+        priority: priority class of the packet.
         expires_s: time on the link's clock after which the packet is not sent.
         key: the packet replaces a waiting packet with the same peer and key; None: it replaces none.
         group: the packet removes waiting packets of the same peer and group, except more urgent ones and
@@ -50,7 +51,7 @@ class Packet:
     size_bytes: int
     finish: Callable[[], bytes]
     on_sent: Callable[[bytes], None] = _ignore
-    priority: int = LAST
+    priority: int = LEAST_URGENT
     expires_s: float = math.inf
     key: Hashable = None
     group: Hashable = None
@@ -71,16 +72,16 @@ class SendCounts:
 
 
 class SendQueue:
-    """Packets by class. Class 0 is always sent first, then the most urgent of the other classes. After
-    `MAX_PASSED_OVER` packets of more urgent classes a waiting class is sent next, so that no packet waits
-    forever.
+    """Waiting packets by priority class. Class 0 is always sent first, then the most urgent of the other
+    classes. After `MAX_PASSED_OVER` packets of more urgent classes, a packet of a waiting class is sent next,
+    so that no packet waits forever.
     """
 
     def __init__(self, counts: SendCounts) -> None:
         self._counts = counts
         self._waiting: list[OrderedDict[Hashable, Packet]] = [OrderedDict() for _ in range(CLASSES)]
         self._passed_over = [0] * CLASSES
-        self._last_bytes = 0
+        self._least_urgent_bytes = 0
 
     def __len__(self) -> int:
         return sum(map(len, self._waiting))
@@ -89,15 +90,15 @@ class SendQueue:
         """Queues a packet; False if it was dropped because the queue is full."""
         if packet.group is not None:
             self._remove_group(packet)
-        name = (packet.peer.name, packet.key) if packet.key is not None else packet
+        queue_key = (packet.peer.name, packet.key) if packet.key is not None else packet
         waiting = self._waiting[packet.priority]
-        older = waiting.get(name)
+        older = waiting.get(queue_key)
         if older is not None:
             self._counts.frames_replaced += 1
-            if packet.priority == LAST:
-                self._last_bytes += packet.size_bytes - older.size_bytes
+            if packet.priority == LEAST_URGENT:
+                self._least_urgent_bytes += packet.size_bytes - older.size_bytes
             # the new packet takes the position of the old one, so that vehicles take turns
-            waiting[name] = packet
+            waiting[queue_key] = packet
             return True
         if self._is_full(packet):
             self.purge(now_s)
@@ -105,22 +106,22 @@ class SendQueue:
                 self._counts.frames_dropped += 1
                 self._counts.bytes_dropped += packet.size_bytes
                 return False
-        waiting[name] = packet
-        if packet.priority == LAST:
-            self._last_bytes += packet.size_bytes
+        waiting[queue_key] = packet
+        if packet.priority == LEAST_URGENT:
+            self._least_urgent_bytes += packet.size_bytes
         return True
 
     def take(self, now_s: float) -> Packet | None:
         """Takes the next packet to send; None if no packet waits."""
         while (chosen := self._choose()) is not None:
             _, packet = self._waiting[chosen].popitem(last=False)
-            if chosen == LAST:
-                self._last_bytes -= packet.size_bytes
+            if chosen == LEAST_URGENT:
+                self._least_urgent_bytes -= packet.size_bytes
             if packet.expires_s < now_s:
                 self._counts.frames_expired += 1
                 continue
             self._passed_over[chosen] = 0
-            if chosen != FIRST:
+            if chosen != MOST_URGENT:
                 for other in range(chosen + 1, CLASSES):
                     self._passed_over[other] += bool(self._waiting[other])
             return packet
@@ -128,21 +129,21 @@ class SendQueue:
 
     def put_back(self, packet: Packet) -> None:
         """Puts a packet that could not be sent back to the front of its class."""
-        name = (packet.peer.name, packet.key) if packet.key is not None else packet
+        queue_key = (packet.peer.name, packet.key) if packet.key is not None else packet
         waiting = self._waiting[packet.priority]
-        waiting[name] = packet
-        waiting.move_to_end(name, last=False)
-        if packet.priority == LAST:
-            self._last_bytes += packet.size_bytes
+        waiting[queue_key] = packet
+        waiting.move_to_end(queue_key, last=False)
+        if packet.priority == LEAST_URGENT:
+            self._least_urgent_bytes += packet.size_bytes
 
     def purge(self, now_s: float) -> None:
         """Removes expired packets."""
         for priority, waiting in enumerate(self._waiting):
-            for name in [name for name, packet in waiting.items() if packet.expires_s < now_s]:
-                packet = waiting.pop(name)
+            for queue_key in [key for key, packet in waiting.items() if packet.expires_s < now_s]:
+                packet = waiting.pop(queue_key)
                 self._counts.frames_expired += 1
-                if priority == LAST:
-                    self._last_bytes -= packet.size_bytes
+                if priority == LEAST_URGENT:
+                    self._least_urgent_bytes -= packet.size_bytes
 
     def clear(self) -> None:
         """Drops all packets."""
@@ -150,27 +151,27 @@ class SendQueue:
             self._counts.frames_dropped += len(waiting)
             self._counts.bytes_dropped += sum(packet.size_bytes for packet in waiting.values())
             waiting.clear()
-        self._last_bytes = 0
+        self._least_urgent_bytes = 0
 
     def _choose(self) -> int | None:
         waiting = [priority for priority in range(CLASSES) if self._waiting[priority]]
-        if not waiting or waiting[0] == FIRST:
+        if not waiting or waiting[0] == MOST_URGENT:
             return waiting[0] if waiting else None
         overdue = (priority for priority in waiting if self._passed_over[priority] >= MAX_PASSED_OVER)
         return next(overdue, waiting[0])
 
     def _is_full(self, packet: Packet) -> bool:
-        if packet.priority == FIRST:
+        if packet.priority == MOST_URGENT:
             return False
         waiting = self._waiting[packet.priority]
-        if packet.priority == LAST:
-            return bool(waiting) and self._last_bytes + packet.size_bytes > LAST_LIMIT_BYTES
+        if packet.priority == LEAST_URGENT:
+            return bool(waiting) and self._least_urgent_bytes + packet.size_bytes > LEAST_URGENT_LIMIT_BYTES
         return len(waiting) >= CLASS_LIMIT
 
     def _remove_group(self, packet: Packet) -> None:
-        for priority in range(max(packet.priority, FIRST + 1), CLASSES):
+        for priority in range(max(packet.priority, MOST_URGENT + 1), CLASSES):
             waiting = self._waiting[priority]
-            for name, other in list(waiting.items()):
+            for queue_key, other in list(waiting.items()):
                 if other.group == packet.group and other.peer.name == packet.peer.name:
-                    del waiting[name]
+                    del waiting[queue_key]
                     self._counts.frames_replaced += 1

@@ -11,7 +11,7 @@ from pathlib import Path
 import serial
 
 from gcs_server.links.base import Link, Peer
-from gcs_server.links.pacing import LinePacer, bytes_in_driver
+from gcs_server.links.pacing import LinePacer, bytes_in_output_queue
 from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
 
@@ -46,10 +46,10 @@ class SerialLink(Link):
             descriptor,
             read=lambda size: os.read(descriptor, size),
             write=lambda data: os.write(descriptor, data),
-            pacer=LinePacer(self._line_baud(), lambda: bytes_in_driver(descriptor)),
+            pacer=LinePacer(self._line_baud(), lambda: bytes_in_output_queue(descriptor)),
             counts=self._counts,
-            received=lambda data: self._received(data, self._peer),
-            ended=lambda why: self._lost(f"{self._device} was disconnected ({why}) Plug it in again."),
+            on_received=lambda data: self._received(data, self._peer),
+            on_end=lambda why: self._lost(f"{self._device} was disconnected ({why}) Plug it in again."),
             faults=self.faults,
         )
         self._peers[self._peer.name] = self._peer

@@ -22,8 +22,8 @@ class StreamSession:
         read: returns some bytes, or b"" at the end; raises BlockingIOError if there are none.
         write: writes some of the bytes and returns their number.
         pacer: decides when the next frame may be written.
-        received: called with received bytes.
-        ended: called once at the end, with the reason.
+        on_received: called with received bytes.
+        on_end: called once at the end, with the reason.
     """
 
     def __init__(
@@ -33,15 +33,15 @@ class StreamSession:
         *,
         read: Callable[[int], bytes],
         write: Callable[[bytes], int],
-        received: Callable[[bytes], None],
-        ended: Callable[[str], None],
+        on_received: Callable[[bytes], None],
+        on_end: Callable[[str], None],
         pacer: Pacer,
         counts: SendCounts,
         faults: FaultLog,
     ) -> None:
         self._read = read
-        self._received = received
-        self._ended = ended
+        self._on_received = on_received
+        self._on_end = on_end
         self._closed = False
         self.writer = LinkWriter(
             loop,
@@ -50,7 +50,7 @@ class StreamSession:
             faults,
             loop.time,
             pacer=pacer,
-            failed=lambda error: self._end(f"{error.strerror or error}."),
+            on_failure=lambda error: self._end(f"{error.strerror or error}."),
         )
         self._now_s = loop.time
         self._reader = ThrottledReader(loop, fileno, self._read_available, faults)
@@ -77,10 +77,10 @@ class StreamSession:
                 self._end("The other side closed the connection.")
                 break
             pieces += 1
-            self._received(data)
+            self._on_received(data)
         return pieces
 
     def _end(self, why: str) -> None:
         if not self._closed:
             self.close()
-            self._ended(why)
+            self._on_end(why)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from gcs_server.links.base import MAX_RETRY_S, LinkInfo, Peer
 from gcs_server.links.first_bytes import ClosedConnections, FirstBytes, ForeignProtocol
 from gcs_server.links.host import HostLink
-from gcs_server.links.pacing import AckPacer, bytes_in_driver, round_trip_s
+from gcs_server.links.pacing import AckPacer, bytes_in_output_queue, round_trip_s
 from gcs_server.links.resolve import Address
 from gcs_server.links.stream import StreamSession
 from gcs_server.links.writer import LinkWriter
@@ -31,7 +31,7 @@ class TcpLink(HostLink):
         self._peer = Peer(f"{host}:{port}")
         self._first_bytes = FirstBytes()
 
-    def _resolved(self, address: Address) -> None:
+    def _open_socket(self, address: Address) -> None:
         self._socket = sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         sock.setblocking(False)
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -60,8 +60,8 @@ class TcpLink(HostLink):
             write=sock.send,
             pacer=_pacer(sock),
             counts=self._counts,
-            received=self._receive_if_mavlink,
-            ended=lambda why: self._lost(f"{self._peer.name}: {why}"),
+            on_received=self._receive_if_mavlink,
+            on_end=lambda why: self._lost(f"{self._peer.name}: {why}"),
             faults=self.faults,
         )
         self._peers[self._peer.name] = self._peer
@@ -118,7 +118,7 @@ class TcpServerLink(HostLink):
             return info
         return replace(info, detail=self._closed_connections.text(self._loop.time()))
 
-    def _resolved(self, address: Address) -> None:
+    def _open_socket(self, address: Address) -> None:
         sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         try:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -130,7 +130,7 @@ class TcpServerLink(HostLink):
             self._lost(self._explain(error))
             return
         self._socket = sock
-        self._listen()
+        self._start_accepting()
         self._opened()
 
     def _explain(self, error: OSError) -> str:
@@ -151,19 +151,19 @@ class TcpServerLink(HostLink):
             if error.errno in OUT_OF_RESOURCES:  # the socket stays readable: pause to avoid a busy loop
                 self.faults.add(error, "accepting a connection")
                 self._loop.remove_reader(listener.fileno())
-                self._accept_again = self._loop.call_later(ACCEPT_AGAIN_AFTER_S, self._listen)
+                self._accept_again = self._loop.call_later(ACCEPT_AGAIN_AFTER_S, self._start_accepting)
             return
         try:
-            self._serve(sock, Peer(f"{address[0]}:{address[1]}", (address[0], address[1])))
+            self._add_client(sock, Peer(f"{address[0]}:{address[1]}", (address[0], address[1])))
         except Exception as error:
             self.faults.add(error, "accepting a connection")
             sock.close()
 
-    def _listen(self) -> None:
+    def _start_accepting(self) -> None:
         if self._socket is not None:
             self._loop.add_reader(self._socket.fileno(), self._accept)
 
-    def _serve(self, sock: socket.socket, peer: Peer) -> None:
+    def _add_client(self, sock: socket.socket, peer: Peer) -> None:
         if len(self._clients) >= MAX_CLIENTS:
             sock.close()
             return
@@ -177,8 +177,8 @@ class TcpServerLink(HostLink):
             write=sock.send,
             pacer=_pacer(sock),
             counts=self._counts,
-            received=lambda data: self._receive_if_mavlink(data, peer, first_bytes),
-            ended=lambda _why: self._drop(peer),
+            on_received=lambda data: self._receive_if_mavlink(data, peer, first_bytes),
+            on_end=lambda _why: self._remove_client(peer),
             faults=self.faults,
         )
         self._clients[peer.name] = (sock, session)
@@ -190,13 +190,13 @@ class TcpServerLink(HostLink):
             data = first_bytes.accept(data)
         except ForeignProtocol as error:
             self._closed_connections.add(peer.name.rpartition(":")[0], error.protocol, self._loop.time())
-            self._drop(peer)
+            self._remove_client(peer)
             self._changed()
             return
         if data:
             self._received(data, peer)
 
-    def _drop(self, peer: Peer) -> None:
+    def _remove_client(self, peer: Peer) -> None:
         client = self._clients.pop(peer.name, None)
         if client is not None:
             client[1].close()
@@ -209,7 +209,7 @@ class TcpServerLink(HostLink):
 
     def _close(self) -> None:
         for peer in self.peers():
-            self._drop(peer)
+            self._remove_client(peer)
         if self._accept_again is not None:
             self._accept_again.cancel()
         sock, self._socket = self._socket, None
@@ -219,4 +219,4 @@ class TcpServerLink(HostLink):
 
 
 def _pacer(sock: socket.socket) -> AckPacer:
-    return AckPacer(lambda: bytes_in_driver(sock.fileno()), lambda: round_trip_s(sock))
+    return AckPacer(lambda: bytes_in_output_queue(sock.fileno()), lambda: round_trip_s(sock))

@@ -23,6 +23,7 @@ CONDENSE_FROM = 100
 """If more records than this are due at the same time, only those needed for the vehicles' state are
 played."""
 READ_AHEAD = 4000
+"""Number of pending records below which the next batch is read from the file."""
 AT_END = "The recording is at its end."
 
 T = TypeVar("T")
@@ -140,9 +141,9 @@ class TlogLink(Link):
         index, indexing = self.index, self._indexing
 
         def prepare() -> tuple[BinaryIO, Index]:
-            opened_index = index if index is not None else indexing.run() if indexing is not None else None
-            assert opened_index is not None
-            return open_log(self.path), opened_index
+            ready_index = index if index is not None else indexing.run() if indexing is not None else None
+            assert ready_index is not None
+            return open_log(self.path), ready_index
 
         self._run_in_reader(prepare, self._on_prepared)
 
@@ -206,24 +207,24 @@ class TlogLink(Link):
         except Exception as error:
             self.faults.add(error, "playing")
         if self._should_be_open and self._playback is not None:
-            behind = self._speed == 0 and bool(self._pending)
-            self._timer = self._loop.call_later(0.0 if behind else TICK_S, self._tick)
+            play_next_now = self._speed == 0 and bool(self._pending)
+            self._timer = self._loop.call_later(0.0 if play_next_now else TICK_S, self._tick)
 
     def _play_due(self, playback: PlaybackPosition, clock: ReplayClock) -> None:
         position_us = playback.position_us(self._loop.time())
-        full_speed = self._speed == 0 and playback.playing(self._loop.time())
+        as_fast_as_possible = self._speed == 0 and playback.playing(self._loop.time())
         due: list[Record] = []
         pending = self._pending
-        while pending and (pending[0].time_us <= position_us or full_speed):
-            if full_speed and len(due) >= RECORDS_PER_TICK:
+        while pending and (pending[0].time_us <= position_us or as_fast_as_possible):
+            if as_fast_as_possible and len(due) >= RECORDS_PER_TICK:
                 break
             due.append(pending.popleft())
         if len(pending) < READ_AHEAD and not self._at_end:
             self._read_next_batch()
-        if not full_speed and len(due) > CONDENSE_FROM:
+        if not as_fast_as_possible and len(due) > CONDENSE_FROM:
             due = condense(due)
         pending.extendleft(reversed(due[RECORDS_PER_TICK:]))
-        is_behind = full_speed or len(due) > RECORDS_PER_TICK
+        is_behind = as_fast_as_possible or len(due) > RECORDS_PER_TICK
         self._feed(due[:RECORDS_PER_TICK], clock)
         if not pending and not self._at_end:
             return  # the file is read more slowly than it is played
@@ -294,15 +295,17 @@ class TlogLink(Link):
         self._replay_clock = self.clock = clock = ReplayClock(index.begin_us, self._jump_count)
         self._peers[self._peer.name] = self._peer
         self.suppresses_events = True
-        self._rebuild(deque(restored.records), clock, time_us, jump_count)
+        self._feed_restored(deque(restored.records), clock, time_us, jump_count)
 
-    def _rebuild(self, records: deque[Record], clock: ReplayClock, time_us: int, jump_count: int) -> None:
+    def _feed_restored(
+        self, records: deque[Record], clock: ReplayClock, time_us: int, jump_count: int
+    ) -> None:
         """Feeds the frames that restore the vehicles' state, in several iterations of the event loop."""
         if self._playback is None or jump_count != self._jump_count:
             return
         self._feed([records.popleft() for _ in range(min(len(records), RECORDS_PER_TICK))], clock)
         if records:
-            self._loop.call_soon(self._rebuild, records, clock, time_us, jump_count)
+            self._loop.call_soon(self._feed_restored, records, clock, time_us, jump_count)
         elif self._jump_to_us != time_us:  # another jump was requested meanwhile
             self._read_state()
         else:

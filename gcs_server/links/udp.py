@@ -19,9 +19,10 @@ MAX_PEERS = 256
 EVICT_AFTER_S = 5.0
 """If there are MAX_PEERS peers, a new peer replaces one that sent nothing for this long [s]; if there is
 none, the new peer is ignored."""
-RECHECK_PERIOD_S = 0.25
+EVICT_RETRY_S = 0.25
+"""Time until a full link searches again for a peer to replace [s]."""
 DATAGRAMS_PER_WAKE = 4000
-BUFFER_BYTES = 4_000_000
+RECEIVE_BUFFER_BYTES = 4_000_000
 MAX_DATAGRAM_BYTES = 65536
 SEND_BUFFER_BYTES = 32_768
 """About 80 datagrams. The buffer is small because data in the buffer of a blocked interface (Wi-Fi retries)
@@ -53,11 +54,11 @@ class UdpLink(HostLink):
     def datagram_socket(self) -> socket.socket | None:
         return self._socket
 
-    def _resolved(self, address: Address) -> None:
+    def _open_socket(self, address: Address) -> None:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             sock.setblocking(False)
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
             if not self._outgoing:
                 sock.bind(address)
@@ -132,7 +133,7 @@ class UdpLink(HostLink):
         if now_s - self._last_received_s[least_active] > EVICT_AFTER_S:
             self._forget_peer(least_active)
             return self._new_peer(address)
-        self._full_until_s = now_s + RECHECK_PERIOD_S
+        self._full_until_s = now_s + EVICT_RETRY_S
         self._set_state("open", f"{MAX_PEERS} addresses send on this link; further addresses are ignored.")
         return None
 

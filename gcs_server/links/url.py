@@ -8,10 +8,10 @@
     tlog:///path/to/flight.tlog?speed=1    speed=0: as fast as possible
     ros2://0/px4_1                     a DDS domain (docs/links.md)
 
-`forward=1` on a network link marks another ground station: messages are forwarded between that station and
-the vehicles. With `key=NAME`, on any link except a recording, sent frames are signed and received frames are
-checked with that key (docs/links.md). `signing=required` (the default) refuses unsigned frames,
-`signing=allowed` accepts them.
+With `forward=1`, on any link except a recording, the link leads to another ground station: messages are
+forwarded between that station and the vehicles. With `key=NAME`, on any link except a recording, sent frames
+are signed and received frames are checked with that key (docs/links.md). `signing=required` (the default)
+refuses unsigned frames, `signing=allowed` accepts them.
 """
 
 from __future__ import annotations
@@ -87,11 +87,11 @@ def _link(url: str, name: str | None, other_kinds: Mapping[str, LinkMaker]) -> L
     if kind == "serial":
         if not parts.path.startswith("/"):
             raise InvalidRequest("url", f"{url!r} has no device.", remedy=REMEDY)
-        device, rate = checked_path(url, unquote(parts.path)), str(DEFAULT_BAUD)
+        device, baud_text = checked_path(url, unquote(parts.path)), str(DEFAULT_BAUD)
         after_colon = re.fullmatch(r"(.+):(\d{4,})", device)
         if after_colon is not None:
-            device, rate = after_colon.groups()
-        baud = _parse_number(url, "baud", options.get("baud", rate))
+            device, baud_text = after_colon.groups()
+        baud = _parse_number(url, "baud", options.get("baud", baud_text))
         if not 1200 <= baud <= 12_000_000 or baud != int(baud):
             raise InvalidRequest("url", f"{url!r}: baud must be a whole number from 1200 to 12000000.")
         name = name or derived_name(f"serial-{Path(device).name}")

@@ -23,13 +23,13 @@ Write = Callable[[bytes, "Peer"], int]
 class LinkWriter:
     """Sends a queue's packets as the pacer allows. `submit` writes immediately what can be sent; the rest is
     written by the next `submit` or by the event loop's timer. A packet is completed only when its bytes can
-    be sent. A partly sent frame is finished before the next one. If the frame expires before it is complete,
-    its rest is sent with a wrong checksum, so that the vehicle ignores the frame and reads the next one.
+    be sent. The rest of a partly sent frame is sent before the next frame. If the frame expires first, its
+    rest is sent with a wrong checksum, so that the vehicle ignores the frame and reads the next one.
 
     Args:
         loop: event loop for the timer; None if writing never blocks.
         now_s: clock for the expiry of packets (the event loop's).
-        failed: called in the event loop if the descriptor fails; None: only the packet is lost.
+        on_failure: called in the event loop if the descriptor fails; None: only the packet is lost.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class LinkWriter:
         now_s: Callable[[], float],
         *,
         pacer: Pacer | None = None,
-        failed: Callable[[OSError], None] | None = None,
+        on_failure: Callable[[OSError], None] | None = None,
     ) -> None:
         self._loop = loop
         self._now_s = now_s
@@ -49,7 +49,7 @@ class LinkWriter:
         self._counts = counts
         self._faults = faults
         self._pacer = pacer or Unpaced()
-        self._failed = failed
+        self._on_failure = on_failure
         self._queue = SendQueue(counts)
         self._partial: tuple[Packet, bytes] | None = None
         """The partly sent frame, and its remaining bytes."""
@@ -152,11 +152,11 @@ class LinkWriter:
         self._counts.bytes_dropped += packet.size_bytes
 
     def _fail(self, error: OSError) -> None:
-        if self._failed is not None and self._loop is not None:
+        if self._on_failure is not None and self._loop is not None:
             self._closed = True
             self._partial = None
             self._queue.clear()
-            self._call_in_loop(self._failed, error)
+            self._call_in_loop(self._on_failure, error)
 
     def _wake_in(self, wait_s: float) -> None:
         if self._loop is not None and not self._timer_requested:

@@ -168,12 +168,12 @@ async def _measure(port: SlowPort) -> Result:
 
 def table() -> Iterator[str]:
     yield f"load average before: {load_average()}"
-    port, original = SlowPort(), serial.bytes_in_driver
-    serial.bytes_in_driver = port.in_driver
+    port, original = SlowPort(), serial.bytes_in_output_queue
+    serial.bytes_in_output_queue = port.in_driver
     try:
         result = asyncio.run(_measure(port))
     finally:
-        serial.bytes_in_driver = original
+        serial.bytes_in_output_queue = original
         port.close()
     in_time = [age_s for age_s in result.ages_s if age_s < STALL_S / 2]
     late = len(result.ages_s) - len(in_time)

@@ -280,7 +280,7 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
                 failed_links.append(used.name)
                 used.autopilots.clear()
             else:
-                used._sender._write = unreachable
+                used._link_writer._write = unreachable
             await seconds(3)
             assert len(other.sent) > before + 100
             assert max(gaps_s(autopilot)) < 0.5

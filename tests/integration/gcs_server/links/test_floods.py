@@ -82,7 +82,7 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
             assert len(set(received)) == len(link.info().peers) == 3
             assert "further addresses are ignored" in link.info().detail
             monkeypatch.setattr(udp, "EVICT_AFTER_S", 0.0)
-            await asyncio.sleep(udp.RECHECK_PERIOD_S)
+            await asyncio.sleep(udp.EVICT_RETRY_S)
             senders[-1].sendto(b"x", ("127.0.0.1", link.local_port))
             async with asyncio.timeout(5):
                 while not gone:  # noqa: ASYNC110

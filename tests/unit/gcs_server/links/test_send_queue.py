@@ -8,10 +8,10 @@ from gcs_server.links.base import Peer
 from gcs_server.links.send_queue import (
     CLASS_LIMIT,
     CLASSES,
-    FIRST,
-    LAST,
-    LAST_LIMIT_BYTES,
+    LEAST_URGENT,
+    LEAST_URGENT_LIMIT_BYTES,
     MAX_PASSED_OVER,
+    MOST_URGENT,
     Packet,
     SendCounts,
     SendQueue,
@@ -76,14 +76,16 @@ def test_a_newer_flight_command_removes_waiting_commands_of_its_vehicle_but_not_
 def test_packets_beyond_the_limit_are_dropped_but_not_stop_motors():
     counts = SendCounts()
     queue = SendQueue(counts)
-    kept = [queue.put(packet(f"r{n}", LAST, size=1000), 0.0) for n in range(100)]
-    assert kept.count(True) == LAST_LIMIT_BYTES // 1000
+    kept = [queue.put(packet(f"r{n}", LEAST_URGENT, size=1000), 0.0) for n in range(100)]
+    assert kept.count(True) == LEAST_URGENT_LIMIT_BYTES // 1000
     assert [queue.put(packet(f"c{n}", 2), 0.0) for n in range(600)].count(True) == CLASS_LIMIT
-    assert all(queue.put(packet(f"s{n}", FIRST), 0.0) for n in range(1000))
+    assert all(queue.put(packet(f"s{n}", MOST_URGENT), 0.0) for n in range(1000))
     assert counts.frames_dropped == 36 + 88
     old = SendQueue(SendCounts())
-    assert all(old.put(packet(f"r{n}", LAST, size=1000, expires_s=1.0), 0.0) for n in range(64))
-    assert old.put(packet("new", LAST, size=1000), 2.0), "expired packets were not removed for a new one"
+    assert all(old.put(packet(f"r{n}", LEAST_URGENT, size=1000, expires_s=1.0), 0.0) for n in range(64))
+    assert old.put(packet("new", LEAST_URGENT, size=1000), 2.0), (
+        "expired packets were not removed for a new one"
+    )
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -99,17 +101,17 @@ def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(
         for _ in range(rng.choice((0, 1, 1, 2, 5))):
             priority = rng.choices(range(CLASSES), (0.02, 0.1, 0.3, 1.0, 1.0))[0]
             order += 1
-            lives_s = 1e9 if priority == FIRST else (0.5, 0.5, 0.1, 3.0)[priority - 1]
+            lives_s = 1e9 if priority == MOST_URGENT else (0.5, 0.5, 0.1, 3.0)[priority - 1]
             key = {3: f"sp{rng.randrange(4)}", 0: f"stop{order}"}.get(priority)
             group = f"v{rng.randrange(4)}" if priority < 3 and rng.random() < 0.5 else None
             put[order] = (priority, now_s + lives_s)
             if queue.put(
                 packet(str(order), priority, expires_s=now_s + lives_s, key=key, group=group), now_s
             ):
-                if priority == FIRST:
+                if priority == MOST_URGENT:
                     stops_waiting.add(order)
             else:
-                assert priority != FIRST
+                assert priority != MOST_URGENT
         for _ in range(rng.choice((0, 0, 1, 1, 2))):
             waiting = [bool(w) for w in queue._waiting]
             sent_packet = queue.take(now_s)
@@ -121,14 +123,14 @@ def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(
             assert number not in taken
             taken.add(number)
             assert expires_s >= now_s, "an expired packet was sent"
-            assert priority == FIRST or not stops_waiting, "stop motors was not first"
+            assert priority == MOST_URGENT or not stops_waiting, "stop motors was not first"
             stops_waiting.discard(number)
             for other in range(1, CLASSES):
                 still_waiting = waiting[other] and bool(queue._waiting[other]) and other != priority
-                passed_over[other] = passed_over[other] + (priority != FIRST) if still_waiting else 0
+                passed_over[other] = passed_over[other] + (priority != MOST_URGENT) if still_waiting else 0
                 assert passed_over[other] <= LONGEST_WAIT_PACKETS, f"class {other} starves"
     queue.purge(now_s)
     assert len(taken) + counts.frames_expired + counts.frames_replaced + counts.frames_dropped + len(
         queue
     ) == len(put)
-    assert stops_waiting == {int(p.finish()) for p in queue._waiting[FIRST].values()}, "a stop was lost"
+    assert stops_waiting == {int(p.finish()) for p in queue._waiting[MOST_URGENT].values()}, "a stop was lost"
