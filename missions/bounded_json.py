@@ -10,21 +10,21 @@ from typing import Any
 from missions.errors import PlanError
 
 MAX_FILE_BYTES = 8 * 1024 * 1024
-"""A plan of 10,000 items, as QGroundControl writes it, takes about 5 MB."""
+"""A QGroundControl plan of 10,000 items takes about 5 MB."""
 MAX_DEPTH = 32
 MAX_VALUES = 250_000
-"""Values are counted as commas and opening brackets outside strings; 10,000 items, as QGroundControl writes
-them, have 180,000."""
+"""The number of values is the number of commas and opening brackets outside strings. A QGroundControl plan of
+10,000 items has 180,000."""
 MAX_KEYS = 1000
 """Maximum number of keys in one object."""
 MAX_LINES = 25_000
 """Maximum number of lines in a file with one item per line."""
 _MAX_DIGITS = 40
-_TEXT = re.compile(r'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*+"?', re.DOTALL)
 _NOT_BRACKETS = re.compile(r"[^\[\]{}]+")
 
 
-def decode(data: str | bytes, what: str = "the file") -> str:
+def decode(data: str | bytes, place: str = "the file") -> str:
     """The text of a file of bounded size, in UTF-8.
 
     Raises:
@@ -33,14 +33,14 @@ def decode(data: str | bytes, what: str = "the file") -> str:
     if len(data) > MAX_FILE_BYTES:
         limit_mib, size_mb = MAX_FILE_BYTES // (1024 * 1024), len(data) / 1e6
         reason = f"{size_mb:.0f} MB are too large, {limit_mib} MiB is the maximum"
-        raise PlanError(what, reason, "Split the plan into smaller ones.")
+        raise PlanError(place, reason, "Split the plan into smaller ones.")
     if isinstance(data, str):
         return data
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         reason = f"byte {error.start} is not UTF-8 text"
-        raise PlanError(what, reason, "Save the file as UTF-8.") from None
+        raise PlanError(place, reason, "Save the file as UTF-8.") from None
 
 
 def decode_lines(data: str | bytes) -> str:
@@ -62,7 +62,7 @@ def check_json(data: str | bytes) -> str:
         PlanError: The text exceeds a limit.
     """
     text = decode(data)
-    without_strings = _TEXT.sub("0", text)
+    without_strings = _STRING.sub("0", text)
     if without_strings.count(",") + without_strings.count("[") + without_strings.count("{") > MAX_VALUES:
         raise PlanError("the file", f"more than {MAX_VALUES} values", "Split the plan into smaller ones.")
     depth = deepest = 0

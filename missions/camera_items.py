@@ -32,7 +32,7 @@ class TriggerInterval(Item):
 
 
 class TriggerControl(Item):
-    """Start (`enable` 1) or stop (0) the camera trigger; a value of -1 leaves a setting unchanged."""
+    """Start (`enable` 1) or stop (0) the camera trigger; -1 leaves `enable`, `reset` or `pause` unchanged."""
 
     COMMAND = 2003
     SLOTS = ("enable", "reset", "pause", "camera", 0.0, 0.0, 0.0)
@@ -210,7 +210,7 @@ class MountConfigure(Item):
 
 
 class MountControl(Item):
-    """Deprecated command to point a camera mount, in degrees; `mode` 2: by angles."""
+    """Deprecated command to point a camera mount, in degrees; `mode` is MAV_MOUNT_MODE (2: these angles)."""
 
     COMMAND = 205
     SLOTS = ("pitch_deg", "roll_deg", "yaw_deg", 0.0, 0.0, 0.0, "mode")

@@ -57,7 +57,8 @@ CODES: dict[str, tuple[Literal["error", "warning"], str]] = {
     "endurance_endless": ("warning", "endless: no battery is large enough"),
     "separation": (
         "warning",
-        "if the plan starts now, the vehicle may come too near to another one; refused at the start",
+        "if the plan starts now, the vehicle may come too near to another vehicle; "
+        "the server refuses the start",
     ),
     "separation_unknown": ("warning", "another vehicle is flying, and its path cannot be compared"),
     "parameters_unknown": ("warning", "vehicle parameters that are not known; PX4's defaults are used"),
@@ -86,7 +87,7 @@ class Finding:
     is_error_for_vehicle: bool = False
     """Whether this vehicle's parameters make this warning an error."""
     limit: float | None = None
-    """The limit that was exceeded: altitude above home [m] or speed [m/s]; None: no limit."""
+    """The limit that was exceeded: altitude above home [m] or speed [m/s]; None: another kind of finding."""
 
     @property
     def severity(self) -> Literal["error", "warning"]:
@@ -109,6 +110,7 @@ class CheckLimits:
 
 
 NAMED_PARAMETERS = 3
+"""Maximum number of parameters that a message names."""
 UNKNOWN_PARAMETERS_FIX = "Connect the vehicle and read its parameters, then check again."
 
 
@@ -127,7 +129,7 @@ class Context:
     plan: Plan
     limits: CheckLimits
     items: tuple[tuple[int, SimpleItem], ...]
-    """Row and item, as uploaded."""
+    """Index of the row in `Plan.items`, and the item; in upload order."""
     route: Route
     legs: tuple[Leg, ...]
     origin: LocalOrigin | None

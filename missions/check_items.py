@@ -41,7 +41,9 @@ def _completeness(context: Context) -> Iterator[Finding]:
     for row, item in enumerate(context.plan.items):
         if isinstance(item, ComplexItem) and not item.items:
             message = f"Item {row + 1} ({item.complex_type}) contains no mission items; PX4 would not fly it."
-            yield Finding("complex_without_items", message, row, fix="Replace it with a pattern made here.")
+            yield Finding(
+                "complex_without_items", message, row, fix="Replace it with a pattern of this program."
+            )
     corners, points = len(fence_items(context.plan)), len(context.plan.rally_points)
     if corners > FENCE_CAPACITY:
         message = f"The geofence has {corners} corners and circles; PX4 has room for {FENCE_CAPACITY}."
@@ -121,7 +123,7 @@ def _takeoff_and_landing(context: Context) -> Iterator[Finding]:
     """MIS_TKO_LAND_REQ: 1 requires a take-off, 2 a landing, 3 both, 4 and 5 both or neither."""
     takeoff = any(isinstance(item, Takeoff) for _, item in context.items)
     landing = any(isinstance(item, Land) for _, item in context.items)
-    required = context.vehicle.required_ends
+    required = context.vehicle.takeoff_land_required
     if required in (4, 5) and takeoff != landing:
         present, missing = ("take-off", "landing") if takeoff else ("landing", "take-off")
         message = f"The plan has a {present} but no {missing}, and the vehicle requires both or neither."

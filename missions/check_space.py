@@ -16,11 +16,11 @@ from missions.route import is_flown_to
 from missions.values import FenceCircle, FencePolygon, FenceZone, Point
 
 TOLERANCE_M = 0.05
-"""A point this close to an edge counts as inside."""
+"""A point this close to an edge counts as allowed [m]."""
 CIRCLE_SEGMENTS = 64
 """Polygon segments for a quarter of a circle; the error is 0.008 % of the radius."""
 NorthEast = tuple[float, float]
-"""[m]"""
+"""North and east of the local origin [m]."""
 
 
 def _distances(context: Context) -> Iterator[Finding]:
@@ -55,15 +55,15 @@ def _from_home(context: Context, lat_deg: float, lon_deg: float) -> Iterator[Fin
 
 
 def _fence(context: Context) -> Iterator[Finding]:
-    area = _allowed(context)
+    area = _allowed_area_of(context)
     if area is None:
         return
     home = context.plan.planned_home
     if home is not None and not area.covers(ShapelyPoint(_local(context, home.lat_deg, home.lon_deg))):
         message = "Home is outside the geofence: PX4 rejects this geofence."
         yield Finding("fence_home_outside", message, fix="Move the home or the fence.")
+    # the previous position, and whether the previous position is inside the geofence
     previous: tuple[NorthEast, bool] | None = None
-    """The previous position, and whether this position is inside."""
     if home is not None:
         position = _local(context, home.lat_deg, home.lon_deg)
         previous = (position, bool(area.covers(ShapelyPoint(position))))
@@ -78,6 +78,7 @@ def _fence(context: Context) -> Iterator[Finding]:
             reported.add(("point", step.seq))
             message = f"{item_name(step.row, item)} is outside the geofence."
             yield Finding("fence_violation", message, step.row, fix="Move it inside, or change the fence.")
+        # a path is checked only if both its ends are inside
         start = previous[0] if inside and previous is not None and previous[1] else position
         if ("path", step.seq) not in reported and inside and not area.covers(LineString([start, position])):
             reported.add(("path", step.seq))
@@ -110,7 +111,7 @@ def _local(context: Context, lat_deg: float, lon_deg: float) -> NorthEast:
     return (north, east)
 
 
-def _allowed(context: Context) -> BaseGeometry | None:
+def _allowed_area_of(context: Context) -> BaseGeometry | None:
     """The allowed area: inside all inclusions, outside all exclusions; None without a fence."""
     if not context.plan.fence or context.origin is None:
         return None

@@ -1,7 +1,7 @@
 """Checks a plan. Each finding has a stable code, a message, the item concerned, and a fix if there is one.
 
-`check` never raises: a rule that fails becomes a finding. An error: PX4 v1.16 refuses the plan. A warning:
-the flight may differ from what the pilot expects.
+`check` never raises: a rule that fails becomes a finding. An error: PX4 v1.16 refuses the plan, or the plan
+is unsafe. A warning: the flight may differ from what the pilot expects.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Smooth curves through timed points: position, velocity and acceleration at any time.
 
-The curves consist of cubic Hermite pieces. The slope at a point is that of the parabola through the point and
-its two neighbours. The slope is zero at both ends, so the curve starts and ends at rest. Position and
-velocity are continuous.
+The curves consist of cubic Hermite pieces. The slope (velocity) at a point is that of the parabola through
+the point and its two neighbours. The slope is zero at both ends, so the curve starts and ends at rest.
+Position and velocity are continuous.
 """
 
 from __future__ import annotations

@@ -54,7 +54,7 @@ def with_name(document: Document, name: str) -> Document:
 
 
 def count_steps(document: Document) -> int:
-    """Number of items of a waypoint plan as uploaded, or of steps of a mission, including nested ones."""
+    """Number of uploaded items of a waypoint plan, or of steps of an offboard mission (nested ones too)."""
     if isinstance(document, OffboardMission):
         return sum(
             _count_nested(steps) for steps in (*document.steps_by_role.values(), *document.missions.values())

@@ -11,10 +11,11 @@ class PlanError(Exception):
     """A plan that cannot be read, or that a format cannot store. Nothing has been changed.
 
     Attributes:
-        place: The part concerned: "item 3 (waypoint), field lat_deg". Items are numbered from 1.
+        place: The part concerned, for example "item 3 (waypoint), field lat_deg". Items are numbered from 1.
         reason: What is wrong, without a full stop.
         fix: How to correct the error, as a sentence.
-        field: The field of the document, "coverage.side_overlap"; None: the error concerns no single field.
+        field: The field of the document, for example "coverage.side_overlap"; None: the error does not
+            concern a single field.
     """
 
     def __init__(self, place: str, reason: str, fix: str, *, field: str | None = None) -> None:

@@ -126,12 +126,12 @@ class Region:
             outside |= np.hypot(north - center[0], east - center[1]) > circle.radius_m
         for polygon in self.polygons:
             inside = np.zeros(len(positions_ne_m), dtype=bool)
-            a_beyond = polygon.corners_ne_m[0][1] > east
+            a_is_east = polygon.corners_ne_m[0][1] > east
             for a, b in _edges(polygon.corners_ne_m):
-                b_beyond = b[1] > east
+                b_is_east = b[1] > east
                 # edges that cross the position's east coordinate
-                between = np.flatnonzero(a_beyond != b_beyond)
-                a_beyond = b_beyond
+                between = np.flatnonzero(a_is_east != b_is_east)
+                a_is_east = b_is_east
                 if len(between):
                     crossing = (b[0] - a[0]) * (east[between] - a[1]) / (b[1] - a[1]) + a[0]
                     inside[between] ^= north[between] < crossing
@@ -144,8 +144,8 @@ class Region:
         for circle in self.circles:
             n, e = p[0] - circle.center_ne_m[0], p[1] - circle.center_ne_m[1]
             along = n * direction[0] + e * direction[1]
-            inside = along**2 - (n**2 + e**2 - circle.radius_m**2)
-            distance = min(distance, max(0.0, -along + math.sqrt(max(0.0, inside))))
+            half_chord_2 = along**2 - (n**2 + e**2 - circle.radius_m**2)
+            distance = min(distance, max(0.0, -along + math.sqrt(max(0.0, half_chord_2))))
         for polygon in self.polygons:
             distance = min(distance, _crossing_m(p, direction, polygon.corners_ne_m))
         return distance
@@ -183,14 +183,14 @@ class Region:
         """
         if self.breach(start) is not None:
             return self.position_inside(start)
-        inside = self.position_inside(target) or start
-        distance_m = math.dist(start, inside)
+        end = self.position_inside(target) or start
+        distance_m = math.dist(start, end)
         if distance_m < 1e-6:
-            return inside
-        direction = ((inside[0] - start[0]) / distance_m, (inside[1] - start[1]) / distance_m)
+            return end
+        direction = ((end[0] - start[0]) / distance_m, (end[1] - start[1]) / distance_m)
         edge_m = self.distance_to_edge_m(start, direction)
         if distance_m <= edge_m:
-            return inside
+            return end
         stop_m = max(0.0, edge_m - INSET_M)
         return (start[0] + direction[0] * stop_m, start[1] + direction[1] * stop_m)
 
@@ -240,12 +240,12 @@ def _crossing_m(p: NorthEast, u: NorthEast, corners: tuple[NorthEast, ...]) -> f
     nearest = math.inf
     for a, b in _edges(corners):
         edge = (b[0] - a[0], b[1] - a[1])
-        across = u[0] * edge[1] - u[1] * edge[0]
-        if abs(across) < 1e-12:
+        cross = u[0] * edge[1] - u[1] * edge[0]
+        if abs(cross) < 1e-12:
             continue
         to_a = (a[0] - p[0], a[1] - p[1])
-        along = (to_a[0] * edge[1] - to_a[1] * edge[0]) / across
-        on_edge = (to_a[0] * u[1] - to_a[1] * u[0]) / across
+        along = (to_a[0] * edge[1] - to_a[1] * edge[0]) / cross
+        on_edge = (to_a[0] * u[1] - to_a[1] * u[0]) / cross
         if along >= 0.0 and -1e-9 <= on_edge <= 1.0 + 1e-9:
             nearest = min(nearest, along)
     return nearest
@@ -265,12 +265,12 @@ def _into_polygon(p: NorthEast, corners: tuple[NorthEast, ...]) -> NorthEast:
         return p
     q = _nearest_edge_point(p, corners)
     outside_m = math.dist(p, q)
-    steps = [(q[0] - p[0], q[1] - p[1])] if outside_m > 1e-9 else []
-    steps += [(-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)]
+    directions = [(q[0] - p[0], q[1] - p[1])] if outside_m > 1e-9 else []
+    directions += [(-1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0)]
     for inset_m in (INSET_M, INSET_M / 10, INSET_M / 1000):
-        for step in steps:
-            step_m = math.hypot(*step)
-            tried = (q[0] + step[0] / step_m * inset_m, q[1] + step[1] / step_m * inset_m)
+        for direction in directions:
+            length_m = math.hypot(*direction)
+            tried = (q[0] + direction[0] / length_m * inset_m, q[1] + direction[1] / length_m * inset_m)
             if _within(tried, corners):
                 return tried
     return q

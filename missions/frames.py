@@ -107,10 +107,8 @@ def limit_tilt(q_ned_frd: Quaternion, max_rad: float) -> tuple[Quaternion, bool]
     if tilt <= max_rad:
         return q_ned_frd, False
     w, x, y, z = q_ned_frd
-    down_north, down_east = (
-        2 * (x * z + w * y),
-        2 * (y * z - w * x),
-    )  # the body's down axis, projected to the ground
+    # horizontal part of the body's down axis
+    down_north, down_east = 2 * (x * z + w * y), 2 * (y * z - w * x)
     size = math.hypot(down_north, down_east)
     axis = (1.0, 0.0) if size < 1e-9 else (-down_east / size, down_north / size)
     about_down = multiply(conjugate(_about_level_axis(axis, tilt)), q_ned_frd)

@@ -97,8 +97,8 @@ class LoiterToAltitude(PlacedItem):
 
 
 class Land(PlacedItem):
-    """Fly to the position and land. `precision`: precision landing 0 off, 1 if a target is visible, 2
-    required."""
+    """Fly to the position and land. `precision` is PRECISION_LAND_MODE: 0 off, 1 if a target is visible,
+    2 required."""
 
     COMMAND = 21
     SLOTS = ("abort_altitude_m", "precision", 0.0, "yaw_ned_deg")
@@ -268,7 +268,8 @@ class Winch(Item):
 class CommandItem(Model):
     """Any other item of a file or vehicle, kept unchanged; PX4 refuses most items of this kind.
 
-    `params` are MAVLink's seven parameters; 5 and 6 are degrees if `frame` is global; None means NaN.
+    `params` are MAVLink's seven parameters; None means NaN. If `frame` is global, parameters 5 and 6 are in
+    degrees.
     """
 
     kind: Literal["command"] = "command"

@@ -49,10 +49,10 @@ class Clearance:
     """Index of the obstacle in the document."""
     name: str
     distance_m: float
-    """0: the path passes through the obstacle."""
+    """Less than `TOUCHING_M`: the path passes through the obstacle."""
     north_m: float
     east_m: float
-    """The nearest position of the path."""
+    """North and east of the position of the path that is nearest to the obstacle."""
 
     @property
     def passes_through(self) -> bool:
@@ -66,8 +66,8 @@ class ObstacleShapes:
     Args:
         obstacles: obstacles of the document.
         origin: origin of the local frame.
-        home_amsl_m: altitude of home; None: unknown; obstacles whose top is
-            given above home are then ignored.
+        home_amsl_m: altitude of home; None: unknown. Without this altitude, obstacles whose top is given
+            above home are ignored.
     """
 
     def __init__(self, obstacles: Sequence[Obstacle], origin: LocalOrigin, home_amsl_m: float | None) -> None:
@@ -112,7 +112,7 @@ def _comes_near(path_ned_m: Array, shape: BaseGeometry, top_down_m: float) -> bo
 
 def _positions_near(path_ned_m: Array, shape: BaseGeometry) -> Array:
     """(M, 3) positions of the path near a shape, close together."""
-    coarse = _divided(path_ned_m)
+    coarse = _subdivided(path_ned_m)
     horizontal_m = np.asarray(shapely.distance(shapely.points(coarse[:, 0], coarse[:, 1]), shape))
     if len(coarse) == 1:
         return coarse
@@ -122,7 +122,7 @@ def _positions_near(path_ned_m: Array, shape: BaseGeometry) -> Array:
     return (starts[:, None] + (ends - starts)[:, None] * fraction).reshape(-1, 3)
 
 
-def _divided(path_ned_m: Array) -> Array:
+def _subdivided(path_ned_m: Array) -> Array:
     """The path with positions at most COARSE_M apart."""
     lengths_m = np.linalg.norm(np.diff(path_ned_m, axis=0), axis=1)
     parts = [

@@ -47,8 +47,9 @@ SimpleItem = Annotated[
 class ComplexItem(Model):
     """A pattern of another program (QGroundControl's survey, corridor, structure scan), kept unchanged.
 
-    `items` are its mission items in the file. Some files have none, because QGroundControl recalculates a
-    structure scan when it opens the file. Such a plan can be stored and displayed, but not flown.
+    `items` are the mission items that the file contains for the pattern. Some files contain none, because
+    QGroundControl recalculates a structure scan when it opens the file. Such a plan can be stored and
+    displayed, but not flown.
     """
 
     kind: Literal["complex"] = "complex"
@@ -106,10 +107,10 @@ def read(data: str | bytes) -> Plan:
         plan = Plan.model_validate_json(text)
     except ValidationError as error:
         raise from_validation(error) from None
-    return check_count(plan)
+    return check_item_count(plan)
 
 
-def check_count(plan: Plan) -> Plan:
+def check_item_count(plan: Plan) -> Plan:
     """Returns the plan if PX4 can store its items.
 
     Raises:

@@ -1,5 +1,5 @@
-"""The smallest distance between two vehicles if both were stopped now. The separation guard checks this
-distance.
+"""The smallest distance between two vehicles if both started to brake now. The separation guard checks
+this distance.
 
 The pre-flight checks of a mission of several vehicles use the same calculation. Braking takes distance, so
 both braking paths are included, each with the vehicle's own deceleration. A formation of equal vehicles in
@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 from missions.frames import Vector3
 
 STOP_M_S2, STOP_DELAY_S = 2.5, 0.8
-"""Deceleration and delay of a multicopter when its setpoint becomes its current position. Simulated: 3.0 m
-from 2.5 m/s, 6.1 m from 4.2 m/s, 12.8 m from 6.6 m/s; these values give 3.2, 6.9 and 14.1 m."""
+"""Deceleration and delay of a multicopter that is commanded to hold its current position. In the simulator
+the vehicle stopped within 3.0 m from 2.5 m/s, 6.1 m from 4.2 m/s and 12.8 m from 6.6 m/s. This deceleration
+and delay give 3.2, 6.9 and 14.1 m."""
 STOP_TILT_SHARE = 0.45
 """Fraction of the acceleration at maximum tilt (g tan MPC_TILTMAX_AIR) that is always available for braking.
 PX4's default of 45 degrees gives more than `STOP_M_S2`; 10 degrees give 0.8 m/s²."""
@@ -30,16 +31,17 @@ NO_POSITION_CONTROL_SHARE = 0.6
 """Fraction of the deceleration that is available to a vehicle flown by acceleration, attitude or rates. Its
 velocity and position controllers have to restart and do not compensate the wind yet."""
 SIGMAS = 2.0
-"""Multiple of the combined accuracy of both estimates (one sigma). In the simulator the error of the distance
-had a sigma of 0.2 m, and the combined reported accuracy was 0.4 m: twice that is four sigma of the error."""
+"""Factor for the combined accuracy of both estimates (one sigma). In the simulator the combined reported
+accuracy was 0.4 m, and the standard deviation of the distance error was 0.2 m. The factor 2 gives 0.8 m,
+which is four standard deviations."""
 UNKNOWN_ACCURACY_M = 1.0
 """Assumed accuracy of a vehicle that does not report its accuracy."""
 EXTRA_BRAKING_M = 0.4
 """Additional braking distance of each vehicle, because of wind and of the last phase of braking."""
 UNKNOWN_ACCELERATION_M_S2 = 1.5
-"""Assumed change of velocity since the estimate was received."""
+"""Assumed acceleration of a vehicle since its estimate was received."""
 LEVEL_AFTER_S = 0.3
-"""Time for which a vehicle flown by attitude or rates continues to accelerate after a stop was sent."""
+"""Time from a stop until a vehicle flown by attitude or rates is level; until then it may accelerate."""
 TREND_S = 0.4
 """Time over which a vehicle's acceleration is measured [s]; over a shorter time noise dominates."""
 PLANNED_ACCURACY_M, PLANNED_AGE_S = 0.3, 0.1
@@ -68,13 +70,13 @@ class MovingVehicle:
     decel_m_s2: float = STOP_M_S2
 
     @property
-    def uncertainty_m(self) -> float:
-        """Position uncertainty without the estimate's accuracy."""
+    def wind_and_age_margin_m(self) -> float:
+        """Part of the margin for wind and for the age of the estimate."""
         return EXTRA_BRAKING_M + UNKNOWN_ACCELERATION_M_S2 * self.age_s * (self.age_s / 2.0 + STOP_DELAY_S)
 
 
-class SpeedTrend:
-    """The change of a vehicle's velocity, which continues until a stop takes effect."""
+class VelocityTrend:
+    """Extrapolates a vehicle's velocity to the time at which a stop takes effect."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, Vector3]] = deque(maxlen=100)
@@ -88,7 +90,8 @@ class SpeedTrend:
             self._samples.popleft()
 
     def extrapolated_ned_m_s(self, by_s: float) -> Vector3:
-        """The newest velocity, or this velocity extrapolated by `by_s` seconds if that is faster."""
+        """The extrapolated velocity in `by_s` seconds if it is faster than the newest velocity, otherwise the
+        newest velocity."""
         (first_s, old_velocity), (last_s, new_velocity) = self._samples[0], self._samples[-1]
         if last_s - first_s < TREND_S / 2.0:
             return new_velocity
@@ -102,7 +105,7 @@ class SpeedTrend:
 
 def margin_m(a: MovingVehicle, b: MovingVehicle) -> float:
     """Margin added to the minimum separation, for accuracy and age of both estimates and for wind."""
-    return SIGMAS * math.hypot(a.accuracy_m, b.accuracy_m) + a.uncertainty_m + b.uncertainty_m
+    return SIGMAS * math.hypot(a.accuracy_m, b.accuracy_m) + a.wind_and_age_margin_m + b.wind_and_age_margin_m
 
 
 def braking_decel_m_s2(tilt_rad: float) -> float:
@@ -131,7 +134,7 @@ def closest_m(
     decel_a_m_s2: Any = STOP_M_S2,
     decel_b_m_s2: Any = STOP_M_S2,
 ) -> Vectors:
-    """Smallest distance until both vehicles have stopped, if both are stopped now [m].
+    """Smallest distance between two vehicles that start to brake now, until both have stopped [m].
 
     Args:
         position_a: position in the common frame [m].
@@ -149,7 +152,7 @@ def closest_m(
         + _braking_path(velocity_a, speed_a, after_s, decel_a_m_s2)
         - _braking_path(velocity_b, speed_b, after_s, decel_b_m_s2)
     )
-    return np.min(_nearest_on(relative_position[..., :-1, :], relative_position[..., 1:, :]), axis=-1)
+    return np.min(_distance_to_line(relative_position[..., :-1, :], relative_position[..., 1:, :]), axis=-1)
 
 
 def planned_margin_m() -> float:
@@ -167,7 +170,7 @@ def braking_separation_m(
     required_m: float,
     decel_m_s2: float = STOP_M_S2,
 ) -> Vectors:
-    """For each time, the smallest distance from that time on if both vehicles were stopped at that time [m].
+    """For each time, the smallest distance if both vehicles started to brake at that time [m].
 
     Args:
         position_a: positions in the common frame, (N, 3) [m].
@@ -178,10 +181,10 @@ def braking_separation_m(
         decel_m_s2: deceleration of both vehicles.
     """
     distance_m = _norm(position_a - position_b)
-    reach_m = braking_distance_m(_norm(velocity_a), decel_m_s2) + braking_distance_m(
+    braking_m = braking_distance_m(_norm(velocity_a), decel_m_s2) + braking_distance_m(
         _norm(velocity_b), decel_m_s2
     )
-    too_near = np.nonzero(distance_m - reach_m < required_m)[0]
+    too_near = np.nonzero(distance_m - braking_m < required_m)[0]
     for begin in range(0, len(too_near), SAMPLES_AT_ONCE):
         batch = too_near[begin : begin + SAMPLES_AT_ONCE]
         distance_m[batch] = closest_m(
@@ -198,9 +201,9 @@ def _braking_path(velocity: Vectors, speed: Vectors, after_s: Vectors, decel_m_s
     return direction[..., None, :] * braked_m[..., None]
 
 
-def _nearest_on(begin: Vectors, end: Vectors) -> Vectors:
-    """Smallest distance of the lines between samples from the zero vector, so that a fast pass is not
-    missed."""
+def _distance_to_line(begin: Vectors, end: Vectors) -> Vectors:
+    """Distance from the zero vector to the straight line between two samples, so that a fast pass between
+    samples is not missed."""
     step = end - begin
     square = np.maximum(np.sum(step * step, axis=-1), 1e-12)
     fraction = np.clip(-np.sum(begin * step, axis=-1) / square, 0.0, 1.0)

@@ -27,23 +27,23 @@ class VehicleModel:
     acceptance_m: float = 2.0  # NAV_ACC_RAD
     altitude_acceptance_m: float = 0.8  # NAV_MC_ALT_RAD
     first_waypoint_max_m: float = 10_000.0  # MIS_DIST_1WP
-    required_ends: int = 0  # MIS_TKO_LAND_REQ, 0: none
+    takeoff_land_required: int = 0  # MIS_TKO_LAND_REQ, 0: none
     fence_radius_m: float = 0.0  # GF_MAX_HOR_DIST, 0: none
     fence_height_m: float = 0.0  # GF_MAX_VER_DIST, 0: none
 
     @classmethod
     def from_parameters(cls, parameters: Mapping[str, float]) -> VehicleModel:
-        """The model from the vehicle's parameters; the default for a parameter that is missing or not
-        finite."""
+        """The model with the vehicle's parameters. A field keeps its default if its parameter is missing or
+        not finite, or if a speed or acceleration is not above 0."""
         values = {
             field: parameters[name]
             for field, name in PARAMETERS.items()
             if name in parameters and math.isfinite(parameters[name])
         }
-        if "required_ends" in values:
-            values["required_ends"] = int(values["required_ends"])
-        positive = {name for name in PARAMETERS if name.endswith(("_m_s", "_m_s2"))}
-        valid = {name: value for name, value in values.items() if name not in positive or value > 0.0}
+        if "takeoff_land_required" in values:
+            values["takeoff_land_required"] = int(values["takeoff_land_required"])
+        positive = {field for field in PARAMETERS if field.endswith(("_m_s", "_m_s2"))}
+        valid = {field: value for field, value in values.items() if field not in positive or value > 0.0}
         return cls(**valid)  # type: ignore[arg-type]
 
 
@@ -60,7 +60,7 @@ PARAMETERS = {
     "acceptance_m": "NAV_ACC_RAD",
     "altitude_acceptance_m": "NAV_MC_ALT_RAD",
     "first_waypoint_max_m": "MIS_DIST_1WP",
-    "required_ends": "MIS_TKO_LAND_REQ",
+    "takeoff_land_required": "MIS_TKO_LAND_REQ",
     "fence_radius_m": "GF_MAX_HOR_DIST",
     "fence_height_m": "GF_MAX_VER_DIST",
 }
@@ -72,7 +72,7 @@ class PowerModel:
     """Constant power in flight, plus the work of climbing.
 
     Hover power is a good estimate up to moderate speeds: induced power decreases while drag increases.
-    Climbing at v adds mass · g · v / efficiency; a descent saves no energy.
+    A climb with v m/s adds the power mass · g · v / efficiency [W]; a descent saves no energy.
     """
 
     hover_power_w: float

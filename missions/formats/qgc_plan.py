@@ -20,7 +20,7 @@ from missions.formats.qgc_fence import read_fence, read_rally, write_fence, writ
 from missions.formats.qgc_item import optional_list, require_list, require_number, require_object
 from missions.formats.results import Imported, Written
 from missions.items import CommandItem, Jump
-from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_count
+from missions.plan import ComplexItem, Plan, PlanItem, SimpleItem, check_item_count
 from missions.values import HomePosition, Obstacle, Obstacles
 
 _VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
@@ -65,7 +65,7 @@ def read(data: bytes | str) -> Imported:
         raise from_validation(error) from None
     if plan.planned_home is None and mission.get("plannedHomePosition") is not None:
         notes += ("The planned home has no altitude, so it counts as not set.",)
-    return Imported(check_count(plan), notes=notes)
+    return Imported(check_item_count(plan), notes=notes)
 
 
 def write(plan: Plan) -> Written:

@@ -130,14 +130,14 @@ class VehicleEstimates:
         position."""
         home = self.home()
         if home is not None and home.position_ned_m is not None:
-            return LocalOrigin.from_pair(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
+            return LocalOrigin.from_position(home.lat_deg, home.lon_deg, home.alt_amsl_m, home.position_ned_m)
         local, position = self.local(), self.global_position()
         difference_s = abs(
             (self._received_s("local_position") or 0.0) - (self._received_s("global_position") or 0.0)
         )
         if local is None or position is None or difference_s > MAX_PAIR_DIFFERENCE_S:
             return None
-        return LocalOrigin.from_pair(
+        return LocalOrigin.from_position(
             position.lat_deg, position.lon_deg, position.alt_amsl_m, local.position_ned_m
         )
 

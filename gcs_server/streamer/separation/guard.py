@@ -30,7 +30,7 @@ from missions.separation import (
     NO_POSITION_CONTROL_SHARE,
     UNKNOWN_ACCURACY_M,
     MovingVehicle,
-    SpeedTrend,
+    VelocityTrend,
     braking_decel_m_s2,
     braking_distance_m,
     closest_m,
@@ -144,7 +144,7 @@ class GroupGuard:
         self._requests = dict(requests)
         self._others_go_on = others_go_on
         self._next_check_s = -math.inf
-        self._trends = {vehicle: SpeedTrend() for vehicle in requests}
+        self._trends = {vehicle: VelocityTrend() for vehicle in requests}
 
     @property
     def members(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 
 from gcs_server.streamer.separation.guard import GroupGuard, MemberView
 from gcs_server.streamer.values.stream_request import StreamRequest
-from missions.separation import SpeedTrend
+from missions.separation import VelocityTrend
 
 
 class MissionGuard(GroupGuard):
@@ -29,7 +29,7 @@ class MissionGuard(GroupGuard):
         super().__init__(name, {}, {}, minimum_m=minimum_m, start_s=now_s, duration_s=math.inf)
         self.phase = "flying"
         self._vehicles = tuple(vehicles)
-        self._trends = {vehicle: SpeedTrend() for vehicle in self._vehicles}
+        self._trends = {vehicle: VelocityTrend() for vehicle in self._vehicles}
 
     @property
     def members(self) -> tuple[str, ...]:

@@ -76,8 +76,8 @@ def circle(radius_m: float, *, inclusion: bool, north_m: float = 0.0) -> FenceCi
     return FenceCircle(inclusion=inclusion, center=Point(**at(north_m)), radius_m=radius_m)
 
 
-def needs(required_ends: int) -> CheckLimits:
-    return CheckLimits(vehicle=VehicleModel(required_ends=required_ends))
+def needs(takeoff_land_required: int) -> CheckLimits:
+    return CheckLimits(vehicle=VehicleModel(takeoff_land_required=takeoff_land_required))
 
 
 GOOD = plan(

@@ -109,7 +109,7 @@ def test_valid_parameters_of_the_vehicle_are_used_and_invalid_parameters_are_ign
             "X": 1.0,
         }
     )
-    assert found == VehicleModel(cruise_m_s=7.0, required_ends=4)
+    assert found == VehicleModel(cruise_m_s=7.0, takeoff_land_required=4)
     assert set(PARAMETERS) == set(VehicleModel.__dataclass_fields__)
 
 

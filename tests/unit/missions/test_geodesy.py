@@ -27,7 +27,7 @@ def test_a_position_converted_to_geodetic_and_back_is_unchanged(lat, lon, positi
 
 @given(latitudes, longitudes, positions)
 def test_the_origin_is_found_from_one_position_known_in_both_frames(lat, lon, position):
-    origin = LocalOrigin.from_pair(lat, lon, 100.0, position)
+    origin = LocalOrigin.from_position(lat, lon, 100.0, position)
     assert origin.to_ned(lat, lon, 100.0) == pytest.approx(position, abs=1e-4)
 
 

@@ -3095,7 +3095,8 @@ export interface components {
          * CommandItem
          * @description Any other item of a file or vehicle, kept unchanged; PX4 refuses most items of this kind.
          *
-         *     `params` are MAVLink's seven parameters; 5 and 6 are degrees if `frame` is global; None means NaN.
+         *     `params` are MAVLink's seven parameters; None means NaN. If `frame` is global, parameters 5 and 6 are in
+         *     degrees.
          */
         readonly CommandItem: {
             /**
@@ -3142,8 +3143,9 @@ export interface components {
          * ComplexItem
          * @description A pattern of another program (QGroundControl's survey, corridor, structure scan), kept unchanged.
          *
-         *     `items` are its mission items in the file. Some files have none, because QGroundControl recalculates a
-         *     structure scan when it opens the file. Such a plan can be stored and displayed, but not flown.
+         *     `items` are the mission items that the file contains for the pattern. Some files contain none, because
+         *     QGroundControl recalculates a structure scan when it opens the file. Such a plan can be stored and
+         *     displayed, but not flown.
          */
         readonly ComplexItem: {
             /**
@@ -8241,7 +8243,7 @@ export interface components {
         };
         /**
          * MountControl
-         * @description Deprecated command to point a camera mount, in degrees; `mode` 2: by angles.
+         * @description Deprecated command to point a camera mount, in degrees; `mode` is MAV_MOUNT_MODE (2: these angles).
          */
         readonly MountControl: {
             /**
@@ -12697,7 +12699,7 @@ export interface components {
         };
         /**
          * TriggerControl
-         * @description Start (`enable` 1) or stop (0) the camera trigger; a value of -1 leaves a setting unchanged.
+         * @description Start (`enable` 1) or stop (0) the camera trigger; -1 leaves `enable`, `reset` or `pause` unchanged.
          */
         readonly TriggerControl: {
             /**
@@ -13825,8 +13827,8 @@ export interface components {
         };
         /**
          * Land
-         * @description Fly to the position and land. `precision`: precision landing 0 off, 1 if a target is visible, 2
-         *     required.
+         * @description Fly to the position and land. `precision` is PRECISION_LAND_MODE: 0 off, 1 if a target is visible,
+         *     2 required.
          */
         readonly missions__items__Land: {
             /**

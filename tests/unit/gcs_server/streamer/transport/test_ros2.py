@@ -217,7 +217,7 @@ def test_a_velocity_along_the_heading_turns_with_the_vehicle() -> None:
 
 
 def test_a_global_position_is_sent_in_the_local_frame() -> None:
-    origin = LocalOrigin.from_pair(47.0, 8.0, 500.0, (0.0, 0.0, 0.0))
+    origin = LocalOrigin.from_position(47.0, 8.0, 500.0, (0.0, 0.0, 0.0))
     snapshot = _snapshot(origin=origin)
     resolved = ResolvedSetpoint(PositionGlobal(47.0001, 8.0, 510.0), 0.0, snapshot, 0.5).at(0.0, snapshot)
     assert isinstance(resolved, Position)
