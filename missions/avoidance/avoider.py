@@ -15,10 +15,16 @@ from __future__ import annotations
 
 import math
 
-from missions.avoidance.corridor import BELOW_M, CLEARANCE_M, OVER_M, BlockingObstacles, blocking_obstacles
+from missions.avoidance.corridor import (
+    BLOCKING_BELOW_M,
+    CLEARANCE_M,
+    TOP_CLEARANCE_M,
+    BlockingObstacles,
+    blocking_obstacles,
+)
 from missions.avoidance.detour import Side, choose_heading
 from missions.avoidance.memory import ObstacleMemory
-from missions.avoidance.scans import Scan, measures_down, measures_level, range_at_m, recent_scans
+from missions.avoidance.scans import Scan, measures_down, measures_level, recent_scans, sensor_range_m
 from missions.avoidance.stopping import braking_speed
 from missions.avoidance.track import Track, velocity_towards
 from missions.avoidance.values import (
@@ -47,7 +53,7 @@ RETURNED_WITHIN_M = 1.0
 """The detour ends when the vehicle is this close to the wanted position, horizontally."""
 MEASURED_WITHIN_S = 0.5
 """Above an obstacle the vehicle moves only if the last measurement is younger than this [s], because the
-obstacle may be higher farther on."""
+obstacle may be higher ahead."""
 GOAL_MOVED_M = 2.0
 """If no clear heading was found, the search is repeated when the goal has moved this far."""
 MIN_MOTION_M, MIN_MOTION_M_S = 0.5, 0.3
@@ -73,7 +79,7 @@ class Avoider:
         self._turned_back = False
         """Whether the side was already changed in this detour."""
         self._unreachable_goal: Vector3 | None = None
-        self._scanned_up_m: float | None = None
+        self._last_scan_up_m: float | None = None
         self._top_uncertainty_m = 0.0
         """Climb between two measurements; the top of the obstacle may be anywhere between them."""
         self._detour_up_m = 0.0
@@ -87,7 +93,7 @@ class Avoider:
         current: MotionState,
         wanted: WantedMotion,
         scans: tuple[Scan, ...],
-        allowed: DetourLimits,
+        limits: DetourLimits,
     ) -> AdjustedMotion:
         """The motion to fly instead of the wanted one.
 
@@ -96,9 +102,9 @@ class Avoider:
             current: the vehicle's position and motion.
             wanted: the motion without obstacles.
             scans: the newest scan of each sensor.
-            allowed: limits and allowed area.
+            limits: limits of speed, altitude and position.
         """
-        adjusted = self._adjusted(now_s, current, wanted, recent_scans(scans, now_s, FRESH_S), allowed)
+        adjusted = self._choose_motion(now_s, current, wanted, recent_scans(scans, now_s, FRESH_S), limits)
         self._state = adjusted.state
         if adjusted.state != "stopped" and adjusted.state != "turning":
             self._hold_position = None
@@ -106,28 +112,28 @@ class Avoider:
             self._track.end()
         return adjusted
 
-    def _adjusted(
+    def _choose_motion(
         self,
         now_s: float,
         current: MotionState,
         wanted: WantedMotion,
         scans: tuple[Scan, ...],
-        allowed: DetourLimits,
+        limits: DetourLimits,
     ) -> AdjustedMotion:
         if not any(measures_level(scan) for scan in scans):
             return self._stop_and_hold(
                 current, wanted, f"No obstacle measurement for {FRESH_S:g} s: the vehicle holds its position."
             )
         up_m, goal_up_m = -current.position_ned_m[2], -wanted.position_ned_m[2]
-        low_m = min(up_m, goal_up_m) - BELOW_M
-        self._remember(now_s, current, scans, low_m - OVER_M / 2)
+        low_m = min(up_m, goal_up_m) - BLOCKING_BELOW_M
+        self._remember(now_s, current, scans, low_m - TOP_CLEARANCE_M / 2)
         heading = _heading(current, wanted)
-        yaw = self._yaw_to_see(current, wanted, scans, heading)
+        yaw = self._yaw_to_measure(current, wanted, scans, heading)
         points = self._memory.columns_above(low_m, now_s)
         blocking = blocking_obstacles(points, current, wanted, self._top_uncertainty_m)
         if blocking is not None:
             self._clear_since_s = None
-            return self._detour(now_s, current, wanted, scans, allowed, blocking, yaw)
+            return self._detour(now_s, current, wanted, scans, limits, blocking, yaw)
         self._side, self._turned_back, self._unreachable_goal, self._top_uncertainty_m = (
             None,
             False,
@@ -136,13 +142,13 @@ class Avoider:
         )
         if self._clear_since_s is None:
             self._clear_since_s = now_s
-        if heading is not None and range_at_m(scans, heading) is None:
+        if heading is not None and sensor_range_m(scans, heading) is None:
             return self._turn(current, wanted, heading)
         # Not directly above the goal, a descent needs a sensor that measures downward.
-        must_descend = goal_up_m < up_m - BELOW_M and _distance(current, wanted) > MIN_MOTION_M
+        must_descend = goal_up_m < up_m - BLOCKING_BELOW_M and _distance(current, wanted) > MIN_MOTION_M
         if self._state in ("clear", "turning") and not must_descend:
             return AdjustedMotion("clear", yaw_ned_rad=yaw)
-        return self._return_to_path(now_s, current, wanted, scans, allowed, yaw)
+        return self._return_to_path(now_s, current, wanted, scans, limits, yaw)
 
     def _remember(self, now_s: float, current: MotionState, scans: tuple[Scan, ...], lowest_m: float) -> None:
         """Stores the points of each new scan, measured from the position that the vehicle had at the time of
@@ -158,20 +164,20 @@ class Avoider:
             at_ned_m = _position_before(current, now_s - scan.measured_s)
             self._memory.add(scan, at_ned_m, lowest_m)
             if measures_level(scan):
-                before_m, self._scanned_up_m = self._scanned_up_m, -at_ned_m[2]
+                before_m, self._last_scan_up_m = self._last_scan_up_m, -at_ned_m[2]
                 if before_m is not None and self._state in ("over", "stopped"):
-                    self._top_uncertainty_m = max(self._top_uncertainty_m, self._scanned_up_m - before_m)
+                    self._top_uncertainty_m = max(self._top_uncertainty_m, self._last_scan_up_m - before_m)
         self._stored_scans = set(keys)
 
-    def _yaw_to_see(
+    def _yaw_to_measure(
         self, current: MotionState, wanted: WantedMotion, scans: tuple[Scan, ...], heading: float | None
     ) -> float | None:
         """The heading that points the sensors in the direction of travel; None if the sensors already measure
-        that direction at the wanted heading."""
+        that direction at the wanted yaw."""
         if heading is None:
             return None
         yaw = current.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
-        return None if range_at_m(scans, heading, yaw - current.yaw_ned_rad) is not None else heading
+        return None if sensor_range_m(scans, heading, yaw - current.yaw_ned_rad) is not None else heading
 
     # --- actions ------------------------------------------------------------------------------------
 
@@ -181,30 +187,30 @@ class Avoider:
         current: MotionState,
         wanted: WantedMotion,
         scans: tuple[Scan, ...],
-        allowed: DetourLimits,
+        limits: DetourLimits,
         blocking: BlockingObstacles,
         yaw: float | None,
     ) -> AdjustedMotion:
         up_m, goal_up_m = -current.position_ned_m[2], -wanted.position_ned_m[2]
-        required_up_m = blocking.highest_m + OVER_M
-        max_up_m = min(goal_up_m + MAX_CLIMB_M, -allowed.region.down_min_m - CEILING_MARGIN_M)
+        required_up_m = blocking.highest_m + TOP_CLEARANCE_M
+        max_up_m = min(goal_up_m + MAX_CLIMB_M, -limits.region.down_min_m - CEILING_MARGIN_M)
         is_flying_around = self._side is not None or self._unreachable_goal is not None
         if self.way == "around" or required_up_m > max_up_m or is_flying_around:
             if not is_flying_around:
                 self._detour_up_m = up_m
-            return self._fly_around(now_s, current, wanted, scans, allowed, blocking.clearance_m)
-        climb = _limited_climb(max(required_up_m, min(goal_up_m, max_up_m)) - up_m, allowed)
+            return self._fly_around(now_s, current, wanted, scans, limits, blocking.clearance_m)
+        climb = _limited_climb(max(required_up_m, min(goal_up_m, max_up_m)) - up_m, limits)
         heading = _heading(current, wanted)
-        measured_m = None if heading is None else range_at_m(scans, heading)
+        measured_m = None if heading is None else sensor_range_m(scans, heading)
         outdated = all(now_s - scan.measured_s > MEASURED_WITHIN_S for scan in scans if measures_level(scan))
         speed = 0.0
         if measured_m is not None and not outdated:
             free_m = min(blocking.first_m, measured_m) - CLEARANCE_M
-            speed = min(DETOUR_M_S, allowed.speed_m_s, _distance(current, wanted), braking_speed(free_m))
+            speed = min(DETOUR_M_S, limits.speed_m_s, _distance(current, wanted), braking_speed(free_m))
         is_ahead = math.isfinite(blocking.first_m)
         text = "Obstacle ahead: climbing over it." if is_ahead else "Above an obstacle: flying over it."
-        to_track = self._to_track(now_s, current, wanted)
-        return self._fly("over", text, current, wanted, heading, speed, climb, yaw, to_track)
+        correction_ne_m_s = self._velocity_to_track(now_s, current, wanted)
+        return self._fly("over", text, current, wanted, heading, speed, climb, yaw, correction_ne_m_s)
 
     def _fly_around(
         self,
@@ -212,26 +218,26 @@ class Avoider:
         current: MotionState,
         wanted: WantedMotion,
         scans: tuple[Scan, ...],
-        allowed: DetourLimits,
+        limits: DetourLimits,
         clearance_m: float,
     ) -> AdjustedMotion:
         too_high = "" if self.way == "around" else " and too high to climb over"
-        no_way = f"Obstacle ahead{too_high}, and the sensors measure no clear way around it."
+        blocked_text = f"Obstacle ahead{too_high}, and the sensors measure no clear way around it."
         goal = wanted.position_ned_m
         if self._unreachable_goal is not None and math.dist(self._unreachable_goal, goal) < GOAL_MOVED_M:
-            return self._stop_and_hold(current, wanted, no_way)
-        nearby = self._memory.columns_above(-current.position_ned_m[2] - BELOW_M, now_s)
-        chosen = choose_heading(nearby, current, wanted, scans, allowed, self._side, clearance_m)
+            return self._stop_and_hold(current, wanted, blocked_text)
+        nearby = self._memory.columns_above(-current.position_ned_m[2] - BLOCKING_BELOW_M, now_s)
+        chosen = choose_heading(nearby, current, wanted, scans, limits, self._side, clearance_m)
         if chosen is None and self._side is not None and not self._turned_back:
             self._turned_back, self._side = True, "left" if self._side == "right" else "right"
-            chosen = choose_heading(nearby, current, wanted, scans, allowed, self._side, clearance_m)
+            chosen = choose_heading(nearby, current, wanted, scans, limits, self._side, clearance_m)
         if chosen is None:
             self._unreachable_goal, self._side, self._turned_back = goal, None, False
-            return self._stop_and_hold(current, wanted, no_way)
+            return self._stop_and_hold(current, wanted, blocked_text)
         self._unreachable_goal = None
         heading, self._side, free_m = chosen
-        speed = min(DETOUR_M_S, allowed.speed_m_s, braking_speed(free_m))
-        climb = _limited_climb(self._detour_up_m + current.position_ned_m[2], allowed)
+        speed = min(DETOUR_M_S, limits.speed_m_s, braking_speed(free_m))
+        climb = _limited_climb(self._detour_up_m + current.position_ned_m[2], limits)
         where = "" if self._side is None else f" on the {self._side}"
         text = f"Obstacle ahead: flying around it{where}."
         return self._fly("around", text, current, wanted, heading, speed, climb, None)
@@ -242,44 +248,44 @@ class Avoider:
         current: MotionState,
         wanted: WantedMotion,
         scans: tuple[Scan, ...],
-        allowed: DetourLimits,
+        limits: DetourLimits,
         yaw: float | None,
     ) -> AdjustedMotion:
         """Returns to the path: descends if nothing is below, then flies level to the wanted position."""
         assert self._clear_since_s is not None
-        down_m = wanted.position_ned_m[2] - current.position_ned_m[2]
+        descent_m = wanted.position_ned_m[2] - current.position_ned_m[2]
         must_wait = now_s - self._clear_since_s < CLEAR_FOR_S
         goal_moves = math.hypot(*wanted.velocity_ned_m_s) > MIN_MOTION_M_S
         if (
-            abs(down_m) < BELOW_M
+            abs(descent_m) < BLOCKING_BELOW_M
             and not must_wait
             and (not goal_moves or _distance(current, wanted) < RETURNED_WITHIN_M)
         ):
             return AdjustedMotion("clear", yaw_ned_rad=yaw)
         below_unmeasured = not any(measures_down(scan) for scan in scans)
         text = "The way is clear: returning to the path."
-        climb = _limited_climb(-down_m, allowed)
-        if down_m > BELOW_M:
+        climb = _limited_climb(-descent_m, limits)
+        if descent_m > BLOCKING_BELOW_M:
             text = "Descending to the path."
             if below_unmeasured:
                 text = "No sensor measures below: the vehicle stays above the path."
         if must_wait or below_unmeasured:
             climb = max(climb, 0.0)
-        n, e = self._to_track(now_s, current, wanted)
-        if down_m <= BELOW_M or below_unmeasured:
+        n, e = self._velocity_to_track(now_s, current, wanted)
+        if descent_m <= BLOCKING_BELOW_M or below_unmeasured:
             n, e, _ = wanted.velocity_ned_m_s
             approach_m_s, heading = min(DETOUR_M_S, _distance(current, wanted)), _heading(current, wanted)
             if heading is not None:
                 n, e = n + approach_m_s * math.cos(heading), e + approach_m_s * math.sin(heading)
-        speed = min(math.hypot(n, e), allowed.speed_m_s)
+        speed = min(math.hypot(n, e), limits.speed_m_s)
         return self._fly("back", text, current, wanted, math.atan2(e, n), speed, climb, yaw)
 
-    def _to_track(self, now_s: float, current: MotionState, wanted: WantedMotion) -> NorthEast:
+    def _velocity_to_track(self, now_s: float, current: MotionState, wanted: WantedMotion) -> NorthEast:
         """Velocity back to the track of this detour [m/s]; zero if an obstacle blocks the line to the
         track."""
         point = self._track.nearest(current, wanted)
         to_point = WantedMotion((*point, current.position_ned_m[2]))
-        nearby = self._memory.columns_above(-current.position_ned_m[2] - BELOW_M, now_s)
+        nearby = self._memory.columns_above(-current.position_ned_m[2] - BLOCKING_BELOW_M, now_s)
         if blocking_obstacles(nearby, current, to_point, 0.0) is not None:
             return 0.0, 0.0
         return velocity_towards(current, point)
@@ -294,9 +300,9 @@ class Avoider:
         speed_m_s: float,
         climb_m_s: float,
         yaw: float | None,
-        to_track: NorthEast = (0.0, 0.0),
+        correction_ne_m_s: NorthEast = (0.0, 0.0),
     ) -> AdjustedMotion:
-        n, e = to_track
+        n, e = correction_ne_m_s
         if heading is not None:
             n, e = n + speed_m_s * math.cos(heading), e + speed_m_s * math.sin(heading)
         yaw = _wanted_yaw(current, wanted) if yaw is None else yaw
@@ -345,8 +351,8 @@ def _wanted_yaw(current: MotionState, wanted: WantedMotion) -> float:
     return current.yaw_ned_rad if wanted.yaw_ned_rad is None else wanted.yaw_ned_rad
 
 
-def _limited_climb(climb_m_s: float, allowed: DetourLimits) -> float:
+def _limited_climb(climb_m_s: float, limits: DetourLimits) -> float:
     """The climb speed, limited to that of a detour and of the vehicle; negative: descent."""
     return max(
-        -min(DETOUR_DESCENT_M_S, allowed.descent_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, allowed.climb_m_s)
+        -min(DETOUR_DESCENT_M_S, limits.descent_m_s), min(climb_m_s, DETOUR_CLIMB_M_S, limits.climb_m_s)
     )

@@ -19,11 +19,11 @@ CLEARANCE_M = 1.2
 """Horizontal distance from the vehicle's centre to any obstacle at its altitude."""
 MIN_CLEARANCE_M = 0.7
 """Minimum clearance, used when the vehicle or its goal is already near an obstacle."""
-OVER_M, BELOW_M = 1.0, 0.4
-"""The vehicle climbs `OVER_M` above an obstacle. An obstacle blocks the path if its top is less than
-`BELOW_M` below the vehicle."""
-ABOVE_M = 0.9 * OVER_M
-"""Height above the measured top at which the vehicle may fly over an obstacle."""
+TOP_CLEARANCE_M, BLOCKING_BELOW_M = 1.0, 0.4
+"""The vehicle climbs to `TOP_CLEARANCE_M` above the top of an obstacle. An obstacle blocks the path if its
+top is less than `BLOCKING_BELOW_M` below the vehicle."""
+MIN_TOP_CLEARANCE_M = 0.9 * TOP_CLEARANCE_M
+"""Smallest height above the measured top at which the vehicle may fly over an obstacle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +33,8 @@ class BlockingObstacles:
     highest_m: float
     """Altitude of the highest top, above the local origin."""
     first_m: float
-    """Distance to the first obstacle that is still at or above the vehicle's altitude; infinite without
-    such an obstacle."""
+    """Distance to the first obstacle over which the vehicle is still too low to fly; infinite without such an
+    obstacle."""
     clearance_m: float
     """Clearance to the sides; smaller if the vehicle or its goal is already near an obstacle."""
 
@@ -45,8 +45,8 @@ def blocking_obstacles(
     """Obstacles between the vehicle and the wanted position, and on the path after it; None: no obstacle.
 
     Args:
-        points: (N, 3) north, east and altitude of the top of the obstacles that reach up to the lower end of
-            the path, in the local frame.
+        points: (N, 3) north, east and altitude of the tops of obstacles, in the local frame; only obstacles
+            whose top is above the lower end of the path.
         current: the vehicle's position and motion.
         wanted: the wanted motion.
         top_uncertainty_m: how much higher the obstacles may be than measured.
@@ -56,24 +56,24 @@ def blocking_obstacles(
     path = (current.position_ned_m, wanted.position_ned_m, *wanted.ahead_ned_m)
     up_m, goal_up_m, top_m = -current.position_ned_m[2], -wanted.position_ned_m[2], points[:, 2]
     last = path[-1]
-    at_altitude = points[top_m > up_m - BELOW_M]
-    at_goal = points[top_m > -last[2] - BELOW_M]
-    near_m = min(nearest_m(at_altitude, current.position_ned_m[:2]), nearest_m(at_goal, last[:2])) - 0.1
+    at_altitude = points[top_m > up_m - BLOCKING_BELOW_M]
+    at_end = points[top_m > -last[2] - BLOCKING_BELOW_M]
+    near_m = min(nearest_m(at_altitude, current.position_ned_m[:2]), nearest_m(at_end, last[:2])) - 0.1
     clearance_m = max(MIN_CLEARANCE_M, min(CLEARANCE_M, near_m))
     away_m = np.hypot(points[:, 0] - current.position_ned_m[0], points[:, 1] - current.position_ned_m[1])
-    blocking = (away_m < CLEARANCE_M) & (top_m <= up_m - BELOW_M)
-    if goal_up_m < up_m - BELOW_M:  # a descent next to an obstacle that was not measured before
+    blocking = (away_m < CLEARANCE_M) & (top_m <= up_m - BLOCKING_BELOW_M)
+    if goal_up_m < up_m - BLOCKING_BELOW_M:  # a descent next to an obstacle that was not measured before
         blocking |= away_m < clearance_m
     first_m, leg_start_m = math.inf, 0.0
     for begin, end in itertools.pairwise(path):
         columns, length_m = along_line(points, begin[:2], end[:2]), math.dist(begin[:2], end[:2])
         on_leg = (columns.along_m > 0.0) & (columns.along_m <= length_m) & (columns.across_m < clearance_m)
         on_leg |= columns.from_end_m < MIN_CLEARANCE_M
-        on_leg &= top_m > min(-begin[2], -end[2]) - BELOW_M
+        on_leg &= top_m > min(-begin[2], -end[2]) - BLOCKING_BELOW_M
         blocking |= on_leg
-        level = on_leg & (top_m + top_uncertainty_m > up_m - ABOVE_M)
-        if level.any():
-            first_m = min(first_m, leg_start_m + float(columns.along_m[level].min()))
+        too_low = on_leg & (top_m + top_uncertainty_m > up_m - MIN_TOP_CLEARANCE_M)
+        if too_low.any():
+            first_m = min(first_m, leg_start_m + float(columns.along_m[too_low].min()))
         leg_start_m += length_m
     return (
         BlockingObstacles(float(top_m[blocking].max()) + top_uncertainty_m, first_m, clearance_m)
@@ -104,5 +104,5 @@ def first_on_line(scans: Iterable[Scan], start: Vector3, end: Vector3) -> float 
         & (columns.along_m <= length_m + MIN_CLEARANCE_M)
         & (columns.across_m < MIN_CLEARANCE_M)
     )
-    on_leg &= columns.top_m > min(-start[2], -end[2]) - BELOW_M
+    on_leg &= columns.top_m > min(-start[2], -end[2]) - BLOCKING_BELOW_M
     return float(columns.along_m[on_leg].min()) if on_leg.any() else None

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from missions.avoidance.scans import Scan, range_at_m
+from missions.avoidance.scans import Scan, sensor_range_m
 from missions.avoidance.values import DetourLimits, MotionState, WantedMotion
 
 Side = Literal["left", "right"]
@@ -27,19 +27,20 @@ def choose_heading(
     current: MotionState,
     wanted: WantedMotion,
     scans: tuple[Scan, ...],
-    allowed: DetourLimits,
+    limits: DetourLimits,
     side: Side | None,
     clearance_m: float,
 ) -> tuple[float, Side | None, float] | None:
-    """The heading nearest to the direction of the goal that is measured, clear and inside the fence; None: no
-    such heading.
+    """The usable heading nearest to the direction of the goal; None: no heading is usable.
+
+    A heading is usable if a sensor measures it, no obstacle is near, and the line stays inside the fence.
 
     Args:
         points: (N, 3) obstacles that reach the vehicle's altitude.
         current: the vehicle's position and motion.
         wanted: the wanted motion.
-        scans: the newest scan of each sensor; a heading that no sensor measures is not used.
-        allowed: the fences.
+        scans: the newest scan of each sensor.
+        limits: the fence and the allowed region.
         side: the side that the detour started on; None: either side.
         clearance_m: distance to keep from obstacles.
 
@@ -50,17 +51,17 @@ def choose_heading(
     goal = math.atan2(wanted.position_ned_m[1] - e, wanted.position_ned_m[0] - n)
     sides: tuple[Side, ...] = ("right", "left") if side is None else (side,)
     for required_free_m in (LOOK_AHEAD_M, MIN_FREE_M):
-        for turn in range(STEPS + 1):
+        for step in range(STEPS + 1):
             for candidate in sides:
-                heading = goal + (turn if candidate == "right" else -turn) * STEP_RAD
+                heading = goal + (step if candidate == "right" else -step) * STEP_RAD
                 free_m = _free_m(points, (n, e), heading, clearance_m)
                 if (
                     free_m < required_free_m
-                    or range_at_m(scans, heading) is None
-                    or _leaves_allowed_area(allowed, (n, e), heading)
+                    or sensor_range_m(scans, heading) is None
+                    or _leaves_allowed_area(limits, (n, e), heading)
                 ):
                     continue
-                return heading, candidate if turn else side, free_m
+                return heading, candidate if step else side, free_m
     return None
 
 
@@ -77,12 +78,12 @@ def _free_m(
     return min(LOOK_AHEAD_M, float(ahead[blocking].min()) - clearance_m) if blocking.any() else LOOK_AHEAD_M
 
 
-def _leaves_allowed_area(allowed: DetourLimits, at_ne_m: tuple[float, float], heading: float) -> bool:
+def _leaves_allowed_area(limits: DetourLimits, at_ne_m: tuple[float, float], heading: float) -> bool:
     """Whether the line on a heading leaves the fence, or comes too near to the edge of the region."""
-    region = allowed.region
-    if allowed.fence is not None:
+    region = limits.region
+    if limits.fence is not None:
         n, e = (at_ne_m[0] + LOOK_AHEAD_M * math.cos(heading), at_ne_m[1] + LOOK_AHEAD_M * math.sin(heading))
-        if allowed.fence.line_leaves(at_ne_m, (n, e)):
+        if limits.fence.line_leaves(at_ne_m, (n, e)):
             return True
     if not region.is_limited_horizontally:
         return False

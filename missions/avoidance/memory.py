@@ -45,10 +45,13 @@ class ObstacleMemory:
 
     def __init__(self) -> None:
         self._rows: dict[tuple[int, int], int] = {}
+        """Row in `_columns` of each cell (north, east)."""
         self._columns = np.full((MAX_COLUMNS, 4), -math.inf)
         """North, east, altitude of the top [m], time of the measurement [s]."""
         self._next = 0
+        """Row that the next new cell gets."""
         self._keys: list[tuple[int, int] | None] = [None] * MAX_COLUMNS
+        """Cell of each row; None: the row is unused."""
 
     def add(self, scan: Scan, at_ned_m: Vector3, lowest_m: float) -> None:
         """Stores the points of a scan.

@@ -62,13 +62,13 @@ def measures_down(scan: Scan) -> bool:
     return any(direction[2] > LEVEL_MAX_SINE for direction in scan.directions_ned)
 
 
-def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.0) -> float | None:
+def sensor_range_m(scans: Iterable[Scan], heading_rad: float, yaw_change_rad: float = 0.0) -> float | None:
     """Maximum range of the sensors along a heading; None: no sensor measures in this direction.
 
     Args:
         scans: the current scans.
         heading_rad: clockwise from north.
-        turned_rad: the range is that after the vehicle has changed its yaw by this angle.
+        yaw_change_rad: assumed change of the vehicle's yaw before the sensors measure.
     """
     best: float | None = None
     for scan in scans:
@@ -76,7 +76,7 @@ def range_at_m(scans: Iterable[Scan], heading_rad: float, turned_rad: float = 0.
         for north, east, down in scan.directions_ned:
             if abs(down) > LEVEL_MAX_SINE:
                 continue
-            difference_rad = abs(wrap_pi(math.atan2(east, north) + turned_rad - heading_rad))
+            difference_rad = abs(wrap_pi(math.atan2(east, north) + yaw_change_rad - heading_rad))
             if difference_rad <= half_rad and (best is None or scan.range_m > best):
                 best = scan.range_m
     return best

@@ -77,7 +77,7 @@ class SetpointAvoidance:
         return self.status is not None and self.status.state != "clear"
 
     def reset(self) -> None:
-        """Resets, because a new stream begins or no setpoint is flown any more."""
+        """Switches avoidance off and forgets all obstacles: a new stream begins, or no setpoint is flown."""
         self._avoider = self.status = None
 
     def apply(
@@ -102,12 +102,12 @@ class SetpointAvoidance:
             return requested
         if self._avoider is None or self._avoider.way != way:
             self._avoider = Avoider(way)
-        around = surroundings()
-        target = _target(requested, around.origin)
+        current = surroundings()
+        target = _target(requested, current.origin)
         if target is None:
             self._set("clear", NOT_APPLICABLE)
             return requested
-        if around.motion is None:
+        if current.motion is None:
             self._set("stopped", "No valid position estimate: the vehicle is stopped.")
             return Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
         feed_forward = (
@@ -116,8 +116,8 @@ class SetpointAvoidance:
             else (0.0, 0.0, 0.0)
         )
         yaw = getattr(requested, "yaw_ned_rad", None)
-        wanted = WantedMotion(target, feed_forward, yaw, _future_targets(now_s, later, around.origin))
-        adjusted = self._avoider.adjust(now_s, around.motion, wanted, around.scans, around.limits)
+        wanted = WantedMotion(target, feed_forward, yaw, _future_targets(now_s, later, current.origin))
+        adjusted = self._avoider.adjust(now_s, current.motion, wanted, current.scans, current.limits)
         self._set(adjusted.state, adjusted.text)
         return _apply_adjustment(requested, adjusted)
 

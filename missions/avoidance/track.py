@@ -15,8 +15,8 @@ MAX_DISTANCE_M = 3.0
 """If the vehicle is farther than this from its track [m], because its position estimate was reset or it was
 pushed away, a new track begins at its position."""
 TO_TRACK_M_S, TO_TRACK_PER_S = 1.0, 0.95
-"""Largest speed towards the track [m/s], and its increase with the distance from it [1/s]: PX4's default
-position gain (MPC_XY_P)."""
+"""Largest speed towards the track [m/s], and speed for each metre of distance from the track [1/s]: PX4's
+default position gain (MPC_XY_P)."""
 MIN_GOAL_DISTANCE_M = 0.5
 """The track does not turn towards a goal that is nearer than this [m]."""
 

@@ -1,4 +1,4 @@
-"""Arm, hold 1 m above the start until 21 s after the first setpoint, and land; an example of the blocking
+"""Arm, climb to 1 m above the start, and land 21 s after the first setpoint; an example of the blocking
 client.
 
 `python -m missions.examples.hover_and_land`
@@ -31,5 +31,5 @@ def fly(server: str, vehicle: str | None) -> None:
 
 
 if __name__ == "__main__":
-    arguments = parse("Hold at 1 m until 21 s after the start, then land.")
+    arguments = parse("Climb to 1 m, and land after 21 s.")
     fly(arguments.server, arguments.vehicle)

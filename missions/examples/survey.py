@@ -1,4 +1,4 @@
-"""Survey a field north of the home with a camera, flown by PX4: `python -m missions.examples.survey`.
+"""Survey a field north of home with a camera, flown by PX4: `python -m missions.examples.survey`.
 
 The server computes the survey lines from the area, camera and overlaps. The program uploads the plan and
 starts it.
@@ -56,7 +56,7 @@ async def make_plan(gcs: Gcs, drone: Vehicle) -> dict[str, Any]:
     ]
     pattern = await gcs.plans().pattern(
         "survey",
-        outer=[{"lat_deg": corner, "lon_deg": lon + east} for corner, east in corners],
+        outer=[{"lat_deg": corner_lat, "lon_deg": lon + east} for corner_lat, east in corners],
         coverage={"camera": CAMERA, "distance_m": HEIGHT_M},
         altitude=altitude,
     )

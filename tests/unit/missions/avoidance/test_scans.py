@@ -11,8 +11,8 @@ from missions.avoidance.scans import (
     measures_down,
     measures_level,
     measures_outwards,
-    range_at_m,
     recent_scans,
+    sensor_range_m,
 )
 
 AHEAD = Scan(10.0, ((1.0, 0.0, 0.0),), (5.0,), 20.0)
@@ -25,9 +25,9 @@ def test_old_measurements_are_not_used():
 
 
 def test_a_sensor_measures_only_in_its_direction():
-    assert range_at_m((AHEAD, DOWN), math.radians(10)) == 20.0
-    assert range_at_m((AHEAD, DOWN), math.radians(20)) is None
-    assert range_at_m((AHEAD,), math.radians(90), turned_rad=math.radians(90)) == 20.0
+    assert sensor_range_m((AHEAD, DOWN), math.radians(10)) == 20.0
+    assert sensor_range_m((AHEAD, DOWN), math.radians(20)) is None
+    assert sensor_range_m((AHEAD,), math.radians(90), yaw_change_rad=math.radians(90)) == 20.0
     assert (measures_level(AHEAD), measures_down(AHEAD), measures_outwards(AHEAD)) == (True, False, True)
     assert (measures_level(DOWN), measures_down(DOWN), measures_outwards(DOWN)) == (False, True, False)
 
