@@ -19,7 +19,7 @@ from missions.plan import Plan
 
 FormatName = Literal["json", "plan", "waypoints", "csv", "geojson", "kml", "kmz", "yaml"]
 FORMATS: tuple[FormatName, ...] = get_args(FormatName)
-"""`json` is this project's own document; the others are file name extensions."""
+"""`json` is this project's own format; each other name is the extension of its files."""
 MISSION_FORMATS: tuple[FormatName, ...] = ("json", "yaml")
 """Formats of offboard missions; `yaml` is for offboard missions only."""
 
@@ -31,7 +31,7 @@ _READERS: dict[FormatName, Callable[[bytes, ImportOptions], Imported]] = {
     "geojson": geojson.read,
     "kml": kml.read,
     "kmz": kml.read,
-    "yaml": lambda data, _: _read_mission(data),
+    "yaml": lambda data, _: _read_yaml(data),
 }
 _WRITERS: dict[FormatName, Callable[[Plan], Written]] = {
     "json": lambda plan: Written(plan_document.write(plan)),
@@ -47,19 +47,19 @@ _GEOJSON_TYPES = ("Feature", "FeatureCollection", "GeometryCollection", "Point",
 
 
 def recognise(data: bytes, filename: str = "") -> FormatName:
-    """Detects the format of a file from the content, or else from the file name.
+    """Detects the format of a file from its content; YAML and CSV also from the file name.
 
     Raises:
         PlanError: the format is unknown.
     """
-    begin = data.lstrip(b"\xef\xbb\xbf \t\r\n")[:64]
-    if begin.startswith(b"PK"):
+    start = data.lstrip(b"\xef\xbb\xbf \t\r\n")[:64]
+    if start.startswith(b"PK"):
         return "kmz"
-    if begin.startswith(b"<"):
+    if start.startswith(b"<"):
         return "kml"
-    if begin.startswith(b"QGC WPL"):
+    if start.startswith(b"QGC WPL"):
         return "waypoints"
-    if begin.startswith(b"{"):
+    if start.startswith(b"{"):
         return _json_format(data)
     if filename.lower().endswith((".yaml", ".yml")) or MISSION_FORMAT.encode() in data[:4096]:
         return "yaml"
@@ -116,7 +116,7 @@ def _read_json(data: bytes) -> Imported:
     return Imported(mission_reader.read(data) if is_mission else plan_document.read(data))
 
 
-def _read_mission(data: bytes) -> Imported:
+def _read_yaml(data: bytes) -> Imported:
     comments = any(line.lstrip().startswith(b"#") for line in data.splitlines())
     notes = ("The comments of the file are not kept.",) if comments else ()
     return Imported(mission_reader.read(data), notes=notes)

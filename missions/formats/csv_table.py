@@ -1,7 +1,7 @@
 """Plans as a CSV table: one item per row, columns named after the item's fields.
 
 `kind` is optional (default: waypoint). `altitude_m` and `altitude_reference` are the altitude. An empty cell
-stands for the default of the field, "none" for no value. The separator is a comma, semicolon or tab. The
+means the default of the field; "none" means no value. The separator is a comma, semicolon or tab. The
 first row names the columns.
 """
 
@@ -50,7 +50,7 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
             if not any(cell.strip() for cell in cells):
                 continue
             if names is None:
-                names = _names([cell.strip().lower() for cell in cells])
+                names = _checked_names([cell.strip().lower() for cell in cells])
                 continue
             if len(items) >= MAX_ITEMS:
                 raise PlanError(
@@ -66,7 +66,7 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
     return Imported(Plan(items=tuple(items)))
 
 
-def _names(names: list[str]) -> list[str]:
+def _checked_names(names: list[str]) -> list[str]:
     for name in names:
         if name not in _FIELDS:
             fix = "Name it as a field of a mission item: lat_deg, lon_deg, altitude_m, altitude_reference."
@@ -115,7 +115,7 @@ def _value(line: int, name: str, cell: str) -> Any:
         return {"none": None, "true": True, "false": False}[cell.lower()]
     try:
         if name in ("params", "spare_params"):
-            return json.loads(cell, parse_constant=_no_constant)
+            return json.loads(cell, parse_constant=_refuse_constant)
         return int(cell) if cell.lstrip("-").isdigit() and len(cell) < 20 else _number(cell)
     except (ValueError, RecursionError):
         place = f"line {line}, column {name}"
@@ -129,7 +129,7 @@ def _number(cell: str) -> float:
     return value
 
 
-def _no_constant(text: str) -> float:
+def _refuse_constant(text: str) -> float:
     raise ValueError(text)
 
 
@@ -142,7 +142,7 @@ def write(plan: Plan) -> Written:
             name: info.default for name, info in type(item).model_fields.items() if not info.is_required()
         }
         kept = {name: value for name, value in fields.items() if name == "kind" or name not in defaults
-                or value != _plain(defaults[name])}  # fmt: skip
+                or value != _as_json_value(defaults[name])}  # fmt: skip
         altitude = kept.pop("altitude", {})
         for column, name in _ALTITUDE.items():
             if altitude.get(name) is not None:
@@ -158,7 +158,7 @@ def write(plan: Plan) -> Written:
     return Written(out.getvalue().encode(), loss_notes(plan, "A table"))
 
 
-def _plain(value: Any) -> Any:
+def _as_json_value(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 

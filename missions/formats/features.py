@@ -59,14 +59,14 @@ def features_of_plan(plan: Plan) -> list[Feature]:
         else:
             features.append(Feature("none", properties={"role": "item", **properties}, name=name))
     for zone in plan.fence:
-        side = "inclusion" if zone.inclusion else "exclusion"
+        zone_type = "inclusion" if zone.inclusion else "exclusion"
         if zone.shape == "circle":
             properties = {"shape": "circle", "inclusion": zone.inclusion, "radius_m": zone.radius_m}
-            features.append(_point_feature("fence", zone.center, properties, None, f"Geofence {side}"))
+            features.append(_point_feature("fence", zone.center, properties, None, f"Geofence {zone_type}"))
         else:
             ring = tuple((point.lon_deg, point.lat_deg, None) for point in zone.polygon)
             properties = {"role": "fence", "shape": "polygon", "inclusion": zone.inclusion}
-            features.append(Feature("area", (ring,), properties, f"Geofence {side}"))
+            features.append(Feature("area", (ring,), properties, f"Geofence {zone_type}"))
     for number, rally in enumerate(plan.rally_points, start=1):
         amsl_m = rally.altitude.amsl_m(home_amsl_m)
         features.append(_point_feature("rally", rally, _fields(rally), amsl_m, f"Rally point {number}"))
@@ -77,9 +77,9 @@ def features_of_plan(plan: Plan) -> list[Feature]:
     return features
 
 
-def result_with_notes(data: bytes, plan: Plan, name: str) -> Written:
+def result_with_notes(data: bytes, plan: Plan, format_name: str) -> Written:
     """The result of writing a file, with notes about data that the format cannot store."""
-    return Written(data, loss_notes(plan, name, fence=True, rally=True, home=True, obstacles=True))
+    return Written(data, loss_notes(plan, format_name, fence=True, rally=True, home=True, obstacles=True))
 
 
 def _fields(model: BaseModel) -> dict[str, Any]:
@@ -96,8 +96,8 @@ def _point_feature(
     )
 
 
-def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> Imported:
-    """The plan that the features of a file describe.
+def to_plan(features: Sequence[Feature], options: ImportOptions, file_name: str) -> Imported:
+    """The plan that the features of a file describe. `file_name` is the name of the file in notes.
 
     Raises:
         PlanError: A value is wrong, a point has no altitude, or there are too many items; the error names the
@@ -120,7 +120,7 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
                 case "rally":
                     rally.append(RallyPoint.model_validate_json(_json_without_role(feature)))
                 case "obstacle":
-                    obstacles.append(_obstacle(feature))
+                    obstacles.append(_read_obstacle(feature))
                 case "home":
                     home = HomePosition.model_validate_json(_json_without_role(feature))
                 case _:
@@ -135,7 +135,7 @@ def to_plan(features: Sequence[Feature], options: ImportOptions, what: str) -> I
         items=tuple(items), fence=tuple(fence), rally_points=tuple(rally), obstacles=tuple(obstacles),
         planned_home=home,
     )  # fmt: skip
-    note = (f"{what} has {count(len(areas), 'area')}: choose a use for each.",) if areas else ()
+    note = (f"{file_name} has {count(len(areas), 'area')}: choose a use for each.",) if areas else ()
     return Imported(plan, tuple(areas), note)
 
 
@@ -160,7 +160,7 @@ def _json_without_role(feature: Feature) -> str:
     return json.dumps(fields)
 
 
-def _obstacle(feature: Feature) -> Obstacle:
+def _read_obstacle(feature: Feature) -> Obstacle:
     fields = {key: value for key, value in feature.properties.items() if key != "role"}
     corners = {"name": feature.name, "polygon": _corners(feature)}
     return Obstacle.model_validate_json(json.dumps({**fields, **corners}))

@@ -35,12 +35,12 @@ def read(data: bytes | str, options: ImportOptions | None = None) -> Imported:
 def _features(document: dict[str, Any]) -> Iterator[Feature]:
     match document.get("type"):
         case "FeatureCollection":
-            raws = require_list(document.get("features"), "field features")
+            raw_features = require_list(document.get("features"), "field features")
         case "Feature":
-            raws = [document]
+            raw_features = [document]
         case _:
-            raws = [{"type": "Feature", "geometry": document}]
-    for n, raw in enumerate(raws, start=1):
+            raw_features = [{"type": "Feature", "geometry": document}]
+    for n, raw in enumerate(raw_features, start=1):
         place = f"feature {n}"
         feature = require_object(raw, place)
         properties = feature.get("properties")
@@ -61,10 +61,10 @@ def _geometries(raw: Any, properties: dict[str, Any], name: str, place: str) -> 
         for each in require_list(geometry.get("geometries"), f"{place}.geometries"):
             yield from _geometries(each, properties, name, place)
         return
-    raws = [geometry.get("coordinates")]
+    parts = [geometry.get("coordinates")]
     if isinstance(kind, str) and kind in _PART_OF_MULTI:
-        raws, kind = require_list(geometry.get("coordinates"), f"{place}.coordinates"), _PART_OF_MULTI[kind]
-    for coordinates in raws:
+        parts, kind = require_list(geometry.get("coordinates"), f"{place}.coordinates"), _PART_OF_MULTI[kind]
+    for coordinates in parts:
         yield _geometry(kind, coordinates, properties, name, f"{place}.coordinates")
 
 

@@ -47,8 +47,8 @@ def read(data: bytes, options: ImportOptions | None = None) -> Imported:
     """
     text = decode(_unpacked(data) if data[:2] == b"PK" else data)
     root = _parse(text)
-    placed = [feature for placemark in _descendants(root, "Placemark") for feature in _placemark(placemark)]
-    return features.to_plan(placed, options or ImportOptions(), "The KML file")
+    found = [feature for placemark in _descendants(root, "Placemark") for feature in _placemark(placemark)]
+    return features.to_plan(found, options or ImportOptions(), "The KML file")
 
 
 def _unpacked(data: bytes) -> bytes:
@@ -83,7 +83,7 @@ class _BoundedTreeBuilder:
     def __init__(self) -> None:
         self.root: Element | None = None
         self._open: list[Element] = []
-        self._pieces: list[str] = []
+        self._text_parts: list[str] = []
         self._count = 0
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -93,16 +93,16 @@ class _BoundedTreeBuilder:
         element = Element(tag, attributes) if not self._open else SubElement(self._open[-1], tag, attributes)
         self.root = self.root if self.root is not None else element
         self._open.append(element)
-        self._pieces.clear()
+        self._text_parts.clear()
 
     def end(self, tag: str) -> None:
         element = self._open.pop()
         if len(element) == 0:
-            element.text = "".join(self._pieces)
-        self._pieces.clear()
+            element.text = "".join(self._text_parts)
+        self._text_parts.clear()
 
     def data(self, text: str) -> None:
-        self._pieces.append(text)
+        self._text_parts.append(text)
 
     def close(self) -> Element:
         if self.root is None:

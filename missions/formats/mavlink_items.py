@@ -66,7 +66,7 @@ class WireItem:
     current: bool = False
 
 
-# --- items ↔ seven parameters ------------------------------------------------------------------------
+# --- items to seven parameters, and back --------------------------------------------------------------
 
 
 def altitude_of(item: SimpleItem) -> Altitude | None:
@@ -99,7 +99,7 @@ def item_from_params(
     value in this field.
 
     Raises:
-        PlanError: A value is out of range; `place` names the parameter's field only.
+        PlanError: A value is out of range; `place` names only the field, not the item.
     """
     cls = CLASS_OF_COMMAND.get(command)
     if cls is not None:
@@ -159,7 +159,7 @@ def frame_of(item: SimpleItem, frames: dict[Reference, int]) -> int:
     return frames[item.altitude.reference] if isinstance(item, PlacedItem) else MAV_FRAME_MISSION
 
 
-# --- a plan ↔ the wire --------------------------------------------------------------------------------
+# --- a plan to MAVLink messages, and back -------------------------------------------------------------
 
 
 def mission_items(plan: Plan) -> tuple[WireItem, ...]:
@@ -168,13 +168,13 @@ def mission_items(plan: Plan) -> tuple[WireItem, ...]:
     Raises:
         PlanError: A value does not fit into the message; the error names the item.
     """
-    found: list[WireItem] = []
+    wire_items: list[WireItem] = []
     for seq, (row, item) in enumerate(plan.simple_items()):
         try:
-            found.append(_to_wire(item, seq))
+            wire_items.append(_to_wire(item, seq))
         except PlanError as error:
             raise PlanError(f"item {row + 1}, {error.place}", error.reason, error.fix) from None
-    return tuple(found)
+    return tuple(wire_items)
 
 
 def _to_wire(item: SimpleItem, seq: int) -> WireItem:
@@ -211,8 +211,8 @@ def _wire_integer(value: float | None, frame: int, number: int) -> int:
 
 
 def items_from_wire(items: Sequence[WireItem]) -> tuple[SimpleItem, ...]:
-    """The items of a vehicle's mission. An item with impossible values (a latitude of 95°) is a
-    `CommandItem`."""
+    """The items of a vehicle's mission. An item with an impossible value, for example a latitude of 95°,
+    becomes a `CommandItem`."""
     return tuple(_from_wire(item) for item in items)
 
 
@@ -240,15 +240,15 @@ def _bounded(value: float) -> float | None:
 
 def fence_items(plan: Plan) -> tuple[WireItem, ...]:
     """The geofence items to upload; a polygon is one item for each corner."""
-    found: list[WireItem] = []
+    wire_items: list[WireItem] = []
     for zone in plan.fence:
         corners: tuple[Point, ...] = (zone.center,) if isinstance(zone, FenceCircle) else zone.polygon
         value = _float32(zone.radius_m, 1) if isinstance(zone, FenceCircle) else float(len(corners))
         for corner in corners:
-            found.append(
-                _point(len(found), fence_command(zone), MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, corner, value)
+            wire_items.append(
+                _point(len(wire_items), fence_command(zone), MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, corner, value)
             )
-    return tuple(found)
+    return tuple(wire_items)
 
 
 def fence_command(zone: FenceCircle | FencePolygon) -> int:
@@ -262,13 +262,13 @@ def fence_command(zone: FenceCircle | FencePolygon) -> int:
 
 def rally_items(plan: Plan) -> tuple[WireItem, ...]:
     """The rally items to upload."""
-    found: list[WireItem] = []
+    wire_items: list[WireItem] = []
     for seq, rally in enumerate(plan.rally_points):
         amsl_m = rally.altitude.resolved_amsl_m
         frame = RALLY_FRAME[rally.altitude.reference] if amsl_m is None else MAV_FRAME_GLOBAL
         z = _float32(rally.altitude.value_m if amsl_m is None else amsl_m, 7)
-        found.append(_point(seq, MAV_CMD_NAV_RALLY_POINT, frame, rally, 0.0, z))
-    return tuple(found)
+        wire_items.append(_point(seq, MAV_CMD_NAV_RALLY_POINT, frame, rally, 0.0, z))
+    return tuple(wire_items)
 
 
 def _point(
@@ -332,7 +332,7 @@ def rally_from_wire(items: Sequence[WireItem]) -> tuple[RallyPoint, ...]:
     Raises:
         PlanError: An item is not a rally point, or has an impossible value; the error names the item.
     """
-    found: list[RallyPoint] = []
+    rally_points: list[RallyPoint] = []
     for number, item in enumerate(items, start=1):
         reference = REFERENCE_OF_FRAME.get(item.frame)
         if item.command != MAV_CMD_NAV_RALLY_POINT or reference is None:
@@ -342,8 +342,8 @@ def rally_from_wire(items: Sequence[WireItem]) -> tuple[RallyPoint, ...]:
             point, altitude = _position(item), Altitude(value_m=item.z, reference=reference)
         except ValidationError as error:
             raise from_validation(error, ("rally_points", number - 1)) from None
-        found.append(RallyPoint(lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude))
-    return tuple(found)
+        rally_points.append(RallyPoint(lat_deg=point.lat_deg, lon_deg=point.lon_deg, altitude=altitude))
+    return tuple(rally_points)
 
 
 def _position(item: WireItem) -> Point:

@@ -117,11 +117,11 @@ def write_rally(document: dict[str, Any], plan: Plan) -> None:
     if not plan.rally_points and "rallyPoints" not in document:
         return
     part = document.setdefault("rallyPoints", {"version": 2})
-    earlier_points = part.get("points", [])
+    original_points = part.get("points", [])
     points: list[Any] = []
     for n, rally in enumerate(plan.rally_points):
-        if n < len(earlier_points) and read_rally(n, earlier_points[n]) == rally:
-            points.append(earlier_points[n])
+        if n < len(original_points) and read_rally(n, original_points[n]) == rally:
+            points.append(original_points[n])
         else:
             points.append([rally.lat_deg, rally.lon_deg, _above_home_m(rally, n, plan.planned_home)])
     if points or "points" in part:

@@ -1,4 +1,4 @@
-"""One SimpleItem of a .plan file ↔ one mission item."""
+"""Converts a SimpleItem of a .plan file to a mission item, and back."""
 
 from __future__ import annotations
 
@@ -78,12 +78,14 @@ def read_simple(part: dict[str, Any], place: str) -> SimpleItem:
         PlanError: A value is wrong; the message starts with `place`.
     """
     command, frame = _integer(part, "command", place), _integer(part, "frame", place)
-    raws = require_list(part.get("params"), f"{place}, field params")
-    if len(raws) != 7:
-        raise PlanError(f"{place}, field params", f"it has {len(raws)} values, not 7", "Write seven values.")
+    raw_params = require_list(part.get("params"), f"{place}, field params")
+    if len(raw_params) != 7:
+        raise PlanError(
+            f"{place}, field params", f"it has {len(raw_params)} values, not 7", "Write seven values."
+        )
     params = tuple(
         None if raw is None else require_number(raw, f"{place}, field params[{n}]")
-        for n, raw in enumerate(raws)
+        for n, raw in enumerate(raw_params)
     )
     autocontinue = part.get("autoContinue", True)
     if not isinstance(autocontinue, bool):
@@ -117,7 +119,7 @@ def _above_terrain(altitude: Any, amsl_m: float, place: str) -> Altitude:
 
 
 def jump_id(part: dict[str, Any], index: int) -> int:
-    """The doJumpId of an item; if the item has none, its number, counted from 1."""
+    """The doJumpId of an item; without a doJumpId, the number of the item, counted from 1."""
     value = part.get("doJumpId")
     return value if isinstance(value, int) and not isinstance(value, bool) else index + 1
 

@@ -26,10 +26,10 @@ from missions.values import HomePosition, Obstacle, Obstacles
 _VERSIONS: Final = {"mission": 2, "geoFence": 2, "rallyPoints": 2}
 _SPEEDS: Final = {"cruiseSpeed": "cruise_speed_m_s", "hoverSpeed": "hover_speed_m_s"}
 _PX4, _QUADROTOR = 12, 2
-_OBSTACLES: Final = "offboardGcsObstacles"
+_OBSTACLES_KEY: Final = "offboardGcsObstacles"
 """Key of the obstacles, which are written as in this project's JSON. QGroundControl ignores this key, and
 does not save it."""
-_READ_OBSTACLES: TypeAdapter[tuple[Obstacle, ...]] = TypeAdapter(Obstacles)
+_OBSTACLES_ADAPTER: TypeAdapter[tuple[Obstacle, ...]] = TypeAdapter(Obstacles)
 
 
 def read(data: bytes | str) -> Imported:
@@ -57,7 +57,7 @@ def read(data: bytes | str) -> Imported:
             rally_points=tuple(read_rally(n, raw) for n, raw in enumerate(points)),
             planned_home=_home(mission),
             obstacles=_obstacles(document),
-            original=bounded_json.dump(_template(document)),
+            original=bounded_json.dump(_without_items_and_zones(document)),
             cruise_speed_m_s=_speed(mission, "cruiseSpeed"),
             hover_speed_m_s=_speed(mission, "hoverSpeed"),
         )
@@ -74,7 +74,7 @@ def write(plan: Plan) -> Written:
     Raises:
         PlanError: A rally point's altitude cannot be converted to an altitude above home.
     """
-    document = _checked(plan.original) if plan.original else _empty()
+    document = _original_document(plan.original) if plan.original else _empty_document()
     mission = document["mission"]
     mission["items"] = _write_items(plan)
     if plan.planned_home != _home(mission):
@@ -88,10 +88,11 @@ def write(plan: Plan) -> Written:
     write_fence(document, plan.fence)
     write_rally(document, plan)
     if plan.obstacles != _obstacles(document):
-        document[_OBSTACLES] = [
+        document[_OBSTACLES_KEY] = [
             each.model_dump(mode="json", exclude_defaults=True) for each in plan.obstacles
         ]
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=4) + "\n"
+    # a lone surrogate cannot be encoded in UTF-8, so the text is written in ASCII
     if any("\ud800" <= letter <= "\udfff" for letter in text):
         text = json.dumps(document, allow_nan=False, indent=4) + "\n"
     notes = () if plan.planned_home else ("QGroundControl opens only plans with a home position.",)
@@ -107,7 +108,7 @@ def _check_version(part: dict[str, Any], name: str, version: int) -> None:
         raise PlanError(f"field {name}.version", reason, "Save the file with a current QGroundControl.")
 
 
-def _empty() -> dict[str, Any]:
+def _empty_document() -> dict[str, Any]:
     return {
         "fileType": "Plan",
         "geoFence": {"circles": [], "polygons": [], "version": 2},
@@ -124,7 +125,7 @@ def _empty() -> dict[str, Any]:
     }
 
 
-def _checked(original: str) -> dict[str, Any]:
+def _original_document(original: str) -> dict[str, Any]:
     """The original document. It is checked again, because the JSON of the plan may have been edited."""
     document = require_object(bounded_json.load(original), "field original")
     for key in ("mission", *(key for key in ("geoFence", "rallyPoints") if key in document)):
@@ -133,8 +134,8 @@ def _checked(original: str) -> dict[str, Any]:
     return document
 
 
-def _template(document: dict[str, Any]) -> dict[str, Any]:
-    """The document without items and zones, because each item and zone keeps its own JSON."""
+def _without_items_and_zones(document: dict[str, Any]) -> dict[str, Any]:
+    """The document without items and zones; each item and zone keeps its own JSON."""
     kept = dict(document)
     kept["mission"] = {**document["mission"], "items": []}
     if "geoFence" in document:
@@ -161,9 +162,9 @@ def _home(mission: dict[str, Any]) -> HomePosition | None:
 
 
 def _obstacles(document: dict[str, Any]) -> tuple[Obstacle, ...]:
-    raws = require_list(document.get(_OBSTACLES, []), f"field {_OBSTACLES}")
+    raws = require_list(document.get(_OBSTACLES_KEY, []), f"field {_OBSTACLES_KEY}")
     try:
-        return _READ_OBSTACLES.validate_json(bounded_json.dump(raws))
+        return _OBSTACLES_ADAPTER.validate_json(bounded_json.dump(raws))
     except ValidationError as error:
         raise from_validation(error, ("obstacles",)) from None
 
@@ -196,12 +197,13 @@ def _read_items(raws: list[Any]) -> tuple[tuple[PlanItem, ...], tuple[str, ...]]
         if not inner:
             name = f"Item {n} ({item.complex_type})"
             notes.append(f"{name} contains no mission items: it is kept, but cannot be flown.")
+    # of several items with the same doJumpId, the first counts
     index_of = {each_id: index for index, each_id in reversed(list(enumerate(ids)))}
     return tuple(_with_targets(item, index_of) for item in items), tuple(notes)
 
 
 def _read_complex(part: dict[str, Any], n: int) -> tuple[ComplexItem, list[dict[str, Any]]]:
-    """A pattern with the mission items that the file contains for it."""
+    """A pattern, and the JSON objects of its mission items in the file."""
     name = part.get("complexItemType", part.get("type"))
     inner: list[dict[str, Any]] = []
     transects = part.get("TransectStyleComplexItem")

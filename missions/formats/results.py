@@ -20,7 +20,7 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class Imported:
-    """A plan that was read; `notes` describe how the file was interpreted."""
+    """A plan that was read; `notes` describe how the file was interpreted and what is lost."""
 
     plan: Document
     areas: tuple[Area, ...] = ()
@@ -59,8 +59,8 @@ def loss_notes(
     home: bool = False,
     obstacles: bool = False,
 ) -> tuple[str, ...]:
-    """Notes about the parts of a plan that a format cannot store; the flags name the parts that
-    the format can store."""
+    """Notes about the parts of a plan that a format cannot store. A true flag means that the format can store
+    the part."""
     parts: list[str] = []
     if plan.fence and not fence:
         parts.append(f"the geofence ({count(len(plan.fence), 'zone')})")

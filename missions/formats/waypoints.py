@@ -43,8 +43,8 @@ def read(data: bytes | str) -> Imported:
     home: HomePosition | None = None
     if values and _is_home(values[0]):
         home = _home(values.pop(0), rows.pop(0)[0])
-    first = 0 if home is None else 1
-    items = tuple(_item(n, row, first) for (n, _), row in zip(rows, values, strict=True))
+    first_item = 0 if home is None else 1
+    items = tuple(_item(n, row, first_item) for (n, _), row in zip(rows, values, strict=True))
     notes = () if home else ("The file has no home position; its first line is the first item.",)
     return Imported(Plan(items=items, planned_home=home), notes=notes)
 
@@ -82,7 +82,7 @@ def _home(row: list[float | None], line: int) -> HomePosition:
         raise PlanError(f"line {line}, {invalid.place}", invalid.reason, invalid.fix) from None
 
 
-def _item(line: int, row: list[float | None], first: int) -> SimpleItem:
+def _item(line: int, row: list[float | None], first_item: int) -> SimpleItem:
     frame, command = int(row[2] or 0), int(row[3] or 0)
     try:
         item = item_from_params(command, frame, tuple(row[4:11]), autocontinue=bool(row[11]))
@@ -90,11 +90,11 @@ def _item(line: int, row: list[float | None], first: int) -> SimpleItem:
         raise PlanError(f"line {line}, {error.place}", error.reason, error.fix) from None
     if not isinstance(item, Jump):
         return item
-    if item.target_index < first:
+    if item.target_index < first_item:
         raise PlanError(
             f"line {line}, column param1", "it jumps to the home position", "Enter an item's index."
         )
-    return item.model_copy(update={"target_index": item.target_index - first})
+    return item.model_copy(update={"target_index": item.target_index - first_item})
 
 
 def write(plan: Plan) -> Written:
@@ -111,16 +111,16 @@ def write(plan: Plan) -> Written:
         HEADER,
         _line(0, _GLOBAL, _WAYPOINT, (0, 0, 0, 0, home.lat_deg, home.lon_deg, home.alt_amsl_m), True),
     ]
-    resolved = False
+    has_resolved = False
     for index, (_, item) in enumerate(plan.simple_items(), start=1):
         params = params_of(item)
         if isinstance(item, Jump):
             params = (item.target_index + 1, *params[1:])
-        resolved |= isinstance(item, PlacedItem) and item.altitude.resolved_amsl_m is not None
+        has_resolved |= isinstance(item, PlacedItem) and item.altitude.resolved_amsl_m is not None
         command = item.command if isinstance(item, CommandItem) else item.COMMAND
         lines.append(_line(index, frame_of(item, FILE_FRAME), command, params, item.autocontinue))
     notes = loss_notes(plan, "A .waypoints file", home=True)
-    if resolved:
+    if has_resolved:
         notes += ("Terrain altitudes are heights above ground in this file; PX4 refuses them.",)
     return Written(("\n".join(lines) + "\n").encode(), notes)
 
