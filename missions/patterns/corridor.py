@@ -31,8 +31,8 @@ def corridor(
     """Parallel lines over a corridor of this width, flown in alternating directions.
 
     The lines are evenly spaced around the centre line, at most `spacing_m` apart. In a bend of angle θ, the
-    pictures show the outer corner if half the footprint along the line, minus the trigger distance, is at
-    least spacing / 2 · tan(θ / 2). With the usual overlaps, bends of 30 degrees and more are possible.
+    pictures show the outer corner if footprint / 2 - trigger distance ≥ spacing / 2 · tan(θ / 2), with the
+    footprint along the line. With the usual overlaps, bends of 30 degrees and more are possible.
 
     Raises:
         PlanError: The line or the width is invalid, or the line bends too sharply for the width.
@@ -44,8 +44,8 @@ def corridor(
             "Correct this value.",
             field="width_m",
         )
-    chart = Map.centred_on(points, "the line", "points")
-    center_line = chart.line(points)
+    flat_map = Map.centred_on(points, "the line", "points")
+    center_line = flat_map.line(points)
     count = max(1, math.ceil(width_m / coverage.spacing_m - 1e-9))
     if count > MAX_LINES:
         reason = f"{count} lines are needed, the maximum is {MAX_LINES}"
@@ -57,11 +57,11 @@ def corridor(
     for number in range(count):
         path = _offset(center_line, (number - (count - 1) / 2.0) * spacing_m)
         path = path if number % 2 == 0 else path[::-1]
-        items += photo_path_items(path, chart, altitude, coverage, turnaround_m)
-        parts = list(pairwise(path))
-        lines += [(chart.point(a), chart.point(b)) for a, b in parts]
-        length_m += sum(math.dist(a, b) for a, b in parts)
-        photos += photo_count(sum(math.dist(a, b) for a, b in parts), coverage)
+        items += photo_path_items(path, flat_map, altitude, coverage, turnaround_m)
+        segments = list(pairwise(path))
+        lines += [(flat_map.point(a), flat_map.point(b)) for a, b in segments]
+        length_m += sum(math.dist(a, b) for a, b in segments)
+        photos += photo_count(sum(math.dist(a, b) for a, b in segments), coverage)
     return Pattern(
         items=within_item_limit(items),
         lines=tuple(lines),
@@ -89,5 +89,6 @@ def _offset(center_line: LineString, offset_m: float) -> list[EastNorth]:
     parallel = corners + offset_m * (before + after) / (1.0 + cos_bend[:, None])
     if np.sum(np.diff(parallel, axis=0) * ahead, axis=1).min() <= 0.0:
         reason = "it is so wide that the lines on the inside of a bend would run backwards"
-        raise PlanError("the line", reason, "Make it narrower, or split it at the bend.", field="width_m")
+        fix = "Make the corridor narrower, or split it at the bend."
+        raise PlanError("the corridor", reason, fix, field="width_m")
     return [(float(x), float(y)) for x, y in parallel]

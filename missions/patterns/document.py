@@ -35,7 +35,7 @@ class CameraModel(Model):
 
 
 class PhotoCoverage(Model):
-    """Overlaps of the pictures, and distance of the camera to the subject."""
+    """Overlaps of the pictures, and distance of the camera to the surface."""
 
     camera: CameraModel
     distance_m: Size

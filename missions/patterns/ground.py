@@ -47,19 +47,19 @@ class Map:
                 "Draw it again.",
                 field=field,
             )
-        first = points[0]
-        lons = [first.lon_deg + math.remainder(each.lon_deg - first.lon_deg, 360.0) for each in points]
+        first_lon_deg = points[0].lon_deg
+        lons = [first_lon_deg + math.remainder(each.lon_deg - first_lon_deg, 360.0) for each in points]
         lats = [each.lat_deg for each in points]
-        middle_lon = math.remainder((min(lons) + max(lons)) / 2.0, 360.0)
-        chart = cls(LocalOrigin((min(lats) + max(lats)) / 2.0, middle_lon, 0.0))
+        middle_lon_deg = math.remainder((min(lons) + max(lons)) / 2.0, 360.0)
+        flat_map = cls(LocalOrigin((min(lats) + max(lats)) / 2.0, middle_lon_deg, 0.0))
         if max(abs(lat) for lat in lats) > 85.0:
             raise PlanError(
                 subject, "it is beyond 85 degrees of latitude", "Choose another area.", field=field
             )
-        if max(math.hypot(*chart.local(each)) for each in points) > MAX_EXTENT_M:
+        if max(math.hypot(*flat_map.local(each)) for each in points) > MAX_EXTENT_M:
             reason = f"it extends more than {MAX_EXTENT_M / 1000:.0f} km from its centre"
             raise PlanError(subject, reason, "Split it into smaller ones.", field=field)
-        return chart
+        return flat_map
 
     def local(self, point: Point) -> EastNorth:
         """Converts a point to east and north of the origin [m]."""

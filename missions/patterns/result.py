@@ -36,7 +36,11 @@ class Pattern:
 
 
 def photo_path_items(
-    path: Sequence[EastNorth], chart: Map, altitude: Altitude, coverage: Coverage, turnaround_m: float = 0.0
+    path: Sequence[EastNorth],
+    flat_map: Map,
+    altitude: Altitude,
+    coverage: Coverage,
+    turnaround_m: float = 0.0,
 ) -> list[SimpleItem]:
     """Items that fly a path and take pictures; the path is extended straight by `turnaround_m` at both
     ends."""
@@ -44,13 +48,13 @@ def photo_path_items(
     last = _beyond(path[-2], end, coverage.lead_out_m)
     items: list[SimpleItem] = []
     if turnaround_m > 0.0:
-        items.append(chart.waypoint(_beyond(path[1], start, turnaround_m), altitude))
-    items.append(chart.waypoint(start, altitude))
+        items.append(flat_map.waypoint(_beyond(path[1], start, turnaround_m), altitude))
+    items.append(flat_map.waypoint(start, altitude))
     items.append(TriggerDistance(distance_m=coverage.trigger_m, at_once=1.0))
-    items += [chart.waypoint(position, altitude) for position in (*path[1:-1], last)]
+    items += [flat_map.waypoint(position, altitude) for position in (*path[1:-1], last)]
     items.append(TriggerDistance(distance_m=0.0))
     if turnaround_m > coverage.lead_out_m:
-        items.append(chart.waypoint(_beyond(path[-2], end, turnaround_m), altitude))
+        items.append(flat_map.waypoint(_beyond(path[-2], end, turnaround_m), altitude))
     return items
 
 

@@ -23,7 +23,7 @@ MAX_ROUNDS = 100
 YAW_IN_VEHICLE_FRAME = 32.0
 """GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME."""
 MITRE_LIMIT = 2.0
-"""A corner that would be farther from the area than this multiple of the distance is cut off."""
+"""A corner is cut off if it would be farther from the area than this multiple of the offset."""
 
 
 def perimeter(outer: Sequence[Point], offset_m: float, altitude: Altitude, rounds: int = 1) -> Pattern:
@@ -32,11 +32,11 @@ def perimeter(outer: Sequence[Point], offset_m: float, altitude: Altitude, round
     Raises:
         PlanError: The area is invalid, the path inside it is empty, or there are too many rounds.
     """
-    chart = Map.centred_on(outer, "the area", "outer")
-    area = chart.polygon(outer)
+    flat_map = Map.centred_on(outer, "the area", "outer")
+    area = flat_map.polygon(outer)
     ring = _offset_outline(area, offset_m, "offset_m")
     path = ring * _valid_rounds(rounds) + ring[:1]
-    items = [chart.waypoint(position, altitude) for position in path]
+    items = [flat_map.waypoint(position, altitude) for position in path]
     length_m = sum(math.dist(a, b) for a, b in pairwise(path))
     return Pattern(items=within_item_limit(items), lines_length_m=length_m)
 
@@ -55,8 +55,8 @@ def orbit(
     """Circles around a point, as polygons that deviate from the circle by at most `deviation_m`.
 
     The path starts at the bearing `start_deg` from the centre, clockwise from north. With `look_at` the
-    camera points at the centre at that altitude. The number of corners follows from the sagitta:
-    n = π / acos(1 − deviation / radius).
+    camera points at the centre at that altitude. The number n of corners follows from the
+    deviation (sagitta): n = π / acos(1 − deviation / radius).
 
     Raises:
         PlanError: The radius or the number of rounds is invalid.
@@ -64,12 +64,12 @@ def orbit(
     if not 1.0 <= radius_m <= 10_000.0 or not 0.0 < deviation_m <= radius_m:
         raise PlanError(
             "field radius_m",
-            f"{radius_m:g} m with {deviation_m:g} m is not possible",
+            f"{radius_m:g} m is not possible with a deviation of {deviation_m:g} m from the circle",
             "Set 1 to 10,000 m.",
             field="radius_m",
         )
     corners = max(8, math.ceil(math.pi / math.acos(1.0 - deviation_m / radius_m)))
-    chart = Map.centred_on([center], "the centre", "center")
+    flat_map = Map.centred_on([center], "the centre", "center")
     step = math.tau / corners * (1.0 if clockwise else -1.0)
     items: list[SimpleItem] = []
     if look_at is not None:
@@ -77,7 +77,7 @@ def orbit(
     count = corners * _valid_rounds(rounds)
     for number in range(count + 1):
         angle = math.radians(start_deg) + number * step
-        items.append(chart.waypoint((radius_m * math.sin(angle), radius_m * math.cos(angle)), altitude))
+        items.append(flat_map.waypoint((radius_m * math.sin(angle), radius_m * math.cos(angle)), altitude))
     if look_at is not None:
         items.append(RoiNone())
     side_m = 2.0 * radius_m * math.sin(math.pi / corners)
@@ -91,22 +91,22 @@ class StructureScan:
     outline: Sequence[Point]
     coverage: Coverage
     """`distance_m` is the distance from the camera to the sides; `side_overlap` is the overlap between
-    layers."""
+    two rounds."""
     base: Altitude
     """Altitude of the structure's base."""
     height_m: float
     """Height of the structure above its base."""
     lowest_m: float = 3.0
-    """Height of the lowest layer above the base."""
+    """Height of the lowest round above the base."""
     from_top: bool = False
-    """Whether to fly the highest layer first."""
+    """Whether to fly the highest round first."""
     gimbal_pitch_deg: float = 0.0
 
 
 def structure(scan: StructureScan) -> Pattern:
     """Clockwise rounds around a structure at several heights, with the nose and the camera towards the sides.
 
-    Layers are at most `footprint · (1 − side overlap)` apart; the pictures of the highest layer show the top.
+    Rounds are at most `footprint · (1 − side overlap)` apart; the pictures of the highest round show the top.
     The picture's width is along the path.
 
     Raises:
@@ -116,28 +116,29 @@ def structure(scan: StructureScan) -> Pattern:
         if not 0.0 < height_m <= 10_000.0:
             reason = f"{height_m:g} m is not above 0 and at most 10,000 m"
             raise PlanError(f"field {name}", reason, "Correct this value.", field=name)
-    chart = Map.centred_on(scan.outline, "the outline", "outline")
-    outline = chart.polygon(scan.outline, field="outline")
+    flat_map = Map.centred_on(scan.outline, "the outline", "outline")
+    outline = flat_map.polygon(scan.outline, field="outline")
     ring = _offset_outline(outline, scan.coverage.distance_m, "coverage.distance_m")
     path = [*ring, ring[0]]
-    heights, coverage = layer_heights(scan), _sideways_coverage(scan.coverage)
+    heights, coverage = round_heights(scan), _sideways_coverage(scan.coverage)
     items: list[SimpleItem] = [
         GimbalPitchYaw(pitch_deg=scan.gimbal_pitch_deg, yaw_deg=0.0, flags=YAW_IN_VEHICLE_FRAME)
     ]
     for height_m in reversed(heights) if scan.from_top else heights:
         altitude = altitude_above(scan.base, height_m)
         yaws_deg = [(heading_deg(a, b) + 90.0) % 360.0 for a, b in pairwise(path)]
-        items.append(chart.waypoint(path[0], altitude, yaws_deg[0]))
+        items.append(flat_map.waypoint(path[0], altitude, yaws_deg[0]))
         items.append(TriggerDistance(distance_m=coverage.trigger_m, at_once=1.0))
         items += [
-            chart.waypoint(position, altitude, yaw) for position, yaw in zip(path[1:], yaws_deg, strict=True)
+            flat_map.waypoint(position, altitude, yaw)
+            for position, yaw in zip(path[1:], yaws_deg, strict=True)
         ]
         items.append(TriggerDistance(distance_m=0.0))
-    around_m = sum(math.dist(a, b) for a, b in pairwise(path))
+    perimeter_m = sum(math.dist(a, b) for a, b in pairwise(path))
     return Pattern(
         items=within_item_limit(items),
-        lines_length_m=around_m * len(heights),
-        photos=len(heights) * photo_count(around_m, coverage),
+        lines_length_m=perimeter_m * len(heights),
+        photos=len(heights) * photo_count(perimeter_m, coverage),
         spacing_m=heights[1] - heights[0] if len(heights) > 1 else 0.0,
         trigger_m=coverage.trigger_m,
         resolution_m_px=scan.coverage.camera.resolution_m_px(scan.coverage.distance_m),
@@ -145,17 +146,17 @@ def structure(scan: StructureScan) -> Pattern:
     )
 
 
-def layer_heights(scan: StructureScan) -> list[float]:
-    """Height of each layer above the base [m], from the lowest to the highest; evenly spaced. The pictures of
-    the highest layer show the top."""
+def round_heights(scan: StructureScan) -> list[float]:
+    """Height of each round above the base [m], from the lowest to the highest; evenly spaced. The pictures of
+    the highest round show the top."""
     coverage = _sideways_coverage(scan.coverage)
-    picture_m, spacing_m = coverage.camera.footprint_m(coverage.distance_m)[0], coverage.spacing_m
-    highest_m = max(scan.lowest_m, scan.height_m - picture_m / 2.0)
+    footprint_m, spacing_m = coverage.camera.footprint_m(coverage.distance_m)[0], coverage.spacing_m
+    highest_m = max(scan.lowest_m, scan.height_m - footprint_m / 2.0)
     count = 1 + max(0, math.ceil((highest_m - scan.lowest_m) / spacing_m - 1e-9))
     if count > MAX_ROUNDS:
         raise PlanError(
-            "the layers",
-            f"{count} layers are needed, the maximum is {MAX_ROUNDS}",
+            "the rounds",
+            f"{count} rounds are needed, the maximum is {MAX_ROUNDS}",
             "Reduce the overlap.",
             field="coverage.side_overlap",
         )

@@ -40,22 +40,22 @@ def make(survey: Survey) -> Pattern:
         PlanError: The area is invalid, or there would be too many lines.
     """
     corners = [*survey.outer, *(point for hole in survey.holes for point in hole)]
-    chart = Map.centred_on(corners, "the area", "outer")
-    area = chart.polygon_with_holes(survey.outer, survey.holes)
+    flat_map = Map.centred_on(corners, "the area", "outer")
+    area = flat_map.polygon_with_holes(survey.outer, survey.holes)
     coverage = survey.coverage
     sweeps: list[Sweep] = [sweep(area, coverage.spacing_m, survey.heading_deg)]
     if survey.crosshatch:
-        end = sweeps[0].lines[-1][1]
-        sweeps.append(sweep(area, coverage.spacing_m, sweeps[0].heading_deg + 90.0, end))
+        first_sweep_end = sweeps[0].lines[-1][1]
+        sweeps.append(sweep(area, coverage.spacing_m, sweeps[0].heading_deg + 90.0, first_sweep_end))
     items: list[SimpleItem] = []
     if survey.speed_m_s is not None:
         items.append(ChangeSpeed(speed_m_s=survey.speed_m_s))
     lines = [line for each in sweeps for line in each.lines]
     for line in lines:
-        items += photo_path_items(line, chart, survey.altitude, coverage, survey.turnaround_m)
+        items += photo_path_items(line, flat_map, survey.altitude, coverage, survey.turnaround_m)
     return Pattern(
         items=within_item_limit(items),
-        lines=tuple((chart.point(start), chart.point(end)) for start, end in lines),
+        lines=tuple((flat_map.point(start), flat_map.point(end)) for start, end in lines),
         lines_length_m=sum(each.length_m for each in sweeps),
         lower_bound_m=len(sweeps) * area.area / coverage.spacing_m,
         photos=sum(photo_count(Sweep((line,), 0.0).length_m, coverage) for line in lines),

@@ -22,9 +22,10 @@ from missions.errors import PlanError
 from missions.patterns.ground import EastNorth, heading_deg
 
 MAX_LINES = 1500
-MAX_ANGLES = 12
+MAX_HEADINGS = 12
 TURN_M = 20.0
-"""Cost of a turn when headings are compared [m]: about the distance that braking for the turn costs."""
+"""Length that is added for each turn when headings are compared [m]; it stands for the time to brake and
+accelerate at the turn."""
 _SLIVER_M2 = 1e-6
 
 Line = tuple[EastNorth, EastNorth]
@@ -44,16 +45,18 @@ class Sweep:
         return sum(math.dist(start, end) for start, end in self.lines)
 
 
-def sweep(area: Polygon, spacing_m: float, heading: float | None, start: EastNorth | None = None) -> Sweep:
-    """Lines over an area. If `heading` is None, the heading with the shortest path is used.
+def sweep(
+    area: Polygon, spacing_m: float, given_heading_deg: float | None, start: EastNorth | None = None
+) -> Sweep:
+    """Lines over an area. If `given_heading_deg` is None, the heading with the shortest path is used.
 
     Raises:
         PlanError: There would be too many lines.
     """
-    angles = [heading % 180.0] if heading is not None else list(_candidates(area))
+    headings_deg = [given_heading_deg % 180.0] if given_heading_deg is not None else list(_candidates(area))
     best: Sweep | None = None
-    for angle in angles:
-        candidate = Sweep(tuple(_lines(area, spacing_m, angle)), angle)
+    for line_heading_deg in headings_deg:
+        candidate = Sweep(tuple(_lines(area, spacing_m, line_heading_deg)), line_heading_deg)
         if best is None or _cost(candidate, spacing_m) < _cost(best, spacing_m):
             best = candidate
     assert best is not None
@@ -73,11 +76,11 @@ def _candidates(area: Polygon) -> Iterator[float]:
     edges = sorted(pairwise(corners), key=_negative_length)
     yielded: set[int] = set()
     for a, b in edges:
-        angle = heading_deg(a, b) % 180.0
-        if round(angle) not in yielded:
-            yielded.add(round(angle))
-            yield angle
-        if len(yielded) >= MAX_ANGLES:
+        line_heading_deg = heading_deg(a, b) % 180.0
+        if round(line_heading_deg) not in yielded:
+            yielded.add(round(line_heading_deg))
+            yield line_heading_deg
+        if len(yielded) >= MAX_HEADINGS:
             return
 
 
@@ -85,9 +88,9 @@ def _negative_length(edge: tuple[EastNorth, EastNorth]) -> float:
     return -math.dist(*edge)
 
 
-def _lines(area: Polygon, spacing_m: float, angle: float) -> Iterator[Line]:
+def _lines(area: Polygon, spacing_m: float, line_heading_deg: float) -> Iterator[Line]:
     """The lines of one heading, from one side of the area to the other."""
-    turn_deg = angle - 90.0
+    turn_deg = line_heading_deg - 90.0
     rotated = affinity.rotate(area, turn_deg, origin=(0.0, 0.0))
     x_min, y_min, x_max, y_max = rotated.bounds
     count = max(1, math.ceil((y_max - y_min) / spacing_m - 1e-9))

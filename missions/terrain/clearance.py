@@ -27,7 +27,7 @@ MIN_LEG_M = 1.0
 
 
 def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[Finding]:
-    """Findings of the elevation data about a waypoint plan, at most one for each item.
+    """Findings about a waypoint plan from the elevation data, at most one for each item.
 
     Args:
         plan: a plan with resolved terrain altitudes; paths with an unknown altitude are skipped.
@@ -39,8 +39,8 @@ def plan_findings(plan: Plan, ground: Ground, return_alt_m: float) -> Iterator[F
         ground_m = ground.altitude_amsl_m(home.lat_deg, home.lon_deg)
         if ground_m is not None and abs(ground_m - home.alt_amsl_m) > HOME_TOLERANCE_M:
             message = (
-                f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; the elevation data have the ground there "
-                f"at {ground_m:.0f} m AMSL."
+                f"Home is planned at {home.alt_amsl_m:.0f} m AMSL; in the elevation data, the ground there "
+                f"is at {ground_m:.0f} m AMSL."
             )
             yield Finding("home_off_ground", message, fix="Check the altitude of the planned home.")
     for line in flight_lines(plan, return_alt_m):
@@ -65,8 +65,8 @@ def _outdated_altitude(step: Step, item: PlacedItem, ground: Ground) -> Iterator
         yield Finding("terrain_outdated", message, step.row, fix="Resolve the altitudes again.")
 
 
-def _low_clearance(flown: FlightLine, ground: Ground) -> Iterator[Finding]:
-    step, start, end = flown.step, flown.start, flown.end
+def _low_clearance(flight_line: FlightLine, ground: Ground) -> Iterator[Finding]:
+    step, start, end = flight_line.step, flight_line.start, flight_line.end
     line = line_positions(start[:2], end[:2], ground.spacing_m)
     path_amsl_m = start[2] + (end[2] - start[2]) * line[:, 2]
     above_m = path_amsl_m - ground.altitudes_amsl_m(line[:, 0], line[:, 1])
@@ -86,7 +86,7 @@ def _low_clearance(flown: FlightLine, ground: Ground) -> Iterator[Finding]:
 
 
 def mission_findings(legs: Sequence[Leg], origin: LocalOrigin, ground: Ground) -> Iterator[MissionFinding]:
-    """Findings of the elevation data about an offboard mission, at most one for each step.
+    """Findings about an offboard mission from the elevation data, at most one for each step.
 
     Args:
         legs: legs of the compiled mission.

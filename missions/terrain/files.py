@@ -72,9 +72,9 @@ class Area:
         lat_lon_deg = list(positions)
         if not lat_lon_deg:
             return None
-        first = lat_lon_deg[0][1]
+        first_lon_deg = lat_lon_deg[0][1]
         lats = [lat for lat, _ in lat_lon_deg]
-        lons = [first + math.remainder(lon - first, 360.0) for _, lon in lat_lon_deg]
+        lons = [first_lon_deg + math.remainder(lon - first_lon_deg, 360.0) for _, lon in lat_lon_deg]
         margin_lat_deg = math.degrees(margin_m / EARTH_RADIUS_M)
         margin_lon_deg = margin_lat_deg / max(0.05, math.cos(math.radians(max(map(abs, lats)))))
         return cls(
@@ -165,19 +165,19 @@ def _overlaps(file: ElevationFile, area: Area) -> bool:
     if file.north_deg < area.south_deg or file.south_deg > area.north_deg:
         return False
     return any(
-        file.west_deg + turn <= area.east_deg and file.east_deg + turn >= area.west_deg
-        for turn in (-360.0, 0.0, 360.0)
+        file.west_deg + shift_deg <= area.east_deg and file.east_deg + shift_deg >= area.west_deg
+        for shift_deg in (-360.0, 0.0, 360.0)
     )
 
 
 def _read(path: Path, file: ElevationFile, grid: _Grid) -> NDArray[np.float32]:
     """Reads a grid from one file; NaN where the file has no data."""
     middle_deg = grid.west_deg + grid.columns * grid.step_deg / 2
-    turn_deg = 360.0 * round((middle_deg - (file.west_deg + file.east_deg) / 2) / 360.0)
+    shift_deg = 360.0 * round((middle_deg - (file.west_deg + file.east_deg) / 2) / 360.0)
     options: dict[str, Any] = {
         "crs": WGS84,
         "transform": Affine(
-            grid.step_deg, 0.0, grid.west_deg - turn_deg, 0.0, -grid.step_deg, grid.north_deg
+            grid.step_deg, 0.0, grid.west_deg - shift_deg, 0.0, -grid.step_deg, grid.north_deg
         ),
         "width": grid.columns,
         "height": grid.rows,

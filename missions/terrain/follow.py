@@ -39,8 +39,8 @@ def follow_ground(plan: Plan, ground: Ground | None, tolerance_m: float | None =
     Args:
         plan: a waypoint plan.
         ground: elevation data of the plan's area; None: no data.
-        tolerance_m: waypoints are added between two items with altitudes above the ground, until the
-            straight lines are within this tolerance of the height that is interpolated between both items.
+        tolerance_m: allowed deviation of the straight lines from the planned height above the ground, which
+            is interpolated between two items. Waypoints are added until the lines are within this tolerance.
             None: no waypoints are added.
 
     Raises:

@@ -74,8 +74,8 @@ def line_positions(start: tuple[float, float], end: tuple[float, float], spacing
     Args:
         start: latitude, longitude [deg].
         end: latitude, longitude [deg].
-        spacing_m: greatest distance between two positions; longer if the line would have more than
-            MAX_SAMPLES.
+        spacing_m: maximum distance between two positions; exceeded if the line would otherwise have more
+            than MAX_SAMPLES positions.
     """
     length_m = distance_m(*start, *end)
     count = min(MAX_SAMPLES, 2 + math.ceil(length_m / max(spacing_m, MIN_SPACING_M)))

@@ -21,7 +21,7 @@ from missions.patterns.camera import Camera, Coverage
 from missions.patterns.corridor import corridor
 from missions.patterns.ground import Map, heading_deg
 from missions.patterns.result import Pattern
-from missions.patterns.rounds import StructureScan, layer_heights, orbit, perimeter, structure
+from missions.patterns.rounds import StructureScan, orbit, perimeter, round_heights, structure
 from missions.patterns.survey import Survey, make
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition, Point
@@ -251,7 +251,7 @@ def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
         tower, coverage, Altitude(value_m=0.0, reference="home"), height_m=40.0, lowest_m=4.0
     )
     found = structure(scan)
-    heights = layer_heights(scan)
+    heights = round_heights(scan)
     picture_m = 8.8 * 12.0 / 8.8
     assert np.diff(heights).max() <= picture_m * 0.5 + 1e-9
     assert heights[0] == 4.0

@@ -9861,7 +9861,7 @@ export interface components {
         };
         /**
          * PhotoCoverage
-         * @description Overlaps of the pictures, and distance of the camera to the subject.
+         * @description Overlaps of the pictures, and distance of the camera to the surface.
          */
         readonly PhotoCoverage: {
             readonly camera: components["schemas"]["CameraModel"];
