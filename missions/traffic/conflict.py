@@ -46,8 +46,7 @@ class Conflict:
     minimum_m: float
     margin_m: float
     time_uncertainty_s: float | None
-    """By how much the predicted times of both vehicles may be wrong in total; None: the time of the other
-    vehicle is not known."""
+    """Sum of the uncertainties of both predicted times; None: the time of the other vehicle is not known."""
 
     @property
     def text(self) -> str:
@@ -56,7 +55,7 @@ class Conflict:
         times = (
             f"The time of vehicle {self.other} at this position is not known."
             if self.time_uncertainty_s is None
-            else f"The times may differ by {self.time_uncertainty_s:.0f} s."
+            else f"The predicted times may be wrong by {self.time_uncertainty_s:.0f} s in total."
         )
         return (
             f"{self.after_s:.0f} s after the start, at {self.place}, {self.along_m:.0f} m along its path "
@@ -83,12 +82,12 @@ def first_conflict(own: PredictedPath, other: PredictedPath) -> Conflict | None:
     for begin in range(0, len(own.t_s), ROWS_AT_ONCE):
         rows = np.arange(begin, min(begin + ROWS_AT_ONCE, len(own.t_s)))
         separation_m, other_rows = _separation(own, rows, other, other_ned_m, required_m)
-        for row, apart_m, other_row in zip(
+        for row, distance_m, other_row in zip(
             rows.tolist(), separation_m.tolist(), other_rows.tolist(), strict=True
         ):
-            if apart_m < required_m:
-                if nearest is None or apart_m < nearest[0]:
-                    nearest = (apart_m, row, other_row)
+            if distance_m < required_m:
+                if nearest is None or distance_m < nearest[0]:
+                    nearest = (distance_m, row, other_row)
             elif nearest is not None:
                 return _conflict(own, other, *nearest, margin_m)
     return None if nearest is None else _conflict(own, other, *nearest, margin_m)
@@ -97,8 +96,8 @@ def first_conflict(own: PredictedPath, other: PredictedPath) -> Conflict | None:
 def _separation(
     own: PredictedPath, rows: NDArray[np.int64], other: PredictedPath, other_ned_m: Array, required_m: float
 ) -> tuple[Array, NDArray[np.int64]]:
-    """For each row, the smallest distance to the other vehicle and the row of the other path; infinite: the
-    other vehicle is not near."""
+    """For each row, the smallest distance to the other vehicle, and the row of the other path at which the
+    other vehicle then is; an infinite distance means that the other vehicle is not near."""
     separation_m, other_rows = np.full(len(rows), math.inf), np.zeros(len(rows), dtype=np.int64)
     own_ned_m, braking_m = own.position_ned_m[rows], _braking_m(own.velocity_ned_m_s[rows])
     near_m = required_m + _braking_m(other.velocity_ned_m_s)
@@ -113,15 +112,15 @@ def _separation(
     for axis in range(3):
         apart_m = np.abs(own_ned_m[:, axis][:, None] - other_ned_m[columns, axis])
         may_meet &= apart_m < near_m[columns, axis] + braking_m[:, axis][:, None]
-    first, second = np.nonzero(may_meet)
-    if not len(first):
+    own_index, other_index = np.nonzero(may_meet)
+    if not len(own_index):
         return separation_m, other_rows
     distances_m = np.full(may_meet.shape, math.inf)
-    distances_m[first, second] = braking_separation_m(
-        own_ned_m[first],
-        own.velocity_ned_m_s[rows[first]],
-        other_ned_m[columns[second]],
-        other.velocity_ned_m_s[columns[second]],
+    distances_m[own_index, other_index] = braking_separation_m(
+        own_ned_m[own_index],
+        own.velocity_ned_m_s[rows[own_index]],
+        other_ned_m[columns[other_index]],
+        other.velocity_ned_m_s[columns[other_index]],
         required_m,
     )
     nearest = distances_m.argmin(axis=1)
@@ -129,13 +128,13 @@ def _separation(
 
 
 def _braking_m(velocity: Array) -> Array:
-    """Length of the braking path along each axis, which is enough to exclude most pairs of samples."""
+    """Length of the braking path along each axis; a quick test with it excludes most pairs of samples."""
     speed = np.linalg.norm(velocity, axis=1)[:, None]
     return braking_distance_m(speed) / np.maximum(speed, 1e-9) * np.abs(velocity)
 
 
 def _conflict(
-    own: PredictedPath, other: PredictedPath, apart_m: float, row: int, other_row: int, margin_m: float
+    own: PredictedPath, other: PredictedPath, distance_m: float, row: int, other_row: int, margin_m: float
 ) -> Conflict:
     steps_m = np.linalg.norm(np.diff(own.position_ned_m[: row + 1], axis=0), axis=1)
     north, east, down = own.position_ned_m[row].tolist()
@@ -144,6 +143,6 @@ def _conflict(
     uncertainty_s = float(own.latest_s[row] - own.t_s[row] + other.latest_s[other_row] - other.t_s[other_row])
     return Conflict(
         own.vehicle, other.vehicle, float(own.t_s[row]), float(steps_m.sum()), leg, own.places[leg],
-        other.places[int(other.leg[other_row])], (lat_deg, lon_deg), apart_m, MINIMUM_SEPARATION_M, margin_m,
-        uncertainty_s if math.isfinite(uncertainty_s) else None,
+        other.places[int(other.leg[other_row])], (lat_deg, lon_deg), distance_m, MINIMUM_SEPARATION_M,
+        margin_m, uncertainty_s if math.isfinite(uncertainty_s) else None,
     )  # fmt: skip

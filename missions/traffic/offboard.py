@@ -11,7 +11,7 @@ from missions.offboard.segments import WaitSegment
 from missions.offboard.timeline import Timeline
 from missions.runner.course import flown_by_px4
 from missions.runner.flight import Flight
-from missions.traffic.path import BY_MISSION, PredictedLeg, PredictedPath, path_along_legs
+from missions.traffic.path import MISSION_ACCURACY, PredictedLeg, PredictedPath, path_along_legs
 
 OPEN_WAITS = ("person", "condition", "meet")
 """Waits whose duration is not known."""
@@ -48,7 +48,7 @@ def predict_timeline(
         flown_s: time since the start of the first segment.
     """
     segments = [each for part in samples.parts(remaining, position_ned_m) for each in part.timeline.segments]
-    accuracy = BY_MISSION
+    accuracy = MISSION_ACCURACY
     if segments:
         flown_s = min(flown_s, segments[0].duration_s)
     if segments and flown_by_px4(segments[0]):  # the progress of a take-off or landing is not known

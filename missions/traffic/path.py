@@ -28,7 +28,7 @@ MAX_SAMPLES: Final = 8_000
 
 @dataclass(frozen=True, slots=True)
 class TimeAccuracy:
-    """How much earlier or later than predicted the vehicle may be at a position."""
+    """How much earlier or later than predicted a vehicle may be at a position."""
 
     initial_s: float
     """Uncertainty at the beginning."""
@@ -36,12 +36,12 @@ class TimeAccuracy:
     """Additional fraction of the time since now."""
 
 
-BY_ESTIMATE: Final = TimeAccuracy(8.0, 0.15)
-"""Times of the estimate. The simulated PX4 took off 5 s later, and was 17 s behind after 117 s."""
-BY_DRY_RUN: Final = TimeAccuracy(5.0, 0.05)
-"""Times of a dry run with the vehicle's own parameters."""
-BY_MISSION: Final = TimeAccuracy(3.0, 0.05)
-"""Times of an offboard mission, whose setpoints are sent at these times."""
+ESTIMATE_ACCURACY: Final = TimeAccuracy(8.0, 0.15)
+"""For estimated times. The simulated PX4 took off 5 s later, and was 17 s behind after 117 s."""
+DRY_RUN_ACCURACY: Final = TimeAccuracy(5.0, 0.05)
+"""For the times of a dry run with the vehicle's own parameters."""
+MISSION_ACCURACY: Final = TimeAccuracy(3.0, 0.05)
+"""For the times of an offboard mission, whose setpoints are sent at these times."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class PredictedLeg:
     """A part of a path."""
 
     leg: Leg
-    """Its `start_s` counts from now; the part before now is already flown."""
+    """`start_s` counts from now; the part before now is already flown."""
     open_end: bool = False
     """Whether the vehicle waits at the end of the leg for an unknown time."""
 
@@ -100,21 +100,21 @@ def path_along_legs(
     Args:
         vehicle: id of the vehicle.
         origin: origin of the legs' frame.
-        legs: legs in order of time; both continuations of a branch may follow one another.
+        legs: legs in order of time; at a branch, the legs of one continuation, then those of the other.
         accuracy: accuracy of the times.
         ends_in_air: whether the vehicle stays at the end of the last leg.
     """
     total_s = sum(each.leg.duration_s for each in legs)
     step_s = max(STEP_S, total_s / MAX_SAMPLES)
     rows: list[Array] = []
-    speeds: list[Array] = []
+    velocities: list[Array] = []
     index: list[NDArray[np.int64]] = []
     open_from_s = math.inf
     for leg_index, each in enumerate(legs):
         sampled = _sample_leg(each.leg, step_s)
         if len(sampled):
             rows.append(sampled)
-            speeds.append(_velocity(sampled))
+            velocities.append(_velocity(sampled))
             index.append(np.full(len(sampled), leg_index))
         if each.open_end:
             open_from_s = min(open_from_s, each.leg.start_s + each.leg.duration_s)
@@ -128,7 +128,7 @@ def path_along_legs(
         latest_s[-1] = math.inf
     places = tuple(each.leg.place for each in legs)
     return PredictedPath(
-        vehicle, origin, samples[:, 1:], np.vstack(speeds), t_s, np.maximum(0.0, t_s - uncertainty_s),
+        vehicle, origin, samples[:, 1:], np.vstack(velocities), t_s, np.maximum(0.0, t_s - uncertainty_s),
         latest_s, leg, places,
     )  # fmt: skip
 

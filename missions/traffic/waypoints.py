@@ -10,8 +10,8 @@ from missions.items import Land, ReturnHome
 from missions.plan import Plan
 from missions.route import route_of
 from missions.traffic.path import (
-    BY_DRY_RUN,
-    BY_ESTIMATE,
+    DRY_RUN_ACCURACY,
+    ESTIMATE_ACCURACY,
     PredictedLeg,
     PredictedPath,
     path_along_legs,
@@ -46,8 +46,8 @@ def predict_plan(
         ends_in_air: whether the vehicle stays in the air at the end of the plan.
         index: index of the pass that is flown now.
         t_s: planned time of the vehicle's position.
-        current_position_ned_m: current position of a vehicle that is not on the planned path and flies
-            straight to the end of the current pass; None: the vehicle is on the path.
+        current_position_ned_m: current position of the vehicle if it is not on the planned path. The vehicle
+            then flies straight to the end of the current pass. None: the vehicle is on the path.
         speed_m_s: speed on this straight line.
     """
     remaining = planned.passes[index:]
@@ -62,7 +62,7 @@ def predict_plan(
         # the remaining path begins at the end of the straight line
         t_s, remaining = first_leg.start_s + first_leg.duration_s - straight.leg.duration_s, remaining[1:]
     legs += [PredictedLeg(replace(each.leg, start_s=each.leg.start_s - t_s)) for each in remaining]
-    accuracy = BY_DRY_RUN if planned.source == "dry_run" else BY_ESTIMATE
+    accuracy = DRY_RUN_ACCURACY if planned.source == "dry_run" else ESTIMATE_ACCURACY
     path = path_along_legs(vehicle, origin, legs, accuracy, ends_in_air=ends_in_air)
     # a plan that repeats without end can be anywhere on its path at any later time
     return path.without_latest_times() if path is not None and planned.duration_s is None else path

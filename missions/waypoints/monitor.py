@@ -171,7 +171,7 @@ class WaypointMonitor:
         if self._is_flying_plan(reading, item):
             return self._update_flight(now_s, reading.position_ned_m, item)
         if reading.armed is False:
-            landed_by_mission = self.state == "flying" and self._at_end()
+            landed_by_mission = self.state == "flying" and self._is_at_last_item()
             place = self.place or "an unknown item"
             return self._end(
                 "done" if landed_by_mission else "stopped", f"The vehicle was disarmed at {place}."
@@ -234,7 +234,7 @@ class WaypointMonitor:
         if self._corridor is not None:
             self._watch = CorridorWatch(self._corridor)
 
-    def _at_end(self) -> bool:
+    def _is_at_last_item(self) -> bool:
         """Whether the vehicle is flying the last item."""
         if self._progress is not None:
             return self._progress.is_at_last_item
@@ -242,5 +242,6 @@ class WaypointMonitor:
 
     def _completed_in_air(self, reading: Reading, reached: int | None) -> bool:
         """Whether PX4 has finished the mission in the air and holds the position."""
-        is_own_hold = reading.mode == "hold" and reading.mode_source == "vehicle"
-        return is_own_hold and self.state == "flying" and self._at_end() and reached == self.item
+        is_hold_by_vehicle = reading.mode == "hold" and reading.mode_source == "vehicle"
+        was_at_end = self.state == "flying" and self._is_at_last_item()
+        return is_hold_by_vehicle and was_at_end and reached == self.item

@@ -37,7 +37,7 @@ class Pass:
     leg: Leg
     """Path of the pass; `start_s` counts from the start of the mission on the ground."""
     compared: bool = True
-    """Whether the vehicle follows this path; False: PX4 chooses the path."""
+    """Whether the flight is compared with this path; False: PX4 chooses the path itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,23 +90,23 @@ def planned_by_dry_run(nominal: Mapping[str, Any], plan: Plan, start_ned_m: Vect
     times = np.array(nominal["path"]["t_s"])
     path = np.array(nominal["path"]["position_ned_m"]).reshape(-1, 3)
     rows = np.column_stack((times, path + np.array(start_ned_m)))
-    every = math.ceil(len(rows) / MAX_POINTS)
+    stride = math.ceil(len(rows) / MAX_POINTS)
     passes = [
         Pass(
             frozenset(items_of_row[step["row"]]),
-            _leg(step["place"], step["title"], step["start_s"], _part(rows, step, every)),
+            _leg(step["place"], step["title"], step["start_s"], _part(rows, step, stride)),
         )
         for step in nominal["steps"]
     ]
     return PlannedPasses("dry_run", tuple(passes), float(nominal["duration_s"]))
 
 
-def _part(rows: NDArray[np.float64], step: Mapping[str, Any], every: int) -> NDArray[np.float64]:
+def _part(rows: NDArray[np.float64], step: Mapping[str, Any], stride: int) -> NDArray[np.float64]:
     """The rows (time, north, east, down) of one step, at least two; the last row begins the next step."""
     first, last = np.searchsorted(rows[:, 0], (step["start_s"] - 1e-6, step["end_s"] - 1e-6))
     last = min(int(last), len(rows) - 1)
     first = min(int(first), max(0, last - 1))
-    kept = np.unique(np.append(np.arange(first, last, every), last))
+    kept = np.unique(np.append(np.arange(first, last, stride), last))
     return rows[kept]
 
 

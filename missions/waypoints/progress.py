@@ -16,7 +16,7 @@ distance [m]."""
 SKIPPED_M = 20.0
 """If the vehicle is farther than this from the start of the next item's path, the vehicle skipped the
 previous item [m]."""
-SAME_M = 0.5
+EQUALLY_NEAR_M = 0.5
 """Points of the path whose distances differ by less than this are equally near; the point with the expected
 time is used."""
 LATE_S = 3.0
@@ -47,7 +47,7 @@ class Progress:
         self._passes = planned.passes
         rows = [np.array(each.leg.points) for each in self._passes]
         self._rows = rows
-        self._begins = [_part_between(each, each[0, 0], each[0, 0] + LATE_S) for each in rows]
+        self._starts = [_part_between(each, each[0, 0], each[0, 0] + LATE_S) for each in rows]
         self._ends = [_part_between(each, each[-1, 0] - LATE_S, each[-1, 0]) for each in rows]
         self._index: int | None = None
         self._updated_s: float | None = None
@@ -60,7 +60,7 @@ class Progress:
 
     @property
     def current(self) -> Pass | None:
-        """The current execution of an item; None: the vehicle has not reported an item of the path."""
+        """The current pass; None: the vehicle has not reported an item of the path."""
         return None if self._index is None else self._passes[self._index]
 
     def index_and_time(self, now_s: float) -> tuple[int, float] | None:
@@ -105,17 +105,15 @@ class Progress:
         return Match(self._passes[index].leg.place, (north, east, down), horizontal_m, -float(offset[2]))
 
     def _advance(self, item: int | None, position_ned_m: NDArray[np.float64] | None) -> None:
-        """Finds the execution of the reported item: the current execution, or the next execution, or, after a
-        jump that the plan does not contain, the first execution."""
+        """Finds the pass of the reported item: the current or the next pass of this item. After a jump that
+        the plan does not contain: the first pass of this item."""
         current = self.current
         if item is None or (current is not None and item in current.items):
             return
-        executions = [index for index, each in enumerate(self._passes) if item in each.items]
-        if not executions:
+        passes = [index for index, each in enumerate(self._passes) if item in each.items]
+        if not passes:
             return
-        chosen = next(
-            (each for each in executions if self._index is None or each > self._index), executions[0]
-        )
+        chosen = next((each for each in passes if self._index is None or each > self._index), passes[0])
         if self._index is not None:
             away_m = (
                 0.0
@@ -136,15 +134,15 @@ class Progress:
         if self.on_path and self._index > 0:
             candidates.append((self._index - 1, self._ends[self._index - 1]))
         if self.on_path and not self.is_at_last_item:
-            candidates.append((self._index + 1, self._begins[self._index + 1]))
+            candidates.append((self._index + 1, self._starts[self._index + 1]))
         found = [
-            (at, _nearest_points(rows, position_ned_m, self._passes[at].leg.start_s, expected_s))
-            for at, rows in candidates
+            (index, _nearest_points(rows, position_ned_m, self._passes[index].leg.start_s, expected_s))
+            for index, rows in candidates
         ]
         points = np.vstack([each for _, each in found])
-        indices = np.concatenate([np.full(len(each), at) for at, each in found])
+        indices = np.concatenate([np.full(len(each), index) for index, each in found])
         nearest = int(points[:, 4].argmin())
-        equally_near = np.flatnonzero(points[:, 4] <= points[nearest, 4] + SAME_M)
+        equally_near = np.flatnonzero(points[:, 4] <= points[nearest, 4] + EQUALLY_NEAR_M)
         chosen = equally_near[int(np.abs(points[equally_near, 0] - expected_s).argmin())]
         return int(indices[nearest]), float(points[chosen, 0]), points[nearest, 1:4]
 
@@ -167,10 +165,10 @@ def _nearest_points(
     along = np.clip(
         ((position_ned_m - begin[:, 1:]) * step[:, 1:]).sum(axis=1) / np.maximum(length_2, 1e-9), 0.0, 1.0
     )
-    at = begin + along[:, None] * step
+    points = begin + along[:, None] * step
     is_waiting = length_2 < 1e-6
-    at[is_waiting, 0] = np.clip(
+    points[is_waiting, 0] = np.clip(
         expected_s - start_s, begin[is_waiting, 0], begin[is_waiting, 0] + step[is_waiting, 0]
     )
-    distance_m = np.linalg.norm(at[:, 1:] - position_ned_m, axis=1)
-    return np.column_stack((at[:, 0] + start_s, at[:, 1:], distance_m))
+    distance_m = np.linalg.norm(points[:, 1:] - position_ned_m, axis=1)
+    return np.column_stack((points[:, 0] + start_s, points[:, 1:], distance_m))

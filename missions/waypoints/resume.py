@@ -47,6 +47,7 @@ NOT_REPEATED: dict[str, tuple[str, str]] = {
 }
 """Items that PX4 does not repeat: kind → the setting that it changes, and its name (empty: switched off)."""
 SPEEDS = {0.0: "speed", 1.0: "speed", 2.0: "climb speed", 3.0: "descent speed"}
+"""Name of the speed that each `speed_type` sets."""
 REPORTED_DISTANCE_M = 10.0
 """The server warns the operator if the new take-off is farther than this from the first take-off [m]."""
 
@@ -58,7 +59,7 @@ class ResumePoint:
     item: int
     """Index of the item in upload order."""
     first: PlacedItem
-    """The first item from `item` on whose position the vehicle flies to."""
+    """The item whose position the vehicle flies to first: `item` or a later one."""
     not_restored: tuple[str, ...]
     """Sentences about the settings of earlier items that PX4 does not restore."""
 
@@ -74,7 +75,7 @@ def leg_start(items: Sequence[SimpleItem], item: int, first: int | None) -> int 
     Args:
         items: items in upload order.
         item: index of the item that the vehicle was flying to.
-        first: index of the item at which that flight was started; None: not known.
+        first: index of the item at which the interrupted flight began; None: not known.
 
     Returns:
         None: no leg was flown after the take-off, so the flight starts again at the beginning of the plan.
