@@ -41,7 +41,7 @@ from missions.trajectory.limits import MotionLimits
 from missions.trajectory.points import SAME_POINT_M, PassPoint
 from missions.trajectory.solve import Heading, curve_along_path, curve_through_points
 
-TURN_RAD = math.radians(1.0)
+MIN_TURN_RAD = math.radians(1.0)
 """Smaller heading changes get no separate turn."""
 MAX_PHOTOS = 10_000
 """Maximum number of pictures of one segment."""
@@ -74,11 +74,11 @@ def compile_photo(state: State, step: Photo) -> None:
 
 def turn_to(state: State, yaw_ned_rad: float) -> None:
     """Adds a turn on the spot if the heading differs."""
-    if abs(wrap_pi(yaw_ned_rad - state.yaw_ned_rad)) < TURN_RAD:
+    if abs(wrap_pi(yaw_ned_rad - state.yaw_ned_rad)) < MIN_TURN_RAD:
         return
-    start_point = state.position_ned_m
+    position_ned_m = state.position_ned_m
     curve = curve_through_points(
-        [PassPoint(start_point, state.yaw_ned_rad), PassPoint(start_point, yaw_ned_rad)],
+        [PassPoint(position_ned_m, state.yaw_ned_rad), PassPoint(position_ned_m, yaw_ned_rad)],
         state.compilation.motion,
     )
     add_curve(state, curve, "Turn")
@@ -118,19 +118,24 @@ def compile_fly(state: State, step: Fly) -> None:
     first = 0
     for index, point in enumerate(step.points):
         if point.hold_s > 0.0 or index == len(step.points) - 1:
-            part = list(zip(step.points[first : index + 1], positions[first : index + 1], strict=True))
-            _fly_part(state, step, part, limits, has_yaw=has_yaw)
+            path_points = list(zip(step.points[first : index + 1], positions[first : index + 1], strict=True))
+            _add_path(state, step, path_points, limits, has_yaw=has_yaw)
             first = index + 1
             if point.hold_s > 0.0:
                 hold_position(state, point.hold_s, title="Hold")
 
 
-def _fly_part(
-    state: State, step: Fly, part: list[tuple[FlyPoint, Vector3]], limits: MotionLimits, *, has_yaw: bool
+def _add_path(
+    state: State,
+    step: Fly,
+    path_points: list[tuple[FlyPoint, Vector3]],
+    limits: MotionLimits,
+    *,
+    has_yaw: bool,
 ) -> None:
-    start_point = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
-    points = [start_point]
-    for point, position in part:
+    """Adds one path from the current position through some of the step's points."""
+    points = [PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)]
+    for point, position in path_points:
         points.append(PassPoint(position, point.yaw_ned_rad, point.stop, point.corner_m))
     state.compilation.add_size(points=len(points))
     heading = None if has_yaw else heading_of(state, step)
@@ -174,8 +179,8 @@ def compile_shape(state: State, step: Orbit | FigureEight) -> None:
         )  # fmt: skip
     state.compilation.add_size(points=len(path.spans))
     curve = curve_along_path(path, limits, heading_of(state, step))
-    begin = curve.at(0.0)
-    _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, limits)
+    start = curve.at(0.0)
+    _approach(state, _vector(start.position_ned_m), start.yaw_ned_rad, limits)
     add_curve(state, curve, state.title, step.photo_every_m)
 
 
@@ -191,13 +196,15 @@ def _vector(position: tuple[float | None, float | None, float | None]) -> Vector
     return (n or 0.0, e or 0.0, d or 0.0)
 
 
-def _approach(state: State, begin: Vector3, yaw_ned_rad: float | None, limits: MotionLimits) -> None:
+def _approach(state: State, start_ned_m: Vector3, yaw_ned_rad: float | None, limits: MotionLimits) -> None:
     """Adds a straight line to the start of a path; the vehicle turns on this line."""
     has_yaw = yaw_ned_rad is not None
-    if math.dist(begin, state.position_ned_m) >= SAME_POINT_M:
-        start_point = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
+    if math.dist(start_ned_m, state.position_ned_m) >= SAME_POINT_M:
+        current_point = PassPoint(state.position_ned_m, state.yaw_ned_rad if has_yaw else None)
         add_curve(
-            state, curve_through_points([start_point, PassPoint(begin, yaw_ned_rad)], limits), "Approach"
+            state,
+            curve_through_points([current_point, PassPoint(start_ned_m, yaw_ned_rad)], limits),
+            "Approach",
         )
     elif yaw_ned_rad is not None:
         turn_to(state, yaw_ned_rad)
@@ -208,11 +215,11 @@ def compile_table(state: State, step: Table) -> None:
     data = state.compilation.table(step.file)
     offset = state.compilation.start.reference_ned_m if step.relative else (0.0, 0.0, 0.0)
     path = tables.read(data, offset, state.yaw_ned_rad)
-    begin = path.at(0.0)
+    start = path.at(0.0)
     state.compilation.add_size(points=max(2, int(path.duration_s)))
     motion = state.compilation.motion
     cruise_m_s = min(motion.speed_m_s, state.compilation.vehicle.limits.vehicle.cruise_m_s)
-    _approach(state, _vector(begin.position_ned_m), begin.yaw_ned_rad, replace(motion, speed_m_s=cruise_m_s))
+    _approach(state, _vector(start.position_ned_m), start.yaw_ned_rad, replace(motion, speed_m_s=cruise_m_s))
     end = path.at(path.duration_s)
     times = np.linspace(0.0, path.duration_s, 2000)
     positions_ned_m, _ = path.sample(times)
@@ -235,33 +242,35 @@ def compile_velocity(state: State, step: VelocityStep) -> None:
         "Use a fly step if the position matters.",
     )  # fmt: skip
     north, east, down = step.velocity_ned_m_s
-    horizontal, speed = math.hypot(north, east), math.hypot(north, east, down)
+    horizontal_m_s, speed_m_s = math.hypot(north, east), math.hypot(north, east, down)
     motion = state.compilation.motion
     vertical_m_s = motion.descent_m_s if down > 0.0 else motion.climb_m_s
-    if horizontal > motion.speed_m_s or abs(down) > vertical_m_s:
+    if horizontal_m_s > motion.speed_m_s or abs(down) > vertical_m_s:
         message = f"The velocity {step.velocity_ned_m_s} m/s is above the vehicle's limits."
         state.report("speed_exceeded", message, "Lower the velocity.")
         return
     end, line = state.position_ned_m, curve_through_points([PassPoint(state.position_ned_m)], motion)
-    if speed > 1e-3:
-        acceleration = min(
-            motion.horizontal_acceleration_m_s2 * speed / max(horizontal, 1e-9),
-            motion.vertical_acceleration_m_s2 * speed / max(abs(down), 1e-9),
+    if speed_m_s > 1e-3:
+        acceleration_m_s2 = min(
+            motion.horizontal_acceleration_m_s2 * speed_m_s / max(horizontal_m_s, 1e-9),
+            motion.vertical_acceleration_m_s2 * speed_m_s / max(abs(down), 1e-9),
         )
-        ramp_s = float(ramps.durations(np.array(speed), np.array(acceleration), np.array(motion.jerk_m_s3)))
+        ramp_s = float(
+            ramps.durations(np.array(speed_m_s), np.array(acceleration_m_s2), np.array(motion.jerk_m_s3))
+        )
         if step.duration_s < 2.0 * ramp_s:
             message = (
                 f"The velocity is not reached in {step.duration_s:g} s; {2.0 * ramp_s:.1f} s are needed."
             )
             state.report("duration_too_short", message, "Give more time, or a lower velocity.", 2.0 * ramp_s)
             return
-        speed_s = step.duration_s - ramp_s  # time for the same distance at constant speed
+        constant_speed_s = step.duration_s - ramp_s  # time for the same distance at constant speed
         end = _vector(
-            tuple(p + v * speed_s for p, v in zip(end, step.velocity_ned_m_s, strict=True))  # type: ignore[arg-type]
+            tuple(p + v * constant_speed_s for p, v in zip(end, step.velocity_ned_m_s, strict=True))  # type: ignore[arg-type]
         )
         motion_in_step = replace(
             motion,
-            speed_m_s=horizontal if horizontal > 1e-3 else motion.speed_m_s,
+            speed_m_s=horizontal_m_s if horizontal_m_s > 1e-3 else motion.speed_m_s,
             climb_m_s=-down if down < -1e-3 else motion.climb_m_s,
             descent_m_s=down if down > 1e-3 else motion.descent_m_s,
         )
@@ -275,8 +284,8 @@ def compile_velocity(state: State, step: VelocityStep) -> None:
 
 
 def compile_attitude(state: State, step: AttitudeStep) -> None:
-    """Adds an attitude for a time. The real end is unknown, so the next step is planned from the same
-    position."""
+    """Adds an attitude for a time. The position at its end is unknown, so the next step is planned from the
+    position at its start."""
     yaw_rad = state.yaw_ned_rad if step.yaw_ned_rad is None else step.yaw_ned_rad
     turn_to(state, yaw_rad)
     tilt_rad = math.acos(math.cos(step.roll_rad) * math.cos(step.pitch_rad))

@@ -44,7 +44,7 @@ COMMON_START = "start"
 """Name of the meeting of all roles before their first step."""
 COMMON_START_TIMEOUT_S = 60.0
 """Time in which all roles must be at the common start [s]."""
-MAX_DECISIONS = 12
+MAX_SUCCESSIVE_BRANCHES = 12
 """Maximum number of successive branches; each branch doubles the number of paths through the mission."""
 
 
@@ -72,10 +72,11 @@ def compile_mission(
     Args:
         mission: the document.
         vehicle: limits of the vehicle; None: PX4's defaults.
-        start: state of the vehicle at the start; None: on the ground at the local origin, which is then at
-            the home of the document.
+        start: state of the vehicle at the start; None: on the ground at the local origin. The local origin is
+            then the document's home, if the document has one.
         files: contents of the table files, by name.
-        first_step: index of the first step to fly, to continue a mission; earlier gimbal tracks still apply.
+        first_step: index of the first step to fly, to continue a mission; the gimbal tracks of the steps
+            before it still apply.
         role: the role to compile, in a mission for several vehicles; its timeline starts with a meeting of
             all roles.
 
@@ -121,7 +122,7 @@ def _apply_gimbal_tracks(state: State, steps: tuple[MissionStep, ...]) -> None:
 
 
 def _with_home(mission: OffboardMission, start: Start) -> Start:
-    """The start; if the vehicle's home is unknown, with the planned home."""
+    """The start with the document's home, if the vehicle's global position is unknown."""
     home = mission.home
     if home is None or start.origin is not None:
         return start
@@ -129,24 +130,24 @@ def _with_home(mission: OffboardMission, start: Start) -> Start:
     return replace(start, origin=origin, home_alt_amsl_m=home.alt_amsl_m)
 
 
-def _compile_from(state: State, cursor: _StepCursor | None, decisions: int) -> Timeline:
+def _compile_from(state: State, cursor: _StepCursor | None, branches_before: int) -> Timeline:
     """Compiles the steps from the cursor to the end of the mission. At a branch it compiles both
     continuations."""
     while (next_step := _next_step(cursor)) is not None:
         step, state.place, cursor = next_step
         state.title = step.name or step.step.replace("_", " ").capitalize()
         state.compilation.add_size(steps=1)
-        state.visit = state.compilation.steps
+        state.executed_step = state.compilation.steps
         if isinstance(step, Repeat):
             cursor = _StepCursor(step.steps, f"{state.place}.", times_left=step.times, after=cursor)
         elif isinstance(step, Call):
             called = state.compilation.mission.missions[step.mission]
             cursor = _StepCursor(called, f"{state.place}, {step.mission} ", after=cursor)
         elif isinstance(step, Branch):
-            if decisions >= MAX_DECISIONS:
-                reason = f"more than {MAX_DECISIONS} branches one after the other"
+            if branches_before >= MAX_SUCCESSIVE_BRANCHES:
+                reason = f"more than {MAX_SUCCESSIVE_BRANCHES} branches one after the other"
                 raise PlanError(state.place, reason, "Split the mission.")
-            return _branch(state, step, cursor, decisions)
+            return _branch(state, step, cursor, branches_before)
         else:
             _compile_step(state, step)
     if state.in_air:
@@ -160,7 +161,7 @@ def _compile_from(state: State, cursor: _StepCursor | None, decisions: int) -> T
 
 
 def _next_step(cursor: _StepCursor | None) -> tuple[MissionStep, str, _StepCursor | None] | None:
-    """The next step, its name, and the cursor after this step; None: the mission ends."""
+    """The next step, its label ("step 4.2"), and the cursor after this step; None: the mission ends."""
     while cursor is not None:
         if cursor.index < len(cursor.steps):
             step = cursor.steps[cursor.index]
@@ -170,7 +171,7 @@ def _next_step(cursor: _StepCursor | None) -> tuple[MissionStep, str, _StepCurso
     return None
 
 
-def _branch(state: State, step: Branch, cursor: _StepCursor | None, decisions: int) -> Timeline:
+def _branch(state: State, step: Branch, cursor: _StepCursor | None, branches_before: int) -> Timeline:
     condition = step.condition
     _check_condition(state, condition, "the mission continues with `otherwise`")
     decision = Decision(state.place, condition.value, condition.above, condition.below, condition.for_s)
@@ -179,7 +180,9 @@ def _branch(state: State, step: Branch, cursor: _StepCursor | None, decisions: i
         branch_state = state.fork()
         continuations.append(
             _compile_from(
-                branch_state, _StepCursor(steps, f"{decision.place} {keyword} ", after=cursor), decisions + 1
+                branch_state,
+                _StepCursor(steps, f"{decision.place} {keyword} ", after=cursor),
+                branches_before + 1,
             )
         )
         state.needs |= branch_state.needs
@@ -209,7 +212,7 @@ def _compile_step(state: State, step: Any) -> None:
             f"{state.title}: the vehicle is on the ground.",
             "Add a take-off before this step.",
         )
-        state.in_air = True
+        state.in_air = True  # so that the following steps do not report the same problem
     step_setting = step.avoidance if isinstance(step, PathStep) else None
     requested = state.compilation.mission.avoidance if step_setting is None else step_setting
     state.avoidance = ("over" if requested else None) if isinstance(requested, bool) else requested
@@ -278,18 +281,22 @@ def _meet(state: State, step: Meet) -> None:
     _wait(state, "meet", 0.0, state.position_ned_m, step.timeout_s, message=step.meeting)
 
 
-def _check_condition(state: State, condition: Condition, otherwise: str) -> None:
-    """Reports a condition that can never become true."""
+def _check_condition(state: State, condition: Condition, consequence: str) -> None:
+    """Reports a condition that can never become true, or whose value the vehicle does not report.
+
+    Args:
+        consequence: what happens while the condition is false, for the message.
+    """
     name, above, below = condition.value, condition.above, condition.below
     if (below is not None and below <= 0.0) or (
         name == "battery_share" and above is not None and above >= 1.0
     ):
         bound = f"above {above:g}" if above is not None else f"below {below:g}"
-        message = f"{name} is never {bound}: {otherwise}."
+        message = f"{name} is never {bound}: {consequence}."
         state.report("condition_never", message, "Change the bound (battery_share is 0 to 1).")
     reported = state.compilation.vehicle.reported
     if reported is not None and name not in reported:
-        message = f"The vehicle does not report {name}, so the condition stays false: {otherwise}."
+        message = f"The vehicle does not report {name}, so the condition stays false: {consequence}."
         state.report("condition_unreported", message, "Choose another value, or enable its sensor.")
 
 
@@ -297,14 +304,14 @@ def _wait(
     state: State,
     kind: WaitKind,
     duration_s: float,
-    end: tuple[float, float, float],
+    end_ned_m: tuple[float, float, float],
     timeout_s: float,
     **fields: Any,
 ) -> None:
     state.add(
         WaitSegment(
-            state.place, state.title, duration_s, end, state.yaw_ned_rad, gimbal=state.gimbal, kind=kind,
-            timeout_s=timeout_s, **fields,
+            state.place, state.title, duration_s, end_ned_m, state.yaw_ned_rad, gimbal=state.gimbal,
+            kind=kind, timeout_s=timeout_s, **fields,
         )
     )  # fmt: skip
 
@@ -317,12 +324,12 @@ def _gimbal(state: State, step: Gimbal) -> None:
         if steepest_rad > 1.5708:
             message = f"The gimbal is commanded to a pitch of {steepest_rad:.2f} rad."
             state.report("gimbal_steep", message, "Stay within straight up and straight down (1.57 rad).")
-        place = (0.0, 0.0, 0.0) if step.place is None else state.locate(step.place)
+        target_ned_m = (0.0, 0.0, 0.0) if step.place is None else state.locate(step.place)
         state.gimbal = GimbalTrack(
             step.track,
             step.pitch_rad,
             step.yaw_rad,
-            place,
+            target_ned_m,
             step.sweep_pitch_rad,
             step.sweep_yaw_rad,
             step.period_s,

@@ -147,8 +147,8 @@ def _check_exists(mission: OffboardMission, place: str, name: str) -> None:
 def _depth(mission: OffboardMission, name: str, depths: dict[str, int], callers: tuple[str, ...]) -> int:
     """Depth of nested calls, starting from this list."""
     if name in callers:
-        circle = " → ".join((*callers[callers.index(name) :], name))
-        raise PlanError(f"list {name!r}", f"the calls form a loop ({circle})", "Remove one of these calls.")
+        loop = " → ".join((*callers[callers.index(name) :], name))
+        raise PlanError(f"list {name!r}", f"the calls form a loop ({loop})", "Remove one of these calls.")
     if name not in depths:
         deepest = 0
         for called in dict.fromkeys(calls_of(mission.missions[name])):

@@ -1,8 +1,8 @@
 """Converts a pattern to the steps of an offboard mission: the same lines, flown by setpoints.
 
-The steps are placed in a mission after its take-off. As in a waypoint plan, the nose points along the path,
-or towards the position that the camera looks at; so that the pictures have the orientation that the
-pattern assumes.
+The steps are placed in a mission after its take-off. As in a waypoint plan, the heading is along the path, or
+towards the position that the camera looks at. The pictures then have the orientation that the pattern
+assumes.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _is_above_ground(orbit: OrbitPattern) -> bool:
 def _orbit(orbit: OrbitPattern) -> tuple[s.MissionStep, ...]:
     """An orbit pattern as one orbit step, so that the pilot can edit the circle itself."""
     look_at = None if orbit.look_at is None else _position(orbit.center, orbit.look_at)
-    circles = s.Orbit(
+    orbit_step = s.Orbit(
         name=TITLES["orbit"],
         center=_position(orbit.center, orbit.altitude),
         radius_m=orbit.radius_m,
@@ -82,8 +82,8 @@ def _orbit(orbit: OrbitPattern) -> tuple[s.MissionStep, ...]:
         look_at=look_at,
     )
     if look_at is None:
-        return (circles,)
-    return (s.Gimbal(track="look_at", place=look_at), circles, s.Gimbal(track="release"))
+        return (orbit_step,)
+    return (s.Gimbal(track="look_at", place=look_at), orbit_step, s.Gimbal(track="release"))
 
 
 def _position(point: Point, altitude: Altitude) -> MissionPosition:
@@ -97,25 +97,27 @@ def _position(point: Point, altitude: Altitude) -> MissionPosition:
 
 
 def _named(steps: Sequence[s.MissionStep], title: str) -> tuple[s.MissionStep, ...]:
-    """The steps with headings and names; the names number the lines with pictures."""
+    """The steps with headings and names. If the pattern takes pictures, each name contains the number of a
+    line with pictures."""
     takes_pictures = any(isinstance(step, s.Fly) and step.photo_every_m is not None for step in steps)
-    line, looked_at, named = 0, None, list[s.MissionStep]()
+    line_number, target, named = 0, None, list[s.MissionStep]()
     for step in steps:
         if isinstance(step, s.Gimbal):
-            looked_at = step.place
+            target = step.place
         if isinstance(step, s.Fly):
-            line += step.photo_every_m is not None
+            on_line = step.photo_every_m is not None
+            line_number += on_line
             name = title
             if takes_pictures:
-                on_line = step.photo_every_m is not None
-                name = f"{title} {line}" if on_line else f"To {title[0].lower()}{title[1:]} {line + 1}"
-            step = step.model_copy(update={"name": name, **_heading(step, looked_at)})
+                next_line = f"{title[0].lower()}{title[1:]} {line_number + 1}"
+                name = f"{title} {line_number}" if on_line else f"To {next_line}"
+            step = step.model_copy(update={"name": name, **_heading(step, target)})
         named.append(step)
     return tuple(named)
 
 
-def _heading(step: s.Fly, looked_at: MissionPosition | None) -> dict[str, object]:
+def _heading(step: s.Fly, target: MissionPosition | None) -> dict[str, object]:
     """The fields for the heading of a step; empty if the points have yaws."""
     if any(point.yaw_ned_rad is not None for point in step.points):
         return {}
-    return {"heading": "along_path"} if looked_at is None else {"look_at": looked_at}
+    return {"heading": "along_path"} if target is None else {"look_at": target}

@@ -9,6 +9,7 @@ from typing import Any
 
 from missions.camera_items import GimbalPitchYaw, PhotoStart, TriggerDistance
 from missions.errors import PlanError
+from missions.estimates import GROUND_SPEED_TYPES
 from missions.items import (
     ChangeSpeed,
     Delay,
@@ -32,8 +33,10 @@ from missions.route import is_flown_to, route_of
 from missions.values import Altitude
 from missions.vehicle import VehicleModel
 
-WAIT_S = 3600.0
+LOITER_TIMEOUT_S = 3600.0
 """Timeout of an unlimited loiter, which waits for the pilot."""
+ROI_LOCATION = 3.0
+"""MAV_ROI_LOCATION: the mode of a legacy region of interest that is a position."""
 MIN_TAKEOFF_M = 2.5
 MAX_SPEED_M_S = 100.0
 MAX_HOLD_S = 86_400.0
@@ -46,7 +49,7 @@ class ConvertedPlan:
 
     mission: OffboardMission
     notes: tuple[str, ...]
-    """Parts of the plan that the mission does not contain."""
+    """Differences between the mission and the plan, as sentences."""
 
 
 @dataclass(slots=True)
@@ -140,17 +143,21 @@ def _build(plan: Plan, vehicle: VehicleModel | None, *, in_air: bool) -> _Missio
 
 def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> None:
     if isinstance(item, PlacedItem) and is_flown_to(item):
-        _add_positioned(builder, item, description)
+        _add_placed_item(builder, item, description)
     elif isinstance(item, Delay):
         if (item.delay_s or 0.0) < 0.0:
             builder.notes.append(f"{description.capitalize()} waits for a time of day and is omitted.")
         else:
             builder.add(s.Hold(duration_s=min(MAX_HOLD_S, item.delay_s or 0.0)))
-    elif isinstance(item, ChangeSpeed) and (item.speed_m_s or 0.0) > 0.0 and item.speed_type in (0.0, 1.0):
+    elif (
+        isinstance(item, ChangeSpeed)
+        and (item.speed_m_s or 0.0) > 0.0
+        and item.speed_type in GROUND_SPEED_TYPES
+    ):
         builder.flush()
         builder.speed_m_s = min(MAX_SPEED_M_S, item.speed_m_s or 0.0)
     elif isinstance(item, ReturnHome):
-        _return(builder, description)
+        _return_home(builder, description)
     elif isinstance(item, TriggerDistance):
         builder.flush()
         builder.photo_every_m = min(10_000.0, item.distance_m or 0.0) or None
@@ -163,7 +170,7 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
         builder.add(
             s.Photo(count=min(count, 10_000), interval_s=min(3600.0, max(0.1, item.interval_s or 1.0)))
         )
-    elif isinstance(item, RoiLocation) or (isinstance(item, LegacyRoi) and item.mode == 3.0):
+    elif isinstance(item, RoiLocation) or (isinstance(item, LegacyRoi) and item.mode == ROI_LOCATION):
         builder.add(s.Gimbal(track="look_at", place=MissionPosition(**_position(item, item.altitude))))
     elif isinstance(item, GimbalPitchYaw):
         pitch, yaw = _radians(item.pitch_deg or 0.0), _radians(item.yaw_deg or 0.0)
@@ -174,7 +181,7 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
         builder.notes.append(f"{description.capitalize()} is omitted.")
 
 
-def _add_positioned(builder: _MissionBuilder, item: PlacedItem, description: str) -> None:
+def _add_placed_item(builder: _MissionBuilder, item: PlacedItem, description: str) -> None:
     if not builder.in_air:
         _take_off(builder, item, description)
     if isinstance(item, Takeoff):
@@ -196,7 +203,7 @@ def _add_positioned(builder: _MissionBuilder, item: PlacedItem, description: str
         builder.in_air = False
     elif isinstance(item, LoiterUnlimited):
         builder.add_point(item, stop=True)
-        builder.add(s.Wait(until="person", message="Go on?", timeout_s=WAIT_S, on_timeout="return"))
+        builder.add(s.Wait(until="person", message="Go on?", timeout_s=LOITER_TIMEOUT_S, on_timeout="return"))
     elif isinstance(item, LoiterTime | Waypoint):
         hold_s = min(MAX_HOLD_S, max(0.0, item.hold_s or 0.0))
         builder.add_point(item, hold_s=hold_s)
@@ -224,7 +231,7 @@ def _take_off(builder: _MissionBuilder, item: PlacedItem, description: str) -> N
     builder.in_air = True
 
 
-def _return(builder: _MissionBuilder, description: str) -> None:
+def _return_home(builder: _MissionBuilder, description: str) -> None:
     home = builder.plan.planned_home
     if home is None:
         raise PlanError(description, "the plan has no home to return to", "Set the planned home.")

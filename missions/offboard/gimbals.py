@@ -34,37 +34,37 @@ class GimbalTrack:
             default_yaw_ned_rad: the heading if the setpoint has none.
         """
         setpoint_yaw_rad = getattr(setpoint, "yaw_ned_rad", None)
-        nose_rad = default_yaw_ned_rad if setpoint_yaw_rad is None else float(setpoint_yaw_rad)
+        heading_ned_rad = default_yaw_ned_rad if setpoint_yaw_rad is None else float(setpoint_yaw_rad)
         if self.kind == "look_at":
-            return self._towards(setpoint, nose_rad)
+            return self._towards(setpoint, heading_ned_rad)
         if self.kind == "along_path":
-            return self.pitch_rad, _course(setpoint, nose_rad)
-        pitch_rad, yaw_rad = self.pitch_rad, nose_rad + self.yaw_rad
+            return self.pitch_rad, _course(setpoint, heading_ned_rad)
+        pitch_rad, yaw_rad = self.pitch_rad, heading_ned_rad + self.yaw_rad
         if self.kind == "sweep":
-            swing = math.sin(math.tau * t_s / self.period_s)
-            pitch_rad += self.sweep_pitch_rad * swing
-            yaw_rad += self.sweep_yaw_rad * swing
+            sine = math.sin(math.tau * t_s / self.period_s)
+            pitch_rad += self.sweep_pitch_rad * sine
+            yaw_rad += self.sweep_yaw_rad * sine
         return pitch_rad, wrap_pi(yaw_rad)
 
-    def _towards(self, setpoint: Setpoint, nose_rad: float) -> tuple[float, float]:
+    def _towards(self, setpoint: Setpoint, heading_ned_rad: float) -> tuple[float, float]:
         position_ned_m = (
             complete_vector(setpoint.position_ned_m) if isinstance(setpoint, Trajectory | Position) else None
         )
         if position_ned_m is None:
-            return self.pitch_rad, wrap_pi(nose_rad)
+            return self.pitch_rad, wrap_pi(heading_ned_rad)
         n, e, d = (
             target_coordinate - coordinate
             for target_coordinate, coordinate in zip(self.target_ned_m, position_ned_m, strict=True)
         )
-        across_m = math.hypot(n, e)
-        yaw_rad = math.atan2(e, n) if across_m > 1e-6 else wrap_pi(nose_rad)
-        return math.atan2(-d, across_m), yaw_rad
+        horizontal_m = math.hypot(n, e)
+        yaw_rad = math.atan2(e, n) if horizontal_m > 1e-6 else wrap_pi(heading_ned_rad)
+        return math.atan2(-d, horizontal_m), yaw_rad
 
 
-def _course(setpoint: Setpoint, nose_rad: float) -> float:
+def _course(setpoint: Setpoint, heading_ned_rad: float) -> float:
     """The horizontal direction of flight; the heading if the vehicle hardly moves."""
     if isinstance(setpoint, Trajectory | Velocity):
         north, east = setpoint.velocity_ned_m_s[0] or 0.0, setpoint.velocity_ned_m_s[1] or 0.0
         if math.hypot(north, east) > 0.05:
             return math.atan2(east, north)
-    return wrap_pi(nose_rad)
+    return wrap_pi(heading_ned_rad)

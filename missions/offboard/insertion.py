@@ -24,7 +24,7 @@ StepPath = Sequence[str | int]
 `["missions", "round", 1]`, `["steps", 3, "then", 0]`."""
 Lists = dict[str | None, tuple[MissionStep, ...]]
 """Lists of steps by name; None: the steps of the inserted mission."""
-_KEYS = ("steps", "roles", "missions", "then", "otherwise")
+_PATH_KEYS = ("steps", "roles", "missions", "then", "otherwise")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,8 @@ def insert(
     Args:
         mission: the mission to change.
         inserted: the mission to insert, for one vehicle.
-        target: path of the new step in the document; the steps at this path and after it move back by one.
+        target: path of the new step in the document. The index of each step at this path or after it
+            increases by one.
         in_air: omit the inserted take-off and last landing, because the vehicle is already flying at that
             step.
         positions: used if the planned starts differ. `from_start`: positions relative to start or home refer
@@ -67,8 +68,8 @@ def insert(
             f"mission {inserted.name!r}", reason, "A call inserts a mission for one vehicle only."
         )
     if len(target) < 2:
-        raise _invalid_position(target, f"{list(target)} is not a valid position for a step")
-    # A wrong position is reported before all other errors.
+        raise _invalid_target(target, f"{list(target)} is not a valid position for a step")
+    # An invalid target is reported before all other errors.
     _with_step(mission, target, Call(mission="-"), target)
     steps, notes = _steps_to_insert(inserted, in_air)
     adapter = Adapter(
@@ -177,7 +178,7 @@ def _with_list_names(
 def _with_step(value: Any, path: StepPath, step: MissionStep, target: StepPath) -> Any:
     """A copy of the document with a step inserted."""
     if isinstance(value, OffboardMission) and value.roles and path[0] == "steps":
-        raise _invalid_position(target, f"the mission has roles ({', '.join(value.roles)})")
+        raise _invalid_target(target, f"the mission has roles ({', '.join(value.roles)})")
     key, inner_path = path[0], path[1:]
     if isinstance(value, tuple) and isinstance(key, int) and 0 <= key < len(value) + (not inner_path):
         inner = (
@@ -188,11 +189,11 @@ def _with_step(value: Any, path: StepPath, step: MissionStep, target: StepPath) 
         return (*value[:key], *inner)
     if isinstance(value, dict) and inner_path and key in value:
         return {**value, key: _with_step(value[key], inner_path, step, target)}
-    if isinstance(value, Model) and inner_path and key in _KEYS and key in type(value).model_fields:
+    if isinstance(value, Model) and inner_path and key in _PATH_KEYS and key in type(value).model_fields:
         return value.model_copy(update={key: _with_step(getattr(value, key), inner_path, step, target)})
-    raise _invalid_position(target, f"{list(target)} is not a valid position for a step")
+    raise _invalid_target(target, f"{list(target)} is not a valid position for a step")
 
 
-def _invalid_position(target: StepPath, reason: str) -> PlanError:
+def _invalid_target(target: StepPath, reason: str) -> PlanError:
     fix = 'Give the keys and indexes of a step: ["steps", 2], or ["roles", "lead", "steps", 0].'
     return PlanError("field at", reason, fix, field="at")

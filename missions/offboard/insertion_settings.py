@@ -60,11 +60,9 @@ def _limits(limits: Bounds, inserted: Bounds) -> tuple[Bounds, dict[str, float]]
 
 def _new_zones(mission: OffboardMission, inserted: OffboardMission) -> list[FenceZone]:
     zones, inserted_zones = list(mission.fence), list(inserted.fence)
-    stay_inside = (
-        [zone for zone in zones if zone.inclusion],
-        [zone for zone in inserted_zones if zone.inclusion],
-    )
-    if all(stay_inside) and any(zone not in stay_inside[0] for zone in stay_inside[1]):
+    inclusions = [zone for zone in zones if zone.inclusion]
+    inserted_inclusions = [zone for zone in inserted_zones if zone.inclusion]
+    if inclusions and any(zone not in inclusions for zone in inserted_inclusions):
         raise PlanError(
             f"mission {inserted.name!r}, field fence",
             "both missions have a geofence to stay inside; together they would allow the areas of both",
@@ -77,10 +75,11 @@ def _obstacles(mission: OffboardMission, inserted: OffboardMission) -> list[Obst
     """The obstacles of the inserted mission, with tops above its home converted to the home of `mission`."""
     if mission.home is None or inserted.home is None:
         return list(inserted.obstacles)
-    by_m = inserted.home.alt_amsl_m - mission.home.alt_amsl_m
-    return [
-        each.model_copy(update={"top": each.top.model_copy(update={"value_m": each.top.value_m + by_m})})
-        if each.top.reference == "home"
-        else each
-        for each in inserted.obstacles
-    ]
+    home_difference_m = inserted.home.alt_amsl_m - mission.home.alt_amsl_m
+    obstacles: list[Obstacle] = []
+    for obstacle in inserted.obstacles:
+        if obstacle.top.reference == "home":
+            top = obstacle.top.model_copy(update={"value_m": obstacle.top.value_m + home_difference_m})
+            obstacle = obstacle.model_copy(update={"top": top})
+        obstacles.append(obstacle)
+    return obstacles

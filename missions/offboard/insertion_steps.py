@@ -21,7 +21,7 @@ from missions.values import Model
 
 Positions = Literal["from_start", "same_places"]
 SAME_PLACE_M = 0.5
-"""Planned starts that are nearer to each other count as the same."""
+"""Planned starts that are nearer to each other than this count as equal [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,18 +39,18 @@ class StartConversion:
         return self.home.to_ned(*self.inserted_home.to_geodetic(position_ned_m))
 
     def convert_offset(self, offset_ned_m: Vector3) -> Vector3:
-        """An offset from `inserted_home`, as an offset from the vehicle's start (NED)."""
+        """An offset from `inserted_home`, as an offset from the start of the only vehicle (NED)."""
         n, e, d = self.convert_local(offset_ned_m)
         from_n, from_e, from_d = self.starts_ned_m[0]
         return (n - from_n, e - from_e, d - from_d)
 
     def convert_alt_home(self, alt_home_m: float) -> float:
-        """An altitude above `inserted_home`, as an altitude above the vehicle's start."""
+        """An altitude above `inserted_home`, as an altitude above the start of the only vehicle."""
         return alt_home_m + self.inserted_home.alt_amsl_m - self.home.alt_amsl_m + self.starts_ned_m[0][2]
 
     @property
     def distance_m(self) -> float:
-        """The largest distance between the two starts."""
+        """The largest distance between the planned start of the inserted mission and `starts_ned_m`."""
         north, east, down = self.convert_local((0.0, 0.0, 0.0))
         return max(math.dist((north, east, down), start) for start in self.starts_ned_m)
 
@@ -96,7 +96,7 @@ class Adapter:
         self._inserted = inserted
         self._conversion = conversion
         self._positions = positions
-        self._has_relative = False
+        self._has_relative_positions = False
         self.tables = dict(mission.tables)
         """The tables of the mission and of the adapted steps."""
 
@@ -104,13 +104,13 @@ class Adapter:
         """The adapted steps.
 
         Raises:
-            PlanError: A step cannot be flown in the new mission as in its own mission.
+            PlanError: A step would be flown differently in the new mission.
         """
         return tuple(self._step(step) for step in steps)
 
     def notes(self) -> list[str]:
         """Changes of the positions, as sentences."""
-        if not self._has_relative or self._inserted.home is None:
+        if not self._has_relative_positions or self._inserted.home is None:
             return []
         new_reference = "Positions relative to start or home now refer to the start and home of this mission"
         if self._mission.home is None:
@@ -140,7 +140,7 @@ class Adapter:
         return adapted
 
     def _path_settings(self, step: PathStep) -> dict[str, Any]:
-        """The speed and avoidance that its own mission sets for the step."""
+        """The speed and avoidance that the inserted mission sets for the step."""
         settings: dict[str, Any] = {}
         limit_m_s, mission_m_s = self._inserted.limits.speed_m_s, self._mission.limits.speed_m_s
         if limit_m_s is not None and (mission_m_s is None or limit_m_s < mission_m_s):
@@ -162,10 +162,10 @@ class Adapter:
 
     def _position(self, position: MissionPosition) -> MissionPosition:
         conversion = self._conversion
-        is_local = position.position_ned_m is not None or position.offset_ned_m is not None
-        if not is_local and position.alt_home_m is None:
+        is_ned = position.position_ned_m is not None or position.offset_ned_m is not None
+        if not is_ned and position.alt_home_m is None:
             return position
-        self._has_relative = True
+        self._has_relative_positions = True
         if conversion is None or not self._converts(conversion):
             return position
         converted: dict[str, Any] = {}
@@ -176,7 +176,7 @@ class Adapter:
         if position.alt_home_m is not None:
             converted["alt_home_m"] = conversion.convert_alt_home(position.alt_home_m)
         for value in converted.values():
-            _check_near(value if isinstance(value, tuple) else (value,))
+            _check_coordinates(value if isinstance(value, tuple) else (value,))
         return position.model_copy(update=converted)
 
     def _converts(self, conversion: StartConversion) -> bool:
@@ -206,7 +206,7 @@ class Adapter:
         if text is None:
             fix = "Add the table to the mission: steps of an inserted mission cannot read other files."
             raise self._error(step, f"the mission has no table {step.file!r}", fix)
-        self._has_relative = True
+        self._has_relative_positions = True
         if self._conversion is not None and self._converts(self._conversion):
             text = _converted_table(
                 text, self._conversion.convert_offset if step.relative else self._conversion.convert_local
@@ -223,12 +223,12 @@ def _converted_table(text: str, convert: Callable[[Vector3], Vector3]) -> str:
     rows: list[list[float]] = []
     for row in tables.read_rows(text.encode()):
         position = convert((row[1], row[2], row[3]))
-        _check_near(position)
+        _check_coordinates(position)
         rows.append([row[0], *position, *row[4:]])
     return tables.csv_text(rows)
 
 
-def _check_near(values: Sequence[float]) -> None:
+def _check_coordinates(values: Sequence[float]) -> None:
     if any(abs(value) > MAX_COORDINATE_M for value in values):
         raise PlanError(
             "field positions",

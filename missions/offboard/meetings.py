@@ -49,8 +49,8 @@ class _Meetings:
 
     def __init__(self, mission: OffboardMission) -> None:
         self._mission = mission
-        self._mission_has: dict[str, bool] = {}
-        """Cache: whether a called mission has meetings."""
+        self._cache: dict[str, bool] = {}
+        """Results of `_list_has_meeting`, by name of the list."""
 
     def names_of(self, role: str | None, steps: Iterable[MissionStep]) -> list[str]:
         """The names of a role's meetings, in flight order.
@@ -86,7 +86,7 @@ class _Meetings:
         for step in steps:
             if isinstance(step, Meet):
                 yield step.meeting
-            elif isinstance(step, Call) and self._mission_has_meeting(step.mission):
+            elif isinstance(step, Call) and self._list_has_meeting(step.mission):
                 yield from self._names(self._mission.missions[step.mission])
             elif isinstance(step, Repeat) and self._has_meeting(step.steps):
                 for _ in range(step.times):
@@ -95,16 +95,16 @@ class _Meetings:
     def _has_meeting(self, steps: Iterable[MissionStep]) -> bool:
         return any(
             isinstance(step, Meet)
-            or (isinstance(step, Call) and self._mission_has_meeting(step.mission))
+            or (isinstance(step, Call) and self._list_has_meeting(step.mission))
             or (isinstance(step, Repeat) and self._has_meeting(step.steps))
             or (isinstance(step, Branch) and self._has_meeting((*step.then, *step.otherwise)))
             for step in steps
         )
 
-    def _mission_has_meeting(self, name: str) -> bool:
-        if name not in self._mission_has:
-            self._mission_has[name] = self._has_meeting(self._mission.missions[name])
-        return self._mission_has[name]
+    def _list_has_meeting(self, name: str) -> bool:
+        if name not in self._cache:
+            self._cache[name] = self._has_meeting(self._mission.missions[name])
+        return self._cache[name]
 
 
 def _branches(steps: Iterable[MissionStep]) -> Iterator[Branch]:

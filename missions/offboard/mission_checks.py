@@ -20,10 +20,11 @@ from missions.trajectory.limits import MotionLimits
 
 Array = NDArray[np.float64]
 SPACING_S = 0.25
+"""Time between two samples of a segment [s]."""
 MAX_SAMPLES = 4000
 """Maximum number of samples of one segment."""
 GROUND_M = 0.3
-"""At a lower altitude above home, a path that should be in the air has reached the ground."""
+"""A path that descends below this altitude above home gets a finding, because it may reach the ground [m]."""
 TOLERANCE = 1.01
 """Factor by which tables may exceed a limit."""
 
@@ -45,18 +46,18 @@ def check(timeline: Timeline, compilation: Compilation) -> tuple[MissionFinding,
         for segment in part.timeline.segments:
             count = int(min(MAX_SAMPLES, 2 + segment.duration_s / SPACING_S))
             path = samples.path_along(segment, start_ned_m, np.linspace(0.0, segment.duration_s, count))
-            findings += _positions(segment, path, compilation)
+            findings += _check_positions(segment, path, compilation)
             if allowed is not None:
-                findings += _fence(segment, path, allowed)
+                findings += _check_fence(segment, path, allowed)
             findings += obstacles.check_segment(segment, path)
             if isinstance(segment, TableSegment):
-                findings += _table(segment, compilation.motion)
+                findings += _check_table(segment, compilation.motion)
             start_ned_m = segment.end_ned_m
-    findings += _totals(timeline, compilation)
+    findings += _check_totals(timeline, compilation)
     return tuple(findings)
 
 
-def _positions(segment: Segment, path: Array, compilation: Compilation) -> Iterator[MissionFinding]:
+def _check_positions(segment: Segment, path: Array, compilation: Compilation) -> Iterator[MissionFinding]:
     limits, start = compilation.vehicle.limits, compilation.start
     home_down_m = start.reference_ned_m[2]
     if start.origin is not None and start.home_alt_amsl_m is not None:
@@ -85,30 +86,32 @@ def _positions(segment: Segment, path: Array, compilation: Compilation) -> Itera
         )
     radius_m = limits.vehicle.fence_radius_m
     north, east = path[:, 0] - start.reference_ned_m[0], path[:, 1] - start.reference_ned_m[1]
-    away_m = float(np.hypot(north, east).max())
-    if 0.0 < radius_m < away_m:
+    distance_m = float(np.hypot(north, east).max())
+    if 0.0 < radius_m < distance_m:
         message = (
-            f"{segment.title} is up to {away_m:.0f} m from the start; the fence limit is {radius_m:.0f} m."
+            f"{segment.title} is up to {distance_m:.0f} m from the start; "
+            f"the fence limit is {radius_m:.0f} m."
         )
         yield MissionFinding("radius_exceeded", message, segment.place, "Move the path nearer to the start.")
-    for excess, limit_m in _beyond_operator_limits(path, highest_m, away_m, compilation):
+    for excess, limit_m in _beyond_operator_limits(path, highest_m, distance_m, compilation):
         message = f"{segment.title} {excess}. In flight, the server would keep the vehicle inside this limit."
         fix = "Change the step, or your limits."
         yield MissionFinding("limit_exceeded", message, segment.place, fix, limit_m)
 
 
 def _beyond_operator_limits(
-    path: Array, highest_m: float, away_m: float, compilation: Compilation
+    path: Array, highest_m: float, distance_m: float, compilation: Compilation
 ) -> Iterator[tuple[str, float | None]]:
-    """Each of the operator's limits that a path exceeds: a text, and the limit if it limits the altitude
-    [m]."""
+    """Yields a text and the limit for each of the operator's limits that a path exceeds; the limit is None
+    unless it is an altitude [m]."""
     operator, start = compilation.vehicle.operator, compilation.start
     if operator.height_max_m is not None and highest_m > operator.height_max_m + 0.01:
         text = f"climbs to {highest_m:.0f} m above home, your limit is {operator.height_max_m:g} m"
         yield text, operator.height_max_m
-    if operator.distance_max_m is not None and away_m > operator.distance_max_m + 0.01:
+    if operator.distance_max_m is not None and distance_m > operator.distance_max_m + 0.01:
         text = (
-            f"is up to {away_m:.0f} m from the start, your limit is {operator.distance_max_m:g} m from home"
+            f"is up to {distance_m:.0f} m from the start, "
+            f"your limit is {operator.distance_max_m:g} m from home"
         )
         yield text, None
     if operator.fence is not None and start.origin is not None:
@@ -118,7 +121,7 @@ def _beyond_operator_limits(
             yield f"leaves your fence near north {north:.0f} m, east {east:.0f} m", None
 
 
-def _fence(
+def _check_fence(
     segment: Segment, path: Array, allowed: shapely.geometry.base.BaseGeometry
 ) -> Iterator[MissionFinding]:
     line = shapely.LineString(path[:, :2])
@@ -132,26 +135,26 @@ def _fence(
     )
 
 
-def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFinding]:
+def _check_table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFinding]:
     times = np.linspace(0.0, segment.duration_s, MAX_SAMPLES)
     _, v = segment.path.sample(times)
     horizontal = float(np.hypot(v[:, 0], v[:, 1]).max())
     climb, descent = float(-v[:, 2].min()), float(v[:, 2].max())
-    limits = (
+    speeds = (
         (horizontal, motion.speed_m_s, "over the ground"),
         (climb, motion.climb_m_s, "up"),
         (descent, motion.descent_m_s, "down"),
     )
-    for speed, limit, direction in limits:
+    for speed, limit, direction in speeds:
         if speed > limit * TOLERANCE:
             message = f"The table flies up to {speed:.1f} m/s {direction}, the limit is {limit:g} m/s."
             yield MissionFinding("speed_exceeded", message, segment.place, "Give the table more time.")
     a = np.diff(v, axis=0) / np.diff(times)[:, None]
-    bounds = (
+    accelerations = (
         (float(np.hypot(a[:, 0], a[:, 1]).max()), motion.horizontal_acceleration_m_s2, "horizontally"),
         (float(np.abs(a[:, 2]).max()), motion.vertical_acceleration_m_s2, "vertically"),
     )
-    for acceleration, limit, direction in bounds:
+    for acceleration, limit, direction in accelerations:
         if acceleration > limit * TOLERANCE:
             message = (
                 f"The table accelerates at up to {acceleration:.1f} m/s² {direction}, "
@@ -160,7 +163,7 @@ def _table(segment: TableSegment, motion: MotionLimits) -> Iterator[MissionFindi
             yield MissionFinding("acceleration_exceeded", message, segment.place, "Give the table more time.")
 
 
-def _totals(timeline: Timeline, compilation: Compilation) -> Iterator[MissionFinding]:
+def _check_totals(timeline: Timeline, compilation: Compilation) -> Iterator[MissionFinding]:
     limits = compilation.vehicle.limits
     if limits.unknown_parameters:
         message = unknown_parameters_text(limits.unknown_parameters)

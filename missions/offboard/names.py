@@ -16,8 +16,8 @@ def valid_name(text: str, fallback: str) -> str:
 def free_name(wanted: str, is_taken: Callable[[str], bool]) -> str:
     """The wanted name; if it is taken, the name with the first free number: `Tower 2`, `loop 2.csv`."""
     name, number = wanted, 2
-    stem, ending = (wanted[:-4], wanted[-4:]) if wanted.lower().endswith(".csv") else (wanted, "")
+    stem, extension = (wanted[:-4], wanted[-4:]) if wanted.lower().endswith(".csv") else (wanted, "")
     while is_taken(name):
-        end = f" {number}{ending}"
-        name, number = f"{stem[: MAX_NAME_LENGTH - len(end)]}{end}", number + 1
+        suffix = f" {number}{extension}"
+        name, number = f"{stem[: MAX_NAME_LENGTH - len(suffix)]}{suffix}", number + 1
     return name

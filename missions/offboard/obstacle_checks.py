@@ -12,8 +12,8 @@ from missions.offboard.findings import MissionFinding
 from missions.offboard.segments import CurveSegment, HoldSegment, Segment, TableSegment
 from missions.offboard.state import Compilation
 
-MOVE_POINTS = "Move the points of this step around the obstacle or above it."
-CHECK_SENSOR = "Plan the path around the obstacle, or make sure that the vehicle's sensor measures it."
+MOVE_POINTS_FIX = "Move the points of this step around the obstacle or above it."
+CHECK_SENSOR_FIX = "Plan the path around the obstacle, or make sure that the vehicle's sensor measures it."
 
 
 class ObstacleCheck:
@@ -64,9 +64,9 @@ def _finding(segment: Segment, clearance: Clearance) -> MissionFinding:
     where = f"near north {clearance.north_m:.0f} m, east {clearance.east_m:.0f} m"
     if not clearance.passes_through:
         message = f"{segment.title} comes within {clearance.distance_m:.1f} m of {clearance.name} {where}."
-        return MissionFinding("obstacle_near", message, step, MOVE_POINTS, obstacle=index)
+        return MissionFinding("obstacle_near", message, step, MOVE_POINTS_FIX, obstacle=index)
     message = f"{segment.title} passes through {clearance.name} {where}"
     if segment.avoidance is None or not isinstance(segment, CurveSegment | HoldSegment | TableSegment):
-        return MissionFinding("obstacle_hit", f"{message}.", step, MOVE_POINTS, obstacle=index)
+        return MissionFinding("obstacle_hit", f"{message}.", step, MOVE_POINTS_FIX, obstacle=index)
     message += ": only the obstacle sensor of the vehicle can avoid the obstacle."
-    return MissionFinding("obstacle_avoided", message, step, CHECK_SENSOR, obstacle=index)
+    return MissionFinding("obstacle_avoided", message, step, CHECK_SENSOR_FIX, obstacle=index)

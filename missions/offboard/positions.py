@@ -20,7 +20,7 @@ FENCE_NAME = "the mission's geofence"
 
 
 class MissionPosition(Model):
-    """A position: local, relative to the start of the mission, or latitude and longitude."""
+    """A local position, an offset from the start of the mission, or latitude, longitude and altitude."""
 
     position_ned_m: Ned | None = None
     """Position relative to the vehicle's local origin."""

@@ -23,7 +23,7 @@ MAX_DEPTH = 24
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _KEYWORDS: dict[str, Any] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
-Path = tuple[str | int, ...]
+ValuePath = tuple[str | int, ...]
 
 
 def read(data: str | bytes) -> OffboardMission:
@@ -37,7 +37,7 @@ def read(data: str | bytes) -> OffboardMission:
     if len(text) > MAX_BYTES:
         reason = f"{len(text) / 1e6:.1f} MB are too large, {MAX_BYTES // 1_048_576} MiB is the maximum"
         raise PlanError("the file", reason, "Give its trajectories (`tables`) fewer rows.")
-    lines: dict[Path, int] = {}
+    lines: dict[ValuePath, int] = {}
     value = _parse(text, lines)
     try:
         mission = OffboardMission.model_validate_json(dump(value))
@@ -49,7 +49,8 @@ def read(data: str | bytes) -> OffboardMission:
 
 
 def read_json(data: str | bytes) -> OffboardMission:
-    """Reads a mission sent as JSON, within the same limits; errors have no line numbers.
+    """Reads a mission sent as JSON, with at most MAX_VALUES values and MAX_DEPTH levels; errors have no line
+    numbers.
 
     Raises:
         PlanError: The text exceeds a limit, is not JSON, or not a mission; the error names step, field and
@@ -79,7 +80,7 @@ def _count_values(value: Any, depth: int) -> int:
     return 1 + sum(_count_values(part, depth + 1) for part in parts)
 
 
-def _parse(text: str, lines: dict[Path, int]) -> Any:
+def _parse(text: str, lines: dict[ValuePath, int]) -> Any:
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(text)
     try:
         loader.get_event()
@@ -105,12 +106,12 @@ def _parse(text: str, lines: dict[Path, int]) -> Any:
 class _ValueReader:
     """Converts YAML events to values, and records the line of each value."""
 
-    def __init__(self, loader: Any, lines: dict[Path, int]) -> None:
+    def __init__(self, loader: Any, lines: dict[ValuePath, int]) -> None:
         self._loader = loader
         self._lines = lines
         self._count = 0
 
-    def read_value(self, path: Path) -> Any:
+    def read_value(self, path: ValuePath) -> Any:
         """Reads the next value."""
         event = self._loader.get_event()
         line = event.start_mark.line + 1
@@ -130,14 +131,14 @@ class _ValueReader:
             return self._list(path)
         return self._mapping(path)
 
-    def _list(self, path: Path) -> list[Any]:
+    def _list(self, path: ValuePath) -> list[Any]:
         values: list[Any] = []
         while not self._loader.check_event(yaml.SequenceEndEvent):
             values.append(self.read_value((*path, len(values))))
         self._loader.get_event()
         return values
 
-    def _mapping(self, path: Path) -> dict[str, Any]:
+    def _mapping(self, path: ValuePath) -> dict[str, Any]:
         mapping: dict[str, Any] = {}
         while not self._loader.check_event(yaml.MappingEndEvent):
             event = self._loader.get_event()
@@ -183,10 +184,10 @@ _FIXES = {
 }
 
 
-def _plan_error(error: ValidationError, value: Any, lines: dict[Path, int]) -> PlanError:
+def _plan_error(error: ValidationError, value: Any, lines: dict[ValuePath, int]) -> PlanError:
     """The first validation error as a PlanError with line, step and field."""
     first: dict[str, Any] = dict(error.errors(include_url=False, include_input=False)[0])
-    path = _without_tags(first["loc"], value)
+    path = _path_in_file(first["loc"], value)
     path_with_line = path
     while path_with_line not in lines and path_with_line:
         path_with_line = path_with_line[:-1]
@@ -198,7 +199,7 @@ def _plan_error(error: ValidationError, value: Any, lines: dict[Path, int]) -> P
     return PlanError(f"{line}{describe_path(path)}".removeprefix(", ") or "the mission", message, fix)
 
 
-def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
+def _path_in_file(location: tuple[int | str, ...], value: Any) -> ValuePath:
     """The path in the file; Pydantic's location also contains the kind of each union member."""
     path: list[str | int] = []
     for part in location:
@@ -212,7 +213,7 @@ def _without_tags(location: tuple[int | str, ...], value: Any) -> Path:
     return tuple(path)
 
 
-def describe_path(path: Path) -> str:
+def describe_path(path: ValuePath) -> str:
     """A path as shown in messages: `, step 3.2, field points[0].corner_m`; steps are numbered from 1."""
     numbers: list[str] = []
     remaining_path = list(path)

@@ -49,8 +49,9 @@ def planned_starts(mission: OffboardMission) -> dict[str, Start]:
     for name, role in mission.roles.items():
         home, start_ned_m = mission.home, role.start_ned_m or (0.0, 0.0, 0.0)
         origin = None if home is None else LocalOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m)
-        alt_m = None if home is None else home.alt_amsl_m - start_ned_m[2]
-        starts[name] = Start(position_ned_m=start_ned_m, origin=origin, home_alt_amsl_m=alt_m)
+        # PX4 sets home at the take-off position, so the altitude of the start counts as the altitude of home.
+        home_alt_amsl_m = None if home is None else home.alt_amsl_m - start_ned_m[2]
+        starts[name] = Start(position_ned_m=start_ned_m, origin=origin, home_alt_amsl_m=home_alt_amsl_m)
     return starts
 
 
@@ -103,7 +104,7 @@ def _common_frame_offsets(mission: OffboardMission, starts: Mapping[str, Start])
         tuple(a + b for a, b in zip(offsets[role], start.position_ned_m, strict=True))
         for role, start in starts.items()
     }
-    # Identical positions mean that the real start positions are not given.
+    # Two identical positions mean that the real start positions are not given.
     return offsets if len(positions) == len(starts) else None
 
 
@@ -152,7 +153,7 @@ def _sample_positions(
             first, end = np.searchsorted(times_s, (now_s, now_s + segment.duration_s)).tolist()
             within_s = times_s[first:end] - now_s
             path = samples.path_along(segment, previous, within_s)
-            if len(path) != len(within_s) or path.shape[0] == 2:
+            if len(path) != len(within_s) or path.shape[0] == 2:  # only start and end: interpolate
                 fraction = within_s / max(segment.duration_s, 1e-9)
                 start_ned_m, end_ned_m = np.array(previous), np.array(segment.end_ned_m)
                 path = start_ned_m + fraction[:, None] * (end_ned_m - start_ned_m)
@@ -184,10 +185,10 @@ def _separation_findings(
     required_m = mission.separation_m + margin_m
     for first_role, second_role in itertools.combinations(tracks, 2):
         separation_m = braking_separation_m(*tracks[first_role], *tracks[second_role], required_m)
-        too_near = np.flatnonzero(separation_m < required_m)
-        if not len(too_near):
+        too_close = np.flatnonzero(separation_m < required_m)
+        if not len(too_close):
             continue
-        begin = int(too_near[0])
+        begin = int(too_close[0])
         after = np.flatnonzero(separation_m[begin:] >= required_m)
         end = begin + int(after[0]) if len(after) else len(separation_m)
         worst = begin + int(separation_m[begin:end].argmin())
@@ -206,4 +207,5 @@ def _separation_findings(
 
 
 def _step_at(steps: list[tuple[float, str]], t_s: float) -> str:
+    """The label of the step at a planned time; before the first step, the first step."""
     return next(place for begin_s, place in reversed(steps) if begin_s <= t_s or begin_s == steps[0][0])

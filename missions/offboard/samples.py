@@ -42,7 +42,7 @@ class StepTime:
 
     place: str
     start_s: float
-    """Planned time at which the step starts first."""
+    """Planned start time of the step; of a repeated step, the start of its first round."""
     duration_s: float
     length_m: float
     photos: int
@@ -80,24 +80,24 @@ def parts(timeline: Timeline, start_ned_m: Vector3) -> Iterator[Part]:
 
 def _parts(part: Part) -> Iterator[Part]:
     yield part
-    line = part.timeline
-    if line.then is None or line.otherwise is None:
+    timeline = part.timeline
+    if timeline.then is None or timeline.otherwise is None:
         return
-    end_s = part.start_s + line.own_duration_s
-    end_ned_m = line.segments[-1].end_ned_m if line.segments else part.start_ned_m
-    then_is_longer = line.then.duration_s >= line.otherwise.duration_s
-    yield from _parts(Part(line.then, end_s, end_ned_m, main=part.main and then_is_longer))
-    yield from _parts(Part(line.otherwise, end_s, end_ned_m, main=part.main and not then_is_longer))
+    end_s = part.start_s + timeline.own_duration_s
+    end_ned_m = timeline.segments[-1].end_ned_m if timeline.segments else part.start_ned_m
+    then_is_longer = timeline.then.duration_s >= timeline.otherwise.duration_s
+    yield from _parts(Part(timeline.then, end_s, end_ned_m, main=part.main and then_is_longer))
+    yield from _parts(Part(timeline.otherwise, end_s, end_ned_m, main=part.main and not then_is_longer))
 
 
 def legs(timeline: Timeline, start_ned_m: Vector3) -> tuple[Leg, ...]:
-    """All segments as lines, in order; for a branch, the lines of `then` and of `otherwise`."""
+    """The legs of all segments, in order; for a branch, the legs of `then` and of `otherwise`."""
     all_parts = list(parts(timeline, start_ned_m))
     point_count = sum(
         MIN_POINTS + each.duration_s / SPACING_S for part in all_parts for each in part.timeline.segments
     )
     spacing_s = SPACING_S * max(1.0, point_count / MAX_POINTS)
-    lines: list[Leg] = []
+    result: list[Leg] = []
     for part in all_parts:
         position_ned_m = part.start_ned_m
         for start_s, segment in zip(part.timeline.starts_s, part.timeline.segments, strict=True):
@@ -107,14 +107,14 @@ def legs(timeline: Timeline, start_ned_m: Vector3) -> tuple[Leg, ...]:
                 times = np.array([0.0, segment.duration_s])
             rows = np.round(np.column_stack((times, path)), 3).tolist()
             planned_s = part.start_s + start_s
-            lines.append(
+            result.append(
                 Leg(
                     segment.place, segment.title, planned_s, segment.duration_s, part.main,
                     tuple((t, n, e, d) for t, n, e, d in rows),
                 )
             )  # fmt: skip
             position_ned_m = segment.end_ned_m
-    return tuple(lines)
+    return tuple(result)
 
 
 def step_times(timeline: Timeline) -> tuple[StepTime, ...]:
@@ -142,6 +142,7 @@ def setpoint_time_s(timeline: Timeline) -> float:
         each for part in parts(timeline, (0.0, 0.0, 0.0)) if part.main for each in part.timeline.segments
     ]
     kinds = [each.kind if isinstance(each, WaitSegment) else None for each in segments]
+    # A mission starts in the air unless a take-off is its first take-off or landing.
     in_air = next((kind for kind in kinds if kind in ("take_off", "land")), "land") == "land"
     flown_s = 0.0
     for segment, kind in zip(segments, kinds, strict=True):

@@ -47,7 +47,7 @@ class Segment:
     events: tuple[Event, ...] = ()
     avoidance: AvoidanceWay | None = None
     """What obstacle avoidance tries first; None: avoidance is off."""
-    visit: int = 0
+    executed_step: int = 0
     """Number of the executed step; each round of a repeat has its own number."""
 
     def at(self, t_s: float) -> Setpoint:

@@ -81,7 +81,8 @@ class MissionVehicle:
         )  # fmt: skip
 
     def motion_within(self, bounds: Bounds) -> MotionLimits:
-        """The vehicle's motion limits, or the limits of a mission where these are lower."""
+        """The vehicle's motion limits, or the limits of a mission where these are lower. The speed limit of
+        the mission is not applied here, because `State.limits_for` reports when it is exceeded."""
         lower = {
             name: min(value, getattr(self.motion, name))
             for name, value in bounds
@@ -147,7 +148,7 @@ class State:
     title: str = ""
     gimbal: GimbalTrack | None = None
     avoidance: AvoidanceWay | None = None
-    visit: int = 0
+    executed_step: int = 0
     """Number of the current step among all executed steps, from 1."""
     needs: set[Estimate] = field(default_factory=set)
     segments: list[Segment] = field(default_factory=list)
@@ -159,7 +160,7 @@ class State:
     def add(self, segment: Segment) -> None:
         """Adds a segment and moves the planned position to the end of the segment."""
         self.compilation.add_size(segments=1)
-        self.segments.append(replace(segment, avoidance=self.avoidance, visit=self.visit))
+        self.segments.append(replace(segment, avoidance=self.avoidance, executed_step=self.executed_step))
         self.position_ned_m, self.yaw_ned_rad = segment.end_ned_m, segment.end_yaw_ned_rad
 
     def report(self, code: str, message: str, fix: str | None = None, limit: float | None = None) -> None:

@@ -118,7 +118,7 @@ def read_rows(data: bytes) -> list[list[float]]:
     Raises:
         PlanError: The table cannot be read or flown; the error names the row and the fix.
     """
-    rows = _array(data) if data.startswith(_NPY_MAGIC) else _csv(data)
+    rows = _read_array(data) if data.startswith(_NPY_MAGIC) else _read_csv(data)
     if not 2 <= len(rows) <= MAX_ROWS:
         reason = f"it has {len(rows)} rows; it must have 2 to {MAX_ROWS}"
         raise PlanError("the table", reason, "Change the number of rows.")
@@ -134,11 +134,10 @@ def read_rows(data: bytes) -> list[list[float]]:
     return rows
 
 
-def _csv(data: bytes) -> list[list[float]]:
-    if (lines := max(data.count(b"\n"), data.count(b"\r"))) > MAX_ROWS + 1:
-        raise PlanError(
-            "the table", f"it has {lines} lines; the maximum is {MAX_ROWS} rows", "Give fewer rows."
-        )
+def _read_csv(data: bytes) -> list[list[float]]:
+    if (line_count := max(data.count(b"\n"), data.count(b"\r"))) > MAX_ROWS + 1:
+        reason = f"it has {line_count} lines; the maximum is {MAX_ROWS} rows"
+        raise PlanError("the table", reason, "Give fewer rows.")
     reader = csv.reader(io.StringIO(decode_lines(data)))
     try:
         header = [name.strip() for name in next(reader, [])]
@@ -163,10 +162,10 @@ def _csv(data: bytes) -> list[list[float]]:
     return rows
 
 
-def _array(data: bytes) -> list[list[float]]:
+def _read_array(data: bytes) -> list[list[float]]:
     if len(data) > MAX_NPY_BYTES:
         raise PlanError("the table", f"{len(data) / 1e6:.0f} MB are too large", "Give fewer rows.")
-    shape, is_fortran, dtype, values_begin = _header(data)
+    shape, is_fortran, dtype, values_begin = _read_array_header(data)
     if dtype.kind not in "fiu":
         reason = f"its values are of type {dtype!s:.60}, not numbers"
         raise PlanError("the table", reason, "Save it as numbers: numpy.save(file, array.astype(float)).")
@@ -188,7 +187,7 @@ def _array(data: bytes) -> list[list[float]]:
     return numbers.reshape(shape, order="F" if is_fortran else "C").tolist()
 
 
-def _header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[np.generic], int]:
+def _read_array_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[np.generic], int]:
     """Shape, order and type of an array in a file, and where its values begin; no value is read."""
     file = io.BytesIO(data)
     try:

@@ -87,7 +87,7 @@ class Timeline:
 
     @property
     def avoidance(self) -> AvoidanceWay | None:
-        """Preferred direction of the first step that requests obstacle avoidance; None: no step does."""
+        """What obstacle avoidance tries first, in the first step that requests it; None: no step does."""
         for part in (*self.segments, *self._continuations):
             if part.avoidance is not None:
                 return part.avoidance

@@ -17,7 +17,7 @@ FIRST = ("format", "version", "step", "shape", "inclusion")
 def write_yaml(mission: OffboardMission) -> bytes:
     """The mission as YAML in UTF-8; `reader.read` returns an equal mission."""
     text = yaml.dump(
-        _plain(mission),
+        _to_yaml_values(mission),
         Dumper=_Dumper,
         sort_keys=False,
         allow_unicode=True,
@@ -27,12 +27,12 @@ def write_yaml(mission: OffboardMission) -> bytes:
     return text.encode()
 
 
-def _plain(value: Any) -> Any:
+def _to_yaml_values(value: Any) -> Any:
     """Converts a value to mappings, lists, strings and numbers; whole numbers become int."""
     if isinstance(value, Model):
         fields = type(value).model_fields
         return {
-            name: _plain(each)
+            name: _to_yaml_values(each)
             for name, each in sorted(value, key=lambda pair: pair[0] not in FIRST)
             if each is not None
             and (
@@ -42,9 +42,9 @@ def _plain(value: Any) -> Any:
             )
         }
     if isinstance(value, dict):
-        return {name: _plain(each) for name, each in value.items()}
+        return {name: _to_yaml_values(each) for name, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_to_yaml_values(each) for each in value]
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return int(value)
     return value
@@ -58,15 +58,15 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-def _text(dumper: _Dumper, text: str) -> yaml.ScalarNode:
+def _text_node(dumper: _Dumper, text: str) -> yaml.ScalarNode:
     lines = text.split("\n")
-    is_plain_text = all(line.isprintable() and line == line.strip() for line in lines)
+    needs_escapes = not all(line.isprintable() and line == line.strip() for line in lines)
     style = '"'
-    if is_plain_text and len(lines) > 1:
+    if not needs_escapes and len(lines) > 1:
         style = "|"
-    elif is_plain_text and is_text(text):
+    elif not needs_escapes and is_text(text):
         style = None
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
 
 
-_Dumper.add_representer(str, _text)
+_Dumper.add_representer(str, _text_node)

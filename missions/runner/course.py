@@ -58,8 +58,8 @@ class Course:
         """Index of the first segment of the next step, or of the next round of a repeat."""
         if index >= len(self.segments):
             return len(self.segments)
-        visit = self.segments[index].visit
-        while index < len(self.segments) and self.segments[index].visit == visit:
+        executed_step = self.segments[index].executed_step
+        while index < len(self.segments) and self.segments[index].executed_step == executed_step:
             index += 1
         return index
 

@@ -143,7 +143,7 @@ class Flight:
         end_yaw_rad = (yaw_rad or 0.0) if begin_yaw_rad is None else begin_yaw_rad
         return CurveSegment(
             segment.place, "Approach", curve.duration_s, begin, end_yaw_rad, curve.length_m,
-            avoidance=segment.avoidance, visit=segment.visit, curve=curve,
+            avoidance=segment.avoidance, executed_step=segment.executed_step, curve=curve,
         )  # fmt: skip
 
 

@@ -7886,7 +7886,7 @@ export interface components {
         };
         /**
          * MissionPosition
-         * @description A position: local, relative to the start of the mission, or latitude and longitude.
+         * @description A local position, an offset from the start of the mission, or latitude, longitude and altitude.
          */
         readonly MissionPosition: {
             /**
@@ -10237,7 +10237,7 @@ export interface components {
             readonly place: string;
             /**
              * Start S
-             * @description Planned time at which the step starts first.
+             * @description Planned start time of the step; of a repeated step, the start of its first round.
              */
             readonly start_s: number;
             /**
