@@ -25,7 +25,7 @@ class Corridor:
     position_ned_m: tuple[Vector3, ...]
     """Positions of the nominal flight, in the vehicle's local frame."""
     beside_m: tuple[float, ...]
-    """Largest horizontal deviation of the flights at each position."""
+    """Largest horizontal deviation of the dry run's flights at each position."""
     above_m: tuple[float, ...]
     """Largest deviation upwards."""
     below_m: tuple[float, ...]
@@ -42,9 +42,9 @@ class CorridorWatch:
 
     def __init__(self, corridor: Corridor) -> None:
         positions = np.array(corridor.position_ned_m)
-        self._begin, self._line = positions[:-1], np.diff(positions, axis=0)
-        self._line_length_squared_m2: NDArray[np.float64] = np.maximum(
-            (self._line[:, :2] ** 2).sum(axis=1), 1e-9
+        self._starts_ned_m, self._legs_ned_m = positions[:-1], np.diff(positions, axis=0)
+        self._leg_length_squared_m2: NDArray[np.float64] = np.maximum(
+            (self._legs_ned_m[:, :2] ** 2).sum(axis=1), 1e-9
         )
         bounds = np.array([corridor.beside_m, corridor.above_m, corridor.below_m]) + TOLERANCE_M
         self._bounds = np.maximum(bounds[:, :-1], bounds[:, 1:])
@@ -75,11 +75,13 @@ class CorridorWatch:
 
     def _outside_m(self, position_ned_m: Vector3) -> float:
         """Distance to the corridor [m]."""
-        from_begin = np.array(position_ned_m) - self._begin
-        along = np.clip(
-            (from_begin[:, :2] * self._line[:, :2]).sum(axis=1) / self._line_length_squared_m2, 0.0, 1.0
+        from_start_ned_m = np.array(position_ned_m) - self._starts_ned_m
+        fraction = np.clip(
+            (from_start_ned_m[:, :2] * self._legs_ned_m[:, :2]).sum(axis=1) / self._leg_length_squared_m2,
+            0.0,
+            1.0,
         )
-        offset_ned_m = from_begin - along[:, None] * self._line
+        offset_ned_m = from_start_ned_m - fraction[:, None] * self._legs_ned_m
         beside, above, below = self._bounds
         horizontal = np.maximum(np.hypot(offset_ned_m[:, 0], offset_ned_m[:, 1]) - beside, 0.0)
         vertical = np.maximum(np.maximum(-offset_ned_m[:, 2] - above, offset_ned_m[:, 2] - below), 0.0)

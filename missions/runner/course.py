@@ -13,15 +13,16 @@ class Course:
     """The path of one flight through the mission's branches."""
 
     def __init__(self, timeline: Timeline) -> None:
-        self._node = timeline
+        self._last_timeline = timeline
+        """The timeline of the last chosen branch."""
         self.segments = list(timeline.segments)
-        self._cached_from, self._cached_px4 = 0, -1
-        """Cached result of `next_px4_segment`, and the first index for which the result is valid."""
+        self._cache_start, self._cached_index = 0, -1
+        """First index for which the cached result of `next_px4_segment` is valid, and the cached result."""
 
     @property
     def decision(self) -> Decision | None:
-        """The decision after the last segment; None: the mission ends after this segment."""
-        return self._node.decision
+        """The decision after the last segment; None: the mission ends after the last segment."""
+        return self._last_timeline.decision
 
     def remaining_timeline(self, index: int) -> Timeline:
         """The segments from `index` on, with both continuations of the next decision."""
@@ -29,26 +30,27 @@ class Course:
         for segment in self.segments[index:]:
             starts_s.append(now_s)
             now_s += segment.duration_s
-        return replace(self._node, segments=tuple(self.segments[index:]), starts_s=tuple(starts_s))
+        return replace(self._last_timeline, segments=tuple(self.segments[index:]), starts_s=tuple(starts_s))
 
     def choose(self, fulfilled: bool) -> None:
         """Continues with the timeline `then` if the condition is fulfilled, or else with `otherwise`."""
-        continuation = self._node.then if fulfilled else self._node.otherwise
+        continuation = self._last_timeline.then if fulfilled else self._last_timeline.otherwise
         if continuation is not None:  # a decision always has both continuations
-            self._node = continuation
+            self._last_timeline = continuation
             self.segments.extend(continuation.segments)
-            self._cached_px4 = -1
+            self._cached_index = -1
 
     def next_px4_segment(self, index: int) -> int:
         """Index of the first take-off or landing at or after `index`; without one, the number of segments."""
-        if not self._cached_from <= index <= self._cached_px4:  # a mission can have many segments
+        # Cached, because a mission can have many segments.
+        if not self._cache_start <= index <= self._cached_index:
             indices = range(index, len(self.segments))
             found = next(
                 (candidate for candidate in indices if flown_by_px4(self.segments[candidate])),
                 len(self.segments),
             )
-            self._cached_from, self._cached_px4 = index, found
-        return self._cached_px4
+            self._cache_start, self._cached_index = index, found
+        return self._cached_index
 
     def flown_by_px4(self, index: int) -> bool:
         """Whether PX4 flies the segment in one of its own modes (take-off or landing)."""
@@ -68,7 +70,7 @@ class Course:
         remaining_s = sum(segment.duration_s for segment in self.segments[index:])
         if index < len(self.segments):
             remaining_s -= min(t_s, self.segments[index].duration_s)
-        return remaining_s + self._node.duration_s - self._node.own_duration_s
+        return remaining_s + self._last_timeline.duration_s - self._last_timeline.own_duration_s
 
 
 def flown_by_px4(segment: Segment) -> bool:

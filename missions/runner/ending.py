@@ -1,4 +1,4 @@
-"""The end and the suspension of a mission, and failures of its payload, with their reasons and messages."""
+"""Ends and suspends a mission, and notifies the pilot of the reason or of a payload failure."""
 
 from __future__ import annotations
 
@@ -47,13 +47,11 @@ class Ending:
         self._requests.append(Notify(code, text, warning))
 
     def _payload_failed(self, request: Request, text: str) -> None:
-        subject = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
-        if subject not in self._reported_payload_failures:
-            self._reported_payload_failures.add(subject)
-            self._notify("payload", f"{subject}: {text}. The mission continues.", warning=True)
+        failure = "A picture was not taken" if isinstance(request, Photo) else "The gimbal did not follow"
+        if failure not in self._reported_payload_failures:
+            self._reported_payload_failures.add(failure)
+            self._notify("payload", f"{failure}: {text}. The mission continues.", warning=True)
 
-    def _require_not_over(self, subject: str) -> None:
+    def _require_not_over(self, verb: str) -> None:
         if self._final_state is not None:
-            raise CannotDo(
-                f"the mission has ended: there is nothing to {subject}", "Start the mission again."
-            )
+            raise CannotDo(f"the mission has ended: there is nothing to {verb}", "Start the mission again.")

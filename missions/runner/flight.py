@@ -64,7 +64,7 @@ class Flight:
         """Number of photos taken in the segment `photo_index`."""
         self.last_gimbal_request: tuple[float, float, float] | None = None
         """Last gimbal request: pitch, yaw relative to north [rad], and its time; None: no request."""
-        self._scripts = 0
+        self._script_count = 0
 
     @property
     def segment(self) -> Segment | None:
@@ -96,7 +96,7 @@ class Flight:
             PlanError: The approach to the path cannot be flown, or the vehicle's position is unknown.
         """
         position_ned_m = reading.position_ned_m
-        self._scripts += 1
+        self._script_count += 1
         if self.index >= end_index or self.segment is None:
             # No segment to fly: hold the position until the next segment is known.
             end = position_ned_m or (0.0, 0.0, 0.0)
@@ -106,16 +106,17 @@ class Flight:
                 self.name,
                 (hold,),
                 time_scale_limits=self.time_scale_limits,
-                number=self._scripts,
+                number=self._script_count,
                 fence=self.fence,
             )
+            # The hold takes the index before `self.index`, so that the mission is at `self.index` after it.
             return script, self.index - 1, self.index
         end = self.chunk_end(self.index, end_index)
         segments = tuple(self.course.segments[self.index : end])
         begin_s = self.t_s if isinstance(segments[0], CurveSegment | TableSegment | HoldSegment) else 0.0
         approach = self._approach(reading, segments[0], begin_s)
         script = Script(
-            self.name, segments, begin_s, approach, self.time_scale_limits, self._scripts, self.fence
+            self.name, segments, begin_s, approach, self.time_scale_limits, self._script_count, self.fence
         )
         return script, self.index, end
 
@@ -123,26 +124,26 @@ class Flight:
         position_ned_m, yaw_rad = reading.position_ned_m, reading.yaw_ned_rad
         if position_ned_m is None:
             raise PlanError(segment.place, "the vehicle's position is unknown", "Wait for a valid estimate.")
-        begin, begin_yaw_rad = _start_of(self.course.segments, self.index, segment, begin_s)
-        if begin is None:
+        start_ned_m, start_yaw_rad = _start_of(self.course.segments, self.index, segment, begin_s)
+        if start_ned_m is None:
             return None
-        if begin_yaw_rad is None or yaw_rad is None:
-            turn_rad, ends = 0.0, (PassPoint(position_ned_m), PassPoint(begin))
+        if start_yaw_rad is None or yaw_rad is None:
+            turn_rad, ends = 0.0, (PassPoint(position_ned_m), PassPoint(start_ned_m))
         else:
-            turn_rad = abs(wrap_pi(begin_yaw_rad - yaw_rad))
-            ends = (PassPoint(position_ned_m, yaw_rad), PassPoint(begin, begin_yaw_rad))
-        if math.dist(position_ned_m, begin) < ON_PATH_M and turn_rad < ON_PATH_RAD:
+            turn_rad = abs(wrap_pi(start_yaw_rad - yaw_rad))
+            ends = (PassPoint(position_ned_m, yaw_rad), PassPoint(start_ned_m, start_yaw_rad))
+        if math.dist(position_ned_m, start_ned_m) < ON_PATH_M and turn_rad < ON_PATH_RAD:
             return None
-        if self.fence is not None and self.fence.line_leaves(position_ned_m[:2], begin[:2]):
+        if self.fence is not None and self.fence.line_leaves(position_ned_m[:2], start_ned_m[:2]):
             raise PlanError(
                 segment.place,
                 "the straight path to this step leaves the mission's geofence",
                 "Fly to a position from which the straight path stays inside, then resume the mission.",
             )
         curve = curve_through_points(ends, self.motion)
-        end_yaw_rad = (yaw_rad or 0.0) if begin_yaw_rad is None else begin_yaw_rad
+        end_yaw_rad = (yaw_rad or 0.0) if start_yaw_rad is None else start_yaw_rad
         return CurveSegment(
-            segment.place, "Approach", curve.duration_s, begin, end_yaw_rad, curve.length_m,
+            segment.place, "Approach", curve.duration_s, start_ned_m, end_yaw_rad, curve.length_m,
             avoidance=segment.avoidance, executed_step=segment.executed_step, curve=curve,
         )  # fmt: skip
 

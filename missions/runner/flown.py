@@ -109,17 +109,17 @@ class FlownTrack:
         self._period_s = PERIOD_S
         self._next_s = 0.0
 
-    def record(self, t_s: float, position_ned_m: Vector3 | None, state: PlannedState) -> None:
+    def record(self, t_s: float, position_ned_m: Vector3 | None, planned: PlannedState) -> None:
         """Adds a sample if the period has passed and the vehicle's position is known."""
         if position_ned_m is None or t_s < self._next_s:
             return
-        planned = state.planned_ned_m
+        planned_ned_m = planned.planned_ned_m
         self.samples.append(
             FlownSample(
-                round(t_s, 2), state.place, _millimetres(position_ned_m),
-                None if planned is None else _millimetres(planned),
-                None if planned is None else round(math.dist(position_ned_m, planned), 3),
-                state.outside_corridor_m,
+                round(t_s, 2), planned.place, _millimetres(position_ned_m),
+                None if planned_ned_m is None else _millimetres(planned_ned_m),
+                None if planned_ned_m is None else round(math.dist(position_ned_m, planned_ned_m), 3),
+                planned.outside_corridor_m,
             )
         )  # fmt: skip
         if len(self.samples) >= MAX_SAMPLES:
@@ -177,10 +177,10 @@ class FlightRecord:
         self._track, self._stopwatch = FlownTrack(), Stopwatch()
         self._planned = planned
 
-    def record(self, now_s: float, reading: Reading, state: PlannedState) -> None:
-        """Adds the vehicle's state, while the mission has not ended."""
-        self._track.record(now_s - self._started_s, reading.position_ned_m, state)
-        self._stopwatch.update(now_s, state.is_counted)
+    def record(self, now_s: float, reading: Reading, planned: PlannedState) -> None:
+        """Adds the vehicle's state and the planned values; call it only until the mission ends."""
+        self._track.record(now_s - self._started_s, reading.position_ned_m, planned)
+        self._stopwatch.update(now_s, planned.is_counted)
         if reading.battery_share is not None:
             self._battery_end_share = reading.battery_share
             if self._battery_start_share is None:

@@ -17,7 +17,7 @@ from missions.runner.requests import Notify, Request, SetMode, TakeOff
 LANDED_AFTER_S = 10.0
 """Time on the ground after which the vehicle counts as landed, even if it is still armed [s]."""
 NEAR_HEIGHT_M = 1.0
-"""A vehicle is near the take-off height within this distance."""
+"""A vehicle is near the take-off height within this distance [m]."""
 HOVERS_AFTER_S = 5.0
 """Time near the take-off height after which a take-off by an executor counts as complete, because PX4 reports
 the end of the take-off only once, and this report may be lost [s]."""
@@ -83,8 +83,8 @@ class Px4Part(Part):
 class TakeOffPart(Px4Part):
     """PX4's own take-off; done when the vehicle holds its position at the take-off height.
 
-    PX4 switches to Hold by itself, except under an executor: to the executor, PX4 reports the end of the
-    take-off.
+    Without an executor, PX4 then switches to Hold. With an executor, PX4 stays in Takeoff and reports the end
+    of the take-off to the executor.
     """
 
     state = "taking_off"

@@ -57,7 +57,7 @@ class Photo:
 
 @dataclass(frozen=True, slots=True)
 class PointGimbal:
-    """Point the gimbal; repeated while it moves."""
+    """Point the gimbal. The runner repeats this request, because one request may be lost."""
 
     pitch_rad: float
     """Pitch, up is positive."""

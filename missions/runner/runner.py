@@ -127,7 +127,7 @@ class Runner(Ending):
             raise CannotDo(f"there is no valid estimate of {missing}", "Wait until the vehicle has it.")
 
     def skip(self, now_s: float, reading: Reading, by: str) -> list[Request]:
-        """Continues with the next step. A suspended mission continues with this step when it is resumed.
+        """Continues with the next step. A suspended mission continues with the next step when it is resumed.
 
         Raises:
             CannotDo: The vehicle is on the ground and the step is its take-off.
@@ -211,7 +211,7 @@ class Runner(Ending):
         if self._final_state is not None:
             self._notify("failed", f"{text}.", warning=True)
         elif is_flight_command and not self._suspended and self._executor_control.is_lost(reading):
-            self._taken_over(reading, REPLACED)
+            self._suspend_after_takeover(reading, REPLACED)
         elif isinstance(request, TakeOff):
             if not self._suspended:
                 self._suspend(f"The take-off failed: {text}")
@@ -282,18 +282,18 @@ class Runner(Ending):
             if reading.armed is False and self._was_in_air:
                 self._end("stopped", self._reason or "The vehicle has landed")
             return
-        if link_is_back and self._after_lost_link(now_s, reading, part):
+        if link_is_back and self._handle_restored_link(now_s, reading, part):
             return
         if part.in_offboard and self._was_in_air and reading.armed is False:
             self._end("stopped", "The vehicle disarmed")
             self._requests.append(StopStream())
             return
         if not part.expects(reading):
-            self._taken_over(reading)
+            self._suspend_after_takeover(reading)
             return
         if self._executor_control.is_lost(reading):
             if self._executor_control.loss_confirmed(now_s):
-                self._taken_over(reading, REPLACED)
+                self._suspend_after_takeover(reading, REPLACED)
             return
         for failure in self._watch.problems(now_s, reading, by_setpoints=part.in_offboard):
             self._execute_action(failure.action, failure.text, reading)
@@ -319,8 +319,8 @@ class Runner(Ending):
         """Starts the part of the current segment; skips a take-off in the air and a landing on the ground."""
         flight = self.flight
         while isinstance(segment := flight.segment, WaitSegment) and flight.course.flown_by_px4(flight.index):
-            is_reached = reading.on_ground if segment.kind == "land" else not reading.on_ground
-            if not is_reached:
+            is_unnecessary = reading.on_ground if segment.kind == "land" else not reading.on_ground
+            if not is_unnecessary:
                 part = (TakeOffPart if segment.kind == "take_off" else LandPart)(flight, segment)
                 break
             flight.move_to(flight.index + 1)
@@ -346,12 +346,12 @@ class Runner(Ending):
 
     # --- inside: mode changes ---------------------------------------------------------------------
 
-    def _taken_over(self, reading: Reading, reason: str | None = None) -> None:
+    def _suspend_after_takeover(self, reading: Reading, reason: str | None = None) -> None:
         """Suspends the mission, because another party controls the vehicle; no command is sent."""
         self._requests.append(StopStream())
         self._suspend(reason or takeover_reason(reading))
 
-    def _after_lost_link(self, now_s: float, reading: Reading, part: Part) -> bool:
+    def _handle_restored_link(self, now_s: float, reading: Reading, part: Part) -> bool:
         """Handles a restored link; returns whether this update is complete.
 
         PX4 flies take-off and landing by itself. The stream has ended with the link, and PX4 or the server
@@ -365,7 +365,7 @@ class Runner(Ending):
             reading.mode == "hold" and reading.mode_source not in ("pilot", "failsafe", "station")
         )
         if not is_in_own_mode or reading.on_ground:
-            self._taken_over(reading)
+            self._suspend_after_takeover(reading)
         elif action == "continue":
             self._notify("link_back", "The link was lost and is back: continuing.")
             self._begin_part(now_s, reading)
@@ -392,8 +392,8 @@ class Runner(Ending):
         self._suspend(f"{reason}: {ACTION_TEXTS[action]}")
         self._requests.append(SetMode(MODE_BY_ACTION[action]))
 
-    def _controlling_part(self, what: str) -> Part:
-        self._require_not_over(what)
+    def _controlling_part(self, verb: str) -> Part:
+        self._require_not_over(verb)
         if self._part is None or self._suspended:
             raise CannotDo("the mission does not control the vehicle now", "Resume the mission first.")
         return self._part

@@ -23,7 +23,7 @@ from missions.offboard.segments import (
     WaitSegment,
 )
 from missions.runner.script import Script, ScriptChange, ScriptProgress
-from missions.runner.time_scale import STILL, TimeScale
+from missions.runner.time_scale import ZERO_VECTOR, TimeScale
 from missions.setpoints import (
     Attitude,
     DirectSetpoint,
@@ -38,7 +38,8 @@ from missions.setpoints import (
 MAX_STEP_S = 0.3
 """Maximum step of mission time after a gap in transmission, so that the setpoint does not jump ahead."""
 RETURNED_WITHIN_M = 1.0
-"""Maximum distance to the start of the next segment after a segment without position control [m]."""
+"""After a segment without position control, the vehicle returns to the planned end of this segment. Within
+this distance of the planned end, the next segment starts [m]."""
 RETURN_TIMEOUT_S = 15.0
 """Time after which the next segment starts even if the vehicle is farther away [s]."""
 WITH_POSITION = (Trajectory, Position)
@@ -73,7 +74,7 @@ class ScriptSampler:
         """Velocity of the vehicle when a velocity or attitude segment was interrupted."""
         self._stop_setpoint: Position | None = None
         """Position at which the vehicle stopped away from its path."""
-        self._position: Vector3 | None = None
+        self._setpoint_ned_m: Vector3 | None = None
         self._held_back = False
         self.fence = script.fence
 
@@ -110,7 +111,7 @@ class ScriptSampler:
             self._advance(dt_s, position_ned_m)
             setpoint = self._at_rate(self._sample())
         position = setpoint.position_ned_m if isinstance(setpoint, WITH_POSITION) else None
-        self._position = None if position is None else complete_vector(position)
+        self._setpoint_ned_m = None if position is None else complete_vector(position)
         return setpoint
 
     def setpoint_ahead(self, by_s: float) -> DirectSetpoint | None:
@@ -152,7 +153,7 @@ class ScriptSampler:
             self._approach is not None,
             isinstance(segment, WaitSegment),
             self._stop_setpoint is not None or self._braking_ned_m_s is not None,
-            self._position,
+            self._setpoint_ned_m,
             self._held_back,
         )
 
@@ -168,16 +169,16 @@ class ScriptSampler:
         if segment is not None:
             return segment.at(self._t_s)
         if not self._segments:
-            return Velocity(STILL)
+            return Velocity(ZERO_VECTOR)
         last = self._segments[-1]
         if isinstance(last, VelocitySegment):
             return Position(last.end_ned_m, last.end_yaw_ned_rad)
         return last.at(math.inf)
 
     def _advance(self, dt_s: float, position_ned_m: Vector3 | None) -> None:
-        self._held_back = self._horizontal_distance_m(self._position, position_ned_m) > HELD_BACK_M
+        self._held_back = self._horizontal_distance_m(self._setpoint_ned_m, position_ned_m) > HELD_BACK_M
         goal = 0.0 if self._change.paused or self._held_back else 1.0
-        motion = (STILL, STILL) if self._scale.is_at(goal) else self._motion()
+        motion = (ZERO_VECTOR, ZERO_VECTOR) if self._scale.is_at(goal) else self._motion()
         self._t_s += self._scale.step(dt_s, goal, *motion)
         while (segment := self._segment()) is not None:
             if isinstance(segment, WaitSegment):
@@ -200,8 +201,8 @@ class ScriptSampler:
     def _motion(self) -> tuple[Vector3, Vector3]:
         """Velocity and acceleration of the path at rate 1."""
         setpoint = self._sample()
-        velocity = setpoint.velocity_ned_m_s if isinstance(setpoint, Trajectory | Velocity) else STILL
-        acceleration = setpoint.acceleration_ned_m_s2 if isinstance(setpoint, Trajectory) else STILL
+        velocity = setpoint.velocity_ned_m_s if isinstance(setpoint, Trajectory | Velocity) else ZERO_VECTOR
+        acceleration = setpoint.acceleration_ned_m_s2 if isinstance(setpoint, Trajectory) else ZERO_VECTOR
         return zeros_for_none(velocity), zeros_for_none(acceleration)
 
     def _has_arrived(self, segment: Segment, dt_s: float, position_ned_m: Vector3 | None) -> bool:
@@ -270,7 +271,7 @@ class ScriptSampler:
         if isinstance(segment, VelocitySegment):
             self._braking_ned_m_s = zeros_for_none(segment.line.at(self._t_s).velocity_ned_m_s)
         elif isinstance(segment, AttitudeSegment):
-            self._braking_ned_m_s = velocity_ned_m_s or STILL
+            self._braking_ned_m_s = velocity_ned_m_s or ZERO_VECTOR
         return self._braking_ned_m_s is not None
 
     def _stop_off_path(self, dt_s: float, position_ned_m: Vector3 | None) -> DirectSetpoint:
@@ -278,8 +279,8 @@ class ScriptSampler:
         yaw_rad = None if segment is None else segment.end_yaw_ned_rad
         if self._stop_setpoint is not None:
             return self._stop_setpoint
-        velocity = self._braking_ned_m_s or STILL
-        self._scale.step(dt_s, 0.0, velocity, STILL)
+        velocity = self._braking_ned_m_s or ZERO_VECTOR
+        self._scale.step(dt_s, 0.0, velocity, ZERO_VECTOR)
         rate = self._scale.rate
         if rate > 0.0 or position_ned_m is None:
             return Velocity((velocity[0] * rate, velocity[1] * rate, velocity[2] * rate), yaw_rad)

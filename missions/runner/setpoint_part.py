@@ -31,9 +31,12 @@ class SetpointPart(Part):
 
     def __init__(self, flight: Flight) -> None:
         super().__init__(flight)
-        self._first = self._base = self._sent = flight.index
-        """Index of the first segment to fly, of the script's first segment, and after the last segment that
-        was sent."""
+        self._first_index = flight.index
+        """Index of the first segment to fly."""
+        self._script_start = flight.index
+        """Index of the script's first segment."""
+        self._sent_end = flight.index
+        """Index after the last segment that was sent."""
         self._number = 0
         self._ground_sampler: ScriptSampler | None = None
         """Samples the script while the vehicle is on the ground and nothing is streamed; None: the vehicle
@@ -45,11 +48,12 @@ class SetpointPart(Part):
         self._last_change: tuple[bool, int] = (False, 0)
         self._continue_at: int | None = None
         """Index of the segment with which to continue after a stop; None: no stop."""
-        self._watch: ConditionWatch | None = None
+        self._condition_watch: ConditionWatch | None = None
         self._wait_index = -1
         """Index of the current wait segment; -1: no wait."""
         self._waited_s = 0.0
-        self._answered = False
+        self._may_continue = False
+        """Whether the current wait has ended, because the operator has answered or all roles have arrived."""
         self._progress: ScriptProgress | None = None
         self._held_back_s = 0.0
         """Time for which the vehicle has been held back [s]."""
@@ -61,7 +65,7 @@ class SetpointPart(Part):
         operator."""
         if self.question is None:
             return False
-        self._answered = True
+        self._may_continue = True
         return True
 
     @property
@@ -75,7 +79,7 @@ class SetpointPart(Part):
 
     def leave_meeting(self) -> None:
         """Continues after the meeting, because all roles have arrived."""
-        self._answered = True
+        self._may_continue = True
 
     def skip(self) -> None:
         """Stops, then continues with the next step."""
@@ -134,7 +138,7 @@ class SetpointPart(Part):
         if progress is None or self.failure is not None:
             return []
         requests: list[Request] = []
-        self.flight.index = max(self._first, self._base + progress.index)
+        self.flight.index = max(self._first_index, self._script_start + progress.index)
         self.flight.t_s = progress.t_s
         if self._continue_at is not None and progress.rate == 0.0:
             return self._continue_with(self._continue_at, now_s, reading)
@@ -153,13 +157,13 @@ class SetpointPart(Part):
     def _begin_script(self, now_s: float, reading: Reading) -> list[Request]:
         end_index = self.flight.course.next_px4_segment(self.flight.index)
         on_ground = reading.on_ground
-        if on_ground and (grounded := self._segment_needing_flight(end_index)) is not None:
-            text = f"{grounded.title} ({grounded.place}) needs a take-off first"
+        if on_ground and (flight_segment := self._segment_needing_flight(end_index)) is not None:
+            text = f"{flight_segment.title} ({flight_segment.place}) needs a take-off first"
             self.failure = Failure("hold", text)
             return []
         try:
-            script, self._base, self._sent = self.flight.script(reading, end_index)
-            self._first = self.flight.index
+            script, self._script_start, self._sent_end = self.flight.script(reading, end_index)
+            self._first_index = self.flight.index
         except PlanError as error:
             text = f"The approach to the path cannot be flown: {error.place}: {error.reason}"
             self.failure = Failure(self.flight.actions.failure, text)
@@ -184,7 +188,7 @@ class SetpointPart(Part):
         if reading.stream == "flying":
             self._flying = True
         elif self._flying:
-            self.failure = Failure(self.flight.actions.failure, _sentence(reading.stream_text))
+            self.failure = Failure(self.flight.actions.failure, _reason(reading.stream_text))
             return None
         elif now_s - self._began_s > STARTS_WITHIN_S:
             mode = "Offboard" if self.flight.mode == "offboard" else "its mode"
@@ -224,9 +228,13 @@ class SetpointPart(Part):
                 self.question = segment.message or "Go on?"
                 requests.append(Notify("question", f"Question: {self.question}"))
             elif segment.value is not None:
-                self._watch = ConditionWatch(segment.value, segment.above, segment.below, segment.for_s)
+                self._condition_watch = ConditionWatch(
+                    segment.value, segment.above, segment.below, segment.for_s
+                )
         self._waited_s += dt_s
-        if self._answered or (self._watch is not None and self._watch.is_fulfilled(now_s, reading)):
+        if self._may_continue or (
+            self._condition_watch is not None and self._condition_watch.is_fulfilled(now_s, reading)
+        ):
             return [*requests, *self._end_wait(progress)]
         if self._waited_s >= segment.timeout_s:
             text = f"{_timeout_text(segment)} within {segment.timeout_s:g} s ({segment.place})"
@@ -257,7 +265,7 @@ class SetpointPart(Part):
         return []
 
     def _reset_wait(self) -> None:
-        self.question, self._watch, self._answered, self._waited_s = None, None, False, 0.0
+        self.question, self._condition_watch, self._may_continue, self._waited_s = None, None, False, 0.0
         self._wait_index = -1
 
     def _next_segments(self, now_s: float, reading: Reading) -> tuple[Segment, ...]:
@@ -269,19 +277,21 @@ class SetpointPart(Part):
         if index >= end_index and (course.flown_by_px4(end_index) or course.decision is None):
             self.done = self._continue_at is None and not self.flight.paused
             return ()
-        ahead_s = sum(s.duration_s for s in course.segments[index : self._sent])
-        if self._sent >= end_index or ahead_s >= AHEAD_S:
+        ahead_s = sum(s.duration_s for s in course.segments[index : self._sent_end])
+        if self._sent_end >= end_index or ahead_s >= AHEAD_S:
             return ()
-        first, self._sent = self._sent, self.flight.chunk_end(self._sent, end_index)
-        return tuple(course.segments[first : self._sent])
+        first, self._sent_end = self._sent_end, self.flight.chunk_end(self._sent_end, end_index)
+        return tuple(course.segments[first : self._sent_end])
 
     def _decide(self, now_s: float, reading: Reading) -> None:
         decision = self.flight.course.decision
         assert decision is not None
-        if self._watch is None:
-            self._watch = ConditionWatch(decision.value, decision.above, decision.below, decision.for_s)
-        fulfilled = self._watch.is_fulfilled(now_s, reading)
-        if fulfilled or not self._watch.is_true(reading):
+        if self._condition_watch is None:
+            self._condition_watch = ConditionWatch(
+                decision.value, decision.above, decision.below, decision.for_s
+            )
+        fulfilled = self._condition_watch.is_fulfilled(now_s, reading)
+        if fulfilled or not self._condition_watch.is_true(reading):
             self.flight.course.choose(fulfilled)
             self._reset_wait()
 
@@ -304,5 +314,5 @@ def _timeout_text(segment: WaitSegment) -> str:
     return "No answer" if segment.kind == "person" else "The condition did not become true"
 
 
-def _sentence(text: str | None) -> str:
+def _reason(text: str | None) -> str:
     return (text or "The setpoint stream has ended").rstrip(".")

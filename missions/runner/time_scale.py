@@ -24,7 +24,7 @@ GOAL_TOLERANCE = 2e-3
 """A rate closer than this to the goal is set to the goal."""
 MAX_STEP_S = 0.05
 """Longer time steps are split [s]."""
-STILL: Vector3 = (0.0, 0.0, 0.0)
+ZERO_VECTOR: Vector3 = (0.0, 0.0, 0.0)
 
 
 class TimeScale:
@@ -46,7 +46,7 @@ class TimeScale:
         return self.rate == goal and self.change == 0.0
 
     def step(
-        self, dt_s: float, goal: float, velocity: Vector3 = STILL, acceleration: Vector3 = STILL
+        self, dt_s: float, goal: float, velocity: Vector3 = ZERO_VECTOR, acceleration: Vector3 = ZERO_VECTOR
     ) -> float:
         """Moves the rate towards the goal; returns by how much mission time advances [s].
 
@@ -56,8 +56,8 @@ class TimeScale:
             velocity: velocity of the path at rate 1 [m/s]; not used if `is_at(goal)`.
             acceleration: acceleration of the path at rate 1 [m/s²].
         """
-        if 0.0 < dt_s <= MAX_STEP_S and self.rate == goal and self.change == 0.0:  # the usual case
-            return dt_s * (goal + goal) / 2.0
+        if 0.0 < dt_s <= MAX_STEP_S and self.rate == goal and self.change == 0.0:
+            return dt_s * (goal + goal) / 2.0  # the usual case; exactly the result of the loop below
         passed_s = 0.0
         while dt_s > 0.0:
             part_s = min(dt_s, MAX_STEP_S)

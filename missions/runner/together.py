@@ -53,8 +53,8 @@ class JointRunner:
             return self.stop(
                 readings, f"{role} has left the mission ({reason.rstrip('.')}): all other vehicles hold"
             )
-        flying = {role: runner for role, runner in self.runners.items() if not runner.over}
-        if any(runner.paused for runner in flying.values()):
+        active = {role: runner for role, runner in self.runners.items() if not runner.over}
+        if any(runner.paused for runner in active.values()):
             return self._pause(now_s, readings, "The pause of another vehicle")
         parts = [runner.setpoint_part for runner in self.runners.values()]
         arrived = [part for part in parts if part is not None and part.meeting is not None]
@@ -116,9 +116,9 @@ class JointRunner:
             if runner.in_charge and not runner.paused
         }
 
-    def _require_not_over(self, what: str) -> None:
+    def _require_not_over(self, verb: str) -> None:
         if self.over:
-            raise CannotDo(f"the mission has ended: there is nothing to {what}", "Start the mission again.")
+            raise CannotDo(f"the mission has ended: there is nothing to {verb}", "Start the mission again.")
 
     @staticmethod
     def _check_role(role: str, check: Callable[[Reading], None], reading: Reading) -> None:

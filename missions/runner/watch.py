@@ -11,13 +11,13 @@ from missions.setpoints import Estimate
 
 ESTIMATE_LOST_S = 1.0
 IN_FLIGHT: tuple[Estimate, ...] = ("position", "velocity", "heading")
-"""Estimates that are needed during the whole flight; global positions are already converted to local
-positions."""
+"""Estimates that are needed during the whole flight. The global position is not needed, because the mission
+was converted to local positions before its start."""
 
 PX4_SOURCES = ("vehicle", "failsafe")
-"""Sources of a mode change by PX4 itself. They do not change which party started the mission: while the
-vehicle is disarmed, the source is always `vehicle`, and after a failsafe in flight PX4 returns to the
-mode."""
+"""Sources of a mode change by PX4 itself. These sources do not show which party started the mission. While
+the vehicle is disarmed, the source is always `vehicle`; after a failsafe in flight, PX4 itself returns to the
+mission's mode."""
 
 
 def missing_estimate(flight: Flight, reading: Reading, candidates: tuple[Estimate, ...]) -> str | None:
@@ -51,9 +51,9 @@ class FlightWatch:
     def __init__(self, flight: Flight, low_battery_share: float) -> None:
         self._flight = flight
         self._low_battery_share = low_battery_share
-        self._starting_client: str | None = None
+        self._last_control_holder: str | None = None
         self._control_lost_reported = self._low_battery_reported = False
-        self._estimate_lost_s: float | None = None
+        self._estimate_lost_since_s: float | None = None
 
     def record_start(self, reading: Reading, *, may_be_selected: bool = True) -> None:
         """Records which party has started or resumed the mission: the client in control, or the pilot or
@@ -64,7 +64,7 @@ class FlightWatch:
             may_be_selected: whether the mission may have been started by selecting its flight mode; False: a
                 request of a client has started or resumed the mission.
         """
-        self._starting_client, self._control_lost_reported = reading.control_holder, False
+        self._last_control_holder, self._control_lost_reported = reading.control_holder, False
         flight = self._flight
         selected = may_be_selected and flight.mode != "offboard" and reading.mode == flight.mode
         if not selected or reading.mode_source == "command":
@@ -74,7 +74,7 @@ class FlightWatch:
 
     def begin_part(self) -> None:
         """Resets the checks for a new part of the flight."""
-        self._estimate_lost_s = None
+        self._estimate_lost_since_s = None
 
     def problems(self, now_s: float, reading: Reading, *, by_setpoints: bool) -> Iterator[Failure]:
         """Yields each current problem; the caller may stop after the first.
@@ -84,43 +84,43 @@ class FlightWatch:
             reading: the vehicle's state.
             by_setpoints: whether the server's setpoints fly the vehicle, which requires its estimates.
         """
-        yield from self._control(reading)
-        yield from self._battery(reading)
+        yield from self._check_control(reading)
+        yield from self._check_battery(reading)
         if by_setpoints and not reading.on_ground:
-            yield from self._estimates(now_s, reading)
+            yield from self._check_estimates(now_s, reading)
 
-    def _control(self, reading: Reading) -> Iterator[Failure]:
+    def _check_control(self, reading: Reading) -> Iterator[Failure]:
         control_holder = reading.control_holder
-        if control_holder == self._starting_client:
+        if control_holder == self._last_control_holder:
             return
         if self._flight.started_by_pilot:
-            self._starting_client = control_holder
+            self._last_control_holder = control_holder
             party = "No client" if control_holder is None else reading.control_holder_name or "Another client"
             yield Failure("continue", f"{party} has control now, but another party selected this flight mode")
             return
         if control_holder is None:
-            self._starting_client = None
+            self._last_control_holder = None
             if not self._control_lost_reported:
                 self._control_lost_reported = True
                 yield Failure(self._flight.actions.control_lost, "No client has control")
             return
-        control_changed, self._starting_client = self._starting_client is not None, control_holder
+        control_changed, self._last_control_holder = self._last_control_holder is not None, control_holder
         self._control_lost_reported = False
         if control_changed:
             yield Failure("pause", f"{reading.control_holder_name or 'Another client'} has control now")
 
-    def _battery(self, reading: Reading) -> Iterator[Failure]:
+    def _check_battery(self, reading: Reading) -> Iterator[Failure]:
         share = reading.battery_share
         if share is not None and share <= self._low_battery_share and not self._low_battery_reported:
             self._low_battery_reported = True
             yield Failure(self._flight.actions.low_battery, f"Battery at {share:.0%}")
 
-    def _estimates(self, now_s: float, reading: Reading) -> Iterator[Failure]:
+    def _check_estimates(self, now_s: float, reading: Reading) -> Iterator[Failure]:
         missing = missing_estimate(self._flight, reading, IN_FLIGHT)
         if missing is None:
-            self._estimate_lost_s = None
+            self._estimate_lost_since_s = None
             return
-        if self._estimate_lost_s is None:
-            self._estimate_lost_s = now_s
-        if now_s - self._estimate_lost_s >= ESTIMATE_LOST_S:
+        if self._estimate_lost_since_s is None:
+            self._estimate_lost_since_s = now_s
+        if now_s - self._estimate_lost_since_s >= ESTIMATE_LOST_S:
             yield Failure("land", f"No valid estimate of {missing}")
