@@ -18,7 +18,7 @@ from missions.setpoints import Trajectory
 
 Array = NDArray[np.float64]
 Piece = tuple[float, float, float, tuple[tuple[float, ...], ...]]
-"""Begin, span and squared span of one piece, and for each axis the coefficients c0 to c5, then 2 c2, 3 c3,
+"""Start, span and squared span of one piece, and for each axis the coefficients c0 to c5, then 2 c2, 3 c3,
 4 c4, 6 c3 and 12 c4 for the derivatives."""
 Phase = tuple[float, float, float, float, float]
 """Start time of one phase; path parameter, its speed and acceleration at that time, and its jerk."""
@@ -44,7 +44,7 @@ class TimedCurve:
     coefficients: Array
     """(N pieces, 6 powers, 4 axes) polynomial coefficients for north, east, down [m] and yaw [rad]; the
     variable goes from 0 to 1 in a piece."""
-    begins: Array
+    starts: Array
     """(N,) path parameter at the start of each piece."""
     spans: Array
     """(N,) length of each piece in the path parameter."""
@@ -60,7 +60,7 @@ class TimedCurve:
     length_m: float
     """Length of the path."""
     point_times_s: tuple[float, ...]
-    """Time at each given point; at a rounded corner, the time at the middle of the curve."""
+    """Time at each given point; at a rounded corner, the time at the middle of the bend."""
     has_yaw: bool
     _pieces: dict[int, Piece] = field(default_factory=dict[int, Piece], init=False, repr=False)
     _phases: dict[int, Phase] = field(default_factory=dict[int, Phase], init=False, repr=False)
@@ -73,7 +73,7 @@ class TimedCurve:
         # For one number, bisect on the memory of an array is several times as fast as NumPy.
         ended = t_s >= self.duration_s
         if ended or t_s <= 0.0:
-            u, v, a = (float(self.begins[-1] + self.spans[-1]) if ended else 0.0), 0.0, 0.0
+            u, v, a = (float(self.starts[-1] + self.spans[-1]) if ended else 0.0), 0.0, 0.0
         else:
             k = bisect_right(self.phase_start_s.data, t_s) - 1
             start_s, u0, v0, a0, j = self._phases.get(k) or self._read_phase(k)
@@ -81,9 +81,9 @@ class TimedCurve:
             u = u0 + dt * (v0 + dt * (a0 / 2.0 + dt * j / 6.0))
             v = v0 + dt * (a0 + dt * j / 2.0)
             a = a0 + dt * j
-        n = max(0, bisect_right(self.begins.data, u) - 1)
-        begin, span, square, axes = self._pieces.get(n) or self._read_piece(n)
-        x = min(1.0, (u - begin) / span)
+        n = max(0, bisect_right(self.starts.data, u) - 1)
+        start, span, span_squared, axes = self._pieces.get(n) or self._read_piece(n)
+        x = min(1.0, (u - start) / span)
         x5, x20 = x * 5, x * 20
         position: list[float] = []
         first_derivative: list[float] = []
@@ -91,7 +91,7 @@ class TimedCurve:
         for c0, c1, c2, c3, c4, c5, c2_2, c3_3, c4_4, c3_6, c4_12 in axes:
             position.append(c0 + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5)))))
             first_derivative.append((c1 + x * (c2_2 + x * (c3_3 + x * (c4_4 + x5 * c5)))) / span)
-            second_derivative.append((c2_2 + x * (c3_6 + x * (c4_12 + x20 * c5))) / square)
+            second_derivative.append((c2_2 + x * (c3_6 + x * (c4_12 + x20 * c5))) / span_squared)
         north, east, down, yaw = position
         v_squared = v * v
         return Trajectory(
@@ -118,7 +118,7 @@ class TimedCurve:
         axes = tuple(
             (*c, 2 * c[2], 3 * c[3], 4 * c[4], 6 * c[3], 12 * c[4]) for c in self.coefficients[n].T.tolist()
         )
-        piece = self._pieces[n] = (self.begins.item(n), span, span**2, axes)
+        piece = self._pieces[n] = (self.starts.item(n), span, span**2, axes)
         return piece
 
     def sample(self, times_s: Array) -> Samples:
@@ -134,8 +134,8 @@ class TimedCurve:
             u = v = a = np.zeros_like(t)
         outside = (t <= 0.0) | (t >= self.duration_s)
         v, a = np.where(outside, 0.0, v), np.where(outside, 0.0, a)
-        n = np.maximum(self.begins.searchsorted(u, side="right") - 1, 0)
-        x = np.minimum((u - self.begins[n]) / self.spans[n], 1.0)[:, None]
+        n = np.maximum(self.starts.searchsorted(u, side="right") - 1, 0)
+        x = np.minimum((u - self.starts[n]) / self.spans[n], 1.0)[:, None]
         c, span = np.moveaxis(self.coefficients[n], 1, 0), self.spans[n][:, None]
         position = c[0] + x * (c[1] + x * (c[2] + x * (c[3] + x * (c[4] + x * c[5]))))
         first_derivative = (c[1] + x * (2 * c[2] + x * (3 * c[3] + x * (4 * c[4] + x * 5 * c[5])))) / span
@@ -148,7 +148,7 @@ class TimedCurve:
         """The time at which the path parameter is reached [s]."""
         if not len(self.phase_start_s) or parameter <= 0.0:
             return 0.0
-        if parameter >= float(self.begins[-1] + self.spans[-1]):
+        if parameter >= float(self.starts[-1] + self.spans[-1]):
             return self.duration_s
         k = max(0, int(self.phase_parameter.searchsorted(parameter, side="right")) - 1)
         end_s = float(self.phase_start_s[k + 1]) if k + 1 < len(self.phase_start_s) else self.duration_s

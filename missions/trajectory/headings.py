@@ -21,7 +21,7 @@ MAX_HALVINGS = 16
 """Maximum number of times that a piece is halved."""
 MIN_TARGET_DISTANCE_M = 0.5
 """Horizontal distance to the target below which the vehicle keeps its heading [m]."""
-TURN_RAD = 1e-6
+MIN_TURN_RAD = 1e-6
 """Smaller heading differences need no turn on the spot."""
 
 
@@ -41,18 +41,18 @@ class LookAt:
 
 
 def with_point_yaws(pieces: Pieces, yaws: list[float | None]) -> Pieces:
-    """Adds the yaws of the points. Between two points the yaw turns in the shorter direction, with zero rate
+    """Adds the yaws of the points. Between two points the yaw turns in the shorter direction, with zero slope
     at each point.
 
     A missing yaw is interpolated. Before the first and after the last given yaw, the yaw is constant.
     """
-    ends = np.concatenate(([0.0], np.cumsum(pieces.spans)))
-    known = [(float(ends[pieces.marks[k]]), yaw) for k, yaw in enumerate(yaws) if yaw is not None]
+    boundaries = np.concatenate(([0.0], np.cumsum(pieces.spans)))
+    known = [(float(boundaries[pieces.marks[k]]), yaw) for k, yaw in enumerate(yaws) if yaw is not None]
     parameters = np.array([parameter for parameter, _ in known])
     values = np.unwrap(np.array([yaw for _, yaw in known]))
-    start_yaw, start_rate = _smooth_steps(parameters, values, ends[:-1], "right")
-    end_yaw, end_rate = _smooth_steps(parameters, values, ends[1:], "left")
-    return _with_yaw(pieces, start_yaw, start_rate, end_yaw, end_rate)
+    start_yaw, start_slope = _smooth_steps(parameters, values, boundaries[:-1], "right")
+    end_yaw, end_slope = _smooth_steps(parameters, values, boundaries[1:], "left")
+    return _with_yaw(pieces, start_yaw, start_slope, end_yaw, end_slope)
 
 
 def _smooth_steps(parameters: Array, values: Array, at: Array, side: str) -> tuple[Array, Array]:
@@ -75,12 +75,12 @@ def with_yaw_along_path(pieces: Pieces, heading: AlongPath) -> Pieces:
     turns_rad = np.where(
         is_level, _total_turn(np.arctan2(first_derivative[..., 1], first_derivative[..., 0])), 0.0
     )
-    pieces = pieces.split(_parts(turns_rad))
-    (start_yaw, start_rate), (end_yaw, end_rate) = (
+    pieces = pieces.split(_part_counts(turns_rad))
+    (start_yaw, start_slope), (end_yaw, end_slope) = (
         _direction(first_derivative, second_derivative)
         for first_derivative, second_derivative in zip(pieces.ends(1), pieces.ends(2), strict=True)
     )
-    return _with_turns(pieces, start_yaw, start_rate, end_yaw, end_rate, heading.start_yaw_ned_rad)
+    return _with_turns(pieces, start_yaw, start_slope, end_yaw, end_slope, heading.start_yaw_ned_rad)
 
 
 def with_yaw_towards(pieces: Pieces, heading: LookAt) -> Pieces:
@@ -96,32 +96,32 @@ def with_yaw_towards(pieces: Pieces, heading: LookAt) -> Pieces:
         if not must_split.any():
             break
         pieces = pieces.split(np.where(must_split, 2, 1))
-    (start_yaw, start_rate), (end_yaw, end_rate) = (
+    (start_yaw, start_slope), (end_yaw, end_slope) = (
         _bearing(position, first_derivative, heading)
         for position, first_derivative in zip(pieces.ends(0), pieces.ends(1), strict=True)
     )
-    return _with_turns(pieces, start_yaw, start_rate, end_yaw, end_rate, None)
+    return _with_turns(pieces, start_yaw, start_slope, end_yaw, end_slope, None)
 
 
 def _direction(first_derivative: Array, second_derivative: Array) -> tuple[Array, Array]:
     """Yaw of a horizontal direction and its derivative; NaN where the path is vertical."""
-    n, e, size = (
+    n, e, length_squared = (
         first_derivative[:, 0],
         first_derivative[:, 1],
         first_derivative[:, 0] ** 2 + first_derivative[:, 1] ** 2,
     )
-    is_level = size > 1e-6 * (size + first_derivative[:, 2] ** 2)
-    safe = np.where(is_level, size, 1.0)
-    rate = (n * second_derivative[:, 1] - e * second_derivative[:, 0]) / safe
-    return np.where(is_level, np.arctan2(e, n), np.nan), np.where(is_level, rate, 0.0)
+    is_level = length_squared > 1e-6 * (length_squared + first_derivative[:, 2] ** 2)
+    safe = np.where(is_level, length_squared, 1.0)
+    slope = (n * second_derivative[:, 1] - e * second_derivative[:, 0]) / safe
+    return np.where(is_level, np.arctan2(e, n), np.nan), np.where(is_level, slope, 0.0)
 
 
 def _bearing(position: Array, first_derivative: Array, heading: LookAt) -> tuple[Array, Array]:
     n, e = heading.position_ned_m[0] - position[:, 0], heading.position_ned_m[1] - position[:, 1]
-    size = n**2 + e**2
-    is_far = size >= MIN_TARGET_DISTANCE_M**2
-    rate = (e * first_derivative[:, 0] - n * first_derivative[:, 1]) / np.where(is_far, size, 1.0)
-    return np.where(is_far, np.arctan2(e, n), np.nan), np.where(is_far, rate, 0.0)
+    length_squared = n**2 + e**2
+    is_far = length_squared >= MIN_TARGET_DISTANCE_M**2
+    slope = (e * first_derivative[:, 0] - n * first_derivative[:, 1]) / np.where(is_far, length_squared, 1.0)
+    return np.where(is_far, np.arctan2(e, n), np.nan), np.where(is_far, slope, 0.0)
 
 
 def _total_turn(bearings: Array) -> Array:
@@ -129,29 +129,34 @@ def _total_turn(bearings: Array) -> Array:
     return np.abs(np.diff(np.unwrap(bearings, axis=1), axis=1)).sum(axis=1)
 
 
-def _parts(turns_rad: Array) -> NDArray[np.int64]:
+def _part_counts(turns_rad: Array) -> NDArray[np.int64]:
     return np.clip(np.ceil(turns_rad / MAX_PART_TURN_RAD), 1, MAX_PARTS).astype(np.int64)
 
 
 def _with_turns(
-    pieces: Pieces, start_yaw: Array, start_rate: Array, end_yaw: Array, end_rate: Array, start: float | None
+    pieces: Pieces,
+    start_yaw: Array,
+    start_slope: Array,
+    end_yaw: Array,
+    end_slope: Array,
+    initial_yaw: float | None,
 ) -> Pieces:
     """Adds the yaw, and turns on the spot at stops between two headings. An undefined heading is replaced by
-    the heading of the previous piece."""
+    the last defined heading before it, or else by the first defined heading."""
     headings = np.stack((start_yaw, end_yaw), axis=1).ravel()
     is_known = ~np.isnan(headings)
-    if start is not None and not is_known[:1].any():
-        headings[0], is_known[0] = start, True
+    if initial_yaw is not None and not is_known[:1].any():
+        headings[0], is_known[0] = initial_yaw, True
     if not is_known.any():
         headings[0], is_known[0] = 0.0, True
     last_known = np.maximum.accumulate(np.where(is_known, np.arange(len(headings)), -1))
     headings = headings[np.where(last_known < 0, int(is_known.argmax()), last_known)]
     headings = np.unwrap(headings)
     start_yaw, end_yaw = headings[0::2], headings[1::2]
-    start_rate = np.where(np.isnan(start_rate), 0.0, start_rate)
-    pieces = _with_yaw(pieces, start_yaw, start_rate, end_yaw, end_rate)
+    start_slope = np.where(np.isnan(start_slope), 0.0, start_slope)
+    pieces = _with_yaw(pieces, start_yaw, start_slope, end_yaw, end_slope)
     turn = start_yaw[1:] - end_yaw[:-1]
-    turn_index = np.flatnonzero(np.abs(turn) > TURN_RAD) + 1
+    turn_index = np.flatnonzero(np.abs(turn) > MIN_TURN_RAD) + 1
     if not len(turn_index):
         return pieces
     turn_points = np.repeat(pieces.points[turn_index, :1], 6, axis=1)
@@ -167,10 +172,12 @@ def _with_turns(
     return Pieces(points, spans, stops, marks)
 
 
-def _with_yaw(pieces: Pieces, start_yaw: Array, start_rate: Array, end_yaw: Array, end_rate: Array) -> Pieces:
+def _with_yaw(
+    pieces: Pieces, start_yaw: Array, start_slope: Array, end_yaw: Array, end_slope: Array
+) -> Pieces:
     """Adds a cubic of yaw to each piece, as control points."""
     third = pieces.spans / 3.0
-    cubic = (start_yaw, start_yaw + start_rate * third, end_yaw - end_rate * third, end_yaw)
+    cubic = (start_yaw, start_yaw + start_slope * third, end_yaw - end_slope * third, end_yaw)
     points = pieces.points.copy()
     points[:, :, 3] = _to_degree_five(np.stack(cubic, axis=1))
     return Pieces(points, pieces.spans, pieces.stops, pieces.marks)

@@ -1,4 +1,4 @@
-"""Paths through points: straight legs with rounded corners, or one smooth curve."""
+"""Paths through points: straight legs with rounded corners (bends), or one smooth curve."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ SECOND_CONTROL = (1.0 + THIRD_CONTROL) / 2.0
 """Position of the second control point: halfway between the first and the third, so that the curvature starts
 at zero."""
 DEVIATION = (1.0 + 5.0 * SECOND_CONTROL + 10.0 * THIRD_CONTROL) / 32.0
-"""Distance of a bend's middle from the corner, divided by the cut length and by the difference of the
-directions."""
+"""Distance of a bend's middle from the corner: DEVIATION · cut length · |difference of the directions|."""
 PARTS_PER_LEG = 4
 """Parts of each leg of a smooth curve; each part has its own speed limit."""
 
@@ -55,18 +54,18 @@ def straight_legs(points: Sequence[PassPoint]) -> Pieces:
 
     fractions = np.linspace(0.0, 1.0, 6)[:, None]
     for leg in range(len(lengths_m)):
-        start_m, end_m = cuts[leg], cuts[leg + 1]
+        start_cut_m, end_cut_m = cuts[leg], cuts[leg + 1]
         if not has_length[leg]:
             add(np.repeat(positions_ned_m[leg][None], 6, axis=0), 1.0, True)
             marks.append(len(spans))
             continue
-        d, length_m = directions[leg], float(lengths_m[leg] - start_m - end_m)
+        d, length_m = directions[leg], float(lengths_m[leg] - start_cut_m - end_cut_m)
         if length_m > 1e-9 * lengths_m[leg]:
-            begin = positions_ned_m[leg] + d * start_m
-            add(begin + fractions * (d * length_m), length_m, bool(stops[leg + 1]) and end_m == 0.0)
-        if end_m > 0.0:
-            span = 5.0 * (1.0 - SECOND_CONTROL) * end_m
-            arms = end_m * np.array([1.0, SECOND_CONTROL, THIRD_CONTROL])[:, None]
+            start = positions_ned_m[leg] + d * start_cut_m
+            add(start + fractions * (d * length_m), length_m, bool(stops[leg + 1]) and end_cut_m == 0.0)
+        if end_cut_m > 0.0:
+            span = 5.0 * (1.0 - SECOND_CONTROL) * end_cut_m
+            arms = end_cut_m * np.array([1.0, SECOND_CONTROL, THIRD_CONTROL])[:, None]
             before_corner, after_corner = (
                 positions_ned_m[leg + 1] - arms * d,
                 positions_ned_m[leg + 1] + arms[::-1] * directions[leg + 1],
@@ -155,16 +154,16 @@ def _spline(positions_ned_m: Array, chords_m: Array) -> Array:
     if count < 3:
         return second_derivative
     slopes = np.diff(positions_ned_m, axis=0) / chords_m[:, None]
-    right = 6.0 * np.diff(slopes, axis=0)
+    right_side = 6.0 * np.diff(slopes, axis=0)
     diagonal = (2.0 * (chords_m[:-1] + chords_m[1:])).tolist()
-    between = chords_m[1:-1].tolist()
+    off_diagonal = chords_m[1:-1].tolist()
     for k in range(1, count - 2):
-        factor = between[k - 1] / diagonal[k - 1]
-        diagonal[k] -= factor * between[k - 1]
-        right[k] -= factor * right[k - 1]
-    second_derivative[count - 2] = right[-1] / diagonal[-1]
+        factor = off_diagonal[k - 1] / diagonal[k - 1]
+        diagonal[k] -= factor * off_diagonal[k - 1]
+        right_side[k] -= factor * right_side[k - 1]
+    second_derivative[count - 2] = right_side[-1] / diagonal[-1]
     for k in range(count - 4, -1, -1):
-        second_derivative[k + 1] = (right[k] - between[k] * second_derivative[k + 2]) / diagonal[k]
+        second_derivative[k + 1] = (right_side[k] - off_diagonal[k] * second_derivative[k + 2]) / diagonal[k]
     return second_derivative
 
 

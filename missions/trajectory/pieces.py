@@ -68,7 +68,7 @@ class Pieces:
 class Bounds:
     """Upper bounds of each piece's derivatives by the path parameter; all (N,)."""
 
-    across: tuple[Array, Array, Array]
+    horizontal: tuple[Array, Array, Array]
     """First, second and third derivative, horizontal."""
     up: Array
     """First derivative upwards."""
@@ -76,7 +76,7 @@ class Bounds:
     """First derivative downwards."""
     vertical: tuple[Array, Array, Array]
     """First, second and third derivative, vertical."""
-    space: tuple[Array, Array, Array]
+    magnitude: tuple[Array, Array, Array]
     """First, second and third derivative: magnitude of the vector of all three axes."""
     yaw: tuple[Array, Array, Array]
     """First, second and third derivative of the yaw."""
@@ -84,13 +84,13 @@ class Bounds:
     @classmethod
     def from_pieces(cls, pieces: Pieces) -> Bounds:
         """The bounds of all pieces."""
-        hulls = [_control_points_of_parts(pieces.derivative(order)) for order in (1, 2, 3)]
-        across, vertical, space, yaw = (
-            (measure(hulls[0]), measure(hulls[1]), measure(hulls[2]))
+        first, second, third = (_control_points_of_parts(pieces.derivative(order)) for order in (1, 2, 3))
+        horizontal, vertical, magnitude, yaw = (
+            (measure(first), measure(second), measure(third))
             for measure in (_horizontal_size, _vertical_size, _vector_size, _yaw_size)
         )
-        up, down = (-hulls[0][..., 2]).max(axis=1), hulls[0][..., 2].max(axis=1)
-        return cls(across, np.maximum(up, 0.0), np.maximum(down, 0.0), vertical, space, yaw)
+        up, down = (-first[..., 2]).max(axis=1), first[..., 2].max(axis=1)
+        return cls(horizontal, np.maximum(up, 0.0), np.maximum(down, 0.0), vertical, magnitude, yaw)
 
 
 def _horizontal_size(points: Array) -> Array:
@@ -110,7 +110,7 @@ def _yaw_size(points: Array) -> Array:
 
 
 def _control_points_of_parts(points: Array) -> Array:
-    """The control points of all parts of each piece, (N, CUTS · (degree + 1), 4)."""
+    """The control points of all parts of each piece, (N, BOUND_PARTS · (degree + 1), 4)."""
     degree = points.shape[1] - 1
     matrix = np.concatenate(
         [_part_matrix(degree, i / BOUND_PARTS, (i + 1) / BOUND_PARTS) for i in range(BOUND_PARTS)]

@@ -58,7 +58,8 @@ def check_points(points: Sequence[PassPoint]) -> None:
 
 
 def merge_equal_positions(points: Sequence[PassPoint]) -> tuple[list[PassPoint], list[int]]:
-    """Merges consecutive points at the same position, if their yaws do not differ.
+    """Merges consecutive points at the same position. If their yaws differ, the points remain, with exactly
+    the same position and a stop; the vehicle turns there.
 
     Returns:
         The points, and for each given point the index of its merged point.

@@ -57,7 +57,7 @@ class _Zones:
     """Path parameter at the start of the zone."""
     length: Array
     """Length of the zone in the path parameter."""
-    ceiling: Array
+    max_speed: Array
     """Maximum speed."""
     acceleration: Array
     """Maximum acceleration along the path."""
@@ -102,113 +102,115 @@ def _variants(pieces: Pieces, bounds: Bounds, limits: MotionLimits) -> list[_Zon
     zones_by_key: dict[tuple[bytes, bytes], _Zones] = {}
     variants: list[_Zones] = []
     for bend_fraction, jerk_fraction, min_ratio in VARIANTS:
-        ceilings = _ceilings(bounds, limits, bend_fraction, jerk_fraction)
-        first = _first_pieces(ceilings, pieces.stops, min_ratio)
-        key = ceilings.tobytes(), first.tobytes()
+        max_speeds = _max_speeds(bounds, limits, bend_fraction, jerk_fraction)
+        first = _first_pieces(max_speeds, pieces.stops, min_ratio)
+        key = max_speeds.tobytes(), first.tobytes()
         if key not in zones_by_key:
-            zones_by_key[key] = _zones(pieces, bounds, limits, ceilings, first)
+            zones_by_key[key] = _zones(pieces, bounds, limits, max_speeds, first)
         variants.append(zones_by_key[key])
     return variants
 
 
 def _zones(
-    pieces: Pieces, bounds: Bounds, limits: MotionLimits, ceilings: Array, first: NDArray[np.int64]
+    pieces: Pieces, bounds: Bounds, limits: MotionLimits, max_speeds: Array, first: NDArray[np.int64]
 ) -> _Zones:
-    counts = np.diff(np.append(first, len(ceilings)))
-    ceiling = np.minimum.reduceat(ceilings, first)
-    accelerations, jerks = _budgets(bounds, limits, np.repeat(ceiling, counts))
+    counts = np.diff(np.append(first, len(max_speeds)))
+    max_speed = np.minimum.reduceat(max_speeds, first)
+    accelerations, jerks = _remaining_limits(bounds, limits, np.repeat(max_speed, counts))
     acceleration = np.minimum.reduceat(accelerations, first)
     jerk = np.minimum.reduceat(jerks, first)
     start = np.concatenate(([0.0], np.cumsum(pieces.spans)))
-    length = start[np.append(first[1:], len(ceilings))] - start[first]
-    v0, v1 = _junctions(length, ceiling, acceleration, jerk, pieces.stops[first])
-    zones = _Zones(first, start[first], length, ceiling, acceleration, jerk, v0, v1, ceiling, ceiling)
+    length = start[np.append(first[1:], len(max_speeds))] - start[first]
+    v0, v1 = _junction_speeds(length, max_speed, acceleration, jerk, pieces.stops[first])
+    # The last two values are placeholders: the peak and the time are computed from the other values.
+    zones = _Zones(first, start[first], length, max_speed, acceleration, jerk, v0, v1, max_speed, max_speed)
     zones = replace(zones, peak=_peaks(zones, COARSE_BISECTIONS))
     time_s = _phase_table(zones)[0].sum(axis=0)
     return replace(zones, time_s=np.where(zones.peak > 0.0, time_s, np.inf))
 
 
-def _ceilings(bounds: Bounds, limits: MotionLimits, bend_fraction: float, jerk_fraction: float) -> Array:
+def _max_speeds(bounds: Bounds, limits: MotionLimits, bend_fraction: float, jerk_fraction: float) -> Array:
     """The maximum speed of each piece."""
     with np.errstate(divide="ignore"):
-        steady = (
-            limits.speed_m_s / bounds.across[0],
+        speed_limited = (
+            limits.speed_m_s / bounds.horizontal[0],
             limits.climb_m_s / bounds.up,
             limits.descent_m_s / bounds.down,
             limits.yaw_rate_rad_s / bounds.yaw[0],
         )
-        bends = (
-            np.sqrt(bend_fraction * limits.horizontal_acceleration_m_s2 / bounds.across[1]),
+        acceleration_limited = (
+            np.sqrt(bend_fraction * limits.horizontal_acceleration_m_s2 / bounds.horizontal[1]),
             np.sqrt(bend_fraction * limits.vertical_acceleration_m_s2 / bounds.vertical[1]),
             np.sqrt(bend_fraction * limits.yaw_acceleration_rad_s2 / bounds.yaw[1]),
         )
-        twists = (np.cbrt(jerk_fraction * limits.jerk_m_s3 / bounds.space[2]),)
-    return np.minimum.reduce((*steady, *bends, *twists))
+        jerk_limited = (np.cbrt(jerk_fraction * limits.jerk_m_s3 / bounds.magnitude[2]),)
+    return np.minimum.reduce((*speed_limited, *acceleration_limited, *jerk_limited))
 
 
-def _budgets(bounds: Bounds, limits: MotionLimits, speed: Array) -> tuple[Array, Array]:
+def _remaining_limits(bounds: Bounds, limits: MotionLimits, speed: Array) -> tuple[Array, Array]:
     """Acceleration and jerk along the path parameter that remain for each piece at a speed."""
-    square = speed * speed
+    speed_squared = speed * speed
     with np.errstate(divide="ignore", invalid="ignore"):
-        jerk_left = np.maximum(limits.jerk_m_s3 - bounds.space[2] * square * speed, 0.0)
-        coupled = 3.0 * bounds.space[1] * speed
+        jerk_left = np.maximum(limits.jerk_m_s3 - bounds.magnitude[2] * speed_squared * speed, 0.0)
+        coupled = 3.0 * bounds.magnitude[1] * speed
         acceleration = np.fmin.reduce(
             (
-                (limits.horizontal_acceleration_m_s2 - bounds.across[1] * square) / bounds.across[0],
-                (limits.vertical_acceleration_m_s2 - bounds.vertical[1] * square) / bounds.vertical[0],
-                (limits.yaw_acceleration_rad_s2 - bounds.yaw[1] * square) / bounds.yaw[0],
+                (limits.horizontal_acceleration_m_s2 - bounds.horizontal[1] * speed_squared)
+                / bounds.horizontal[0],
+                (limits.vertical_acceleration_m_s2 - bounds.vertical[1] * speed_squared) / bounds.vertical[0],
+                (limits.yaw_acceleration_rad_s2 - bounds.yaw[1] * speed_squared) / bounds.yaw[0],
                 COUPLING * jerk_left / coupled,
             )
         )
         acceleration = np.maximum(acceleration, 0.0)
         jerk = np.fmin(
-            (jerk_left - coupled * acceleration) / bounds.space[0],
+            (jerk_left - coupled * acceleration) / bounds.magnitude[0],
             limits.yaw_jerk_rad_s3 / bounds.yaw[0],
         )
-    return acceleration, np.maximum(jerk, ramps.STANDSTILL)
+    return acceleration, np.maximum(jerk, ramps.MIN_ACCELERATION)
 
 
-def _first_pieces(ceilings: Array, stops: NDArray[np.bool_], min_ratio: float) -> NDArray[np.int64]:
+def _first_pieces(max_speeds: Array, stops: NDArray[np.bool_], min_ratio: float) -> NDArray[np.int64]:
     """The first piece of each zone; a zone ends at a stop, or where the maximum speeds differ too much."""
     if min_ratio > 1.0:
-        return np.arange(len(ceilings))
+        return np.arange(len(max_speeds))
     if min_ratio == 0.0:
         return np.flatnonzero(stops[:-1])
     first: list[int] = []
     lower = upper = 0.0
-    for index, (ceiling, stop) in enumerate(zip(ceilings.tolist(), stops[:-1].tolist(), strict=True)):
-        lower, upper = min(lower, ceiling), max(upper, ceiling)
+    for index, (max_speed, stop) in enumerate(zip(max_speeds.tolist(), stops[:-1].tolist(), strict=True)):
+        lower, upper = min(lower, max_speed), max(upper, max_speed)
         if stop or lower < min_ratio * upper:
             first.append(index)
-            lower = upper = ceiling
+            lower = upper = max_speed
     return np.array(first)
 
 
-def _junctions(
-    length: Array, ceiling: Array, acceleration: Array, jerk: Array, stops: NDArray[np.bool_]
+def _junction_speeds(
+    length: Array, max_speed: Array, acceleration: Array, jerk: Array, stops: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """The speed at the start and end of each zone."""
-    ceilings = ceiling.tolist()
+    max_speeds = max_speed.tolist()
     zones = list(zip(length.tolist(), acceleration.tolist(), jerk.tolist(), strict=True))
-    ends = [*stops.tolist(), True]
-    speeds = [0.0] * len(ends)
+    is_stop = [*stops.tolist(), True]
+    speeds = [0.0] * len(is_stop)
     for k in range(1, len(zones)):
-        speeds[k] = 0.0 if ends[k] else min(ceilings[k - 1], ceilings[k])
+        speeds[k] = 0.0 if is_stop[k] else min(max_speeds[k - 1], max_speeds[k])
     for k in range(len(zones) - 1, 0, -1):
         if speeds[k] > speeds[k + 1]:
             speeds[k] = min(speeds[k], ramps.reachable_speed(speeds[k + 1], *zones[k]))
     for k in range(len(zones)):
         if speeds[k + 1] > speeds[k]:
             speeds[k + 1] = min(speeds[k + 1], ramps.reachable_speed(speeds[k], *zones[k]))
-    junctions = np.array(speeds)
-    return junctions[:-1], junctions[1:]
+    junction_speeds = np.array(speeds)
+    return junction_speeds[:-1], junction_speeds[1:]
 
 
 def _peaks(zones: _Zones, bisections: int) -> Array:
     """The highest speed in each zone from which the zone's end speed can still be reached."""
     lower = np.maximum(zones.v0, zones.v1)
-    upper = np.maximum(zones.ceiling, lower)
-    fits = _ramps(zones, upper) <= zones.length
+    upper = np.maximum(zones.max_speed, lower)
+    fits = _ramp_length(zones, upper) <= zones.length
     peak = np.where(fits, upper, lower)
     unsolved = np.flatnonzero(~fits)
     if not len(unsolved):
@@ -225,7 +227,7 @@ def _peaks(zones: _Zones, bisections: int) -> Array:
     return peak
 
 
-def _ramps(zones: _Zones, peak: Array) -> Array:
+def _ramp_length(zones: _Zones, peak: Array) -> Array:
     """Distance needed to increase the speed to a peak and reduce it again."""
     up = ramps.lengths(zones.v0, peak, zones.acceleration, zones.jerk)
     return up + ramps.lengths(zones.v1, peak, zones.acceleration, zones.jerk)
@@ -235,11 +237,11 @@ def _phase_table(zones: _Zones) -> tuple[Array, Array]:
     """Durations and jerks of the seven phases of each zone, (7, Z)."""
     up_s, up_full_s = ramps.phase_durations(zones.peak - zones.v0, zones.acceleration, zones.jerk)
     down_s, down_full_s = ramps.phase_durations(zones.peak - zones.v1, zones.acceleration, zones.jerk)
-    cruise_m = zones.length - _ramps(zones, zones.peak)
+    cruise_m = zones.length - _ramp_length(zones, zones.peak)
     with np.errstate(divide="ignore", invalid="ignore"):
-        steady_s = np.where(zones.peak > 0.0, np.maximum(cruise_m, 0.0) / zones.peak, 0.0)
+        cruise_s = np.where(zones.peak > 0.0, np.maximum(cruise_m, 0.0) / zones.peak, 0.0)
     zero = np.zeros_like(up_s)
-    times = np.stack((up_s, up_full_s, up_s, steady_s, down_s, down_full_s, down_s))
+    times = np.stack((up_s, up_full_s, up_s, cruise_s, down_s, down_full_s, down_s))
     j = zones.jerk
     return times, np.stack((j, zero, -j, zero, -j, zero, j))
 
@@ -270,22 +272,24 @@ def slow_bends(pieces: Pieces, limits: MotionLimits) -> set[int]:
     Both times are relative to passing the point at the speed of the legs.
     """
     bounds = Bounds.from_pieces(pieces)
-    ceilings = _ceilings(bounds, limits, 1.0, 1.0)
-    accelerations, jerks = _budgets(bounds, limits, ceilings)
-    curved = bounds.space[1] > 1e-9
+    max_speeds = _max_speeds(bounds, limits, 1.0, 1.0)
+    accelerations, jerks = _remaining_limits(bounds, limits, max_speeds)
+    curved = bounds.magnitude[1] > 1e-9
     slow_points: set[int] = set()
     for index, mark in enumerate(pieces.marks.tolist()):
-        if not 0 < mark < len(ceilings) or pieces.stops[mark] or not (curved[mark] and curved[mark - 1]):
+        if not 0 < mark < len(max_speeds) or pieces.stops[mark] or not (curved[mark] and curved[mark - 1]):
             continue
-        straight_legs = [leg for leg in (mark - 2, mark + 1) if 0 <= leg < len(ceilings) and not curved[leg]]
+        straight_legs = [
+            leg for leg in (mark - 2, mark + 1) if 0 <= leg < len(max_speeds) and not curved[leg]
+        ]
         if not straight_legs:
             continue
-        leg = min(straight_legs, key=lambda leg: float(ceilings[leg]))
+        leg = min(straight_legs, key=lambda leg: float(max_speeds[leg]))
         acceleration, jerk = float(accelerations[leg]), float(jerks[leg])
         bend_m = 2.0 * float(pieces.spans[mark])
         half_m = 0.5 * (float(pieces.spans[leg]) + bend_m)
-        speed = min(float(ceilings[leg]), ramps.reachable_speed(0.0, half_m, acceleration, jerk))
-        bend_speed = min(float(ceilings[mark - 1]), float(ceilings[mark]), speed)
+        speed = min(float(max_speeds[leg]), ramps.reachable_speed(0.0, half_m, acceleration, jerk))
+        bend_speed = min(float(max_speeds[mark - 1]), float(max_speeds[mark]), speed)
         changes = np.array([speed, speed - bend_speed])
         stop_s, slow_s = ramps.durations(changes, np.full(2, acceleration), np.full(2, jerk)).tolist()
         corner_m = float(np.sqrt(((pieces.points[mark, -1, :3] - pieces.points[mark, 0, :3]) ** 2).sum()))

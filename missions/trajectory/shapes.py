@@ -51,15 +51,15 @@ def arc(
     Raises:
         PlanError: A value is out of range.
     """
-    end_m = radius_m if end_radius_m is None else end_radius_m
+    last_radius_m = radius_m if end_radius_m is None else end_radius_m
     _check("turns", turns, 0.01, MAX_TURNS)
     _check("radius_m", radius_m, 0.1, 10_000.0)
-    _check("end_radius_m", end_m, 0.1, 10_000.0)
+    _check("end_radius_m", last_radius_m, 0.1, 10_000.0)
     _check("climb_m", abs(climb_m), 0.0, 10_000.0)
     _check_center(center_ned_m)
     sweep = math.tau * turns
     sign = 1.0 if clockwise else -1.0
-    radius_m_per_rad, down_m_per_rad = (end_m - radius_m) / sweep, -climb_m / sweep
+    radius_m_per_rad, down_m_per_rad = (last_radius_m - radius_m) / sweep, -climb_m / sweep
 
     def shape(angle: Array) -> tuple[Array, Array, Array]:
         bearing = start_angle_ned_rad + sign * angle
@@ -104,10 +104,10 @@ def figure_eight(
     _check_center(center_ned_m)
     c, s = math.cos(heading_ned_rad), math.sin(heading_ned_rad)
     rotation = np.array([[c, s, 0.0], [-s, c, 0.0]])
-    begin = 0.0 if start_at_center else math.pi / 2.0
+    start_angle = 0.0 if start_at_center else math.pi / 2.0
 
     def shape(angle: Array) -> tuple[Array, Array, Array]:
-        t = angle + begin
+        t = angle + start_angle
         half_m = length_m / 2.0
         offset = np.stack((half_m * np.sin(t), width_m / 2.0 * np.sin(2.0 * t)), axis=1)
         first = np.stack((half_m * np.cos(t), width_m * np.cos(2.0 * t)), axis=1)

@@ -91,10 +91,10 @@ def curve_along_path(
             points[:, :, 3] = heading
             pieces = Pieces(points, pieces.spans, pieces.stops, pieces.marks)
     law = time_law(pieces, limits or MotionLimits())
-    ends = np.concatenate(([0.0], np.cumsum(pieces.spans)))
+    boundaries = np.concatenate(([0.0], np.cumsum(pieces.spans)))
     curve = TimedCurve(
         coefficients=power_basis(pieces),
-        begins=ends[:-1],
+        starts=boundaries[:-1],
         spans=pieces.spans,
         phase_start_s=law.start_s,
         phase_parameter=law.parameter,
@@ -106,7 +106,9 @@ def curve_along_path(
         point_times_s=(),
         has_yaw=has_yaw or heading is not None,
     )
-    return replace(curve, point_times_s=tuple(curve.time_at(float(ends[mark])) for mark in pieces.marks))
+    return replace(
+        curve, point_times_s=tuple(curve.time_at(float(boundaries[mark])) for mark in pieces.marks)
+    )
 
 
 def _length_m(pieces: Pieces) -> float:

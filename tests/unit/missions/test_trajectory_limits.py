@@ -101,7 +101,7 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
     curve = curve_through_points(points, limits, exact=seed % 3 == 0, heading=heading)
     assert_within_limits(curve, limits, 4000)
     h = 1e-4
-    moments = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.begins.tolist()]))
+    moments = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.starts.tolist()]))
     times = np.unique(np.concatenate((moments - h / 2.0, moments - h / 3.0)))
     before, after = curve.sample(times), curve.sample(times + h)
     jump_m = after.position_ned_m - before.position_ned_m - h * before.velocity_ned_m_s
