@@ -56,7 +56,8 @@ class OffboardTarget(NamedTuple):
 
 
 OffboardTargets = Callable[[str], tuple[Vector3 | None, Vector3 | None, float | None] | None]
-"""Returns the OffboardTarget of a vehicle id; None while this server streams nothing to it."""
+"""Returns the fields of the OffboardTarget of a vehicle id; None while this server streams no setpoint to the
+vehicle."""
 
 
 def value_of(vehicle: SceneVehicle, topic: str, value_type: type[T]) -> T | None:

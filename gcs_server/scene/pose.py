@@ -18,7 +18,7 @@ PWM_FULL_US = 2000
 TARGET_FRESH_S = 1.5
 """Age up to which a reported target is drawn [s]; PX4 sends POSITION_TARGET_LOCAL_NED at 10 Hz while it
 follows a target."""
-VELOCITY_ARROW_S = 1.0
+VELOCITY_TARGET_S = 1.0
 """A velocity setpoint is drawn as the position that the vehicle reaches in this time [s]."""
 
 
@@ -48,6 +48,7 @@ class VehiclePose:
     """Commanded effort of PX4's motors 1–4, 0 to 1; None if the vehicle does not report it."""
     target: Target | None
     lost: bool
+    """Whether the connection to the vehicle is lost."""
     label: str
     note: str
     """Note after the label: simulated, replayed, lost, no position; otherwise empty."""
@@ -109,7 +110,8 @@ def _target(
     origin = place.local_origin_enu_m
     if origin is None:
         return None
-    if offboard is None:
+    target = offboard
+    if target is None:
         sample = vehicle.topic("target_local")
         if sample is None or not isinstance(sample.value, TargetLocal):
             return None
@@ -118,22 +120,22 @@ def _target(
         status = value_of(vehicle, "status", Status)
         if status is not None and not status.armed:
             return None
-        offboard = OffboardTarget(
+        target = OffboardTarget(
             position_ned_m=_complete_vector(sample.value.position_ned_m),
             velocity_ned_m_s=_complete_vector(sample.value.velocity_ned_m_s),
             yaw_ned_rad=sample.value.yaw_ned_rad,
         )
-    yaw_enu_rad = None if offboard.yaw_ned_rad is None else yaw_enu_from_ned(offboard.yaw_ned_rad)
-    if offboard.position_ned_m is not None:
-        offset_enu_m = enu_from_ned(offboard.position_ned_m)
+    yaw_enu_rad = None if target.yaw_ned_rad is None else yaw_enu_from_ned(target.yaw_ned_rad)
+    if target.position_ned_m is not None:
+        offset_enu_m = enu_from_ned(target.position_ned_m)
         return Target(
             (origin[0] + offset_enu_m[0], origin[1] + offset_enu_m[1], origin[2] + offset_enu_m[2]),
             yaw_enu_rad,
             False,
         )
-    if offboard.velocity_ned_m_s is not None:
-        v = enu_from_ned(offboard.velocity_ned_m_s)
-        p, t = place.position_enu_m, VELOCITY_ARROW_S
+    if target.velocity_ned_m_s is not None:
+        v = enu_from_ned(target.velocity_ned_m_s)
+        p, t = place.position_enu_m, VELOCITY_TARGET_S
         return Target((p[0] + v[0] * t, p[1] + v[1] * t, p[2] + v[2] * t), yaw_enu_rad, True)
     return None
 
@@ -152,7 +154,7 @@ def _label(vehicle_id: str, place: VehiclePlace) -> str:
 
 
 def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
-    facts = (
+    notes = (
         (lost, "lost"),
         (not place.position_known, "no position"),
         (vehicle.identity.simulated is True, "simulated"),
@@ -160,4 +162,4 @@ def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:
         (vehicle.identity.simulated is None, "simulated?"),
         (vehicle.identity.replayed, "replayed"),
     )
-    return ", ".join(text for applies, text in facts if applies)
+    return ", ".join(text for applies, text in notes if applies)

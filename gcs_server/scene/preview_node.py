@@ -26,6 +26,7 @@ HANDLE_PX = 96.0
 MIN_LINE_M = 0.35
 """Distance to the vehicle below which no line is drawn to the preview [m]."""
 LABEL_BELOW_M = 0.14
+"""The label is drawn this much below the preview [m]."""
 
 
 def drag_label(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
@@ -68,8 +69,8 @@ class PreviewNode:
         *,
         handles: bool,
     ) -> None:
-        """Moves the preview. Moves the handles only if the position was set by the page and not by a drag in
-        this browser.
+        """Moves the preview. If the page has set the position, the handles are added again there. During a
+        drag, only the other handle is moved.
 
         Args:
             handles: whether handles can be dragged, which requires that the world of this view does not move.
@@ -101,7 +102,7 @@ class PreviewNode:
             height.position = position_enu_m
 
     def set_dragged_handle(self, changes_yaw: bool) -> None:
-        """Records which handle is being dragged."""
+        """Records which handle is being dragged; only the ground handle changes the yaw."""
         self._dragged_handle = GROUND_HANDLE if changes_yaw else HEIGHT_HANDLE
 
     def _add_handles(self, position_enu_m: Vector3, q: Quaternion, *, changes_yaw: bool) -> tuple[Any, Any]:

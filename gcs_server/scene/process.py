@@ -56,7 +56,8 @@ class SceneProcess:
     Args:
         fleet: the vehicles to draw; they are only read.
         clock: clock for the period.
-        offboard: target of this server's stream; None: draw the target that the vehicle reports.
+        offboard: returns the setpoint that this server streams to a vehicle; None: draw the target that the
+            vehicle reports.
         on_click: called with the clicked ground position and the view.
         on_gizmo: called with the position to which a view's preview was dragged.
         dry_runs: result of a dry run that a page shows; None: no dry runs.
@@ -78,7 +79,7 @@ class SceneProcess:
         self._worker: SceneWorker | None = None
         self._failed = False
         self._views: OrderedDict[str, ViewRequest] = OrderedDict()
-        """Content of each token's view, which is sent again to a restarted process."""
+        """Content of each view, by the token of its page; sent again to a restarted process."""
         self._pending: dict[int, asyncio.Future[Any]] = {}
         self._number = 0
         self._router = scene_router(
@@ -126,7 +127,7 @@ class SceneProcess:
             self._failed = False
             self._restore_views(run)
             async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self._feed(run), name="scene snapshots")
+                tasks.create_task(self._send_snapshots(run), name="scene snapshots")
                 tasks.create_task(worker.wait(), name="scene process")
         except* Exception as errors:
             self._failed = True
@@ -141,19 +142,19 @@ class SceneProcess:
 
     # --- pictures ---------------------------------------------------------------------------------
 
-    async def _feed(self, run: _Run) -> None:
-        next_s = progress_s = self._clock.monotonic_s()
+    async def _send_snapshots(self, run: _Run) -> None:
+        next_s = last_progress_s = self._clock.monotonic_s()
         while True:
             open_bridges, stalled = self._bridges.names(), self._bridges.stalled_names()
             # When the last view has closed, one more snapshot lets the process remove its scene.
             needs_snapshot = len(stalled) < len(open_bridges) or (run.newest.viewers and not open_bridges)
             now_s = self._clock.monotonic_s()
             if run.sent - run.newest.snapshots < MAX_UNREPORTED:
-                progress_s = now_s
+                last_progress_s = now_s
                 if needs_snapshot:
                     run.sent += 1
                     run.post(m.Snapshot(run.builder.snapshot(run.newest.followed, stalled)))
-            elif now_s - progress_s > HUNG_AFTER_S:
+            elif now_s - last_progress_s > HUNG_AFTER_S:
                 raise m.SceneError("The 3D view no longer draws; it is ended.", remedy=REMEDY)
             next_s = max(next_s + (PERIOD_S if open_bridges else IDLE_PERIOD_S), now_s)
             await self._clock.sleep(max(0.002, next_s - self._clock.monotonic_s()))
@@ -198,7 +199,8 @@ class SceneProcess:
 
     def _drag(self, bridge: str, drag: Drag) -> None:
         run = self._run
-        if run is not None and run.sent - run.newest.snapshots < MAX_UNREPORTED:  # the process is drawing
+        # A drag is dropped while the process does not keep up with the snapshots.
+        if run is not None and run.sent - run.newest.snapshots < MAX_UNREPORTED:
             run.post(m.HandleDragged(bridge, drag))
 
     def _require_run(self) -> _Run:

@@ -1,9 +1,9 @@
 """The proxy on the server's port that gives browsers their only access to the 3D view (viser).
 
-`GET /scene/` returns the program, `WS /scene/` is its stream. `POST /scene/view/{token}` sets the content of
-one view, `POST /scene/view/{token}/click` reports a click in it. Over the stream a browser may send the pose
-of its camera, and drags of the preview's two handles (`gizmo.py`), which are not passed to viser. All other
-messages are dropped, especially requests for a public tunnel.
+`GET /scene/` returns viser's web page, `WS /scene/` is the stream of this page. `POST /scene/view/{token}`
+sets the content of one view, `POST /scene/view/{token}/click` reports a click in this view. Over the stream a
+browser may send the pose of its camera, and drags of the preview's two handles (`gizmo.py`), which are not
+passed to viser. All other messages are dropped, especially requests for a public tunnel.
 """
 
 from __future__ import annotations
@@ -146,7 +146,8 @@ def scene_router(
     Args:
         address: returns the address of viser; None while viser does not run.
         set_view: sets the content of the view with a token; raises UnknownVehicle.
-        click: sends the clicked ground position to the page with the view's token; None: not on the ground.
+        click: sends the clicked ground position to the page with the view's token; returns None if the click
+            was not on the ground.
         drag: called with the bridge when a handle was dragged.
         bridges: the bridges to all browsers.
     """
@@ -183,8 +184,8 @@ def scene_router(
     @router.post("/view/{token}/click")
     async def clicked(token: str, body: ClickRequest, request: Request) -> dict[str, Any]:
         _require_own_page(token, request)
-        on_ground = await click(token, body)
-        return {"ground": on_ground is not None}
+        scene_click = await click(token, body)
+        return {"ground": scene_click is not None}
 
     @router.websocket("/")
     async def stream(websocket: WebSocket) -> None:

@@ -23,6 +23,7 @@ from gcs_server.scene.view_request import BRIDGE_KEY, MAX_VIEWS, TOKEN, ViewRequ
 from gcs_server.scene.views import CAMERAS, Mode, Preview, View
 
 MAX_STEP_S = 0.25
+"""Maximum time step of the smoothing between two pictures [s]."""
 
 
 class Scene:
@@ -31,7 +32,8 @@ class Scene:
     Args:
         fleet: the vehicles to draw; the scene does not change them.
         clock: clock for the steps.
-        offboard: target of the server's stream; None: draw the target that the vehicle reports.
+        offboard: returns the setpoint that the server streams to a vehicle; None: draw the target that the
+            vehicle reports.
         on_gizmo: called with the position to which a view's preview was dragged.
         dry_runs: returns the paths of a dry run that a page shows; None: no dry runs.
         stalled: whether the browser of a bridge does not read; nothing is drawn for it.
@@ -52,7 +54,8 @@ class Scene:
         self._tracks = Tracks(fleet, offboard, clock)
         self._views: OrderedDict[str, View] = OrderedDict()
         self._browser_scenes: dict[int, tuple[str, BrowserScene]] = {}
-        self._serial = 0
+        """Token of the view, and the scene of the browser, by viser's client id."""
+        self._preview_serial = 0
         self._drawn_s = clock.monotonic_s()
 
     @property
@@ -127,8 +130,10 @@ class Scene:
         requested = request.preview
         if requested is None:
             return None
-        self._serial += 1
-        return Preview(requested.position_ned_m, requested.yaw_ned_rad, requested.handles, self._serial)
+        self._preview_serial += 1
+        return Preview(
+            requested.position_ned_m, requested.yaw_ned_rad, requested.handles, self._preview_serial
+        )
 
     def _dry_run(self, request: ViewRequest, earlier: View) -> DryRunMoment | None:
         """The dry run after a request; an omitted dry run stays."""
@@ -175,7 +180,7 @@ class Scene:
             Refused: no vehicle has reported a global position.
         """
         view = self._views.get(token, View())
-        ground_position = self._tracks.on_ground(view.vehicle, click.eye_enu_m, click.ray_enu)
+        ground_position = self._tracks.ground_position(view.vehicle, click.eye_enu_m, click.ray_enu)
         if ground_position is None:
             return None
         return SceneClick(token, *ground_position, click.view_x, click.view_y)

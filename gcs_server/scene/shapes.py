@@ -1,4 +1,4 @@
-"""All shapes of the scene, computed once while the server runs."""
+"""All shapes of the scene, computed once per process."""
 
 from __future__ import annotations
 

@@ -54,10 +54,10 @@ class Smoother:
             q_enu_flu=_interpolate_rotation(last.q_enu_flu, measured.q_enu_flu, fraction),
             q_body_camera=camera,
         )
-        self._turn(yaw_from_q(self.pose.q_enu_flu), dt_s)
+        self._update_heading(yaw_from_q(self.pose.q_enu_flu), dt_s)
         return self.pose
 
-    def _turn(self, yaw_enu_rad: float, dt_s: float) -> None:
+    def _update_heading(self, yaw_enu_rad: float, dt_s: float) -> None:
         difference = math.remainder(yaw_enu_rad - self.heading_enu_rad, 2 * math.pi)
         fraction = (
             1.0 - math.exp(-max(0.0, dt_s) / HEADING_LAG_S) if abs(difference) > MIN_DIFFERENCE else 1.0
@@ -66,7 +66,7 @@ class Smoother:
 
 
 def _visible_effort(effort: float) -> float:
-    # Idling rotors turn visibly. The square root spreads the low throttle values of hovering.
+    # The square root makes the rotation visible while idling, and enlarges the differences while hovering.
     return math.sqrt(effort) if effort > 0.0 else 0.0
 
 

@@ -97,16 +97,16 @@ class SnapshotBuilder:
 
     Args:
         fleet: the vehicles; read only.
-        offboard: target of this server's stream; None: no target is sent.
-        clock: clock for the limit of log lines.
+        offboard: returns the setpoint that this server streams to a vehicle; None: no target is sent.
+        clock: clock that limits how often errors are logged.
     """
 
     def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None, clock: Clock) -> None:
         self._fleet, self._offboard = fleet, offboard
         self._isolation = Isolation(clock, log, "The 3D view")
         self._sent: dict[str, _SentSamples] = {}
-        self._count = 0
-        self._turn = 0
+        self._last_number = 0
+        self._due_remainder = 0
         """A vehicle is due if its index modulo `UPDATE_DIVISOR` has this value."""
 
     @property
@@ -121,7 +121,7 @@ class SnapshotBuilder:
         if vehicle is not None:
             work_name = f"the trail of vehicle {vehicle.id}"
             samples = self._isolation.run(work_name, vehicle.history, topics, since_unix_s)
-        return _encode([_data(sample) for sample in samples or ()])
+        return _encode([_sample_data(sample) for sample in samples or ()])
 
     def snapshot(self, followed: Set[str], stalled: Sequence[str]) -> bytes:
         """The next snapshot, encoded.
@@ -132,21 +132,21 @@ class SnapshotBuilder:
         """
         vehicles = self._fleet.all()
         self._forget_removed(vehicles)
-        self._turn = (self._turn + 1) % UPDATE_DIVISOR
+        self._due_remainder = (self._due_remainder + 1) % UPDATE_DIVISOR
         order: list[int] = []
         changed: list[VehicleData] = []
         for index, vehicle in enumerate(vehicles):
             sent = self._sent.get(vehicle.id)
             is_new = sent is None
             if sent is None:
-                self._count += 1
-                sent = self._sent[vehicle.id] = _SentSamples(vehicle, self._count)
+                self._last_number += 1
+                sent = self._sent[vehicle.id] = _SentSamples(vehicle, self._last_number)
             order.append(sent.number)
             if (
                 is_new
                 or len(vehicles) <= MAX_ALL_UPDATED
                 or vehicle.id in followed
-                or index % UPDATE_DIVISOR == self._turn
+                or index % UPDATE_DIVISOR == self._due_remainder
             ):
                 data = self._isolation.run(f"reading vehicle {vehicle.id}", self._changes, vehicle, sent)
                 changed += [] if data is None else [data]
@@ -165,7 +165,7 @@ class SnapshotBuilder:
                 missing_topics.append(topic)
             else:
                 sent.received_s[topic] = received_s
-                samples.append(_data(sample))
+                samples.append(_sample_data(sample))
         target = self._offboard(vehicle.id) if self._offboard is not None else None
         return VehicleData(
             sent.number,
@@ -188,6 +188,6 @@ class SnapshotBuilder:
                 del self._sent[vehicle_id]
 
 
-def _data(sample: Sample) -> SampleData:
+def _sample_data(sample: Sample) -> SampleData:
     times = (sample.received_unix_s, sample.received_monotonic_s)
     return SampleData(sample.topic, *times, msgspec.Raw(_encode(sample.value)))

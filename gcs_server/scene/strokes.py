@@ -1,4 +1,4 @@
-"""Text and signs on the ground as lines, so that no font file is needed for ten digits."""
+"""Text and signs on the ground as lines, so that no font file is needed for a few characters."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ _GLYPHS: dict[str, str] = {
     " ": "",
 }
 GLYPH_ADVANCE = 0.85
+"""Distance from the start of one glyph to the start of the next."""
 
 
 def text_segments(text: str, *, height_m: float, at_m: Vector3) -> Points:

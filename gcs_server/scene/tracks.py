@@ -55,8 +55,9 @@ class Tracks:
     """Tracks of all vehicles, in the order of the fleet.
 
     Args:
-        clock: clock for the limit of log lines.
-        offboard: target of this server's stream; None: draw the target that the vehicle reports.
+        clock: clock that limits how often errors are logged.
+        offboard: returns the setpoint that this server streams to a vehicle; None: draw the target that the
+            vehicle reports.
     """
 
     def __init__(self, fleet: SceneFleet, offboard: OffboardTargets | None, clock: Clock) -> None:
@@ -65,7 +66,7 @@ class Tracks:
         self._placement = Placement()
         self._tracks: dict[str, Track] = {}
         self._updated_s = float("-inf")
-        self._turn = 0
+        self._due_remainder = 0
 
     def update(self, now_s: float, dt_s: float, followed: Set[str] = frozenset()) -> dict[str, Track]:
         """Reads the newest samples. Returns the tracks by vehicle id, in the order of the identity colours.
@@ -78,7 +79,7 @@ class Tracks:
         vehicles = self._fleet.all()
         self._forget_removed(vehicles)
         paused, self._updated_s = now_s - self._updated_s > PAUSE_S, now_s
-        self._turn = (self._turn + 1) % UPDATE_DIVISOR
+        self._due_remainder = (self._due_remainder + 1) % UPDATE_DIVISOR
         places: dict[str, VehiclePlace] = {}
         for index, vehicle in enumerate(vehicles):
             track = self._track(vehicle, paused=paused)
@@ -86,7 +87,7 @@ class Tracks:
             is_due = (
                 len(vehicles) <= MAX_ALL_UPDATED
                 or vehicle.id in followed
-                or index % UPDATE_DIVISOR == self._turn
+                or index % UPDATE_DIVISOR == self._due_remainder
             )
             if is_due or paused or track.place is None:
                 work_name = f"vehicle {vehicle.id}"
@@ -132,7 +133,7 @@ class Tracks:
         """
         return self._placement.enu(position_deg_m)
 
-    def on_ground(
+    def ground_position(
         self, vehicle_id: str | None, eye_enu_m: Vector3, ray_enu: Vector3
     ) -> tuple[str, float, float, float] | None:
         """(vehicle, lat_deg, lon_deg, alt_amsl_m) of the point where a ray meets the ground at a vehicle's

@@ -9,8 +9,8 @@ from missions.frames import Vector3
 
 SPACING_M = 0.5
 NEIGHBOURS = 24
-"""A new point must be `SPACING_M` from this number of newest points, so that a drifting hover produces few
-lines."""
+"""A new point must be at least `SPACING_M` from each of this number of newest points, so that a drifting
+hover produces few lines."""
 MAX_POINTS = 512
 JUMP_M = 50.0
 """A larger step between two updates is not a flight: the estimator was reset, or the log was rewound [m]."""
@@ -28,7 +28,7 @@ class Trail:
     def __init__(self) -> None:
         self.sealed: list[Vector3] = []
         self.recent: list[Vector3] = []
-        self._newest: deque[Vector3] = deque(maxlen=NEIGHBOURS)
+        self._spacing_points: deque[Vector3] = deque(maxlen=NEIGHBOURS)
         self.version = 0
         """Counts the changes of `sealed`."""
 
@@ -36,11 +36,11 @@ class Trail:
         """Adds the vehicle's position; True if it was stored."""
         if not all(math.isfinite(c) for c in position_enu_m):
             return False
-        if self._newest and math.dist(self._newest[-1], position_enu_m) > JUMP_M:
+        if self._spacing_points and math.dist(self._spacing_points[-1], position_enu_m) > JUMP_M:
             self.clear()
-        if any(math.dist(other, position_enu_m) < SPACING_M for other in reversed(self._newest)):
+        if any(math.dist(other, position_enu_m) < SPACING_M for other in reversed(self._spacing_points)):
             return False
-        self._newest.append(position_enu_m)
+        self._spacing_points.append(position_enu_m)
         self.recent.append(position_enu_m)
         if len(self.recent) >= self.RECENT_POINTS:
             self._seal()
@@ -49,7 +49,7 @@ class Trail:
     def clear(self) -> None:
         """Removes all points."""
         self.sealed, self.recent = [], []
-        self._newest.clear()
+        self._spacing_points.clear()
         self.version += 1
 
     def _seal(self) -> None:

@@ -50,10 +50,10 @@ class VehicleNode:
         self._angles: tuple[float, ...] = ()
         self._trail_version = -1
         self._next_trail_s = 0.0
-        self._tail_end: Vector3 | None = None
-        self._tail_lines: Points | None = None
-        self._tail_newest_point: Vector3 | None = None
-        """The newest trail point in `_tail_lines`."""
+        self._recent_end: Vector3 | None = None
+        self._recent_lines: Points | None = None
+        self._last_recent_point: Vector3 | None = None
+        """The newest trail point in `_recent_lines`."""
         self._frustum_m = 0.0
         self._add_airframe()
         self._add_gimbal()
@@ -64,7 +64,7 @@ class VehicleNode:
         sensor."""
         self._sealed: Any = None
         self._lines("/tail", np.zeros((1, 2, 3), np.float32), self._colour, 2.6)
-        self._tail_node = self._moving_node("/tail")
+        self._recent_node = self._moving_node("/tail")
         self._label = Label(client, f"{self._root}/place/label", self._colour)
         self._label.move((0.0, 0.0, LABEL_ABOVE_M))
         self._hidden: bool | None = None
@@ -124,8 +124,8 @@ class VehicleNode:
         self._position_node.place(pose.position_enu_m)
         height_m = z - pose.ground_z_m
         self._ground_node.place((x, y, pose.ground_z_m))
-        self._plumb_node.scale(1.0, 1.0, max(0.001, height_m))
-        self._plumb.visible = height_m > 0.3
+        self._height_line_node.scale(1.0, 1.0, max(0.001, height_m))
+        self._height_line.visible = height_m > 0.3
 
     def _point_gimbal(self, pose: VehiclePose, last: VehiclePose | None) -> None:
         q = pose.q_body_camera
@@ -145,9 +145,9 @@ class VehicleNode:
         p = self._palette
         grey = p.lost
         self._shell.color, self._shell.opacity = (grey, 0.22) if lost else (p.body, None)
-        self._dark.color, self._dark.opacity = (grey, 0.22) if lost else (p.dark_part, None)
+        self._dark_parts.color, self._dark_parts.opacity = (grey, 0.22) if lost else (p.dark_part, None)
         colour = grey if lost else self._rgb
-        self._mark.color, self._mark.opacity = colour, 0.5 if lost else None
+        self._front_mark.color, self._front_mark.opacity = colour, 0.5 if lost else None
         self._rims.colors = np.asarray(colour, np.uint8)
         self._discs.visible = self._frustum.visible = not lost
         self._blades.visible = not lost
@@ -156,7 +156,7 @@ class VehicleNode:
     def _show_target(self, pose: VehiclePose, last: VehiclePose | None) -> None:
         target = pose.target
         if last is None or (target is None) != (last.target is None):
-            self._target.visible = self._target_dots.visible = target is not None
+            self._target.visible = self._target_line.visible = target is not None
             self._target_label.visible = target is not None
         if target is None:
             return
@@ -185,14 +185,14 @@ class VehicleNode:
         offset = (b[0] - a[0], b[1] - a[1], b[2] - a[2])
         length_m = math.sqrt(offset[0] ** 2 + offset[1] ** 2 + offset[2] ** 2)
         has_line = length_m > MIN_LINE_M
-        self._target_dots.visible = has_line
+        self._target_line.visible = has_line
         self._target_label.visible = has_line
         if has_line:
             self._target_line_node.place(a)
             self._target_line_node.turn(q_along(offset))
             self._target_line_node.scale(length_m, 1.0, 1.0)
 
-    def _draw_trail(self, trail: Trail, head: Vector3) -> None:
+    def _draw_trail(self, trail: Trail, vehicle_enu_m: Vector3) -> None:
         if trail.version != self._trail_version:
             self._trail_version = trail.version
             if self._sealed is not None:
@@ -200,21 +200,22 @@ class VehicleNode:
                 self._sealed = None
             if len(trail.sealed) > 1:
                 self._sealed = self._lines("/trail", _line_segments(trail.sealed), self._colour, 2.6)
-            self._tail_end = None
-        if trail.recent and head != self._tail_end:
-            self._tail_end = head
-            self._tail_node.change("points", self._tail_to_vehicle(trail.recent, head))
+            self._recent_end = None
+        if trail.recent and vehicle_enu_m != self._recent_end:
+            self._recent_end = vehicle_enu_m
+            self._recent_node.change("points", self._recent_trail_lines(trail.recent, vehicle_enu_m))
 
-    def _tail_to_vehicle(self, recent: list[Vector3], head: Vector3) -> Points:
+    def _recent_trail_lines(self, recent: list[Vector3], vehicle_enu_m: Vector3) -> Points:
         """The lines between the newest points and to the vehicle; most calls change only the last line."""
         if (
-            self._tail_lines is None
-            or len(self._tail_lines) != len(recent)
-            or self._tail_newest_point != recent[-1]
+            self._recent_lines is None
+            or len(self._recent_lines) != len(recent)
+            or self._last_recent_point != recent[-1]
         ):
-            self._tail_lines, self._tail_newest_point = _line_segments([*recent, head]), recent[-1]
-        lines = self._tail_lines.copy()
-        lines[-1, 1] = head
+            self._recent_lines = _line_segments([*recent, vehicle_enu_m])
+            self._last_recent_point = recent[-1]
+        lines = self._recent_lines.copy()
+        lines[-1, 1] = vehicle_enu_m
         return lines
 
     def _add_airframe(self) -> None:
@@ -225,8 +226,8 @@ class VehicleNode:
         self._body = self._scene.add_frame(f"{self._root}/place/body", show_axes=False)
         self._body_node = self._moving_node("/place/body")
         self._shell = self._mesh("/place/body/shell", s.shell, p.body)
-        self._dark = self._mesh("/place/body/dark", s.dark_parts, p.dark_part)
-        self._mark = self._mesh("/place/body/mark", s.front_mark, self._rgb, side="double")
+        self._dark_parts = self._mesh("/place/body/dark", s.dark_parts, p.dark_part)
+        self._front_mark = self._mesh("/place/body/mark", s.front_mark, self._rgb, side="double")
         self._discs = self._mesh(
             "/place/body/discs", s.rotor_discs, self._rgb, opacity=p.disc_opacity, side="double"
         )
@@ -274,17 +275,17 @@ class VehicleNode:
             receive_shadow=False,
         )
         upright = np.asarray([[(0, 0, 0), (0, 0, 1)]], np.float32)
-        self._plumb = self._lines("/below/plumb", upright, p.text_3, 1.0)
-        self._plumb_node = self._moving_node("/below/plumb")
+        self._height_line = self._lines("/below/plumb", upright, p.text_3, 1.0)
+        self._height_line_node = self._moving_node("/below/plumb")
 
     def _add_target(self) -> None:
         p = self._palette
         self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
         self._target_node = self._moving_node("/target")
-        self._target_dots = self._lines("/way", self._shapes.dots, p.target, 2.0)
+        self._target_line = self._lines("/way", self._shapes.dots, p.target, 2.0)
         self._target_line_node = self._moving_node("/way")
         self._target_label = Label(self._client, f"{self._root}/target_label", p.target, side="below")
-        self._target.visible = self._target_dots.visible = False
+        self._target.visible = self._target_line.visible = False
         self._target_label.visible = False
 
     def _shadow_image(self) -> Any:

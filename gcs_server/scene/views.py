@@ -105,7 +105,7 @@ def world_pose(mode: Mode, pose: VehiclePose | None, heading_enu_rad: float) -> 
 
 
 def in_world(world: WorldPose, point_m: Vector3) -> Vector3:
-    """A point of the browser's camera frame in the world's ENU."""
+    """Converts a point from the frame of the browser's scene to the world's ENU."""
     x, y, z = (point_m[i] - world.position_m[i] for i in range(3))
     return rotate(conjugate(world.q), (x, y, z))
 
@@ -125,10 +125,14 @@ def camera_for_handles(
     view_direction = _difference(look_at_m, eye_m)
     if _can_be_dragged(view_direction, _difference(handles_m, eye_m)):
         return eye_m, look_at_m
-    level_m = math.hypot(view_direction[0], view_direction[1])
-    east, north = (view_direction[0] / level_m, view_direction[1] / level_m) if level_m > 0.0 else (0.0, 1.0)
+    horizontal_m = math.hypot(view_direction[0], view_direction[1])
+    east, north = (
+        (view_direction[0] / horizontal_m, view_direction[1] / horizontal_m)
+        if horizontal_m > 0.0
+        else (0.0, 1.0)
+    )
     distance_m = max(HANDLES_DISTANCE_M, 1.6 * math.dist(handles_m, vehicle_m))
-    elevation_rad = max(HANDLES_ELEVATION_RAD, math.atan2(-view_direction[2], level_m))
+    elevation_rad = max(HANDLES_ELEVATION_RAD, math.atan2(-view_direction[2], horizontal_m))
     back_m, up_m = distance_m * math.cos(elevation_rad), distance_m * math.sin(elevation_rad)
     return (handles_m[0] - east * back_m, handles_m[1] - north * back_m, handles_m[2] + up_m), handles_m
 

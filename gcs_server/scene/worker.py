@@ -1,9 +1,9 @@
 """The process of the 3D view: viser, and all drawing.
 
-`handle.py` starts it with a socket. Each snapshot of the vehicles results in one picture; if several have
-arrived during a picture, only the last one is drawn. A failure in drawing ends the process, and the server
-starts it again. The process also ends when the server closes the socket. It runs at a lower priority than the
-server, so that flying comes first on a busy machine.
+`handle.py` starts the process with a socket. Each snapshot of the vehicles results in one picture; if several
+snapshots arrive while a picture is drawn, only the last one is drawn. A failure in drawing ends the process,
+and the server starts it again. The process also ends when the server closes the socket. It runs at a lower
+priority than the server, so that flying comes first on a busy machine.
 """
 
 from __future__ import annotations

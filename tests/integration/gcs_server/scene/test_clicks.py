@@ -37,20 +37,20 @@ def test_a_ray_that_does_not_reach_the_ground_gives_none(eye_z_m, ray):
 def test_the_ground_is_at_the_altitude_of_the_selected_vehicles_home():
     tracks = Tracks(FakeFleet([flying("1"), flying("2")]), None, SystemClock())
     tracks.update(1000.0, 0.03)
-    vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.on_ground("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
+    vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.ground_position("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
     assert vehicle == "2"
     assert (lat_deg, lon_deg) == pytest.approx((47.397742 + 100.0 / 111177.0, 8.545594), abs=1e-6)
     assert alt_amsl_m == pytest.approx(488.0)
-    assert tracks.on_ground("9", (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))[0] == "1"
+    assert tracks.ground_position("9", (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))[0] == "1"
 
 
 def test_without_a_global_position_a_click_is_refused():
     with pytest.raises(Refused, match="no vehicle yet"):
-        Tracks(FakeFleet(), None, SystemClock()).on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
+        Tracks(FakeFleet(), None, SystemClock()).ground_position(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
     tracks = Tracks(FakeFleet([FakeVehicle()]), None, SystemClock())
     tracks.update(1000.0, 0.03)
     with pytest.raises(Refused, match="reported its position"):
-        tracks.on_ground(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
+        tracks.ground_position(None, (0.0, 0.0, 10.0), (0.0, 0.0, -1.0))
 
 
 def test_a_click_is_published_with_the_token_of_its_view(scene_server):
