@@ -91,7 +91,7 @@ def compile_mission(
     _apply_gimbal_tracks(state, steps[:first_step])
     if role is not None:
         state.place, state.title = f"{role}, start", "Common start"
-        _meet(state, Meet(meeting=COMMON_START, timeout_s=COMMON_START_TIMEOUT_S))
+        _compile_meet(state, Meet(meeting=COMMON_START, timeout_s=COMMON_START_TIMEOUT_S))
     timeline = _compile_from(
         state, _StepCursor(steps, "step " if role is None else f"{role}, step ", first_step), 0
     )
@@ -137,7 +137,7 @@ def _compile_from(state: State, cursor: _StepCursor | None, branches_before: int
         step, state.place, cursor = next_step
         state.title = step.name or step.step.replace("_", " ").capitalize()
         state.compilation.add_size(steps=1)
-        state.executed_step = state.compilation.steps
+        state.executed_step = state.compilation.step_count
         if isinstance(step, Repeat):
             cursor = _StepCursor(step.steps, f"{state.place}.", times_left=step.times, after=cursor)
         elif isinstance(step, Call):
@@ -147,7 +147,7 @@ def _compile_from(state: State, cursor: _StepCursor | None, branches_before: int
             if branches_before >= MAX_SUCCESSIVE_BRANCHES:
                 reason = f"more than {MAX_SUCCESSIVE_BRANCHES} branches one after the other"
                 raise PlanError(state.place, reason, "Split the mission.")
-            return _branch(state, step, cursor, branches_before)
+            return _compile_branch(state, step, cursor, branches_before)
         else:
             _compile_step(state, step)
     if state.in_air:
@@ -171,7 +171,7 @@ def _next_step(cursor: _StepCursor | None) -> tuple[MissionStep, str, _StepCurso
     return None
 
 
-def _branch(state: State, step: Branch, cursor: _StepCursor | None, branches_before: int) -> Timeline:
+def _compile_branch(state: State, step: Branch, cursor: _StepCursor | None, branches_before: int) -> Timeline:
     condition = step.condition
     _check_condition(state, condition, "the mission continues with `otherwise`")
     decision = Decision(state.place, condition.value, condition.above, condition.below, condition.for_s)
@@ -236,7 +236,7 @@ def _compile_step(state: State, step: Any) -> None:
     state.position_ned_m, state.yaw_ned_rad = pose_before
 
 
-def _take_off(state: State, step: TakeOff) -> None:
+def _compile_take_off(state: State, step: TakeOff) -> None:
     if state.in_air:
         state.report(
             "takeoff_in_air",
@@ -247,24 +247,24 @@ def _take_off(state: State, step: TakeOff) -> None:
     north, east, down = state.position_ned_m
     state.in_air = True
     speed_m_s = state.compilation.vehicle.limits.vehicle.takeoff_m_s
-    _wait(
+    _add_wait(
         state, "take_off", step.height_m / speed_m_s, (north, east, down - step.height_m), step.timeout_s,
         length_m=step.height_m, height_m=step.height_m,
     )  # fmt: skip
 
 
-def _land(state: State, step: Land) -> None:
+def _compile_land(state: State, step: Land) -> None:
     north, east, down = state.position_ned_m
     height_m = max(0.0, state.compilation.start.reference_ned_m[2] - down)
     duration_s = land_time_s(height_m, state.compilation.vehicle.limits.vehicle)
     state.in_air = False
-    _wait(state, "land", duration_s, (north, east, down + height_m), step.timeout_s, length_m=height_m)
+    _add_wait(state, "land", duration_s, (north, east, down + height_m), step.timeout_s, length_m=height_m)
 
 
-def _wait_step(state: State, step: Wait) -> None:
+def _compile_wait(state: State, step: Wait) -> None:
     fields: dict[str, Any] = {"message": step.message, "on_timeout": step.on_timeout}
     if step.until == "person":
-        _wait(state, "person", 0.0, state.position_ned_m, step.timeout_s, **fields)
+        _add_wait(state, "person", 0.0, state.position_ned_m, step.timeout_s, **fields)
         return
     condition = step.until
     _check_condition(state, condition, f"after {step.timeout_s:g} s the action is {step.on_timeout}")
@@ -274,11 +274,11 @@ def _wait_step(state: State, step: Wait) -> None:
         "below": condition.below,
         "for_s": condition.for_s,
     }
-    _wait(state, "condition", condition.for_s, state.position_ned_m, step.timeout_s, **fields)
+    _add_wait(state, "condition", condition.for_s, state.position_ned_m, step.timeout_s, **fields)
 
 
-def _meet(state: State, step: Meet) -> None:
-    _wait(state, "meet", 0.0, state.position_ned_m, step.timeout_s, message=step.meeting)
+def _compile_meet(state: State, step: Meet) -> None:
+    _add_wait(state, "meet", 0.0, state.position_ned_m, step.timeout_s, message=step.meeting)
 
 
 def _check_condition(state: State, condition: Condition, consequence: str) -> None:
@@ -300,7 +300,7 @@ def _check_condition(state: State, condition: Condition, consequence: str) -> No
         state.report("condition_unreported", message, "Choose another value, or enable its sensor.")
 
 
-def _wait(
+def _add_wait(
     state: State,
     kind: WaitKind,
     duration_s: float,
@@ -316,7 +316,7 @@ def _wait(
     )  # fmt: skip
 
 
-def _gimbal(state: State, step: Gimbal) -> None:
+def _compile_gimbal(state: State, step: Gimbal) -> None:
     if step.track == "release":
         state.gimbal = None
     else:
@@ -338,11 +338,11 @@ def _gimbal(state: State, step: Gimbal) -> None:
 
 
 _COMPILERS: dict[type, Callable[[State, Any], None]] = {
-    TakeOff: _take_off,
-    Land: _land,
-    Wait: _wait_step,
-    Meet: _meet,
-    Gimbal: _gimbal,
+    TakeOff: _compile_take_off,
+    Land: _compile_land,
+    Wait: _compile_wait,
+    Meet: _compile_meet,
+    Gimbal: _compile_gimbal,
     Hold: compile_paths.compile_hold,
     Photo: compile_paths.compile_photo,
     Fly: compile_paths.compile_fly,

@@ -157,7 +157,7 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
         builder.flush()
         builder.speed_m_s = min(MAX_SPEED_M_S, item.speed_m_s or 0.0)
     elif isinstance(item, ReturnHome):
-        _return_home(builder, description)
+        _add_return_home(builder, description)
     elif isinstance(item, TriggerDistance):
         builder.flush()
         builder.photo_every_m = min(10_000.0, item.distance_m or 0.0) or None
@@ -183,7 +183,7 @@ def _add_item(builder: _MissionBuilder, item: SimpleItem, description: str) -> N
 
 def _add_placed_item(builder: _MissionBuilder, item: PlacedItem, description: str) -> None:
     if not builder.in_air:
-        _take_off(builder, item, description)
+        _add_take_off(builder, item, description)
     if isinstance(item, Takeoff):
         builder.add_point(item, stop=True)
     elif isinstance(item, Land):
@@ -218,7 +218,7 @@ def _last_point(builder: _MissionBuilder) -> s.FlyPoint | None:
     return fly_steps[-1].points[-1] if fly_steps else None
 
 
-def _take_off(builder: _MissionBuilder, item: PlacedItem, description: str) -> None:
+def _add_take_off(builder: _MissionBuilder, item: PlacedItem, description: str) -> None:
     """Adds a take-off to the altitude of the first item."""
     home = builder.plan.planned_home
     height_m = item.altitude.value_m
@@ -231,7 +231,7 @@ def _take_off(builder: _MissionBuilder, item: PlacedItem, description: str) -> N
     builder.in_air = True
 
 
-def _return_home(builder: _MissionBuilder, description: str) -> None:
+def _add_return_home(builder: _MissionBuilder, description: str) -> None:
     home = builder.plan.planned_home
     if home is None:
         raise PlanError(description, "the plan has no home to return to", "Set the planned home.")

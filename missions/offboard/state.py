@@ -102,9 +102,9 @@ class Compilation:
     motion: MotionLimits
     findings: dict[MissionFinding, None] = field(default_factory=dict)
     """Findings without repetitions, in order."""
-    segments: int = 0
-    steps: int = 0
-    points: int = 0
+    segment_count: int = 0
+    step_count: int = 0
+    point_count: int = 0
 
     def add_size(self, *, segments: int = 0, steps: int = 0, points: int = 0) -> None:
         """Adds to the counters that limit the size of a mission.
@@ -112,10 +112,10 @@ class Compilation:
         Raises:
             PlanError: The mission is too large.
         """
-        self.segments += segments
-        self.steps += steps
-        self.points += points
-        if self.segments > MAX_SEGMENTS or self.steps > MAX_STEPS or self.points > MAX_POINTS:
+        self.segment_count += segments
+        self.step_count += steps
+        self.point_count += points
+        if self.segment_count > MAX_SEGMENTS or self.step_count > MAX_STEPS or self.point_count > MAX_POINTS:
             reason = f"more than {MAX_SEGMENTS} segments, {MAX_STEPS} steps or {MAX_POINTS} points"
             raise PlanError(
                 "the mission",
@@ -151,6 +151,7 @@ class State:
     executed_step: int = 0
     """Number of the current step among all executed steps, from 1."""
     needs: set[Estimate] = field(default_factory=set)
+    """Estimates that the vehicle must have."""
     segments: list[Segment] = field(default_factory=list)
 
     def fork(self) -> State:

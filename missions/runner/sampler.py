@@ -235,7 +235,7 @@ class ScriptSampler:
 
     def _at_rate(self, setpoint: Setpoint) -> DirectSetpoint:
         """A setpoint of the path at the current rate of mission time."""
-        rate, change = self._scale.rate, self._scale.change
+        rate, change = self._scale.rate, self._scale.rate_change
         if isinstance(setpoint, Trajectory):
             if rate == 1.0 and change == 0.0:
                 return setpoint

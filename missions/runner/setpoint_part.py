@@ -41,11 +41,11 @@ class SetpointPart(Part):
         self._ground_sampler: ScriptSampler | None = None
         """Samples the script while the vehicle is on the ground and nothing is streamed; None: the vehicle
         flies."""
-        self._began_s = self._last_change_s = self._last_s = 0.0
+        self._began_s = self._last_sent_s = self._last_s = 0.0
         self._initial_mode: str | None = None
         self._flying = False
         self._first_open_wait = 0
-        self._last_change: tuple[bool, int] = (False, 0)
+        self._last_pause_state: tuple[bool, int] = (False, 0)
         self._continue_at: int | None = None
         """Index of the segment with which to continue after a stop; None: no stop."""
         self._condition_watch: ConditionWatch | None = None
@@ -147,7 +147,7 @@ class SetpointPart(Part):
         if self._ground_sampler is None:
             requests += point_gimbal(self.flight, progress, now_s)
         if self._continue_at is None and not self.flight.paused:
-            requests += self._wait(now_s, dt_s, reading, progress)
+            requests += self._update_wait(now_s, dt_s, reading, progress)
         requests += self._report_held_back(dt_s, reading, progress)
         appended = self._next_segments(now_s, reading)
         return [*requests, *self._change_script(now_s, appended)]
@@ -169,7 +169,7 @@ class SetpointPart(Part):
             self.failure = Failure(self.flight.actions.failure, text)
             return []
         self._number, self._first_open_wait, self._continue_at, self._progress = script.number, 0, None, None
-        self._last_change, self._last_change_s = (False, 0), now_s
+        self._last_pause_state, self._last_sent_s = (False, 0), now_s
         if on_ground:
             self._ground_sampler = ScriptSampler(script, now_s)
             return []
@@ -211,7 +211,9 @@ class SetpointPart(Part):
             return []
         return self._begin_script(now_s, reading)
 
-    def _wait(self, now_s: float, dt_s: float, reading: Reading, progress: ScriptProgress) -> list[Request]:
+    def _update_wait(
+        self, now_s: float, dt_s: float, reading: Reading, progress: ScriptProgress
+    ) -> list[Request]:
         """Updates the current wait, and continues after it has ended."""
         segment = self.flight.segment
         if (
@@ -272,7 +274,7 @@ class SetpointPart(Part):
         """The next segments to send; also decides branches, and sets `done` at the end of the part."""
         course, index = self.flight.course, self.flight.index
         if index >= len(course.segments) and course.decision is not None and not self.flight.paused:
-            self._decide(now_s, reading)
+            self._choose_branch(now_s, reading)
         end_index = course.next_px4_segment(index)
         if index >= end_index and (course.flown_by_px4(end_index) or course.decision is None):
             self.done = self._continue_at is None and not self.flight.paused
@@ -283,7 +285,7 @@ class SetpointPart(Part):
         first, self._sent_end = self._sent_end, self.flight.chunk_end(self._sent_end, end_index)
         return tuple(course.segments[first : self._sent_end])
 
-    def _decide(self, now_s: float, reading: Reading) -> None:
+    def _choose_branch(self, now_s: float, reading: Reading) -> None:
         decision = self.flight.course.decision
         assert decision is not None
         if self._condition_watch is None:
@@ -298,9 +300,9 @@ class SetpointPart(Part):
     def _change_script(self, now_s: float, appended: tuple[Segment, ...]) -> list[Request]:
         """The request that sends the pause state and new segments: when they change, and periodically."""
         pause_state = (self.flight.paused or self._continue_at is not None, self._first_open_wait)
-        if not appended and pause_state == self._last_change and now_s - self._last_change_s < RENEW_S:
+        if not appended and pause_state == self._last_pause_state and now_s - self._last_sent_s < RENEW_S:
             return []
-        self._last_change, self._last_change_s = pause_state, now_s
+        self._last_pause_state, self._last_sent_s = pause_state, now_s
         change = ScriptChange(pause_state[0], pause_state[1], appended)
         if self._ground_sampler is not None:
             self._ground_sampler.change_script(change)

@@ -38,12 +38,12 @@ class TimeScale:
     def __init__(self, time_scale_limits: TimeScaleLimits, rate: float = 1.0) -> None:
         self.time_scale_limits = time_scale_limits
         self.rate = rate
-        self.change = 0.0
+        self.rate_change = 0.0
         """Current change of the rate [1/s]."""
 
     def is_at(self, goal: float) -> bool:
         """Whether the rate is at the goal and no longer changes."""
-        return self.rate == goal and self.change == 0.0
+        return self.rate == goal and self.rate_change == 0.0
 
     def step(
         self, dt_s: float, goal: float, velocity: Vector3 = ZERO_VECTOR, acceleration: Vector3 = ZERO_VECTOR
@@ -56,7 +56,7 @@ class TimeScale:
             velocity: velocity of the path at rate 1 [m/s]; not used if `is_at(goal)`.
             acceleration: acceleration of the path at rate 1 [m/s²].
         """
-        if 0.0 < dt_s <= MAX_STEP_S and self.rate == goal and self.change == 0.0:
+        if 0.0 < dt_s <= MAX_STEP_S and self.rate == goal and self.rate_change == 0.0:
             return dt_s * (goal + goal) / 2.0  # the usual case; exactly the result of the loop below
         passed_s = 0.0
         while dt_s > 0.0:
@@ -70,21 +70,21 @@ class TimeScale:
     def _change_rate(self, dt_s: float, goal: float, velocity: Vector3, acceleration: Vector3) -> None:
         gap = goal - self.rate
         if abs(gap) < GOAL_TOLERANCE:
-            self.rate, self.change = goal, 0.0
+            self.rate, self.rate_change = goal, 0.0
             return
         speed = max(math.hypot(*velocity), 1e-6)
         jerk = min(MAX_RATE_JERK, self.time_scale_limits.jerk_m_s3 / speed)
         limit = min(MAX_RATE_CHANGE, self.time_scale_limits.acceleration_m_s2 / speed)
         wanted = math.copysign(min(limit, math.sqrt(2.0 * JERK_FRACTION * jerk * abs(gap))), gap)
-        change = min(max(wanted, self.change - jerk * dt_s), self.change + jerk * dt_s)
+        change = min(max(wanted, self.rate_change - jerk * dt_s), self.rate_change + jerk * dt_s)
         lower, upper = self._change_bounds(velocity, acceleration)
-        self.change = min(max(change, lower), upper)
-        rate = self.rate + self.change * dt_s
+        self.rate_change = min(max(change, lower), upper)
+        rate = self.rate + self.rate_change * dt_s
         if (goal - rate) * gap <= 0.0:
             rate = goal
         self.rate = min(max(rate, 0.0), 1.0)
         if self.rate == goal:
-            self.change = 0.0
+            self.rate_change = 0.0
 
     def _change_bounds(self, velocity: Vector3, acceleration: Vector3) -> tuple[float, float]:
         """Bounds of the change of rate that keep the acceleration within the vehicle's limits."""
