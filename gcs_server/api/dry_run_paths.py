@@ -6,7 +6,7 @@ from gcs_server.api.station import Station
 from gcs_server.errors import Refused
 from gcs_server.plans.dry_run_corridor import path_of
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.waypoints.flight import DryRunPath
+from gcs_server.streamer.waypoints.flight import NamedDryRun
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.vehicle import Vehicle
 from missions import plan as plan_document
@@ -15,7 +15,7 @@ from missions.frames import Vector3
 from missions.geodesy import LocalOrigin
 
 
-def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> DryRunPath | None:
+def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> NamedDryRun | None:
     """Path and corridor of the dry run, in the vehicle's local frame; None: no dry run is named.
 
     Raises:
@@ -35,7 +35,7 @@ def dry_run_path(station: Station, vehicle: Vehicle, dry_run_id: str | None) -> 
         raise _wrong_plan_refusal(vehicle, dry_run_id)
     ground_ned_m, origin = _ground_position(vehicle)
     planned, corridor = path_of(result, plan, ground_ned_m, origin)
-    return DryRunPath(dry_run_id, planned, corridor)
+    return NamedDryRun(dry_run_id, planned, corridor)
 
 
 def _wrong_plan_refusal(vehicle: Vehicle, dry_run_id: str) -> Refused:

@@ -22,7 +22,7 @@ from gcs_server.api.vehicle_routes import run_command
 from gcs_server.control.commands import API, BY_NAME
 from gcs_server.errors import InvalidRequest, Refused
 from gcs_server.operations.operations import Operation, ReportProgress
-from gcs_server.streamer.waypoints.flight import Announcement
+from gcs_server.streamer.waypoints.flight import ClientStart
 from gcs_server.vehicle.services.mission_compare import differences
 from gcs_server.vehicle.services.mission_dialogue import PARTS, Part
 from gcs_server.vehicle.services.mission_on_vehicle import Items, ItemsOnVehicle, PlanReference
@@ -53,7 +53,7 @@ async def show_mission(vehicle: VehicleDep, station: StationDep) -> Response:
         station.waypoint_flights,
     )
     sample = vehicle.topic("mission")
-    resume_offer = flights.resume(vehicle.id)
+    resume_offer = flights.resume_offer(vehicle.id)
     return json_response(
         {
             "vehicle": vehicle.id,
@@ -234,7 +234,7 @@ async def start(
                 remedy="Wait until it is done.",
             )
         path = await check_start(station, vehicle, request)
-        with station.waypoint_flights.announced(vehicle.id, Announcement(principal.name, path)):
+        with station.waypoint_flights.started_by_client(vehicle.id, ClientStart(principal.name, path)):
             if request.item is not None:
                 await vehicle.mission.set_current(request.item)
             progress = progress_reporter(vehicle, principal, "mission/start")

@@ -16,7 +16,7 @@ from gcs_server.api.station import Station
 from gcs_server.errors import PlanFindings, Refused, UnknownPlan
 from gcs_server.storage.folder import StorageError
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.waypoints.flight import DryRunPath
+from gcs_server.streamer.waypoints.flight import NamedDryRun
 from gcs_server.vehicle.services.mission_on_vehicle import ItemsOnVehicle
 from gcs_server.vehicle.services.vehicle_plan import plan_from_items
 from gcs_server.vehicle.vehicle import Vehicle
@@ -45,12 +45,12 @@ POSITION_CODES = frozenset(
 """Codes of errors that depend on the position at which the flight begins."""
 
 
-async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> DryRunPath | None:
+async def check_start(station: Station, vehicle: Vehicle, request: StartRequest) -> NamedDryRun | None:
     """Refuses to start a plan that has errors or conflicts with other vehicles that the caller has not
     accepted.
 
-    The error contains all findings. If the start is not refused, the predicted path of the vehicle is stored
-    (`WaypointFlights.expect`), so that later starts of other vehicles are compared with it.
+    The error contains all findings. Until the end of the block `WaypointFlights.started_by_client`,
+    the starts of other vehicles are compared with a flight that was not refused.
 
     Returns:
         Path and corridor of the dry run that the request names.
@@ -79,12 +79,12 @@ async def check_start(station: Station, vehicle: Vehicle, request: StartRequest)
     plan, _ = plan_from_items(on_vehicle)
     plan = plan.model_copy(update={"obstacles": await _stored_obstacles(station, on_vehicle)})
     groups = await _errors(station, vehicle, plan, request)
-    async with station.waypoint_flights.comparing:
+    async with station.waypoint_flights.comparison_lock:
         compared = await compare_with_others(station, vehicle, plan, request.item, path)
         groups.append(_separation_errors(vehicle, compared.conflicts))
         _require_accepted(groups, request.despite)
         if compared.path is not None:
-            station.waypoint_flights.expect(vehicle.id, compared.path)
+            station.waypoint_flights.set_start_path(vehicle.id, compared.path)
     return path
 
 

@@ -64,7 +64,7 @@ async def start(v: str, body: m.StartMission, station: StationDep, principal: Pr
         mission_name, text = await chosen_mission(station, body)
         prepared, findings = await _compiled_start(station, v, mission_name, text, principal.name)
         corridor = corridor_for(station, vehicle, body.dry_run)
-        async with station.waypoint_flights.comparing:
+        async with station.waypoint_flights.comparison_lock:
             findings += await mission_separation_findings(station, vehicle, prepared.timeline)
             check_findings(mission_name.name, findings, body.despite)
             await _wait_for_sensor(station, v, prepared)

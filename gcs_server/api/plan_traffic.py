@@ -12,7 +12,7 @@ from typing import Any
 from gcs_server.api.station import Station
 from gcs_server.streamer.missions.readings import vehicle_reading
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
-from gcs_server.streamer.waypoints.flight import DryRunPath, vehicle_model
+from gcs_server.streamer.waypoints.flight import NamedDryRun, vehicle_model
 from gcs_server.vehicle.samples import Mission
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
@@ -49,7 +49,7 @@ async def compare_with_others(
     vehicle: Vehicle,
     plan: Plan,
     item: int | None = None,
-    dry_run: DryRunPath | None = None,
+    dry_run: NamedDryRun | None = None,
 ) -> Comparison:
     """Compares the flight of a plan, started now, with the flights of the other vehicles.
 
@@ -180,7 +180,7 @@ class _Start:
 
 
 def _path_predictor(
-    vehicle: Vehicle, plan: Plan, item: int | None, dry_run: DryRunPath | None
+    vehicle: Vehicle, plan: Plan, item: int | None, dry_run: NamedDryRun | None
 ) -> Callable[[], PredictedPath | None] | None:
     """A function that predicts the vehicle's path, to be called in a thread; None: the vehicle's position is
     not known."""

@@ -40,6 +40,7 @@ IGNORE_POSITION, IGNORE_VELOCITY, IGNORE_ACCELERATION = 1, 8, 64
 """Bit of the first axis; the other two axes have the next bits."""
 IGNORE_YAW, IGNORE_YAW_RATE = 1024, 2048
 ATTITUDE_IGNORE_RATES = 7
+ATTITUDE_IGNORE_ROLL_AND_PITCH_RATE = 3
 ATTITUDE_IGNORE_ATTITUDE = 128
 
 _local = struct.Struct("<I11fHBBB")
@@ -94,7 +95,7 @@ def _pack_local(
     )
 
 
-def _position(s: Position, target: tuple[int, int]) -> Packed:
+def _encode_position(s: Position, target: tuple[int, int]) -> Packed:
     return _pack_local(
         FRAME_LOCAL_NED,
         target,
@@ -106,7 +107,7 @@ def _position(s: Position, target: tuple[int, int]) -> Packed:
     )
 
 
-def _velocity(s: Velocity, target: tuple[int, int]) -> Packed:
+def _encode_velocity(s: Velocity, target: tuple[int, int]) -> Packed:
     return _pack_local(
         FRAME_LOCAL_NED,
         target,
@@ -118,7 +119,7 @@ def _velocity(s: Velocity, target: tuple[int, int]) -> Packed:
     )
 
 
-def _velocity_body(s: VelocityBody, target: tuple[int, int]) -> Packed:
+def _encode_velocity_body(s: VelocityBody, target: tuple[int, int]) -> Packed:
     return _pack_local(
         FRAME_BODY_NED,
         target,
@@ -130,7 +131,7 @@ def _velocity_body(s: VelocityBody, target: tuple[int, int]) -> Packed:
     )
 
 
-def _acceleration(s: Acceleration, target: tuple[int, int]) -> Packed:
+def _encode_acceleration(s: Acceleration, target: tuple[int, int]) -> Packed:
     return _pack_local(
         FRAME_LOCAL_NED,
         target,
@@ -142,7 +143,7 @@ def _acceleration(s: Acceleration, target: tuple[int, int]) -> Packed:
     )
 
 
-def _trajectory(s: Trajectory, target: tuple[int, int]) -> Packed:
+def _encode_trajectory(s: Trajectory, target: tuple[int, int]) -> Packed:
     return _pack_local(
         FRAME_LOCAL_NED,
         target,
@@ -154,7 +155,7 @@ def _trajectory(s: Trajectory, target: tuple[int, int]) -> Packed:
     )
 
 
-def _position_global(s: PositionGlobal, target: tuple[int, int]) -> Packed:
+def _encode_position_global(s: PositionGlobal, target: tuple[int, int]) -> Packed:
     if s.alt_amsl_m is None:
         raise ValueError("alt_home_m must be converted to an altitude above mean sea level before it is sent")
     mask = type_mask((0.0, 0.0, 0.0), UNCONTROLLED, UNCONTROLLED, s.yaw_ned_rad, s.yaw_rate_ned_rad_s)
@@ -172,27 +173,27 @@ def _position_global(s: PositionGlobal, target: tuple[int, int]) -> Packed:
     )
 
 
-def _attitude_target(s: Attitude, target: tuple[int, int]) -> Packed:
-    mask = ATTITUDE_IGNORE_RATES if s.yaw_rate_ned_rad_s is None else 3
+def _encode_attitude(s: Attitude, target: tuple[int, int]) -> Packed:
+    mask = ATTITUDE_IGNORE_RATES if s.yaw_rate_ned_rad_s is None else ATTITUDE_IGNORE_ROLL_AND_PITCH_RATE
     rates = (0.0, 0.0, s.yaw_rate_ned_rad_s or 0.0)
     return MSG_ATTITUDE, _attitude.pack(0, *s.q_ned_frd, *rates, s.thrust, *target, mask)
 
 
-def _rates(s: Rates, target: tuple[int, int]) -> Packed:
+def _encode_rates(s: Rates, target: tuple[int, int]) -> Packed:
     return MSG_ATTITUDE, _attitude.pack(
         0, *LEVEL_Q, *s.rates_frd_rad_s, s.thrust, *target, ATTITUDE_IGNORE_ATTITUDE
     )
 
 
 _ENCODERS: dict[type, Callable[[Any, tuple[int, int]], Packed]] = {
-    Position: _position,
-    PositionGlobal: _position_global,
-    Velocity: _velocity,
-    VelocityBody: _velocity_body,
-    Acceleration: _acceleration,
-    Trajectory: _trajectory,
-    Attitude: _attitude_target,
-    Rates: _rates,
+    Position: _encode_position,
+    PositionGlobal: _encode_position_global,
+    Velocity: _encode_velocity,
+    VelocityBody: _encode_velocity_body,
+    Acceleration: _encode_acceleration,
+    Trajectory: _encode_trajectory,
+    Attitude: _encode_attitude,
+    Rates: _encode_rates,
 }
 MAVLINK_KINDS = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
 """Setpoint types for which there is a MAVLink message that PX4 follows."""

@@ -39,7 +39,7 @@ from missions.setpoints import (
 )
 
 NAN: Final = math.nan
-MOTORS, SERVOS = 12, 8
+MOTOR_COUNT, SERVO_COUNT = 12, 8
 """Numbers of values in ActuatorMotors and ActuatorServos."""
 CONTROL_MODE: Final = "/fmu/in/offboard_control_mode"
 SETPOINT_TOPICS: Final[Mapping[str, str]] = {
@@ -80,7 +80,7 @@ class TopicSender(Protocol):
         ...
 
 
-def _axes(vector: Partial3) -> tuple[float, float, float]:
+def _nan_for_none(vector: Partial3) -> tuple[float, float, float]:
     x, y, z = (NAN if axis is None else axis for axis in vector)
     return x, y, z
 
@@ -94,7 +94,7 @@ def _trajectory_setpoint(
     controlled = {"position": position, "velocity": velocity, "acceleration": acceleration}
     flag = next((name for name, vector in controlled.items() if vector != UNCONTROLLED), "position")
     yaw, yaw_rate = s.yaw_ned_rad, s.yaw_rate_ned_rad_s
-    fields: dict[str, Any] = {name: _axes(vector) for name, vector in controlled.items()}
+    fields: dict[str, Any] = {name: _nan_for_none(vector) for name, vector in controlled.items()}
     fields |= {
         "jerk": (NAN, NAN, NAN),
         "yaw": NAN if yaw is None else math.remainder(yaw, math.tau),
@@ -103,7 +103,7 @@ def _trajectory_setpoint(
     return flag, (("TrajectorySetpoint", fields),)
 
 
-def _trajectory(s: Trajectory) -> Encoded:
+def _encode_trajectory(s: Trajectory) -> Encoded:
     return _trajectory_setpoint(s, s.position_ned_m, s.velocity_ned_m_s, s.acceleration_ned_m_s2)
 
 
@@ -112,25 +112,25 @@ def _thrust_body(thrust: float) -> Vector3:
     return (0.0, 0.0, -thrust)
 
 
-def _attitude(s: Attitude) -> Encoded:
+def _encode_attitude(s: Attitude) -> Encoded:
     rate = s.yaw_rate_ned_rad_s or 0.0
     fields = {"q_d": s.q_ned_frd, "thrust_body": _thrust_body(s.thrust), "yaw_sp_move_rate": rate}
     return "attitude", (("VehicleAttitudeSetpoint", fields),)
 
 
-def _rates(s: Rates) -> Encoded:
+def _encode_rates(s: Rates) -> Encoded:
     roll, pitch, yaw = s.rates_frd_rad_s
     fields = {"roll": roll, "pitch": pitch, "yaw": yaw, "thrust_body": _thrust_body(s.thrust)}
     return "body_rate", (("VehicleRatesSetpoint", fields),)
 
 
-def _thrust_torque(s: ThrustTorque) -> Encoded:
+def _encode_thrust_torque(s: ThrustTorque) -> Encoded:
     thrust, torque = {"xyz": s.thrust_frd}, {"xyz": s.torque_frd}
     return "thrust_and_torque", (("VehicleThrustSetpoint", thrust), ("VehicleTorqueSetpoint", torque))
 
 
-def _actuators(s: Actuators) -> Encoded:
-    arrays = (("ActuatorMotors", s.motors, MOTORS), ("ActuatorServos", s.servos, SERVOS))
+def _encode_actuators(s: Actuators) -> Encoded:
+    arrays = (("ActuatorMotors", s.motors, MOTOR_COUNT), ("ActuatorServos", s.servos, SERVO_COUNT))
     return "direct_actuator", tuple(
         (kind, {"control": tuple(NAN if v is None else v for v in values) + (NAN,) * (size - len(values))})
         for kind, values, size in arrays
@@ -142,11 +142,11 @@ _ENCODERS: dict[type, Callable[[Any], Encoded]] = {
     Position: lambda s: _trajectory_setpoint(s, position=s.position_ned_m),
     Velocity: lambda s: _trajectory_setpoint(s, velocity=s.velocity_ned_m_s),
     Acceleration: lambda s: _trajectory_setpoint(s, acceleration=s.acceleration_ned_m_s2),
-    Trajectory: _trajectory,
-    Attitude: _attitude,
-    Rates: _rates,
-    ThrustTorque: _thrust_torque,
-    Actuators: _actuators,
+    Trajectory: _encode_trajectory,
+    Attitude: _encode_attitude,
+    Rates: _encode_rates,
+    ThrustTorque: _encode_thrust_torque,
+    Actuators: _encode_actuators,
 }
 ROS2_KINDS = frozenset(kind.type for kind in _ENCODERS)  # type: ignore[attr-defined]
 """Setpoint types for which PX4 has a ROS 2 message."""
@@ -175,7 +175,8 @@ def encode(setpoint: DirectSetpoint) -> tuple[Message, tuple[Message, ...]]:
 
 
 def level_of(setpoint: DirectSetpoint) -> str:
-    """The flag of OffboardControlMode for a setpoint: the level of the control cascade at which it enters."""
+    """The flag of OffboardControlMode for a setpoint: the level of the control cascade at which the setpoint
+    enters."""
     return _ENCODERS[type(setpoint)](setpoint)[0]
 
 
@@ -202,7 +203,7 @@ class Ros2Transport:
 
     Args:
         target: the vehicle's system id and its autopilot's component id.
-        source: system and component id of mode requests.
+        source: system and component id of this server, for mode requests.
         unix_us: the system clock [µs].
     """
 
@@ -213,13 +214,13 @@ class Ros2Transport:
         unix_us: Callable[[], int],
     ) -> None:
         self._target, self._source, self._unix_us = target, source, unix_us
-        self._mode: Message = (CONTROL_MODE, b"")
+        self._mode_message: Message = (CONTROL_MODE, b"")
         self._loaded: DirectSetpoint | None = None
         self._setpoint: tuple[Message, ...] = ()
 
     def load(self, setpoint: DirectSetpoint) -> None:
         """See `SetpointLoader`."""
-        self._mode, self._setpoint = encode(setpoint)
+        self._mode_message, self._setpoint = encode(setpoint)
         self._loaded = setpoint
 
     def send(self, outgoing: Outgoing, sender: TopicSender) -> bool:
@@ -229,15 +230,17 @@ class Ros2Transport:
             if isinstance(outgoing, ModeRequest):
                 sender.send([(COMMAND, self._mode_command(outgoing, now_us))])
                 return True
-            mode = self._mode if outgoing.mode == OFFBOARD else self._controllers_in(outgoing.mode)
-            messages = (mode, *(self._setpoint if outgoing.in_mode else ()))
+            mode_message = (
+                self._mode_message if outgoing.mode == OFFBOARD else self._controllers_message(outgoing.mode)
+            )
+            messages = (mode_message, *(self._setpoint if outgoing.in_mode else ()))
             required = [topic for topic, _ in self._setpoint]
             sender.send([(topic, with_time(data, now_us)) for topic, data in messages], required)
         except OSError:
             return False
         return True
 
-    def _controllers_in(self, mode: str) -> Message:
+    def _controllers_message(self, mode: str) -> Message:
         """The controllers for the loaded setpoint in a mode that is registered with PX4."""
         level = "position" if self._loaded is None else level_of(self._loaded)
         return controllers_message(BY_NAME[mode].nav_state, level)

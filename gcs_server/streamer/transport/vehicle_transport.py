@@ -21,7 +21,7 @@ def no_topics() -> None:
 
 
 class VehicleTransport:
-    """Sends to one vehicle. If the vehicle's link changes, the setpoint is packed again.
+    """Sends to one vehicle. If the vehicle's link changes, the setpoint is packed again for the new link.
 
     Args:
         sender: sends MAVLink payloads to the vehicle.

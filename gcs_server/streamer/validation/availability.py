@@ -60,7 +60,7 @@ def why_not_carried(setpoint_type: str, protocol: str) -> str | None:
     carried = ", ".join(sorted(TYPES_BY_PROTOCOL.get(protocol, frozenset()))) or "none"
     return (
         f"A {protocol} link carries no {setpoint_type} setpoints: there is no message for them that PX4 "
-        f"follows. It carries {carried}."
+        f"follows. This link carries {carried}."
     )
 
 

@@ -27,7 +27,7 @@ from missions.setpoints import (
 )
 
 SETPOINT_MAX_DISTANCE_M = 1000.0
-PATH_START_WITHIN_M = 5.0
+MAX_PATH_START_DISTANCE_M = 5.0
 PATH_CHECK_PERIOD_S = 0.2
 """Time between two checked positions of a path [s]."""
 SPEED_TOLERANCE = 1.05
@@ -48,9 +48,9 @@ def check_segments(segments: Iterable[Segment], snapshot: Snapshot, *, has_posit
         Refused: the path leaves the limits, or the limits cannot be enforced.
     """
     bounds = snapshot.bounds
-    if has_position_limits and bounds.not_enforceable is not None:
+    if has_position_limits and bounds.enforcement_problem is not None:
         raise Refused(
-            f"The operator's limits cannot be enforced: {bounds.not_enforceable}.", remedy=LIMITS_REMEDY
+            f"The operator's limits cannot be enforced: {bounds.enforcement_problem}.", remedy=LIMITS_REMEDY
         )
     region = bounds.region
     for segment in segments:
@@ -95,8 +95,8 @@ def check_target(setpoint: Setpoint, now_s: float, snapshot: Snapshot, *, has_po
             enforced.
     """
     bounds, position_now = snapshot.bounds, snapshot.position_at(now_s)
-    if has_position_limits and (bounds.not_enforceable is not None or position_now is None):
-        why = bounds.not_enforceable or "the vehicle has no valid position estimate"
+    if has_position_limits and (bounds.enforcement_problem is not None or position_now is None):
+        why = bounds.enforcement_problem or "the vehicle has no valid position estimate"
         raise Refused(
             f"The operator's limits cannot be enforced: {why}.",
             remedy=LIMITS_REMEDY,
@@ -150,6 +150,7 @@ def _check_inside(target: Vector3, position_now: Vector3, bounds: Bounds) -> Non
 
 
 def _breach(position: Vector3, bounds: Bounds) -> str | None:
+    """The name of a limit that the position violates; None: the position is inside all limits."""
     region = bounds.region
     if region.clamp_down_m(position[2]) != position[2]:
         return "the altitude limits"
@@ -160,20 +161,20 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
     """Raises Refused if the path begins too far away, leaves the limits, or is too fast."""
     begin = path.points[0].position_ned_m
     distance_m = math.dist(begin, position_now)
-    if distance_m > PATH_START_WITHIN_M:
+    if distance_m > MAX_PATH_START_DISTANCE_M:
         raise Refused(
-            f"The path begins {distance_m:.1f} m away; it must begin within {PATH_START_WITHIN_M:g} m.",
+            f"The path begins {distance_m:.1f} m away; it must begin within {MAX_PATH_START_DISTANCE_M:g} m.",
             remedy="Fly to the first point of the path first.",
         )
     for index, point in enumerate(path.points):
         _check_distance(point.position_ned_m, position_now, f"Point {index} of the path")
     curve = PathCurve(path, None)
-    checked_at_s = np.minimum(
+    times_s = np.minimum(
         np.arange(math.ceil(curve.duration_s / PATH_CHECK_PERIOD_S) + 1) * PATH_CHECK_PERIOD_S,
         curve.duration_s,
     )
-    for index in np.flatnonzero(_violations(*curve.sample(checked_at_s), bounds)):
-        t_s = float(checked_at_s[index])
+    for index in np.flatnonzero(_violations(*curve.sample(times_s), bounds)):
+        t_s = float(times_s[index])
         sample = curve.at(t_s)
         position, velocity = complete_vector(sample.position_ned_m), complete_vector(sample.velocity_ned_m_s)
         assert position is not None
@@ -184,9 +185,9 @@ def check_path(path: Path, position_now: Vector3, bounds: Bounds) -> None:
                 f"After {t_s:.1f} s the path is outside {breach}.",
                 remedy="The curve swings beyond its points where it turns: keep the points further inside.",
             )
-        too_fast = _too_fast(velocity, bounds)
-        if too_fast is not None:
-            raise Refused(f"After {t_s:.1f} s {too_fast}.", remedy="Give the points more time.")
+        speed_problem = _speed_problem(velocity, bounds)
+        if speed_problem is not None:
+            raise Refused(f"After {t_s:.1f} s {speed_problem}.", remedy="Give the points more time.")
 
 
 def _violations(
@@ -204,7 +205,7 @@ def _violations(
     )
 
 
-def _too_fast(velocity: Vector3, bounds: Bounds) -> str | None:
+def _speed_problem(velocity: Vector3, bounds: Bounds) -> str | None:
     speed, velocity_down_m_s = math.hypot(velocity[0], velocity[1]), velocity[2]
     if speed > bounds.speed_m_s * SPEED_TOLERANCE:
         return f"the path flies at {speed:.1f} m/s; at most {bounds.speed_m_s:g} m/s are allowed"

@@ -44,12 +44,12 @@ class Bounds:
     """Whether the vehicle is stopped before obstacles that its sensors measure."""
     region: Region = UNLIMITED_REGION
     origin: LocalOrigin | None = None
-    not_enforceable: str | None = None
+    enforcement_problem: str | None = None
     """Why the operator's position limits cannot be applied now; None if they can be applied."""
 
     @property
     def depends_on_position(self) -> bool:
-        """Whether the limits of a setpoint depend on the vehicle's position."""
+        """Whether the limited setpoint depends on the vehicle's position or on the last sent setpoint."""
         region = self.region
         return (
             region.is_limited_horizontally
@@ -78,7 +78,7 @@ def bounds_of(
         origin: origin of the local frame, for a fence in latitude and longitude.
         gains: MPC_XY_P and MPC_Z_P, if known.
     """
-    region, not_enforceable = _region(vehicle, operator, home, origin)
+    region, enforcement_problem = _region(vehicle, operator, home, origin)
     return Bounds(
         speed_m_s=_strictest(vehicle.speed_max_m_s, operator.speed_max_m_s),
         climb_m_s=_strictest(vehicle.climb_max_m_s, operator.climb_max_m_s),
@@ -102,7 +102,7 @@ def bounds_of(
         obstacle_brake=operator.obstacle_brake,
         region=region,
         origin=origin,
-        not_enforceable=not_enforceable,
+        enforcement_problem=enforcement_problem,
     )
 
 
@@ -116,32 +116,34 @@ def _region(
     circles: list[Circle] = []
     polygons: list[Polygon] = []
     down_min_m, down_max_m = -INF, INF
-    not_enforceable = None
-    altitudes = (vehicle.height_max_m, operator.height_max_m, operator.height_min_m)
-    distances = (vehicle.distance_max_m, operator.distance_max_m)
-    if any(limit is not None for limit in (*altitudes, *distances)):
+    enforcement_problem = None
+    altitude_limits_m = (vehicle.height_max_m, operator.height_max_m, operator.height_min_m)
+    distance_limits_m = (vehicle.distance_max_m, operator.distance_max_m)
+    if any(limit is not None for limit in (*altitude_limits_m, *distance_limits_m)):
         home_ned = _home_ned(home, origin)
         if home_ned is None:
-            not_enforceable = (
+            enforcement_problem = (
                 "there is no home position, from which altitude and distance limits are measured"
             )
         else:
             down_min_m = home_ned[2] - _strictest(vehicle.height_max_m, operator.height_max_m)
             if operator.height_min_m is not None:
                 down_max_m = home_ned[2] - operator.height_min_m
-            for radius_m, owner_text in zip(distances, ("the vehicle's", "the operator's"), strict=True):
+            for radius_m, owner_text in zip(
+                distance_limits_m, ("the vehicle's", "the operator's"), strict=True
+            ):
                 if radius_m is not None:
                     name = f"{owner_text} limit of {radius_m:g} m from home"
                     circles.append(Circle((home_ned[0], home_ned[1]), radius_m, name))
     fence = operator.fence
     if fence is not None:
         if origin is None:
-            not_enforceable = "there is no valid global position, which a fence needs"
+            enforcement_problem = "there is no valid global position, which a fence needs"
         elif isinstance(fence, CircleFence):
             circles.append(fence.to_local(origin, "the operator's fence"))
         else:
             polygons.append(fence.to_local(origin, "the operator's fence"))
-    return Region(down_min_m, down_max_m, tuple(circles), tuple(polygons)), not_enforceable
+    return Region(down_min_m, down_max_m, tuple(circles), tuple(polygons)), enforcement_problem
 
 
 def _home_ned(home: Home | None, origin: LocalOrigin | None) -> Vector3 | None:

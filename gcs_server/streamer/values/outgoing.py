@@ -11,7 +11,7 @@ from missions.setpoints import DirectSetpoint
 
 @dataclass(frozen=True, slots=True)
 class SetpointDue:
-    """Sends the setpoint that was loaded last."""
+    """Tells the transport to send the setpoint that was loaded last."""
 
     now_s: float
     """Current time [s, monotonic]."""
@@ -24,7 +24,7 @@ class SetpointDue:
 
 @dataclass(frozen=True, slots=True)
 class ModeRequest:
-    """Requests a mode change."""
+    """Tells the transport to send a request for a mode change."""
 
     mode: str
     """hold or land."""

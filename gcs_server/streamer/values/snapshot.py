@@ -1,4 +1,5 @@
-"""The state of a vehicle for its stream: an immutable value that the event loop passes ten times a second."""
+"""The state of a vehicle for its stream: an immutable value, which the event loop passes to the scheduler ten
+times a second."""
 
 from __future__ import annotations
 
@@ -42,7 +43,7 @@ class Snapshot:
     mode_requested_by: str | None = None
     """The command of this server that caused the current mode, with its client, as text."""
     estimate_s: float | None = None
-    """Time at which the position was received [s, monotonic]; None: the time of the snapshot."""
+    """Time at which the position was received [s, monotonic]; None: `taken_s`. Code reads `received_s`."""
     armed: bool = False
     local_only: bool = False
     """Whether the link carries setpoints in the local frame only (ROS 2)."""
@@ -84,8 +85,8 @@ class Snapshot:
             and (leader.yaw_ned_rad is None or math.isfinite(leader.yaw_ned_rad))
         )
         scans = tuple(scan for scan in self.scans if scan.plausible)
-        complete = velocity_valid and position_valid and leader_valid and len(scans) == len(self.scans)
-        if complete and all(number is None or math.isfinite(number) for number in numbers):
+        all_valid = velocity_valid and position_valid and leader_valid and len(scans) == len(self.scans)
+        if all_valid and all(number is None or math.isfinite(number) for number in numbers):
             return self
         return replace(
             self,

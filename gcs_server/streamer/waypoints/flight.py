@@ -28,7 +28,7 @@ WARNING, NOTICE = 4, 5
 
 
 @dataclass(frozen=True, slots=True)
-class DryRunPath:
+class NamedDryRun:
     """The dry run that the client named at the start, in the vehicle's local frame."""
 
     dry_run: str
@@ -38,11 +38,11 @@ class DryRunPath:
 
 
 @dataclass(frozen=True, slots=True)
-class Announcement:
+class ClientStart:
     """A start by a client of this server."""
 
     client: str
-    path: DryRunPath | None = None
+    path: NamedDryRun | None = None
     """None: the client named no dry run."""
 
 
@@ -52,7 +52,7 @@ class WaypointFlight:
     Args:
         vehicle: the vehicle, which flies its mission.
         on_vehicle: the items on the vehicle, of a known plan.
-        announcement: the start by a client; None: the pilot or another station selected Mission.
+        client_start: the start by a client; None: the pilot or another station selected Mission.
         saw_start: whether the server was connected when the vehicle entered Mission with this plan.
     """
 
@@ -60,13 +60,13 @@ class WaypointFlight:
         self,
         vehicle: Vehicle,
         on_vehicle: ItemsOnVehicle,
-        announcement: Announcement | None,
+        client_start: ClientStart | None,
         *,
         saw_start: bool,
     ) -> None:
         self._vehicle, self._on_vehicle = vehicle, on_vehicle
-        self._client = None if announcement is None else announcement.client
-        self._path = None if announcement is None else announcement.path
+        self._client = None if client_start is None else client_start.client
+        self._path = None if client_start is None else client_start.path
         plan, _ = plan_from_items(on_vehicle)
         self._count = len(plan.items)
         self._lands = ends_with_landing(plan)
@@ -99,7 +99,7 @@ class WaypointFlight:
         return self._monitor.over
 
     def flies(self, on_vehicle: ItemsOnVehicle) -> bool:
-        """Whether this flight is a flight of these items."""
+        """Whether the vehicle flies these items in this flight."""
         return self._on_vehicle.ids == on_vehicle.ids
 
     def update(self) -> None:
@@ -126,12 +126,12 @@ class WaypointFlight:
 
     def status(self) -> WaypointFlightStatus:
         """Status of the flight."""
-        monitor, name, planned = self._monitor, self._on_vehicle.plan, self._planned
+        monitor, stored_plan, planned = self._monitor, self._on_vehicle.plan, self._planned
         return WaypointFlightStatus(
             state=monitor.state,
-            name=None if name is None else name.name,
-            plan_id=None if name is None else name.id,
-            version=None if name is None else name.version,
+            name=None if stored_plan is None else stored_plan.name,
+            plan_id=None if stored_plan is None else stored_plan.id,
+            version=None if stored_plan is None else stored_plan.version,
             client=self._client,
             started_unix_s=self._record.started_unix_s,
             item=monitor.item,
@@ -174,8 +174,8 @@ class WaypointFlight:
         leg_start = 0 if leg_start is None else leg_start
         state = (monitor.item, leg_start, finished)
         was_interrupted, self._interrupted = self._interrupted, monitor.state in ("paused", "stopped")
-        same = before is not None and (before.item, before.leg_start, before.finished) == state
-        if same and (was_interrupted or not self._interrupted):
+        is_unchanged = before is not None and (before.item, before.leg_start, before.finished) == state
+        if is_unchanged and (was_interrupted or not self._interrupted):
             return None
         home = _home(self._vehicle)
         self._progress = FlightProgress(
@@ -212,7 +212,7 @@ class WaypointFlight:
 
 
 def _planned(
-    vehicle: Vehicle, plan: Plan, path: DryRunPath | None
+    vehicle: Vehicle, plan: Plan, path: NamedDryRun | None
 ) -> tuple[PlannedPasses | None, str | None]:
     """The planned flight and None, or None and the reason why there is no planned flight, as a sentence."""
     if path is not None:

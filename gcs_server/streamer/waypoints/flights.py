@@ -11,10 +11,10 @@ from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from gcs_server.streamer.offboard.limit_store import key_of
-from gcs_server.streamer.waypoints.flight import Announcement, WaypointFlight
+from gcs_server.streamer.waypoints.flight import ClientStart, WaypointFlight
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from gcs_server.streamer.waypoints.link_loss import LinkLoss
-from gcs_server.streamer.waypoints.resume import ResumeOffer, Resumes
+from gcs_server.streamer.waypoints.resume import ResumeOffer, ResumeOffers
 from gcs_server.streamer.waypoints.status import WaypointFlightStatus
 from gcs_server.supervise import Supervisor
 from gcs_server.vehicle.vehicle import Vehicle
@@ -38,20 +38,20 @@ class WaypointFlights:
 
     def __init__(self, clock: Clock, supervisor: Supervisor, store: ProgressStore) -> None:
         self._clock, self._supervisor = clock, supervisor
-        self._store, self._resumes = store, Resumes(store)
+        self._store, self._resume_offers = store, ResumeOffers(store)
         self._vehicles: dict[str, Vehicle] = {}
         self._link_loss: dict[str, LinkLoss] = {}
         self._flights: dict[str, WaypointFlight] = {}
-        self._announced: dict[str, Announcement] = {}
+        self._client_starts: dict[str, ClientStart] = {}
         self._in_mission: dict[str, bool] = {}
         """Whether the vehicle was flying its mission at the last update."""
-        self._expected: dict[str, PredictedPath] = {}
+        self._start_paths: dict[str, PredictedPath] = {}
         """Predicted paths of vehicles that are being started."""
-        self.comparing = asyncio.Lock()
+        self.comparison_lock = asyncio.Lock()
         """Locked while a start is compared with the flights of other vehicles. So if two vehicles are started
         at the same time, the second start is compared with the first."""
         self._waiting_since_s: dict[str, float] = {}
-        """Since when the monitoring of a flying vehicle waits for its home position [s, monotonic]."""
+        """Time since which the monitoring of a flying vehicle waits for its home position [s, monotonic]."""
 
     def attach(self, vehicle: Vehicle) -> None:
         """Sets the vehicle's attribute `waypoint_flight`, and monitors the vehicle."""
@@ -62,42 +62,42 @@ class WaypointFlights:
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops all data of a removed vehicle."""
-        by_vehicle = (self._vehicles, self._link_loss, self._flights, self._announced, self._expected)
+        by_vehicle = (self._vehicles, self._link_loss, self._flights, self._client_starts, self._start_paths)
         for values in (*by_vehicle, self._in_mission, self._waiting_since_s):
             values.pop(vehicle.id, None)
-        self._resumes.forget(vehicle.id)
+        self._resume_offers.forget(vehicle.id)
 
     def start(self) -> None:
         """Starts the periodic update."""
         self._supervisor.repeat("waypoint-flights", self.update, PERIOD_S)
 
     @contextmanager
-    def announced(self, vehicle_id: str, announcement: Announcement) -> Generator[None]:
+    def started_by_client(self, vehicle_id: str, client_start: ClientStart) -> Generator[None]:
         """Context for a client's start of a mission: a flight that begins in the block was started by the
         client.
 
         A start with a dry run always begins a new flight, also for a vehicle in the air. A start without a
         dry run continues a flight that is already monitored.
         """
-        self._announced[vehicle_id] = announcement
+        self._client_starts[vehicle_id] = client_start
         try:
             yield
             if (vehicle := self._vehicles.get(vehicle_id)) is not None:
                 self._update_vehicle(vehicle)
         finally:
-            self._announced.pop(vehicle_id, None)
-            self._expected.pop(vehicle_id, None)
+            self._client_starts.pop(vehicle_id, None)
+            self._start_paths.pop(vehicle_id, None)
 
-    def expect(self, vehicle_id: str, path: PredictedPath) -> None:
-        """Sets the path that a vehicle will fly after its start; valid until the end of the `announced`
-        block."""
-        self._expected[vehicle_id] = path
+    def set_start_path(self, vehicle_id: str, path: PredictedPath) -> None:
+        """Sets the path that a vehicle will fly after its start; valid until the end of the block
+        `started_by_client`."""
+        self._start_paths[vehicle_id] = path
 
     def predicted(self, vehicle_id: str) -> PredictedPath | None:
         """Predicted path of a vehicle from now to the end of its plan. None: the vehicle does not fly a plan
         and is not being started, or its path is not known."""
-        if vehicle_id in self._expected:
-            return self._expected[vehicle_id]
+        if vehicle_id in self._start_paths:
+            return self._start_paths[vehicle_id]
         flight, vehicle = self._flights.get(vehicle_id), self._vehicles.get(vehicle_id)
         if flight is None or flight.over or vehicle is None or not vehicle.status.armed:
             return None  # a vehicle that has just disarmed has landed, also before the next update
@@ -127,11 +127,11 @@ class WaypointFlights:
             )
         return flight.flown()
 
-    def resume(self, vehicle_id: str) -> ResumeOffer | str | None:
+    def resume_offer(self, vehicle_id: str) -> ResumeOffer | str | None:
         """Where a vehicle's interrupted flight can be resumed, or the reason why it cannot be resumed, as a
         sentence; None: no flight was interrupted."""
         vehicle = self._vehicles.get(vehicle_id)
-        return None if vehicle is None else self._resumes.offer_for(vehicle)
+        return None if vehicle is None else self._resume_offers.offer_for(vehicle)
 
     def update(self) -> None:
         """Updates each flight. A fault in one flight affects only that vehicle."""
@@ -152,21 +152,21 @@ class WaypointFlights:
             self._begin_if_new(vehicle, flight, was_flying)
 
     def _begin_if_new(self, vehicle: Vehicle, flight: WaypointFlight | None, was_flying: bool) -> None:
-        announcement = self._announced.pop(vehicle.id, None)
+        client_start = self._client_starts.pop(vehicle.id, None)
         if flight is not None and not flight.over:
-            if announcement is None or announcement.path is None:
+            if client_start is None or client_start.path is None:
                 return
-            flight.stop(f"{announcement.client} started the plan again.")
+            flight.stop(f"{client_start.client} started the plan again.")
         on_vehicle = vehicle.mission.items_on_vehicle
         if on_vehicle is None or vehicle.mission.plan_on_vehicle() != "plan":
             return
-        if flight is not None and was_flying and announcement is None and flight.flies(on_vehicle):
+        if flight is not None and was_flying and client_start is None and flight.flies(on_vehicle):
             return
-        saw_start = announcement is not None or not was_flying
+        saw_start = client_start is not None or not was_flying
         if not saw_start and self._waits_for_home(vehicle):
             return
         self._waiting_since_s.pop(vehicle.id, None)
-        new_flight = WaypointFlight(vehicle, on_vehicle, announcement, saw_start=saw_start)
+        new_flight = WaypointFlight(vehicle, on_vehicle, client_start, saw_start=saw_start)
         self._flights[vehicle.id] = new_flight
         new_flight.update()
 

@@ -72,7 +72,7 @@ class ProgressStore:
             try:
                 if isinstance(content, Unreadable):
                     raise ValueError(content)
-                self._stored[name] = _read(content)
+                self._stored[name] = _progress_of(content)
             except (ValueError, TypeError, KeyError) as error:
                 reason = (str(error).splitlines() or [type(error).__name__])[0]
                 self._add_problem(
@@ -92,7 +92,7 @@ class ProgressStore:
             self._forget_oldest()
         self._stored[key.name] = progress
         if self._records is not None:
-            future = self._records.write(key.name, {"format": FORMAT, **_content(progress)})
+            future = self._records.write(key.name, {"format": FORMAT, **_record_of(progress)})
             future.add_done_callback(lambda done: self._on_written(key.name, done))
 
     def warnings(self) -> list[str]:
@@ -131,14 +131,14 @@ class ProgressStore:
         return "" if self._records is None else str(self._records.folder / f"{name}.json")
 
 
-def _content(progress: FlightProgress) -> dict[str, object]:
+def _record_of(progress: FlightProgress) -> dict[str, object]:
     home = None if progress.home is None else progress.home.model_dump()
     name = None if progress.name is None else progress.name[:MAX_TEXT]
     values = {field: getattr(progress, field) for field in FlightProgress.__slots__}
     return {**values, "name": name, "home": home}
 
 
-def _read(content: Mapping[str, Any]) -> FlightProgress:
+def _progress_of(content: Mapping[str, Any]) -> FlightProgress:
     if content.get("format") != FORMAT:
         raise ValueError(f"format {content.get('format')!r} is not known")
     integers = {name: content[name] for name in ("mission_id", "item", "leg_start")}

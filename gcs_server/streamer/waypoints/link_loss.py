@@ -36,7 +36,7 @@ class LinkLoss:
     def __init__(self, vehicle: Vehicle, clock: Clock) -> None:
         self._vehicle, self._clock = vehicle, clock
         self._requested_s: float | None = None
-        self._read: dict[str, float] = {}
+        self._read_values: dict[str, float] = {}
         """Values of the parameters that were read by name."""
 
     def text(self) -> str | None:
@@ -51,14 +51,14 @@ class LinkLoss:
         if len(known_values) < len(PARAMETERS) and due and "parameters" not in self._vehicle.reach.missing:
             self._requested_s = now_s
             self._vehicle.in_background("its action without a ground station", self._request(known_values))
-        return link_loss_text({**self._read, **known_values})
+        return link_loss_text({**self._read_values, **known_values})
 
     async def _request(self, known_values: Mapping[str, float]) -> None:
         self._vehicle.require_commandable()
         for name in PARAMETERS:
             try:
                 if name not in known_values:
-                    self._read[name] = (await self._vehicle.params.get(name)).value
+                    self._read_values[name] = (await self._vehicle.params.get(name)).value
             except GcsError:
                 continue  # the parameter stays unknown: the firmware does not have it, or the link is bad
 

@@ -48,8 +48,8 @@ class ResumeOffer:
     """Differences from a flight without interruption, as sentences."""
 
 
-class Resumes:
-    """The interrupted flights of all vehicles.
+class ResumeOffers:
+    """Finds the offers to resume the interrupted flights of all vehicles.
 
     Args:
         store: the stored progress of the flights.
