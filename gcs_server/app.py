@@ -18,7 +18,7 @@ from starlette.types import Scope
 
 from gcs_server.api.access import Access
 from gcs_server.api.admission import Admission
-from gcs_server.api.bodies import Bodies
+from gcs_server.api.bodies import BodyReader
 from gcs_server.api.connections import Connections
 from gcs_server.api.guard import Guard
 from gcs_server.api.headers import SecurityHeaders
@@ -368,7 +368,7 @@ def create_app(
     server.station.warning_sources.append(
         lambda: [Notice("connections", text)] if (text := connections.warning()) is not None else []
     )
-    app.add_middleware(Bodies, request_queue=server.station.request_queue)
+    app.add_middleware(BodyReader, request_queue=server.station.request_queue)
     app.add_middleware(Admission, connections=connections, in_control=in_control)
     access = Access(loopback_only=settings.loopback_only, token=token_of(settings))
     app.add_middleware(Guard, access=access, clock=clock)

@@ -74,7 +74,7 @@ class _ClientDisconnected(Exception):
     """The client disconnected."""
 
 
-class Bodies:
+class BodyReader:
     """ASGI middleware that reads and checks the body of each request.
 
     Args:

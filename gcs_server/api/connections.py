@@ -38,7 +38,7 @@ class ConnectionLimits:
     body_bytes: int = 32 << 20
     """Maximum total size of the bodies of requests that have no response yet [bytes]."""
     unread_bytes: int = 64 << 20
-    """Maximum total size of responses that clients have not read yet [bytes]."""
+    """Maximum total of `Socket.unread_bytes()` of all connections [bytes]."""
 
     def reduced_to(self, descriptors: int) -> ConnectionLimits:
         """The limits, reduced to the number of file descriptors that the process may open."""
@@ -67,7 +67,7 @@ class Socket(Protocol):
         ...
 
     def unread_bytes(self) -> int:
-        """Bytes for the client that still wait in this process."""
+        """Bytes for the client that wait in this process."""
         ...
 
 

@@ -60,7 +60,7 @@ class StartGroup(_GroupValidity):
         allow_inf_nan=False,
         ge=1,
         le=100,
-        description="Minimum separation of any two members, including braking distance [m].",
+        description="Minimum distance of any two members, also while they brake to a stop [m].",
     )
     start_at_unix_s: float | None = Field(
         default=None,

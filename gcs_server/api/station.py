@@ -54,6 +54,7 @@ class Station:
     dry_runs: DryRuns
     topic_inspectors: TopicInspectors
     started_s: float
+    """Time of the server's start, monotonic [s]."""
     mavlink_ids: tuple[int, int]
     """System and component id of this server."""
     maps: Path
@@ -61,6 +62,7 @@ class Station:
     request_queue: RequestQueue = field(init=False)
     has_scene: bool = False
     simulator: bool = False
+    """Whether this server started or found a simulated vehicle."""
     warning_sources: list[Callable[[], list[Notice]]] = field(
         default_factory=list[Callable[[], list[Notice]]]
     )

@@ -11895,7 +11895,7 @@ export interface components {
             readonly members: readonly components["schemas"]["MemberBody"][];
             /**
              * Minimum Separation M
-             * @description Minimum separation of any two members, including braking distance [m].
+             * @description Minimum distance of any two members, also while they brake to a stop [m].
              */
             readonly minimum_separation_m?: number;
             /**

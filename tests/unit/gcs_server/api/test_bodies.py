@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from gcs_server.api.bodies import MAX_DEPTH, MAX_KEYS, Bodies, json_fault
+from gcs_server.api.bodies import MAX_DEPTH, MAX_KEYS, BodyReader, json_fault
 from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
 from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
 from gcs_server.api.request_queue import RequestQueue
@@ -147,7 +147,7 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
             "query_string": b"",
             "client": None,
         }
-        await Bodies(app, RequestQueue(lambda _: False))(scope, receive_nothing, send)
+        await BodyReader(app, RequestQueue(lambda _: False))(scope, receive_nothing, send)
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
 
     in_jumps(run)
