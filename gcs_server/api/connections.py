@@ -67,7 +67,8 @@ class Socket(Protocol):
         ...
 
     def unread_bytes(self) -> int:
-        """Bytes for the client that wait in this process."""
+        """Size of written data that the operating system has not accepted yet, because the client does not
+        read [bytes]."""
         ...
 
 
