@@ -1,1 +1,1 @@
-"""Links to PX4 over its ROS 2 topics, without ROS: only `dds.py` and `dds_types.py` import Cyclone DDS."""
+"""Links to PX4 over its ROS 2 topics. ROS is not needed; only the modules `dds*.py` import Cyclone DDS."""

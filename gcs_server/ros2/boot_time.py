@@ -1,8 +1,8 @@
 """The vehicle's time since its boot, from the timestamps of its ROS 2 messages.
 
-With time synchronization (`UXRCE_DDS_SYNCT`, the default) PX4 sends its timestamps in microseconds since 1970
-on the agent's clock, and the offset to its own time once a second (`timesync_status`). Without time
-synchronization, timestamps count from the boot.
+With time synchronization (`UXRCE_DDS_SYNCT`, the default) PX4 sends timestamps in microseconds since 1970, on
+the clock of the uXRCE-DDS agent. Once a second, `timesync_status` contains the offset from these timestamps
+to the time since boot. Without time synchronization, timestamps count from the boot.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ class BootTime:
 
     def __init__(self) -> None:
         self._offset_us: int | None = None
-        self._first: tuple[float, int] | None = None
+        self._first_timestamp: tuple[float, int] | None = None
         """Arrival time of the first timestamp that counts from 1970 [s, monotonic], and this timestamp
         [µs]."""
 
     def synchronize(self, estimated_offset_us: int) -> None:
-        """Applies the offset of `timesync_status` [µs], which is added to timestamps."""
+        """Stores the offset of `timesync_status` [µs]; it is added to timestamps that count from 1970."""
         if abs(estimated_offset_us) < MAX_OFFSET_US:
             self._offset_us = estimated_offset_us
 
@@ -41,9 +41,9 @@ class BootTime:
         if timestamp_us < MAX_UPTIME_US:
             return timestamp_us // 1000 & 0xFFFFFFFF
         if self._offset_us is None:
-            if self._first is None:
-                self._first = now_s, timestamp_us
-            if now_s - self._first[0] < TIMESYNC_TIMEOUT_S:
+            if self._first_timestamp is None:
+                self._first_timestamp = now_s, timestamp_us
+            if now_s - self._first_timestamp[0] < TIMESYNC_TIMEOUT_S:
                 return None
-            self._offset_us = -self._first[1]
+            self._offset_us = -self._first_timestamp[1]
         return max(0, timestamp_us + self._offset_us) // 1000 & 0xFFFFFFFF

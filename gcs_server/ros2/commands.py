@@ -1,8 +1,8 @@
 """Converts MAVLink commands to VehicleCommand, and PX4's VehicleCommandAck to COMMAND_ACK.
 
-Over ROS 2 the server sends its commands from component 192 instead of 190. PX4 publishes the
-acknowledgements of the commands of all links; the component id shows over which link a command was sent, so
-that no acknowledgement is received twice.
+Over ROS 2 the server sends its commands from component 192 instead of 190. PX4 publishes to ROS 2 also the
+acknowledgements of commands that it received over MAVLink. The component id distinguishes these: if this
+server sent the command over MAVLink, the acknowledgement also arrives over MAVLink and is ignored here.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ MODE_OF_COMMAND: Final = {
     d.MAV_CMD_MISSION_START: "mission",
 }
 """Mode to which a command switches."""
-_long = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_LONG]
-_int = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_INT]
+_COMMAND_LONG = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_LONG]
+_COMMAND_INT = LAYOUTS[d.MAVLINK_MSG_ID_COMMAND_INT]
 
 
 def requested_message(frame: Frame) -> int | None:
     """The message that a frame requests (MAV_CMD_REQUEST_MESSAGE); None for all other frames."""
     if frame.msg_id != d.MAVLINK_MSG_ID_COMMAND_LONG:
         return None
-    fields = dict(zip(_long.fields, _long.unpacker.unpack(full_payload(frame)), strict=True))
+    fields = dict(zip(_COMMAND_LONG.fields, _COMMAND_LONG.unpacker.unpack(full_payload(frame)), strict=True))
     return int(fields["param1"]) if fields["command"] == d.MAV_CMD_REQUEST_MESSAGE else None
 
 
@@ -45,11 +45,11 @@ def command_fields(frame: Frame) -> dict[str, Any] | None:
     Args:
         frame: a frame from this server or from another ground station.
     """
-    layout = {_long.msg_id: _long, _int.msg_id: _int}.get(frame.msg_id)
+    layout = {_COMMAND_LONG.msg_id: _COMMAND_LONG, _COMMAND_INT.msg_id: _COMMAND_INT}.get(frame.msg_id)
     if layout is None:
         return None
     fields = dict(zip(layout.fields, layout.unpacker.unpack(full_payload(frame)), strict=True))
-    if layout is _int:
+    if layout is _COMMAND_INT:
         fields |= {"param5": _degrees(fields["x"]), "param6": _degrees(fields["y"]), "param7": fields["z"]}
     component = frame.component_id
     return {
@@ -76,8 +76,8 @@ def mode_of_refusal(fields: Values, current_nav_state: int) -> int | None:
         return current_nav_state if fields["param1"] == 1.0 else None
     if command == d.MAV_CMD_DO_SET_MODE:
         main, sub = fields["param2"], fields["param3"]
-        known = (mode for mode in BY_NAME.values() if (mode.main, mode.sub) == (main, sub))
-        return next((mode.nav_state for mode in known), None)
+        matching = (mode for mode in BY_NAME.values() if (mode.main, mode.sub) == (main, sub))
+        return next((mode.nav_state for mode in matching), None)
     name = MODE_OF_COMMAND.get(command)
     return None if name is None else BY_NAME[name].nav_state
 
@@ -88,8 +88,8 @@ def _degrees(scaled: int) -> float:
 
 
 def command_ack(values: Values, own_system_id: int) -> MAVLink_message | None:
-    """The COMMAND_ACK of a VehicleCommandAck; None if its target is no MAVLink address, or if the
-    server sent the command over MAVLink."""
+    """The COMMAND_ACK of a VehicleCommandAck. None if the target's component id does not fit MAVLink, or if
+    this server sent the command over MAVLink."""
     target = (values["target_system"], values["target_component"])
     if target[1] > 255 or target == (own_system_id, MAVLINK_COMPONENT):
         return None

@@ -1,4 +1,4 @@
-"""DDS for the `ros2://` links, by Cyclone DDS, which is optional.
+"""DDS for the `ros2://` links, with the optional package Cyclone DDS.
 
 Cyclone's own threads discover vehicles and receive their messages. `VehiclePort.take` only fetches the
 received messages, and `Writers.send` passes a message to the socket (best effort); neither waits.
@@ -34,7 +34,7 @@ LOOPBACK: Final = "lo"
 MAX_PARTICIPANTS: Final = 99
 """Maximum number of participants on loopback: without multicast, discovery uses one port for each."""
 MAX_ANNOUNCEMENTS: Final = 200
-"""Maximum number of announcements of writers, and of readers, in one reading."""
+"""Maximum number of announcements that are read at once, each of writers and of readers."""
 MAX_WRITERS: Final = 64
 """Maximum number of writers of one topic whose participant is stored."""
 SOURCE_TIMEOUT_S: Final = 3.5
@@ -68,8 +68,8 @@ def configuration(interface: str | None) -> str:
 
 
 class SharedDomain:
-    """A DDS domain of this process. Links share it, because Cyclone allows only one domain with each
-    number."""
+    """An open DDS domain. All links with the same domain number share one `SharedDomain`, because Cyclone
+    allows each number only once in a process."""
 
     def __init__(self, domain_id: int, interface: str | None) -> None:
         self.domain_id, self.interface = domain_id, interface
@@ -118,8 +118,8 @@ def _is_alive(endpoint: object) -> bool:
     return bool(getattr(endpoint, "topic_name", None) and getattr(endpoint, "type_name", None))
 
 
-inspectors: Final[set[str]] = set()
-"""Participants of this process that read topics only to show them."""
+inspector_participants: Final[set[str]] = set()
+"""Keys of this process's participants that read topics only for the inspector."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,8 @@ class DdsPort:
             raise DdsUnavailable(_open_error(domain_id, interface, problem)) from None
 
     def discovered(self) -> list[Discovered]:
-        """Writers and readers that appeared or changed since the last call, a limited number."""
+        """Writers and readers that appeared or changed since the last call; at most
+        `MAX_ANNOUNCEMENTS` each."""
         endpoints: list[Discovered] = []
         for publishes, reader in self._builtin:
             try:
@@ -162,7 +163,7 @@ class DdsPort:
                 Discovered(each.topic_name, each.type_name, publishes)
                 for each in announced
                 # an ended writer or reader is announced without names
-                if _is_alive(each) and str(each.participant_key) not in inspectors
+                if _is_alive(each) and str(each.participant_key) not in inspector_participants
             ]
         return endpoints
 
@@ -196,26 +197,26 @@ class Writers:
         self._writers: dict[str, tuple[type[Sample], Any]] = {}
 
     def prepare(self, topic: str, message: MessageType) -> None:
-        """Creates the writer of a topic, so that DDS connects the writer before it is used.
+        """Creates the writer of a topic, so that DDS connects the writer before the first message.
 
         Raises:
             DDSException: DDS cannot create the writer.
         """
         if topic not in self._writers:
-            kind = idl_type(message)
+            sample_class = idl_type(message)
             qos = Qos(BEST_EFFORT, Policy.Durability.Volatile, Policy.History.KeepLast(1))
-            dds_topic = Topic(self._participant, wire_name(topic, self._namespace), kind)
-            self._writers[topic] = kind, DataWriter(self._participant, dds_topic, qos=qos)
+            dds_topic = Topic(self._participant, wire_name(topic, self._namespace), sample_class)
+            self._writers[topic] = sample_class, DataWriter(self._participant, dds_topic, qos=qos)
 
     def send(self, topic: str, data: bytes) -> None:
-        """Sends a message of a prepared topic.
+        """Sends a message to a prepared topic.
 
         Raises:
             OSError: DDS cannot send the message.
         """
-        kind, writer = self._writers[topic]
+        sample_class, writer = self._writers[topic]
         try:
-            writer.write(kind.from_cdr(data))
+            writer.write(sample_class.from_cdr(data))
         except DDSException as problem:
             raise OSError(f"DDS cannot send: {problem.msg}") from None
 
@@ -234,7 +235,7 @@ def open_writers(address: DdsAddress, topics: Mapping[str, MessageType]) -> Writ
 
 
 def open_topics(
-    address: DdsAddress, sent: Mapping[str, MessageType], read: Iterable[Subscription]
+    address: DdsAddress, sent: Mapping[str, MessageType], subscriptions: Iterable[Subscription]
 ) -> tuple[Writers, Readers]:
     """Writers and readers for a vehicle's topics, in a new participant.
 
@@ -248,7 +249,7 @@ def open_topics(
             writers = Writers(participant, address.namespace, domain)
             for topic, message in sent.items():
                 writers.prepare(topic, message)
-            return writers, Readers(participant, address.namespace, read)
+            return writers, Readers(participant, address.namespace, subscriptions)
     except DDSException as problem:
         raise DdsUnavailable(_open_error(address.domain_id, address.interface, problem)) from None
 
@@ -259,14 +260,16 @@ class Readers:
     Args:
         participant: the participant of this process.
         namespace: namespace of the vehicle; may be empty.
-        read: the topics; their `every_s` has no effect.
+        subscriptions: the topics to read; `every_s` has no effect.
     """
 
-    def __init__(self, participant: DomainParticipant, namespace: str, read: Iterable[Subscription]) -> None:
-        self._readers = [(each, _open_reader(participant, each, namespace)) for each in read]
+    def __init__(
+        self, participant: DomainParticipant, namespace: str, subscriptions: Iterable[Subscription]
+    ) -> None:
+        self._readers = [(each, _open_reader(participant, each, namespace)) for each in subscriptions]
 
     def take(self) -> list[tuple[str, bytes]]:
-        """Messages received since the last call, a limited number of each topic."""
+        """The newest messages since the last call, at most `Subscription.depth` of each topic."""
         taken: list[tuple[str, bytes]] = []
         for each, reader in self._readers:
             try:
@@ -282,6 +285,7 @@ class _Reader:
     subscription: Subscription
     reader: Any
     next_s: float = 0.0
+    """Time from which the topic is read again [s, monotonic]."""
     participants: dict[int, str] = field(default_factory=dict)
     """Participant of each writer, by the writer's handle."""
 
@@ -318,13 +322,13 @@ class VehiclePort:
         """When another participant's vehicle status was last ignored."""
 
     def take(self, now_s: float) -> Iterable[tuple[str, bytes]]:
-        """Messages received since the last call, a limited number of each topic that is due."""
+        """The newest messages of each topic that is due, at most `Subscription.depth` of each."""
         taken: list[tuple[str, bytes]] = []
         for each in self._readers:
             subscription = each.subscription
             if now_s < each.next_s:
                 continue
-            each.next_s = now_s + subscription.every_s * 0.9  # 10 % less: a call may be early
+            each.next_s = now_s + subscription.every_s * 0.9  # so that a slightly early call still reads
             try:
                 samples = each.reader.take(subscription.depth)
             except DDSException:
@@ -340,9 +344,11 @@ class VehiclePort:
         """Whether a vehicle status has arrived."""
         return self._source is not None
 
-    def _is_from_vehicle(self, each: _Reader, sample: Sample, now_s: float) -> bool:
-        participant = each.participant_of(sample)
-        is_status = each.subscription.name == STATUS
+    def _is_from_vehicle(self, reader: _Reader, sample: Sample, now_s: float) -> bool:
+        """Whether the sample comes from the participant that is read; a vehicle status may select this
+        participant."""
+        participant = reader.participant_of(sample)
+        is_status = reader.subscription.name == STATUS
         if is_status and (self._source is None or now_s - self._source_s > SOURCE_TIMEOUT_S):
             self._source = participant
         if participant != self._source:
@@ -354,7 +360,7 @@ class VehiclePort:
         return True
 
 
-def _open_reader(participant: DomainParticipant, each: Subscription, namespace: str) -> Any:
-    topic = Topic(participant, wire_name(each.name, namespace), idl_type(each.message))
-    qos = Qos(BEST_EFFORT, Policy.Durability.TransientLocal, Policy.History.KeepLast(each.depth))
+def _open_reader(participant: DomainParticipant, subscription: Subscription, namespace: str) -> Any:
+    topic = Topic(participant, wire_name(subscription.name, namespace), idl_type(subscription.message))
+    qos = Qos(BEST_EFFORT, Policy.Durability.TransientLocal, Policy.History.KeepLast(subscription.depth))
     return DataReader(participant, topic, qos=qos)

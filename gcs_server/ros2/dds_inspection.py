@@ -16,13 +16,13 @@ from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
-from gcs_server.ros2.dds import DdsUnavailable, inspectors, open_domain
+from gcs_server.ros2.dds import DdsUnavailable, inspector_participants, open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
 from gcs_server.ros2.inspection import Announcement, TopicKey
 from gcs_server.ros2.message_types import MessageType
 
 MAX_ANNOUNCEMENTS: Final = 500
-"""Maximum number of announcements of writers, and of readers, in one reading."""
+"""Maximum number of announcements that are read at once, each of writers and of readers."""
 DEPTH: Final = 128
 """Maximum number of messages of a topic that are kept until the next reading."""
 QOS: Final = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH))
@@ -41,8 +41,8 @@ class InspectionPort:
         try:
             self._participant = DomainParticipant(domain_id)
             self._own_key = str(self._participant.get_guid())
-            inspectors.add(self._own_key)
-            weakref.finalize(self, inspectors.discard, self._own_key)
+            inspector_participants.add(self._own_key)
+            weakref.finalize(self, inspector_participants.discard, self._own_key)
             self._builtin = (
                 (True, BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)),
                 (False, BuiltinDataReader(self._participant, BuiltinTopicDcpsSubscription)),
@@ -55,7 +55,8 @@ class InspectionPort:
         self._readers: dict[TopicKey, Any] = {}
 
     def announcements(self) -> list[Announcement]:
-        """Writers and readers of other participants that appeared or ended, a limited number."""
+        """Announcements of writers and readers that appeared or ended since the last call, without the own
+        ones; at most `MAX_ANNOUNCEMENTS` each."""
         announcements: list[Announcement] = []
         for publishes, reader in self._builtin:
             try:

@@ -1,5 +1,5 @@
-"""PX4's message types for Cyclone DDS. A sample stays bytes; `message_types.py` encodes and decodes them,
-because Cyclone's own Python encoder takes 30 to 300 µs for a message."""
+"""PX4's message types for Cyclone DDS. Cyclone sends and receives samples as bytes; `message_types.py`
+encodes and decodes the bytes, because Cyclone's own Python encoder takes 30 to 300 µs for a message."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 """One flight mode of this server in PX4: registration, arming checks, completion, removal.
 
-PX4 v1.16 gives a registered mode one of eight navigation states, shows its name to every ground station, and
-requests from its component about three times a second whether the mode can run. PX4 removes a mode whose
-component does not reply; if the vehicle flies in the mode, PX4 then returns (RTL). The times in this module
-come from recordings of PX4 and from its interface library. No I/O and no clock: the caller passes the time
-and sends the messages.
+PX4 v1.16 gives a registered mode one of eight navigation states and shows the mode's name to every ground
+station. About three times a second it sends an arming check request: the reply states whether the mode can
+run. PX4 removes a mode without replies; if the vehicle flies in the mode, PX4 then returns (RTL). The times
+in this module come from recordings of PX4 and from its interface library. No I/O and no clock: the caller
+passes the time and sends the messages.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CHECK_REPLY: Final = "/fmu/in/arming_check_reply"
 COMPLETED: Final = "/fmu/in/mode_completed"
 CONTROLLERS: Final = "/fmu/in/config_control_setpoints"
 OVERRIDES: Final = "/fmu/in/config_overrides_request"
-REPLY: Final = "/fmu/out/register_ext_component_reply"
+REGISTER_REPLY: Final = "/fmu/out/register_ext_component_reply"
 CHECK_REQUEST: Final = "/fmu/out/arming_check_request"
 SENT_TYPES: Final = {
     REGISTER: "RegisterExtComponentRequest",
@@ -33,11 +33,11 @@ SENT_TYPES: Final = {
     OVERRIDES: "ConfigOverrides",
     COMMAND: "VehicleCommand",
 }
-"""Type of every topic that a mode sends, besides its setpoints."""
+"""Message type of each topic to which this server sends for a mode, without the topics of setpoints."""
 API_VERSION: Final = 1
 NAME_BYTES: Final = 24
 """Maximum length of a mode's name [bytes]."""
-FIRST_STATE, LAST_STATE = 23, 30
+FIRST_NAV_STATE, LAST_NAV_STATE = 23, 30
 """Navigation states of external modes."""
 NO_ID: Final = -1
 ATTEMPTS, ATTEMPT_EVERY_S = 5, 1.0
@@ -47,8 +47,8 @@ it has evaluated the first reply; it does this before the second request."""
 LOST_S: Final = 1.5
 """Time without a request after which the mode is lost [s]. PX4 sends a request every 0.31 s, and removes a
 mode at most 1.25 s after the last reply."""
-ANSWERS_ENDED: Final = "the process of the server that answers PX4 ended"
-IF_SILENT: Final = "after about 1 s the vehicle returns (RTL): PX4 receives no more answers for its mode."
+REPLIES_ENDED: Final = "the server's process that replies to PX4 ended"
+IF_SILENT: Final = "after about 1 s the vehicle returns (RTL): PX4 receives no more replies for the mode."
 """Text: what a vehicle that flies in an external mode does when the mode's component ends."""
 NOT_DEFERRED, WOULD_FAILSAFE = 0, 2
 """VehicleStatus.failsafe_defer_state: deferring is disabled; PX4 defers a failsafe now."""
@@ -71,7 +71,7 @@ class ModeDeclaration:
     reaction to a lost ground station connection, lost manual control or a low battery, but never to a missing
     requirement or a geofence breach."""
     executor: bool = False
-    """Whether the mode has an executor. A vehicle can be armed only in a mode with an executor."""
+    """Whether the mode has an executor. Without an executor, PX4 does not arm the vehicle in this mode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Registration:
     name: str
     state: RegistrationState
     nav_state: int | None
-    """Navigation state in PX4; None: PX4 never gave the mode one."""
+    """Navigation state in PX4; None: PX4 has not assigned one."""
     reason: str = ""
     """Why the registration was refused or lost."""
     failsafe_deferred: bool = False
@@ -92,7 +92,9 @@ class Registration:
     @property
     def mode(self) -> str | None:
         """The mode as in `Status.mode` (`external_1` …); None while it is not registered."""
-        return f"external_{self.nav_state - 22}" if self.state == "registered" and self.nav_state else None
+        if self.state != "registered" or self.nav_state is None:
+            return None
+        return f"external_{self.nav_state - FIRST_NAV_STATE + 1}"
 
 
 class ExternalMode:
@@ -112,6 +114,7 @@ class ExternalMode:
         self.executor: ModeExecutor | None = None
         """The mode's executor, once PX4 has registered it."""
         self._attempts, self.due_s = 0, now_s
+        """Number of registration requests, and the time at which `step` must be called [s, monotonic]."""
         self._checked_s, self._checks = now_s, 0
         """Time of PX4's last arming check request, and number of these requests."""
         self._was_settable = self._armed = False
@@ -161,7 +164,7 @@ class ExternalMode:
         if values["request_id"] != self._request_id or _decode_name(values["name"]) != self.declaration.name:
             return []
         executor_id = values["mode_executor_id"]
-        valid = values["success"] and FIRST_STATE <= values["mode_id"] <= LAST_STATE
+        valid = values["success"] and FIRST_NAV_STATE <= values["mode_id"] <= LAST_NAV_STATE
         valid = valid and (executor_id > 0 or not self.declaration.executor)
         if self._state != "registering":
             # a late reply to an earlier request: PX4 has registered the mode twice
@@ -202,15 +205,15 @@ class ExternalMode:
             "request_id": values["request_id"],
             "registration_id": self._check_id,
             "can_arm_and_run": can_run and (self.ready or self._armed),
-            # a mission without an executor begins in the air: a vehicle armed on the ground would fly there
+            # Without an executor, the mission does not contain the take-off: it must begin in the air.
             "mode_req_prevent_arming": not self.declaration.executor,
             **{f"mode_req_{name}": True for name in self.declaration.requires},
         }
         return [_message(CHECK_REPLY, fields)]
 
     def on_status(self, values: Values) -> list[Message]:
-        """Handles a VehicleStatus, which shows whether PX4 has removed the mode; returns the overrides
-        again if PX4 does not have them."""
+        """Handles a VehicleStatus, which shows whether PX4 has removed the mode. Returns the message with the
+        overrides if PX4 does not apply them."""
         self._armed = values["arming_state"] == ARMED
         active = self._state == "registered" and values["nav_state"] == self._mode_id
         self._failsafe_deferred = active and values["failsafe_defer_state"] == WOULD_FAILSAFE
@@ -220,12 +223,12 @@ class ExternalMode:
             self.executor.on_status(values)
         settable = bool(values["can_set_nav_states_mask"] >> self._mode_id & 1)
         if self._was_settable and not settable:
-            self._set_lost("PX4 removed the mode, because it received no answers in time")
+            self._set_lost("PX4 removed the mode, because it received no replies in time")
         self._was_settable = settable
         return self._overrides() if active and values["failsafe_defer_state"] == NOT_DEFERRED else []
 
     def completed(self, *, success: bool) -> list[Message]:
-        """The message that the mode is complete, or has failed."""
+        """The message with which PX4 learns that the mode is complete, or has failed."""
         if self._state != "registered":
             return []
         return [_message(COMPLETED, {"result": 0 if success else FAILED, "nav_state": self._mode_id})]
@@ -242,8 +245,7 @@ class ExternalMode:
         self._failsafe_deferred = False
 
     def _overrides(self) -> list[Message]:
-        """The message with the overrides for the time in the mode: deferred failsafes; empty if it has
-        none."""
+        """The message with the mode's overrides (deferred failsafes); empty if the mode has no overrides."""
         if not self.declaration.defer_failsafes_s:
             return []
         fields = {

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
 
 from gcs_server.ros2.message_types import SHOWN, MalformedMessage, MessageType
-from gcs_server.ros2.topics import vehicle_of, wire_type
+from gcs_server.ros2.topics import parse_status_topic, wire_type
 
 MAX_ENDPOINTS: Final = 4000
 """Maximum number of writers and readers; further writers and readers are ignored."""
@@ -89,7 +89,7 @@ class Inspection:
     problem: str | None
     """Why the topics cannot be shown."""
     topics: tuple[TopicView, ...]
-    """The vehicle's topics, then those of no vehicle, each by name."""
+    """The vehicle's topics, then the topics of no vehicle; both sorted by name."""
     left_out: int
     """Number of topics that are not shown because there are too many."""
 
@@ -125,6 +125,7 @@ class MessageRate:
         first_s, last_s = readings[0][0], readings[-1][0]
         count = sum(number for _, number in readings) - readings[0][1]
         period_s = (last_s - first_s) / count
+        # If messages stop, the rate decreases from the second missing message.
         end_s = now_s if now_s - last_s > 2 * period_s else last_s
         return count / (end_s - first_s)
 
@@ -182,6 +183,7 @@ class DomainTopics:
 
     def __init__(self) -> None:
         self._endpoints: dict[str, tuple[bool, TopicKey]] = {}
+        """(whether it is a writer, topic) by the endpoint's key."""
         self._counts: dict[TopicKey, list[int]] = {}
         """[readers, writers] of each topic."""
         self._namespaces: dict[str, int] = {}
@@ -200,9 +202,9 @@ class DomainTopics:
             self._count(each.publishes, topic, 1)
 
     def topics_of(self, namespace: str) -> list[TopicKey]:
-        """The topics of a vehicle, then those of no vehicle, each by name."""
-        named = [(self._owner(key), key) for key in self._counts]
-        shown = [(owner != namespace, key) for owner, key in named if owner in (namespace, None)]
+        """The topics of a vehicle, then the topics of no vehicle; both sorted by name."""
+        owned = [(self._owner(key), key) for key in self._counts]
+        shown = [(owner != namespace, key) for owner, key in owned if owner in (namespace, None)]
         return [key for _, key in sorted(shown)]
 
     def count(self, key: TopicKey) -> tuple[int, int]:
@@ -216,22 +218,23 @@ class DomainTopics:
         namespaces = [n for n in self._namespaces if name.startswith(f"/{n}/" if n else "/fmu/")]
         return max(namespaces, key=len, default=None)
 
-    def _remove(self, key: str) -> None:
-        endpoint = self._endpoints.pop(key, None)
+    def _remove(self, endpoint_key: str) -> None:
+        endpoint = self._endpoints.pop(endpoint_key, None)
         if endpoint is not None:
             self._count(*endpoint, -1)
 
-    def _count(self, publishes: bool, key: TopicKey, change: int) -> None:
-        counts = self._counts.setdefault(key, [0, 0])
+    def _count(self, publishes: bool, topic: TopicKey, change: int) -> None:
+        counts = self._counts.setdefault(topic, [0, 0])
         counts[publishes] += change
         if counts == [0, 0]:
-            del self._counts[key]
-        vehicle = vehicle_of(key.name)
-        if publishes and vehicle is not None:
-            number = self._namespaces.get(vehicle[0], 0) + change
-            self._namespaces[vehicle[0]] = number
-            if number == 0:
-                del self._namespaces[vehicle[0]]
+            del self._counts[topic]
+        status_topic = parse_status_topic(topic.name)
+        if publishes and status_topic is not None:
+            namespace, _ = status_topic
+            writers = self._namespaces.get(namespace, 0) + change
+            self._namespaces[namespace] = writers
+            if writers == 0:
+                del self._namespaces[namespace]
 
 
 def known_type(key: TopicKey) -> MessageType | None:

@@ -112,7 +112,7 @@ class DomainInspector:
         self._thread: threading.Thread | None = None
 
     def inspect(self, namespace: str) -> Inspection:
-        """The topics of a vehicle, at most half a second old; the first request starts to read them."""
+        """The topics of a vehicle, at most half a second old; the first request starts the reading."""
         with self._lock:
             self._requested_s[namespace] = time.monotonic()
             if self._thread is None and not self._stop.is_set():

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 from gcs_server.links.base import DdsAddress, Link, Peer
 from gcs_server.links.writer import LinkWriter
-from gcs_server.ros2.topics import STATUS, STATUS_VERSION, read_topic, vehicle_of, wire_type
+from gcs_server.ros2.topics import STATUS, STATUS_VERSION, find_subscription, parse_status_topic, wire_type
 from gcs_server.ros2.vehicle_link import VehicleLink
 from gcs_server.ros2.versions import TopicVersions
 
@@ -26,15 +26,15 @@ READ_EVERY_S: Final = 0.02
 DISCOVER_EVERY_S: Final = 0.25
 REPORT_EVERY_S: Final = 1.0
 FIRST_REPORT_S: Final = 5.0
-"""Time after the start before which no vehicle is reported as missing."""
+"""Time after opening the link, or after finding a vehicle, before missing messages are reported [s]."""
 MAX_VEHICLES: Final = 64
 """Maximum number of namespaces read by one link."""
 MAX_UNREADABLE: Final = 16
-"""Maximum number of reported topics of vehicles that cannot be read."""
+"""Maximum number of unreadable topics that are reported."""
 NO_NAMESPACE: Final = "/"
-"""Name of the peer without a namespace."""
+"""Peer name of a vehicle without a namespace."""
 SAME_NAMESPACE_S: Final = 10.0
-"""Time for which several vehicles with the same namespace are reported after the last message [s]."""
+"""Time for which a second vehicle with the same namespace is reported after its last status [s]."""
 OpenPort = Callable[[int, "str | None"], "DdsPort"]
 
 
@@ -101,7 +101,7 @@ class Ros2Link(Link):
         return len(data)
 
     def unusable_topics(self, peer: Peer) -> Mapping[str, str]:
-        """Topics that the vehicle has only in versions of another PX4 version."""
+        """Topics that the vehicle has only in versions that the server does not know, each with a text."""
         return {} if self._run is None else self._run.unusable.get(peer.name, {})
 
     # --- in the event loop, called by the thread --------------------------------------------------------
@@ -151,8 +151,9 @@ class _Run:
         """By peer name; only the thread adds vehicles."""
         self._ports: dict[str, VehiclePort] = {}
         self._found_s: dict[str, float] = {}
+        """Time at which each vehicle was found, by peer name [s, monotonic]."""
         self._unreadable: dict[str, str] = {}
-        """Topics of vehicles that cannot be read, with the reason."""
+        """Topics that cannot be read, each with the reason."""
         self._versions = TopicVersions()
         self.unusable: dict[str, dict[str, str]] = {}
         """Topics in unknown versions by peer name; the thread replaces the dictionary and never changes
@@ -201,16 +202,19 @@ class _Run:
 
     def _add_vehicle(self, port: DdsPort, publication: Discovered, now_s: float) -> None:
         topic = publication.topic.removeprefix("rt")
-        read = read_topic(publication.topic)
-        if read is not None and self._link.namespace in (None, read[0]):
-            expected = wire_type(read[1].message)
-            if publication.type != expected:
+        found = find_subscription(publication.topic)
+        if found is not None:
+            namespace, subscription = found
+            expected = wire_type(subscription.message)
+            if self._link.namespace in (None, namespace) and publication.type != expected:
                 self._add_unreadable(topic, f"{topic} has the type {publication.type} instead of {expected}")
                 return
-        status_topic = vehicle_of(publication.topic)
-        if status_topic is None or self._link.namespace not in (None, status_topic[0]):
+        status_topic = parse_status_topic(publication.topic)
+        if status_topic is None:
             return
         namespace, version = status_topic
+        if self._link.namespace not in (None, namespace):
+            return
         if version == STATUS_VERSION and peer_name(namespace) not in self._ports:
             if len(self._ports) >= MAX_VEHICLES:
                 self._add_unreadable(

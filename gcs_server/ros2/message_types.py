@@ -47,29 +47,29 @@ class MessageType:
     nested: Mapping[str, MessageType]
 
     @cached_property
-    def flat(self) -> tuple[Field, ...]:
+    def primitive_fields(self) -> tuple[Field, ...]:
         """All primitive fields in wire order; those of nested types are called `outer.inner`
         or `outer[n].inner`."""
-        return tuple(self._flat(""))
+        return tuple(self._primitive_fields(""))
 
-    def _flat(self, prefix: str) -> Iterator[Field]:
+    def _primitive_fields(self, prefix: str) -> Iterator[Field]:
         for field in self.fields:
             if field.type in CODES:
                 yield Field(field.type, prefix + field.name, field.length)
             elif field.length:
                 for n in range(field.length):
-                    yield from self.nested[field.type]._flat(f"{prefix}{field.name}[{n}].")
+                    yield from self.nested[field.type]._primitive_fields(f"{prefix}{field.name}[{n}].")
             else:
-                yield from self.nested[field.type]._flat(f"{prefix}{field.name}.")
+                yield from self.nested[field.type]._primitive_fields(f"{prefix}{field.name}.")
 
     @cached_property
     def _struct(self) -> struct.Struct:
-        codes, at = ["<"], 0
-        for field in self.flat:
+        codes, offset = ["<"], 0
+        for field in self.primitive_fields:
             code, size = CODES[field.type]
-            padding = -at % size
+            padding = -offset % size
             codes.append("x" * padding + f"{field.length or 1}{code}")
-            at += padding + size * (field.length or 1)
+            offset += padding + size * (field.length or 1)
         return struct.Struct("".join(codes))
 
     @property
@@ -84,14 +84,14 @@ class MessageType:
             struct.error: a value does not fit its field.
             OverflowError: a number does not fit a float32.
         """
-        flat: list[Any] = []
-        for field in self.flat:
+        numbers: list[Any] = []
+        for field in self.primitive_fields:
             value = values.get(field.name, (0,) * field.length if field.length else 0)
             if field.length:
-                flat.extend(value)
+                numbers.extend(value)
             else:
-                flat.append(value)
-        return HEADER + self._struct.pack(*flat)
+                numbers.append(value)
+        return HEADER + self._struct.pack(*numbers)
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """Decodes bytes with header into named values; arrays become tuples.
@@ -105,10 +105,10 @@ class MessageType:
             raise MalformedMessage(
                 f"{len(data)} bytes instead of the {len(HEADER) + self.size} of {self.name}"
             )
-        flat, values, at = self._struct.unpack_from(data, len(HEADER)), dict[str, Any](), 0
-        for field in self.flat:
-            values[field.name] = flat[at : at + field.length] if field.length else flat[at]
-            at += field.length or 1
+        numbers, values, index = self._struct.unpack_from(data, len(HEADER)), dict[str, Any](), 0
+        for field in self.primitive_fields:
+            values[field.name] = numbers[index : index + field.length] if field.length else numbers[index]
+            index += field.length or 1
         return values
 
 

@@ -2,10 +2,10 @@
 
 PX4 v1.16 puts an executor in charge when its mode is selected. The executor remains in charge in the
 modes that it commands, until another program or a failsafe changes the mode; PX4 then rejects its commands.
-While an executor is in charge, PX4's take-off does not continue in Hold, and after a landing PX4 selects the
-executor's own mode again. As in PX4's interface library, an executor commands only an armed vehicle. The
-numbers come from recordings of PX4 and from that library. No I/O and no clock: the caller passes the time and
-sends the messages.
+While an executor is in charge, PX4 does not switch to Hold after a take-off, and after a landing PX4 selects
+the executor's own mode again. As in PX4's interface library, an executor commands only an armed vehicle. The
+times and ids come from recordings of PX4 and from that library. No I/O and no clock: the caller passes the
+time and sends the messages.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ class ModeExecutor:
         return ExecutorState(self._in_charge, self._completed_nav_state, number, self._outcome)
 
     def execute(self, command: ExecutorCommand, now_s: float) -> list[Message]:
-        """Sends a command, which replaces a pending one; rejects the command if PX4 has not put the executor
-        in charge or the vehicle is disarmed."""
+        """Starts a command, which replaces a pending command, and returns the messages to send. The outcome
+        is `rejected` if the executor is not in charge or the vehicle is disarmed."""
         self._command, self._outcome = command, "pending"
         self._attempts, self.due_s = 0, now_s
         return self.step(now_s)

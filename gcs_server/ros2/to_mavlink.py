@@ -34,7 +34,8 @@ Messages = Iterator[MAVLink_message]
 
 
 class MavlinkConverter:
-    """Converts the messages of one vehicle. Stores values that MAVLink messages from other topics need."""
+    """Converts the messages of one vehicle. Stores the newest values of some topics, because some MAVLink
+    messages combine several topics."""
 
     def __init__(self) -> None:
         self.boot_time = BootTime()
@@ -44,7 +45,7 @@ class MavlinkConverter:
         self._rates_frd_rad_s = (math.nan,) * 3
         self._local: Values | None = None
         self._home: Values | None = None
-        self._assumed_home = False
+        self._home_is_assumed = False
         self._latched: dict[int, MAVLink_message] = {}
         self._last_estimator_status = (-math.inf, 0)
         """Time of the last ESTIMATOR_STATUS, and its flags."""
@@ -79,8 +80,8 @@ class MavlinkConverter:
         return messages if self._status is not None else []
 
     def latched(self, msg_id: int) -> MAVLink_message | None:
-        """The last message of a topic that PX4 publishes only at a change; the response to a request for
-        it."""
+        """The last message from a topic that PX4 publishes only at a change; sent again when a client
+        requests it. None: there is no such message yet."""
         return self._latched.get(msg_id)
 
     @property
@@ -100,7 +101,9 @@ class MavlinkConverter:
 
     def _vehicle_status(self, values: Values, _now_s: float) -> Messages:
         if not 1 <= values["system_id"] <= 254 or not values["component_id"]:
-            raise MalformedMessage(f"system id {values['system_id']}/{values['component_id']} is not valid")
+            raise MalformedMessage(
+                f"system/component id {values['system_id']}/{values['component_id']} is not valid"
+            )
         self._status = values
         armed = values["arming_state"] == ARMED
         base_mode = d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
@@ -160,7 +163,7 @@ class MavlinkConverter:
     def _home_position(self, values: Values, _now_s: float) -> Messages:
         if not (values["valid_hpos"] and values["valid_alt"]):
             return
-        self._home, self._assumed_home = values, False
+        self._home, self._home_is_assumed = values, False
         yield from self._home_message(values)
 
     def _home_message(self, values: Values) -> Messages:
@@ -184,16 +187,16 @@ class MavlinkConverter:
         PX4 sends its home only when it changes, so a server that connects later does not receive it. When
         PX4 arms, it sets home to the vehicle's position and sends it.
         """
-        unknown = self._home is None or self._assumed_home
+        is_unknown = self._home is None or self._home_is_assumed
         status, local = self._status, self._local
-        if not unknown or status is None or status["arming_state"] == ARMED or not self._landed:
+        if not is_unknown or status is None or status["arming_state"] == ARMED or not self._landed:
             return
         if local is None or not (local["xy_valid"] and local["z_valid"]):
             return
-        first = self._home is None
-        self._home, self._assumed_home = {**values, **{axis: local[axis] for axis in "xyz"}}, True
+        is_first = self._home is None
+        self._home, self._home_is_assumed = {**values, **{axis: local[axis] for axis in "xyz"}}, True
         messages = list(self._home_message(self._home))
-        yield from messages if first else ()
+        yield from messages if is_first else ()
 
     def _triplet(self, values: Values, now_s: float) -> Messages:
         boot_ms = self.boot_time.boot_ms(values["timestamp"], now_s)
@@ -254,16 +257,14 @@ class MavlinkConverter:
         if boot_ms is None or local is None or not (values["lat_lon_valid"] and values["alt_valid"]):
             return
         yield from self._assume_home(values)
-        home_alt_m = -local["z"] if self._home is None else values["alt"] - self._home["alt"]
-        north, east, down = (_bounded(local[axis] * 100, -32767, 32767, 0) for axis in ("vx", "vy", "vz"))
+        relative_alt_m = -local["z"] if self._home is None else values["alt"] - self._home["alt"]
+        velocity_ned_cm_s = (_bounded(local[axis] * 100, -32767, 32767, 0) for axis in ("vx", "vy", "vz"))
         heading = math.degrees(local["heading"]) % 360 if math.isfinite(local["heading"]) else math.nan
         yield d.MAVLink_global_position_int_message(
             boot_ms,
             *_scaled_global(values),
-            _bounded(home_alt_m * 1e3, -(2**31), 2**31 - 1, 0),
-            north,
-            east,
-            down,
+            _bounded(relative_alt_m * 1e3, -(2**31), 2**31 - 1, 0),
+            *velocity_ned_cm_s,
             _bounded(heading * 100, 0, 35_999, UNKNOWN_U16),
         )
 
@@ -307,7 +308,7 @@ class MavlinkConverter:
 
 
 def _custom_mode(nav_state: int) -> int:
-    """`custom_mode` of a mode in MAVLink; 0 for unknown modes. PX4 reports Descend as Land."""
+    """MAVLink's `custom_mode` of a navigation state; 0 for unknown states. PX4 reports Descend as Land."""
     mode = BY_NAME["land"] if nav_state == NAV_DESCEND else BY_NAV_STATE.get(nav_state)
     return 0 if mode is None else mode.custom_mode
 

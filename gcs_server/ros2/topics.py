@@ -72,7 +72,7 @@ def is_namespace(text: str) -> bool:
     return len(text) <= MAX_NAMESPACE and _NAMESPACE.fullmatch(text) is not None
 
 
-def vehicle_of(topic: str) -> tuple[str, str] | None:
+def parse_status_topic(topic: str) -> tuple[str, str] | None:
     """Namespace and version of a `vehicle_status` topic, given its name in DDS; None for other topics.
 
     The version of a topic without a suffix is empty. Names that ROS 2 does not allow are ignored.
@@ -84,7 +84,7 @@ def vehicle_of(topic: str) -> tuple[str, str] | None:
     return (namespace, version) if not namespace or is_namespace(namespace) else None
 
 
-def read_topic(topic: str) -> tuple[str, Subscription] | None:
+def find_subscription(topic: str) -> tuple[str, Subscription] | None:
     """Namespace and subscription of a topic that the server reads, given its name in DDS; None for other
     topics."""
     start, output, name = topic.partition("/fmu/out/")

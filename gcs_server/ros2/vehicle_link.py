@@ -21,6 +21,7 @@ from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, SUBSCRIPTIONS
 PROBLEM_S: Final = 60.0
 """Time for which a problem is reported after its last occurrence."""
 MAX_REQUESTED: Final = 16
+"""Maximum number of requested messages that wait, and of commands for which a refusal can be explained."""
 REFUSALS: Final = (d.MAV_RESULT_TEMPORARILY_REJECTED, d.MAV_RESULT_DENIED, d.MAV_RESULT_FAILED)
 _TYPES = {each.name: each.message for each in SUBSCRIPTIONS}
 
@@ -90,7 +91,10 @@ class VehicleLink:
             for topic, (why, at_s) in list(self._problems.items())
             if now_s - at_s < PROBLEM_S
         ]
-        return recent and [*recent[:3], "Check that the vehicle has PX4 v1.16, whose message types are used."]
+        return recent and [
+            *recent[:3],
+            "Check that the vehicle has PX4 v1.16: this server knows only its message types.",
+        ]
 
     def _name(self, topic: str) -> str:
         return f"/{self.namespace}{topic}" if self.namespace else topic
@@ -101,7 +105,7 @@ class VehicleLink:
             return []
         mode = self._refusal_modes.get(values["command"])
         texts = [] if mode is None or values["result"] not in REFUSALS else self._converter.problems(mode)
-        return [*(_text(text) for text in texts), ack]
+        return [*(_statustext(text) for text in texts), ack]
 
     def _frames(self, messages: Iterable[MAVLink_message], now_s: float) -> Iterable[bytes]:
         address = self._converter.address
@@ -121,7 +125,7 @@ class VehicleLink:
             return  # PX4 has no topic for heartbeats: DDS itself discovers programs
         requested = requested_message(frame)
         if requested is not None:
-            # PX4 v1.16 does not answer requests for messages over ROS 2
+            # PX4 v1.16 does not answer requests for messages over ROS 2: the stored message is the answer
             if self._converter.latched(requested) is not None and len(self._requested) < MAX_REQUESTED:
                 self._requested.add(requested)
             return
@@ -134,5 +138,5 @@ class VehicleLink:
         self._sender.send(COMMAND, MESSAGES["VehicleCommand"].encode({**command, "timestamp": unix_us}))
 
 
-def _text(text: str) -> MAVLink_message:
+def _statustext(text: str) -> MAVLink_message:
     return d.MAVLink_statustext_message(d.MAV_SEVERITY_WARNING, text.encode()[:50].ljust(50, b"\0"))

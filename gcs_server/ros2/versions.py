@@ -1,9 +1,8 @@
-"""Versions of a vehicle's topics: which topics the server uses, and which of these topics a vehicle has only
-in versions that the server does not know.
+"""Finds the topics that a vehicle has only in message versions that the server does not know.
 
 PX4 appends the version of a message to the topic's name (`vehicle_status_v1`; version 0 has no suffix). A
-topic of another version never connects in DDS, so without this check its messages would be missing without a
-report. No I/O.
+topic of another version never connects in DDS, so without this check nothing would explain why its messages
+are missing. No I/O.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from gcs_server.ros2.external_mode import (
     CONTROLLERS,
     OVERRIDES,
     REGISTER,
-    REPLY,
+    REGISTER_REPLY,
     UNREGISTER,
 )
 from gcs_server.ros2.mode_executor import COMMAND as EXECUTOR_COMMAND
@@ -43,7 +42,7 @@ USE_OF_TOPIC: Final = {
     "/fmu/out/battery_status": "battery state",
     REGISTER: _MODES,
     UNREGISTER: _MODES,
-    REPLY: _MODES,
+    REGISTER_REPLY: _MODES,
     CHECK_REQUEST: _MODES,
     CHECK_REPLY: _MODES,
     COMPLETED: "the end of a flight mode of a mission",
@@ -77,7 +76,8 @@ def _split_version(name: str) -> tuple[str, int]:
     return (base, int(version)) if separator and re.fullmatch(r"\d{1,4}", version) else (name, 0)
 
 
-_KNOWN: Final = {_split_version(name)[0]: name for name in USE_OF_TOPIC}
+_KNOWN_NAMES: Final = {_split_version(name)[0]: name for name in USE_OF_TOPIC}
+"""Name with the known version, by the name without a version."""
 
 
 class TopicVersions:
@@ -95,7 +95,7 @@ class TopicVersions:
         if match is None or publishes != (match["direction"] == "out"):
             return
         namespace, (base, version) = match["namespace"] or "", _split_version(match["name"])
-        if base not in _KNOWN or (namespace and not is_namespace(namespace)):
+        if base not in _KNOWN_NAMES or (namespace and not is_namespace(namespace)):
             return
         seen = self._seen.get(namespace, {}).get(base, set[int]())
         if version not in seen and self._topics < MAX_TOPICS:
@@ -108,30 +108,32 @@ class TopicVersions:
         Args:
             only: the only namespace to report; None: all.
         """
-        problems = {namespace: list(self.unusable(namespace).values()) for namespace in self._seen}
+        texts_of = {namespace: list(self.unusable(namespace).values()) for namespace in self._seen}
         return [
-            _problem(texts) for namespace, texts in problems.items() if texts and only in (None, namespace)
+            _vehicle_text(texts)
+            for namespace, texts in texts_of.items()
+            if texts and only in (None, namespace)
         ]
 
     def unusable(self, namespace: str) -> dict[str, str]:
-        """The topics that a vehicle has only in unknown versions: a text for each, by the known name."""
+        """The topics that a vehicle has only in unknown versions: a text by each topic's known name."""
         return {
-            _KNOWN[base]: _text(namespace, base, max(versions), known)
+            _KNOWN_NAMES[base]: _topic_text(namespace, base, max(versions), known)
             for base, versions in self._seen.get(namespace, {}).items()
-            if (known := _split_version(_KNOWN[base])[1]) not in versions
+            if (known := _split_version(_KNOWN_NAMES[base])[1]) not in versions
         }
 
 
-def _text(namespace: str, base: str, version: int, known: int) -> str:
+def _topic_text(namespace: str, base: str, version: int, known: int) -> str:
     prefix = f"/{namespace}" if namespace else ""
-    seen = f"{base}_v{version}" if version else base
+    name = f"{base}_v{version}" if version else base
     return (
-        f"{prefix}{seen} has version {version}, but this server knows version {known}. "
-        f"Not available: {USE_OF_TOPIC[_KNOWN[base]]}"
+        f"{prefix}{name} has version {version}, but this server knows version {known}. "
+        f"Not available: {USE_OF_TOPIC[_KNOWN_NAMES[base]]}"
     )
 
 
-def _problem(texts: list[str]) -> str:
+def _vehicle_text(texts: list[str]) -> str:
     more = len(texts) - MAX_NAMED
     named = ". ".join(texts[:MAX_NAMED])
     return f"{named}.{f' Further topics with unknown versions: {more}.' if more > 0 else ''} {REMEDY}"

@@ -19,7 +19,7 @@ from gcs_server.clock import Clock
 from gcs_server.errors import GcsError, Refused
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.external_mode import (
-    ANSWERS_ENDED,
+    REPLIES_ENDED,
     ModeDeclaration,
     Registration,
     RegistrationState,
@@ -360,7 +360,7 @@ class MissionModes:
 
     def _registration(self, vehicle_id: str, name: str) -> Registration:
         registrations = (each for each in self._streams.modes().get(vehicle_id, ()) if each.name == name)
-        return next(registrations, Registration(name, "lost", None, ANSWERS_ENDED))
+        return next(registrations, Registration(name, "lost", None, REPLIES_ENDED))
 
     def _drop(self, vehicle_id: str, name: str) -> None:
         self._streams.unregister_mode(vehicle_id, name)

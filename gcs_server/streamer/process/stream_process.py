@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 from gcs_server.clock import Clock
 from gcs_server.errors import Refused
 from gcs_server.links.base import DdsAddress
-from gcs_server.ros2.external_mode import ANSWERS_ENDED, ModeDeclaration, Registration
+from gcs_server.ros2.external_mode import REPLIES_ENDED, ModeDeclaration, Registration
 from gcs_server.ros2.mode_executor import ExecutorCommand
 from gcs_server.streamer.process import messages, mode_messages
 from gcs_server.streamer.process.calls import WorkerCalls, WorkerDied
@@ -370,7 +370,7 @@ class StreamProcess(Streams):
         self._reported.clear()
         self._modes = {
             vehicle_id: tuple(
-                replace(mode, state="lost", reason=ANSWERS_ENDED, executor=None) for mode in modes
+                replace(mode, state="lost", reason=REPLIES_ENDED, executor=None) for mode in modes
             )
             for vehicle_id, modes in self._modes.items()
         }

@@ -25,7 +25,7 @@ from gcs_server.ros2.external_mode import (
     COMPLETED,
     OVERRIDES,
     REGISTER,
-    REPLY,
+    REGISTER_REPLY,
     UNREGISTER,
     ExternalMode,
     ModeDeclaration,
@@ -49,13 +49,15 @@ REMOVE_EVERY_S: Final = 0.2
 MAX_MODES: Final = 4
 """Maximum number of modes of one vehicle, because PX4 queues only four simultaneous replies."""
 READ_TYPES: Final = {
-    REPLY: "RegisterExtComponentReply",
+    REGISTER_REPLY: "RegisterExtComponentReply",
     CHECK_REQUEST: "ArmingCheckRequest",
     STATUS: "VehicleStatus",
     COMMAND_ACK: "VehicleCommandAck",
     MODE_COMPLETED: "ModeCompleted",
 }
-REQUIRED_TOPICS: Final = frozenset({REGISTER, UNREGISTER, REPLY, CHECK_REQUEST, CHECK_REPLY, COMPLETED})
+REQUIRED_TOPICS: Final = frozenset(
+    {REGISTER, UNREGISTER, REGISTER_REPLY, CHECK_REQUEST, CHECK_REPLY, COMPLETED}
+)
 """Topics without which a mode cannot be registered, flown, or removed."""
 STOP_MESSAGES: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
 
@@ -248,7 +250,7 @@ def _pass_to_mode(
     """Passes a message of PX4 to a mode; returns the messages to send."""
     if topic == STATUS:
         return mode.on_status(values)
-    if topic == REPLY:
+    if topic == REGISTER_REPLY:
         return mode.on_reply(values, now_s)
     if topic == CHECK_REQUEST:
         return mode.on_check_request(values, now_s, can_run=server_alive)

@@ -11517,7 +11517,7 @@ export interface components {
             readonly problem: string | null;
             /**
              * Topics
-             * @description The vehicle's topics, then those of no vehicle, each by name.
+             * @description The vehicle's topics, then the topics of no vehicle; both sorted by name.
              */
             readonly topics: readonly components["schemas"]["Ros2Topic"][];
             /**

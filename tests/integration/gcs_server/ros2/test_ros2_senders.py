@@ -20,7 +20,7 @@ from cyclonedds.topic import Topic
 from gcs_server.links.base import DdsAddress
 from gcs_server.ros2.dds import DdsPort, open_domain
 from gcs_server.ros2.dds_types import Sample, idl_type
-from gcs_server.ros2.external_mode import REGISTER, REPLY
+from gcs_server.ros2.external_mode import REGISTER, REGISTER_REPLY
 from gcs_server.ros2.message_types import MESSAGES
 from gcs_server.ros2.topics import wire_name
 from gcs_server.streamer.process.ros2_senders import ModeTopics, Ros2Senders
@@ -78,7 +78,7 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     namespace = f"modes_{os.getpid()}"
     domain = open_domain(MODES_DOMAIN, None)
     vehicle = Publisher(MODES_DOMAIN, namespace)
-    vehicle.prepare(REPLY, "RegisterExtComponentReply")
+    vehicle.prepare(REGISTER_REPLY, "RegisterExtComponentReply")
     kind = idl_type(MESSAGES["RegisterExtComponentRequest"])
     topic = Topic(vehicle.participant, wire_name(REGISTER, namespace), kind)
     reader = DataReader(vehicle.participant, topic, qos=Qos(Policy.Reliability.BestEffort))
@@ -90,13 +90,13 @@ def test_modes_are_registered_over_their_own_topics() -> None:
         assert time.monotonic() < end_s, (len(requests), len(replies))
         with contextlib.suppress(OSError):  # DDS is not open yet
             topics.send(REGISTER, recorded()[REGISTER])
-        vehicle.send(REPLY, recorded()[REPLY], "RegisterExtComponentReply")
+        vehicle.send(REGISTER_REPLY, recorded()[REGISTER_REPLY], "RegisterExtComponentReply")
         time.sleep(0.02)
         requests += [sample for sample in reader.take(10) if isinstance(sample, Sample)]
         replies += topics.take()
     request = MESSAGES["RegisterExtComponentRequest"]
     assert request.decode(requests[0].cdr) == request.decode(recorded()[REGISTER])
-    assert replies[0][0] == REPLY
+    assert replies[0][0] == REGISTER_REPLY
     assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23
     assert domain  # this reference has kept the domain open
 

@@ -15,7 +15,7 @@ from gcs_server.ros2.external_mode import (
     LOST_S,
     OVERRIDES,
     REGISTER,
-    REPLY,
+    REGISTER_REPLY,
     SENT_TYPES,
     UNREGISTER,
     ExternalMode,
@@ -29,7 +29,7 @@ from tests.support.dds_samples import recorded
 RECORDED = recorded()
 NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
 """Values of the recorded registration."""
-REGISTERED: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REPLY])
+REGISTERED: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REGISTER_REPLY])
 CHECK: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
 MASK = 1 << 23
 
@@ -187,7 +187,7 @@ def test_a_mode_that_px4_has_removed_is_lost() -> None:
     assert external_mode.registration.state == "registered"
     external_mode.on_status({"arming_state": 1, "can_set_nav_states_mask": 0, "nav_state": 4})
     assert external_mode.registration.state == "lost"
-    assert "no answers in time" in external_mode.registration.reason
+    assert "no replies in time" in external_mode.registration.reason
 
 
 def test_success_and_failure_of_a_mode_are_reported() -> None:

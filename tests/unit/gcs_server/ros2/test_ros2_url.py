@@ -11,7 +11,7 @@ from gcs_server.errors import InvalidRequest, LinkError
 from gcs_server.links.url import make_link
 from gcs_server.ros2.boot_time import BootTime
 from gcs_server.ros2.link import Ros2Link
-from gcs_server.ros2.topics import read_topic, vehicle_of, wire_name
+from gcs_server.ros2.topics import find_subscription, parse_status_topic, wire_name
 from gcs_server.ros2.url import ros2_link
 
 
@@ -80,7 +80,7 @@ def test_without_cyclone_dds_the_error_says_how_to_install_it(monkeypatch: pytes
     ],
 )
 def test_a_vehicle_is_found_by_its_status_topic(topic: str, found: tuple[str, str] | None) -> None:
-    assert vehicle_of(topic) == found
+    assert parse_status_topic(topic) == found
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_a_vehicle_is_found_by_its_status_topic(topic: str, found: tuple[str, st
 def test_a_topic_that_the_server_reads_is_found_by_its_name(
     topic: str, found: tuple[str, str] | None
 ) -> None:
-    read = read_topic(topic)
+    read = find_subscription(topic)
     assert (None if read is None else (read[0], read[1].type)) == found
 
 

@@ -214,7 +214,7 @@ def test_extreme_numbers_are_converted_or_refused_as_malformed(topic: str, value
     setup = ConverterSetup()
     setup.convert(LOCAL)
     setup.convert(LANDED, landed=True)
-    floats = [each for each in TYPES[topic].flat if each.type.startswith("float")]
+    floats = [each for each in TYPES[topic].primitive_fields if each.type.startswith("float")]
     hostile: dict[str, Any] = {each.name: (value,) * each.length if each.length else value for each in floats}
     try:
         messages = setup.convert(topic, **hostile)

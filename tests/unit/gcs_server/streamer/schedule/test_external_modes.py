@@ -13,7 +13,7 @@ from gcs_server.ros2.external_mode import (
     COMPLETED,
     CONTROLLERS,
     REGISTER,
-    REPLY,
+    REGISTER_REPLY,
     SENT_TYPES,
     UNREGISTER,
     ModeDeclaration,
@@ -61,13 +61,14 @@ class Px4:
         if topic == REGISTER and self.replies:
             number = 23 + len(self.modes)
             self.modes[number] = bytes(values["name"]).rstrip(b"\0").decode()
-            recorded_reply = MESSAGES[READ_TYPES[REPLY]].decode(RECORDED[REPLY])
+            recorded_reply = MESSAGES[READ_TYPES[REGISTER_REPLY]].decode(RECORDED[REGISTER_REPLY])
             executor = 1 if values["register_mode_executor"] else -1
             changed = {
                 "request_id": values["request_id"], "name": values["name"], "mode_executor_id": executor,
             }  # fmt: skip
             self.publish(
-                REPLY, {**recorded_reply, **changed, "arming_check_id": number - 23, "mode_id": number}
+                REGISTER_REPLY,
+                {**recorded_reply, **changed, "arming_check_id": number - 23, "mode_id": number},
             )
 
     def take(self) -> list[tuple[str, bytes]]:
