@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, f
 
 from gcs_server.errors import InvalidRequest
 from gcs_server.storage.folder import DataFolder, default_folder
-from gcs_server.storage.token import FORM_RULE, is_well_formed, load_or_create_token
+from gcs_server.storage.token import TOKEN_RULE, is_well_formed, load_or_create_token
 
 SETTINGS_SCHEMA_VERSION = 1
 ENVIRONMENT_PREFIX = "GCS_"
@@ -74,7 +74,7 @@ class Settings(BaseModel):
     @classmethod
     def _check_token(cls, token: SecretStr | None) -> SecretStr | None:
         if token is not None and not is_well_formed(token.get_secret_value()):
-            raise ValueError(f"a token has {FORM_RULE}")
+            raise ValueError(f"a token has {TOKEN_RULE}")
         return token
 
     @property

@@ -1,5 +1,5 @@
-"""Caches data that vehicles would send again. The cache has a maximum size, and its failures are never
-errors."""
+"""Caches data that vehicles would send again. The size is limited. A read or write that fails raises no
+error."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_FILES = 200
 MAX_BYTES = 8_000_000
 """Larger files are neither stored nor read."""
 MAX_TOTAL_BYTES = 100_000_000
-_name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,120}")
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,120}")
 
 
 class Cache:
@@ -64,6 +64,6 @@ class Cache:
             count, size = count - 1, size - status.st_size
 
     def _path(self, name: str) -> Path:
-        if not _name.fullmatch(name):
+        if not _NAME_PATTERN.fullmatch(name):
             raise ValueError(f"{name!r} is not a valid name of a cache file")
         return self._folder / name

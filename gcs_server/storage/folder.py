@@ -74,7 +74,7 @@ class DataFolder:
 
     @property
     def flights(self) -> Path:
-        """Folder of the progress of interrupted flights of plans, one file per vehicle."""
+        """Folder with the progress of interrupted plan flights, one file per vehicle."""
         return self.path / "flights"
 
     @property

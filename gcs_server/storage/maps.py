@@ -123,7 +123,7 @@ def _mbtiles(path: Path) -> MapInfo:
 def _pmtiles(path: Path) -> MapInfo:
     with path.open("rb") as file:
         fields = PMTILES_HEADER.unpack(file.read(PMTILES_HEADER.size))
-        magic, version, numbers, flags, corners = (
+        magic, version, numbers, bytes_, corners = (
             fields[0],
             fields[1],
             fields[2:13],
@@ -132,12 +132,12 @@ def _pmtiles(path: Path) -> MapInfo:
         )
         if magic != b"PMTiles" or version != 3:
             raise ValueError("it is not a PMTiles file of version 3")
-        offset, length = numbers[2], numbers[3]
-        if length > MAX_METADATA_BYTES:
+        metadata_offset, metadata_length = numbers[2], numbers[3]
+        if metadata_length > MAX_METADATA_BYTES:
             raise ValueError("its metadata is too large")
-        file.seek(offset)
-        raw = file.read(length)
-    _, compression, _, tile_type, min_zoom, max_zoom = flags
+        file.seek(metadata_offset)
+        raw = file.read(metadata_length)
+    _, compression, _, tile_type, min_zoom, max_zoom = bytes_
     metadata: dict[str, Any] = {}
     if compression in (NO_COMPRESSION, GZIP) and raw:
         metadata = json.loads(gzip.decompress(raw) if compression == GZIP else raw)

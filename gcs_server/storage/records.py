@@ -15,7 +15,7 @@ MAX_RECORDS = 2000
 MAX_BYTES = 64_000
 """Maximum size of one record [bytes]; a larger file is not read."""
 _SUFFIX = ".json"
-_name = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
+_NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}")
 
 
 class Unreadable(str):
@@ -47,7 +47,7 @@ class Records:
             return records
         for name in names:
             stem = name.removesuffix(_SUFFIX)
-            if not name.endswith(_SUFFIX) or not _name.fullmatch(stem):
+            if not name.endswith(_SUFFIX) or not _NAME_PATTERN.fullmatch(stem):
                 continue
             if len(records) >= MAX_RECORDS:
                 raise OSError(f"it holds more than {MAX_RECORDS} files")
@@ -75,15 +75,15 @@ class Records:
 
     def _replace(self, path: Path, content: bytes) -> None:
         self.folder.mkdir(parents=True, exist_ok=True)
-        descriptor, draft = tempfile.mkstemp(dir=self.folder, prefix=".")
+        descriptor, temporary = tempfile.mkstemp(dir=self.folder, prefix=".")
         try:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(content + b"\n")
                 file.flush()
                 os.fsync(file.fileno())
-            Path(draft).replace(path)
+            Path(temporary).replace(path)
         except OSError:
-            Path(draft).unlink(missing_ok=True)
+            Path(temporary).unlink(missing_ok=True)
             raise
         self._sync_folder()
 
@@ -116,6 +116,6 @@ def _read(path: Path) -> dict[str, object]:
 
 
 def _require_valid_name(name: str) -> str:
-    if not _name.fullmatch(name):
+    if not _NAME_PATTERN.fullmatch(name):
         raise ValueError(f"{name!r} is not a valid name of a record")
     return name

@@ -9,15 +9,15 @@ from pathlib import Path
 
 from gcs_server.storage.folder import StorageError
 
-FORM = re.compile(r"[A-Za-z0-9._~-]{16,256}")
+TOKEN_PATTERN = re.compile(r"[A-Za-z0-9._~-]{16,256}")
 """Characters that need no escaping in URLs and headers; the length prevents guessing."""
-FORM_RULE = "16 to 256 letters, digits or . _ ~ -"
+TOKEN_RULE = "16 to 256 letters, digits or . _ ~ -"
 _MAX_FILE_LENGTH = 4096
 
 
 def is_well_formed(token: str) -> bool:
     """Whether the text is a valid token."""
-    return FORM.fullmatch(token) is not None
+    return TOKEN_PATTERN.fullmatch(token) is not None
 
 
 def load_or_create_token(file: Path) -> str:
@@ -35,7 +35,7 @@ def load_or_create_token(file: Path) -> str:
     except (OSError, UnicodeDecodeError) as error:
         raise _unusable_file(file, f"cannot be read: {getattr(error, 'strerror', None) or error}") from error
     if not is_well_formed(token):
-        raise _unusable_file(file, f"has no valid token ({FORM_RULE})")
+        raise _unusable_file(file, f"has no valid token ({TOKEN_RULE})")
     return token
 
 
@@ -44,11 +44,11 @@ def _create(file: Path) -> str:
     try:
         # Written to a temporary file and then moved, so that the file is never incomplete or readable by
         # others.
-        draft = file.with_name(f".{file.name}.{os.getpid()}")
-        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+        temporary = file.with_name(f".{file.name}.{os.getpid()}")
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
         with os.fdopen(descriptor, "w", encoding="utf-8") as stream:
             stream.write(token + "\n")
-        draft.replace(file)
+        temporary.replace(file)
     except OSError as error:
         raise _unusable_file(file, f"cannot be created: {error.strerror or error}") from error
     return token
@@ -56,6 +56,6 @@ def _create(file: Path) -> str:
 
 def _unusable_file(file: Path, problem: str) -> StorageError:
     return StorageError(
-        f"The token's file {file} {problem}.",
-        remedy="Delete it to get a new one, name another file with --token-file, or set GCS_TOKEN.",
+        f"The token file {file} {problem}.",
+        remedy="Delete the file to get a new token, name another file with --token-file, or set GCS_TOKEN.",
     )

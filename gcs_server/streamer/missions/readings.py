@@ -23,7 +23,7 @@ def estimates_of(estimates: VehicleEstimates) -> frozenset[Estimate]:
     valid_by_estimate: dict[Estimate, bool] = {
         "position": estimates.has_position(),
         "velocity": estimates.has_velocity(),
-        "heading": estimates.has_heading(),
+        "heading": estimates.has_attitude(),
         "global_position": estimates.origin() is not None,
         "home": estimates.home() is not None,
     }

@@ -15,10 +15,11 @@ from missions.avoidance.avoider import FRESH_S
 from missions.avoidance.scans import LEVEL_MAX_SINE, measures_level, recent_scans
 from missions.avoidance.values import AvoidanceWay
 
-TOPICS = {
+SENSOR_TOPICS = {
     "distance_sensors": d.MAVLINK_MSG_ID_DISTANCE_SENSOR,
     "obstacle_distance": d.MAVLINK_MSG_ID_OBSTACLE_DISTANCE,
 }
+"""MAVLink message id of each telemetry topic with measurements of obstacles."""
 RATE_HZ = 5.0
 """Requested rate of the sensors' messages [Hz]. PX4's default of one message every one or two seconds is too
 slow for braking."""
@@ -75,7 +76,7 @@ class AvoidanceControl:
         self.require_sensor()
 
     def switch_off(self) -> None:
-        """Switches avoidance off, even for the current mission; the obstacle brake stays on."""
+        """Switches avoidance off, even for the current mission; does not change the obstacle brake."""
         self.way = self.mission_way = None
 
     def require_sensor(self) -> None:
@@ -86,10 +87,10 @@ class AvoidanceControl:
         """
         if not self._has_recent_scan():
             raise Refused(
-                f"Vehicle {self._vehicle.id} cannot avoid obstacles: no obstacle sensor has sent within the "
-                f"last {FRESH_S:g} s.",
-                remedy="Check the sensor (DISTANCE_SENSOR to a side, or OBSTACLE_DISTANCE) and the link, or "
-                "switch avoidance off.",
+                f"Vehicle {self._vehicle.id} cannot avoid obstacles: no data from an obstacle sensor within "
+                f"the last {FRESH_S:g} s.",
+                remedy="Check the sensor (OBSTACLE_DISTANCE, or DISTANCE_SENSOR with a horizontal direction) "
+                "and the link, or switch avoidance off.",
             )
 
     def request_rates(self) -> None:
@@ -98,7 +99,7 @@ class AvoidanceControl:
         now_s = self._clock.monotonic_s()
         if now_s - self._requested_s < REQUEST_PERIOD_S or not self.has_sensor():
             return
-        for topic, msg_id in TOPICS.items():
+        for topic, msg_id in SENSOR_TOPICS.items():
             sample = self._vehicle.topic(topic)
             if sample is None or now_s - sample.received_monotonic_s < MAX_MESSAGE_AGE_S:
                 continue
@@ -114,7 +115,7 @@ class AvoidanceControl:
     def has_sensor(self) -> bool:
         """Whether the vehicle has a sensor that measures obstacles, from its recent messages."""
         now_s = self._clock.monotonic_s()
-        for topic in TOPICS:
+        for topic in SENSOR_TOPICS:
             sample = self._vehicle.topic(topic)
             if sample is None or now_s - sample.received_monotonic_s > SENSOR_PRESENT_S:
                 continue

@@ -33,11 +33,12 @@ class OffboardConfiguration:
         self._vehicle = vehicle
         self._estimates = estimates
         self._read_values: dict[str, float] = {}
-        """Values of the parameters that were read individually, by name."""
+        """Values from the last call of `read`, by name."""
         self._read_s: float | None = None
+        """Time of the last call of `read` [s, monotonic]; None: not called yet."""
 
     async def read(self) -> Failsafe:
-        """Reads the limits and the offboard-loss action from the vehicle; missing values stay unknown.
+        """Reads the vehicle's limits and its action when setpoints stop; missing values stay unknown.
 
         ROS 2 carries no parameters, so nothing is requested from a vehicle without a MAVLink link.
         """

@@ -37,8 +37,8 @@ from missions.setpoints import Follow, Position
 PRE_STREAM_S = 1.2
 """Time for which setpoints are streamed before Offboard is requested [s]; PX4 requires more than 1 s."""
 PRE_STREAM_TIMEOUT_S = 6.0
-"""Time within which setpoints must be sent without a pause; otherwise the computer is too busy to fly a
-vehicle [s]."""
+"""Maximum time until setpoints have been sent without a pause for `PRE_STREAM_S` [s]; if it takes longer, the
+computer is too busy to fly a vehicle."""
 CHECK_PERIOD_S = 0.02
 """Period at which the end of pre-streaming is checked [s]."""
 FINAL_MODES = {"to_hold": "hold", "undoing": "hold", "landing": "land"}
@@ -208,7 +208,7 @@ class OffboardControl:
         self.vehicle.require_commandable()
         state = self._streams.state(self.vehicle.id)
         if state.phase == "idle":
-            ended = f" It ended: {state.last_end.text}" if state.last_end else ""
+            ended = f" The last stream ended: {state.last_end.text}" if state.last_end else ""
             raise Refused(
                 NO_STREAM + ended,
                 remedy="Call offboard/start with a setpoint first; it streams, then switches to Offboard.",
@@ -377,7 +377,7 @@ class OffboardControl:
 
     def require_topics(self, segments: Sequence[Segment], *, in_offboard: bool) -> None:
         """Raises Refused if the vehicle has a topic of these segments' setpoints in an unknown version."""
-        types = {Position.type, *(each.at(0.0).type for each in segments)}  # a pause is flown by a position
+        types = {Position.type, *(each.at(0.0).type for each in segments)}  # a pause sends a position
         self._availability.require_topics(types, in_offboard=in_offboard)
 
     def _check_leader(self, follow: Follow) -> None:

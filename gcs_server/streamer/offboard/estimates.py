@@ -94,7 +94,7 @@ class VehicleEstimates:
             and self.has_any_flag(VELOCITY_VERTICAL)
         )
 
-    def has_heading(self) -> bool:
+    def has_attitude(self) -> bool:
         """Whether the vehicle has a valid attitude estimate."""
         return self.attitude() is not None and self.has_any_flag(ATTITUDE)
 
@@ -142,7 +142,11 @@ class VehicleEstimates:
         )
 
     def as_leader(self, origin: LocalOrigin | None) -> Leader | None:
-        """State of this vehicle in the local frame of a following vehicle; None if a position is missing."""
+        """State of this vehicle for a vehicle that follows it; None if a position is missing.
+
+        Args:
+            origin: origin of the following vehicle's local frame, in which the position is given.
+        """
         position, received_s = self.global_position(), self._received_s("global_position")
         if position is None or received_s is None or origin is None or self._vehicle.status.link_lost:
             return None
@@ -155,19 +159,19 @@ class VehicleEstimates:
         )
 
     def snapshot(self, **values: object) -> Snapshot:
-        """Snapshot of the vehicle for its stream."""
+        """Snapshot of the vehicle for its stream; `values` are further fields of `Snapshot`."""
         vehicle, local, attitude = self._vehicle, self.local(), self.attitude()
         status, home = vehicle.status, self.home()
         command = vehicle.command.recent_command(status.mode)
-        has_valid_position = local is not None and self.has_any_flag(POSITION_HORIZONTAL)
+        has_horizontal_position = local is not None and self.has_any_flag(POSITION_HORIZONTAL)
         return Snapshot(
             vehicle.clock.monotonic_s(),
             status.mode,
-            local.position_ned_m if local is not None and has_valid_position else None,
+            local.position_ned_m if local is not None and has_horizontal_position else None,
             local.velocity_ned_m_s if local is not None else None,
             attitude.yaw_ned_rad if attitude is not None else None,
             None if command is None else f"{command.by or 'The server'} commanded {command.label!r}",
-            estimate_s=self._received_s("local_position") if has_valid_position else None,
+            estimate_s=self._received_s("local_position") if has_horizontal_position else None,
             armed=status.armed,
             lost=status.link_lost or not vehicle.endpoints,
             home_alt_amsl_m=None if home is None else home.alt_amsl_m,

@@ -38,13 +38,14 @@ _ACTIONS: dict[int, tuple[str, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Failsafe:
-    """The vehicle's configuration for offboard loss, read from its parameters."""
+    """The vehicle's parameters for its action when setpoints stop; None: not known."""
 
     loss_timeout_s: float | None
     """COM_OF_LOSS_T."""
     action: int | None
     """COM_OBL_RC_ACT."""
     transmitter: bool
+    """Whether an RC transmitter is connected."""
 
     @property
     def action_mode(self) -> str | None:

@@ -63,19 +63,22 @@ def angle_between(a: Quaternion, b: Quaternion) -> float:
 
 def _echo(sent: DirectSetpoint, estimates: VehicleEstimates) -> Echo | None:
     if isinstance(sent, ThrustTorque | Actuators):
-        return None  # PX4 reports no target of these kinds
+        return None  # PX4 reports no target of these types
     if isinstance(sent, Attitude | Rates):
-        attitude = estimates.target_attitude()
-        if attitude is None:
+        reported_attitude = estimates.target_attitude()
+        if reported_attitude is None:
             return None
-        value, age_s = attitude
+        attitude, age_s = reported_attitude
         return Echo(
-            age_s, q_ned_frd=value.q_ned_frd, rates_frd_rad_s=value.rates_frd_rad_s, thrust=value.thrust
+            age_s,
+            q_ned_frd=attitude.q_ned_frd,
+            rates_frd_rad_s=attitude.rates_frd_rad_s,
+            thrust=attitude.thrust,
         )
-    local = estimates.target_local()
-    if local is None:
+    reported = estimates.target_local()
+    if reported is None:
         return None
-    target, age_s = local
+    target, age_s = reported
     return Echo(
         age_s,
         target.position_ned_m,
@@ -118,5 +121,5 @@ def _velocity_error(sent: DirectSetpoint, estimates: VehicleEstimates) -> float 
 
 def _distance(target: Partial3, measured: Vector3) -> float | None:
     """Distance over the controlled axes; None if no axis is controlled."""
-    squares = [(w - m) ** 2 for w, m in zip(target, measured, strict=True) if w is not None]
+    squares = [(t - m) ** 2 for t, m in zip(target, measured, strict=True) if t is not None]
     return math.sqrt(sum(squares)) if squares else None

@@ -107,8 +107,8 @@ class LimitStore:
 
     def may_have_record(self, system_id: int) -> bool:
         """Whether a record may exist for a vehicle with this system id, before its uid is known."""
-        without_system_id = [name for name in self._stored if name not in self._system_ids]
-        return bool(self._folder_problem or without_system_id) or system_id in self._system_ids.values()
+        unreadable = [name for name in self._stored if name not in self._system_ids]
+        return bool(self._folder_problem or unreadable) or system_id in self._system_ids.values()
 
     async def save(self, key: VehicleKey, record: LimitRecord) -> str | None:
         """Stores a record; returns None once it is on disk, or the reason for a failure."""

@@ -30,9 +30,11 @@ def scans_of(samples: tuple[Sample | None, ...], q_ned_frd: Quaternion, now_s: f
                 if sensor.distance_m is not None:
                     direction = rotate(q_ned_frd, sensor.direction_frd)
                     distance_m = sensor.distance_m if sensor.distance_m <= sensor.range_max_m else None
-                    half_rad = (sensor.width_rad or 0.0) / 2.0
-                    at_s = received_s - max(0.0, sensor.behind_s)
-                    scans.append(Scan(at_s, (direction,), (distance_m,), sensor.range_max_m, half_rad))
+                    half_width_rad = (sensor.width_rad or 0.0) / 2.0
+                    measured_s = received_s - max(0.0, sensor.behind_s)
+                    scans.append(
+                        Scan(measured_s, (direction,), (distance_m,), sensor.range_max_m, half_width_rad)
+                    )
         elif isinstance(value, ObstacleDistance):
             scans.append(_scan_of_sectors(value, q_ned_frd, received_s))
     return tuple(scan for scan in scans if scan.directions_ned and now_s - scan.measured_s <= MAX_SCAN_AGE_S)
@@ -48,5 +50,5 @@ def _scan_of_sectors(value: ObstacleDistance, q_ned_frd: Quaternion, received_s:
         level = (math.cos(angle_rad), math.sin(angle_rad), 0.0)
         directions.append(rotate(q_ned_frd, level) if value.frame == "body" else level)
         distances.append(distance_m if distance_m <= value.range_max_m else None)
-    half_rad = math.radians(abs(value.step_deg)) / 2.0
-    return Scan(received_s, tuple(directions), tuple(distances), value.range_max_m, half_rad)
+    half_width_rad = math.radians(abs(value.step_deg)) / 2.0
+    return Scan(received_s, tuple(directions), tuple(distances), value.range_max_m, half_width_rad)

@@ -44,8 +44,8 @@ class StreamHealth:
     """Time until the vehicle's own failsafe acts if sending stops now: COM_OF_LOSS_T after the last setpoint
     [s]."""
     echo: Echo | None
-    """POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None: nothing is
-    sent."""
+    """POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; null: nothing is sent, or
+    the vehicle reports no target."""
     position_error_m: float | None
     """Distance between the vehicle and the sent position [m]."""
     velocity_error_m_s: float | None

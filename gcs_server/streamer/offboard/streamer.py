@@ -153,10 +153,10 @@ class Streamer:
             if control.operator_limits.identity_changed:
                 self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator_limits.recognise)
         first_requests = self._streams.watched()
-        vehicle_ids = dict.fromkeys(self._streams.active()) | first_requests
-        controlled = [vehicle_id for vehicle_id in vehicle_ids if vehicle_id in self._controls]
+        requests = dict.fromkeys(self._streams.active()) | first_requests
+        controlled = [vehicle_id for vehicle_id in requests if vehicle_id in self._controls]
         self._streams.update_snapshots(
-            {vid: s for vid in controlled if (s := self._snapshot(vid, vehicle_ids[vid])) is not None}
+            {vid: s for vid in controlled if (s := self._snapshot(vid, requests[vid])) is not None}
         )
         self._isolation.run("the check of the groups", self.groups.update)
         for vehicle_id in controlled:

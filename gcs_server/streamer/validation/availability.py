@@ -46,7 +46,7 @@ class EstimateSource(Protocol):
 
     def has_velocity(self) -> bool: ...
 
-    def has_heading(self) -> bool: ...
+    def has_attitude(self) -> bool: ...
 
     def origin(self) -> object | None: ...
 
@@ -83,7 +83,7 @@ class Availability:
         self._has_estimate: dict[str, Callable[[], bool]] = {
             "position": estimates.has_position,
             "velocity": estimates.has_velocity,
-            "heading": estimates.has_heading,
+            "heading": estimates.has_attitude,
             "global_position": lambda: estimates.origin() is not None,
             "home": lambda: estimates.home() is not None,
         }

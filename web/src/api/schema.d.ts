@@ -12094,8 +12094,8 @@ export interface components {
              */
             readonly failsafe_in_s: number | null;
             /**
-             * @description POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; None: nothing is
-             *     sent.
+             * @description POSITION_TARGET_LOCAL_NED or ATTITUDE_TARGET, matching the sent setpoint; null: nothing is sent, or
+             *     the vehicle reports no target.
              */
             readonly echo: components["schemas"]["Echo"] | null;
             /**
