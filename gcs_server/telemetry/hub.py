@@ -81,10 +81,10 @@ class EncodedSamples:
     def __init__(self, clock: Clock, fleet: Fleet) -> None:
         self._clock = clock
         self._fleet = fleet
-        self._bytes: dict[str, dict[str, tuple[float, bytes]]] = {}
-        """By vehicle and topic."""
+        self._encoded: dict[str, dict[str, tuple[float, bytes]]] = {}
+        """(time of the sample, JSON) by vehicle id and topic; see `_newest`."""
         self._checked: dict[tuple[str, str], tuple[float, object]] = {}
-        """Time of the last check and value of the server's topics."""
+        """(time of the last check, value) of the server's topics, by vehicle id and topic."""
         self.replays: Callable[[], Sequence[object]] = tuple
         """Returns the open replays; the replay service sets this function."""
         self.inspect: Callable[[Vehicle], object | None] = lambda _vehicle: None
@@ -101,7 +101,7 @@ class EncodedSamples:
 
     def forget(self, vehicle_id: str) -> None:
         """Drops all data of a removed vehicle."""
-        self._bytes.pop(vehicle_id, None)
+        self._encoded.pop(vehicle_id, None)
         for key in [key for key in self._checked if key[0] == vehicle_id]:
             del self._checked[key]
 
@@ -109,12 +109,12 @@ class EncodedSamples:
         """JSON of the newest samples that a client does not have yet.
 
         Args:
-            seen: by topic, the number of the sample that the client has; updated by this call.
+            seen: by topic, the time of the newest sample that the client has; updated by this call.
         """
-        samples = self._bytes.setdefault(vehicle.id, {})
+        samples = self._encoded.setdefault(vehicle.id, {})
         for topic in topics:
             newest = samples.get(topic)
-            # Most topics have not changed or are never sent, so this check is most of the work for a client.
+            # Most topics have not changed, or the vehicle never sends them: this check is most of the work.
             received_s = None if topic in SERVER_TOPICS else vehicle.topic_received_s(topic)
             if received_s is None and topic not in SERVER_TOPICS:
                 continue
@@ -128,8 +128,8 @@ class EncodedSamples:
     def _newest(
         self, vehicle: Vehicle, topic: str, stored_samples: dict[str, tuple[float, bytes]]
     ) -> tuple[float, bytes] | None:
-        """The newest sample as (number, JSON); the number increases with each sample. None before the first
-        sample."""
+        """The newest sample as (time of reception or of the change [s, monotonic], JSON); None: no sample
+        yet."""
         key = (vehicle.id, topic)
         stored = stored_samples.get(topic)
         if topic == "readiness":
@@ -192,7 +192,7 @@ class Subscriber:
         self._subscription: Subscribe | None = None
         self._topics: tuple[str, ...] = ()
         self._seen: dict[str, dict[str, float]] = {}
-        """By vehicle and topic, the number of the newest sample that was sent."""
+        """By vehicle id and topic, the time of the newest sample that was sent."""
         self._seen_replays: str | None = None
         self._events: deque[str] = deque()
         self._events_size = 0

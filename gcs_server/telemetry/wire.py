@@ -11,6 +11,7 @@ from gcs_server.vehicle.events import Event
 SCHEMA_VERSION = 1
 MAX_REQUEST_LENGTH = 65_536
 MAX_NAMES = 256
+"""Maximum number of vehicles, and of topics, in one subscription."""
 MAX_ERROR_LENGTH = 500
 
 # msgspec writes NaN and infinity as null, and supports dataclasses and tuples.
@@ -97,7 +98,7 @@ def parse_subscribe(text: str | bytes, known_topics: frozenset[str]) -> Subscrib
         raise ValueError(f"Not a subscription: {error}.") from error
     for name in ("vehicles", "topics"):
         if len(getattr(request, name)) > MAX_NAMES:
-            raise ValueError(f"{name}: at most {MAX_NAMES}.")
+            raise ValueError(f"{name}: at most {MAX_NAMES} names.")
     if isinstance(request.vehicles, str) and request.vehicles != "*":
         raise ValueError('vehicles: a list of ids, or "*".')
     if isinstance(request.topics, str):

@@ -64,7 +64,9 @@ class WorkerCalls:
         self._server_silent_limit_s = server_silent_limit_s
         self._on_update, self._on_end, self._relay = on_update, on_end, relay
         self._pending: dict[int, _PendingRequest] = {}
-        self._started_s = self._checked_s = self._worker_unresponsive_since_s = float("-inf")
+        self._started_s = self._checked_s = self._last_progress_s = float("-inf")
+        """Times of the last start, of the last check, and of the last sign that the process handles messages
+        [s, monotonic]."""
         self.worker: WorkerHandle | None = None
         """The running process; None if there is no process."""
 
@@ -97,12 +99,12 @@ class WorkerCalls:
         if worker is None or not worker.started or not worker.has_unhandled_messages:
             return
         if loop_stalled:
-            self._worker_unresponsive_since_s = now_s
+            self._last_progress_s = now_s
         worker.read()
         if (
             self.worker is worker
             and worker.has_unhandled_messages
-            and now_s - self._worker_unresponsive_since_s >= ANSWER_TIMEOUT_S
+            and now_s - self._last_progress_s >= ANSWER_TIMEOUT_S
         ):
             self._drop_worker()
 
@@ -112,7 +114,7 @@ class WorkerCalls:
         if worker is None:
             return 0
         if not worker.has_unhandled_messages:
-            self._worker_unresponsive_since_s = self._clock.monotonic_s()
+            self._last_progress_s = self._clock.monotonic_s()
         try:
             return worker.send(message)
         except SEND_ERRORS:
@@ -154,7 +156,7 @@ class WorkerCalls:
     def _handle_value(self, value: object) -> None:
         if isinstance(value, Update):
             if self.worker is not None and self.worker.record_handled(value.last_handled):
-                self._worker_unresponsive_since_s = self._clock.monotonic_s()
+                self._last_progress_s = self._clock.monotonic_s()
             self._on_update(value)
         elif isinstance(value, Answer):
             self._handle_answer(value)

@@ -60,17 +60,17 @@ class WorkerHandle:
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._on_value, self._on_end, self._relay = on_value, on_end, relay
-        messages, worker_messages = socket.socketpair()
+        pipe_socket, worker_pipe_socket = socket.socketpair()
         self._side_channel, worker_side_channel = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._pipe = MessagePipe(messages, MAX_WAITING_BYTES)
+        self._pipe = MessagePipe(pipe_socket, MAX_WAITING_BYTES)
         self._process: subprocess.Popen[bytes] | None = None
         self._faults = FaultLog("setpoint streams")
         self._closed = False
-        self._posted = 0
-        self._handled = 0
+        self._sent_number = self._handled_number = 0
+        """Numbers of the last sent message, and of the last message that the process has handled."""
         self._writing = False
-        self._passed_sockets = 0
-        self._numbers: dict[socket.socket, int] = {}
+        self._last_socket_number = 0
+        self._socket_numbers: dict[socket.socket, int] = {}
         """Numbers of the sockets that the process has received."""
         self.connections: dict[int, Connection] = {}
         """By socket number."""
@@ -81,7 +81,7 @@ class WorkerHandle:
         self._loop.add_reader(self._pipe.fileno(), self.read)
         self._thread = threading.Thread(
             target=self._watch_process,
-            args=(own_ids, server_silent_limit_s, worker_messages, worker_side_channel),
+            args=(own_ids, server_silent_limit_s, worker_pipe_socket, worker_side_channel),
             name="offboard-reports",
             daemon=True,
         )
@@ -95,12 +95,12 @@ class WorkerHandle:
     @property
     def has_unhandled_messages(self) -> bool:
         """Whether the process has not yet handled all messages."""
-        return self._handled < self._posted
+        return self._handled_number < self._sent_number
 
     def record_handled(self, number: int) -> bool:
         """Records that the process has handled all messages up to this number; returns whether the number is
         new."""
-        before, self._handled = self._handled, max(self._handled, number)
+        before, self._handled_number = self._handled_number, max(self._handled_number, number)
         return number > before
 
     def send(self, message: Post | Request[Any]) -> int:
@@ -110,21 +110,21 @@ class WorkerHandle:
             EOFError: the process has died.
             PipeFull: the process does not read.
         """
-        self._pipe.send(Numbered(self._posted + 1, message))
-        self._posted += 1
+        self._pipe.send(Numbered(self._sent_number + 1, message))
+        self._sent_number += 1
         self._write_rest()
-        return self._posted
+        return self._sent_number
 
     def read(self) -> None:
         """Reads the values that have arrived."""
         if self._closed:
             return
         try:
-            values = self._pipe.receive()
+            batches = self._pipe.receive()
         except EOFError:
             self._on_process_death()
             return
-        for batch in values:
+        for batch in batches:
             assert isinstance(batch, tuple)
             for value in batch:  # pyright: ignore[reportUnknownVariableType]
                 try:
@@ -138,9 +138,9 @@ class WorkerHandle:
         """
         routes = {vehicle_id: self._route(sender) for vehicle_id, sender in senders.items()}
         used = {route.socket_number for route in routes.values() if isinstance(route, Route)}
-        if len(used) < len(self._numbers):
-            self._numbers = {s: number for s, number in self._numbers.items() if number in used}
-            oldest_remembered = self._passed_sockets - LATE_REPORT_SOCKETS
+        if len(used) < len(self._socket_numbers):
+            self._socket_numbers = {s: number for s, number in self._socket_numbers.items() if number in used}
+            oldest_remembered = self._last_socket_number - LATE_REPORT_SOCKETS
             self.connections = {
                 n: c for n, c in self.connections.items() if n in used or n > oldest_remembered
             }
@@ -149,14 +149,14 @@ class WorkerHandle:
     @property
     def has_sockets(self) -> bool:
         """Whether the process has any socket."""
-        return bool(self._numbers)
+        return bool(self._socket_numbers)
 
     @property
     def has_closed_sockets(self) -> bool:
         """Whether the process still has a socket that the server has closed. The port stays in use until the
         process closes the socket.
         """
-        return any(link_socket.fileno() < 0 for link_socket in self._numbers)
+        return any(link_socket.fileno() < 0 for link_socket in self._socket_numbers)
 
     def _route(self, sender: PayloadSender) -> AnyRoute | None:
         path = sender.send_path()
@@ -167,16 +167,16 @@ class WorkerHandle:
         link_socket = path.connection.link.datagram_socket()
         if link_socket is None or link_socket.fileno() < 0:
             return None
-        if link_socket not in self._numbers:
-            number = self._passed_sockets + 1
-            rights = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [link_socket.fileno()]))
+        if link_socket not in self._socket_numbers:
+            number = self._last_socket_number + 1
+            ancillary = (socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", [link_socket.fileno()]))
             try:
-                self._side_channel.sendmsg([b"%d" % number], [rights], socket.MSG_DONTWAIT)
+                self._side_channel.sendmsg([b"%d" % number], [ancillary], socket.MSG_DONTWAIT)
             except OSError:  # the process does not read, or has died; the next message tries again
                 return None
-            self._passed_sockets = self._numbers[link_socket] = number
+            self._last_socket_number = self._socket_numbers[link_socket] = number
             self.connections[number] = path.connection
-        return Route(self._numbers[link_socket], path.peer.address, _signing(path.connection))
+        return Route(self._socket_numbers[link_socket], path.peer.address, _signing(path.connection))
 
     # --- end --------------------------------------------------------------------------------------
 
@@ -229,10 +229,10 @@ class WorkerHandle:
         self,
         own_ids: tuple[int, int],
         server_silent_limit_s: float,
-        worker_messages: socket.socket,
+        worker_pipe_socket: socket.socket,
         worker_side_channel: socket.socket,
     ) -> None:
-        descriptors = [worker_messages.fileno(), worker_side_channel.fileno()]
+        descriptors = [worker_pipe_socket.fileno(), worker_side_channel.fileno()]
         arguments = [*descriptors, *own_ids, server_silent_limit_s]
         try:
             self._process = subprocess.Popen(
@@ -245,7 +245,7 @@ class WorkerHandle:
         except OSError:
             log.exception("the process that flies setpoint streams could not be started")
         finally:
-            worker_messages.close()  # so that the event loop notices the end of the process
+            worker_pipe_socket.close()  # so that the event loop notices the end of the process
             worker_side_channel.close()
         while data := self._next_report():
             try:
@@ -286,7 +286,6 @@ def _signing(connection: Connection) -> RouteSigning | None:
     signing = connection.signing
     if signing is None:
         return None
-    ahead_s = (
-        signing.signer.clock.ahead_ticks // TICKS_PER_S
-    )  # whole seconds, so that the route rarely changes
+    # whole seconds, so that the route rarely changes
+    ahead_s = signing.signer.clock.ahead_ticks // TICKS_PER_S
     return RouteSigning(signing.signer.key.reveal(), signing.signer.link_id, ahead_s * TICKS_PER_S)

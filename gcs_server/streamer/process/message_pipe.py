@@ -18,7 +18,7 @@ class PipeFull(Exception):
 
 
 class MessagePipe:
-    """One end of the pipe. Both ends are processes of this server, so received values are trusted.
+    """One end of the pipe. Both ends belong to this server, so received values are trusted.
 
     Args:
         sock: a connected stream socket; the pipe owns it.

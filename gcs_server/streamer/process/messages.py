@@ -344,6 +344,7 @@ class Update:
     last_handled: int
     """Number of the last handled message."""
     at_s: float
+    """Time of the states [s, monotonic]."""
     states: Mapping[str, StreamState]
     """States of running streams, and of streams that have just ended."""
     unchanged_requests: frozenset[str]

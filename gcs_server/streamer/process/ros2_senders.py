@@ -86,7 +86,7 @@ class ModeTopics:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
             from gcs_server.ros2.dds import open_topics
 
-            trajectory = "TrajectorySetpoint"
+            trajectory = "TrajectorySetpoint"  # for the velocity of zero before a stream flies the vehicle
             sent = {**SENT_TYPES, SETPOINT_TOPICS[trajectory]: trajectory}
             read = [Subscription(topic, kind, 0.0, READ_DEPTH) for topic, kind in READ_TYPES.items()]
             self._topics = open_topics(
@@ -103,7 +103,7 @@ class Ros2Senders:
         self._senders: dict[DdsAddress, Ros2Sender] = {}
 
     def sender_for(self, address: DdsAddress) -> Ros2Sender:
-        """The sender for an address; the first call for an address starts to open it."""
+        """The sender for an address; the first call for an address starts to open DDS."""
         if address not in self._senders:
             self._senders[address] = Ros2Sender(address)
         return self._senders[address]

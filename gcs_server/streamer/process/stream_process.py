@@ -112,7 +112,7 @@ class StreamProcess(Streams):
     def close(self) -> None:
         self._started = False
         self._calls.close()
-        self._forget()
+        self._clear_streams()
 
     def update_snapshots(self, snapshots: Mapping[str, Snapshot]) -> None:
         self._calls.check_alive()
@@ -169,14 +169,14 @@ class StreamProcess(Streams):
             if number:
                 self._begun.add(vehicle_id)
                 record.number = max(record.number, number)
-            if number and answer.cancelled():
+            if number and future.cancelled():
                 self.end(vehicle_id, "refused", "Offboard did not start: it was cancelled.", number)
 
         self._post_routes()
-        answer = self._calls.request(messages.BeginStream(vehicle_id, request, rate_hz, snapshot), on_begun)
-        answer.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
+        future = self._calls.request(messages.BeginStream(vehicle_id, request, rate_hz, snapshot), on_begun)
+        future.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
         try:
-            return await self._calls.answer(answer)
+            return await self._calls.answer(future)
         except WorkerDied:
             raise Refused(RESTARTING, remedy="Try again in a second.") from None
 
@@ -361,10 +361,10 @@ class StreamProcess(Streams):
             record = self._vehicles[vehicle_id]
             record.last = StreamState(last_end=report, number=record.number)
             self._reports.append((vehicle_id, report))
-        self._forget()
+        self._clear_streams()
         self._spawn()
 
-    def _forget(self) -> None:
+    def _clear_streams(self) -> None:
         self._begun.clear()
         self._groups.clear()
         self._reported.clear()

@@ -70,10 +70,11 @@ MAX_RUN_US = 1_000_000
 MAX_BUSY_S, PAUSE_S = 0.05, 0.005
 """After MAX_BUSY_S without a wait, the worker pauses for PAUSE_S [s]: overloaded streams become late, but the
 server still gets processor time."""
-MAX_ROUTES_BYTES = 64
+MAX_SOCKET_NUMBER_BYTES = 64
+"""Maximum size of the text that accompanies a passed socket: its number."""
 
 SentFrame = tuple[int, int, bytes]
-"""Socket number, time since 1970 [us], frame."""
+"""Socket number, time since 1970 [µs], frame."""
 
 
 class WorkerReports:
@@ -94,8 +95,8 @@ class WorkerReports:
         self._sent.append(frame)
 
     def relay(self, vehicle_id: str, msg_id: int, payload: bytes) -> bool:
-        """Requests the server to send a payload with its creation time. Returns False if the server's buffer
-        is full."""
+        """Passes a payload with its creation time to the server, which sends it. Returns False if the
+        server's buffer is full."""
         try:
             self._side_channel.send(pickle.dumps(("relay", vehicle_id, msg_id, payload, time.monotonic())))
         except OSError:  # the server does not read, or has died
@@ -132,7 +133,7 @@ class WorkerSender:
         return None if self.dds is None else self._worker.ros2.sender_for(self.dds)
 
     def send_payload(self, msg_id: int, payload: bytes, *, created_s: float | None = None) -> bool:
-        """Sends a datagram, or requests the server to send the payload."""
+        """Sends a datagram, or passes the payload to the server, which sends it."""
         worker, route = self._worker, self.route
         if route is None:
             return worker.reports.relay(self._vehicle_id, msg_id, payload)
@@ -250,16 +251,16 @@ class Worker:
 
     def set_routes(self, routes: Mapping[str, AnyRoute | None]) -> None:
         """See `Routes`."""
-        with contextlib.suppress(BlockingIOError):  # all passed sockets have arrived
+        with contextlib.suppress(BlockingIOError):  # until no passed socket is left
             while True:
-                head, descriptors, _, _ = socket.recv_fds(self._side_channel, MAX_ROUTES_BYTES, 1)
+                head, descriptors, _, _ = socket.recv_fds(self._side_channel, MAX_SOCKET_NUMBER_BYTES, 1)
                 if not descriptors:
                     break
                 self.sockets[int(head)] = socket.socket(fileno=descriptors[0])
         for vehicle_id, sender in self._senders.items():
             route = routes.get(vehicle_id)
-            by_socket = route if isinstance(route, Route) else None
-            sender.route = by_socket if by_socket and by_socket.socket_number in self.sockets else None
+            by_datagram = route if isinstance(route, Route) else None
+            sender.route = by_datagram if by_datagram and by_datagram.socket_number in self.sockets else None
             sender.dds = route if isinstance(route, DdsAddress) else None
             if sender.dds is not None:
                 self.ros2.sender_for(sender.dds)  # opened before the first setpoint

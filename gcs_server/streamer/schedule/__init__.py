@@ -1,1 +1,1 @@
-"""Decides when each stream sends what: one state machine per vehicle, one scheduler for all. No I/O."""
+"""Decides what each stream sends, and when: a state machine per vehicle, one scheduler for all. No I/O."""

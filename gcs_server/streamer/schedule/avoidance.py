@@ -1,4 +1,4 @@
-"""Obstacle avoidance of one stream, between the resolving and the limiting of a setpoint."""
+"""Obstacle avoidance of one stream: changes a setpoint after it is resolved and before it is limited."""
 
 from __future__ import annotations
 

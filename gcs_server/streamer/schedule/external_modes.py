@@ -1,6 +1,6 @@
 """The modes that this server has registered with PX4, in the process that sends the setpoints.
 
-PX4 requests three times a second whether a mode can run, and returns (RTL) 1.1 s after the last reply. So a
+PX4 sends three arming check requests a second for a mode, and returns (RTL) 1.1 s after the last reply. So a
 stalled event loop must not stop the replies. If the event loop sends nothing for too long, the replies report
 that the mode cannot run; PX4 then does not start the mode, or leaves it.
 
@@ -60,6 +60,7 @@ REQUIRED_TOPICS: Final = frozenset(
 )
 """Topics without which a mode cannot be registered, flown, or removed."""
 STOP_MESSAGES: Final = encode(Velocity((0.0, 0.0, 0.0)))[1]
+"""The setpoint of zero velocity."""
 
 
 def topics_for(declaration: ModeDeclaration) -> frozenset[str]:
@@ -232,8 +233,8 @@ class ExternalModes:
         if vehicle.removals and now_s >= vehicle.next_removal_s:
             self._send(vehicle, [vehicle.removals.pop(0)])
             vehicle.next_removal_s = now_s + REMOVE_EVERY_S
-        states = [mode.registration.nav_state for mode in vehicle.modes if mode.registration.mode]
-        if stop and vehicle.active_nav_state is not None and vehicle.active_nav_state in states:
+        nav_states = [mode.registration.nav_state for mode in vehicle.modes if mode.registration.mode]
+        if stop and vehicle.active_nav_state is not None and vehicle.active_nav_state in nav_states:
             self._send(vehicle, [controllers_message(vehicle.active_nav_state, "velocity"), *STOP_MESSAGES])
 
     def _send(self, vehicle: _VehicleModes, messages: Iterable[Message]) -> None:

@@ -54,6 +54,7 @@ class SetpointPipeline:
         self._unlimited: DirectSetpoint | None = None
         self._bounds: Bounds = UNBOUNDED
         self._limited_s = 0.0
+        """Time when `_unlimited` was last limited by `_bounds` [s, monotonic]."""
         self._reported_s: dict[str, float] = {}
         self._reports: list[StreamEvent] = []
         self._avoidance = AvoidanceStage()
@@ -86,7 +87,7 @@ class SetpointPipeline:
             keeps_yaw,
             None,
         )
-        self._load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
+        self._limit_and_load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
 
     def restart_path(self, now_s: float) -> None:
         """Starts the path now. Before this call, only its first point was sent."""
@@ -128,11 +129,11 @@ class SetpointPipeline:
             None,
         )
         self._avoidance.reset()
-        self._load(now_s, snapshot, held_setpoint)
+        self._limit_and_load(now_s, snapshot, held_setpoint)
 
     def refresh(self, now_s: float, snapshot: Snapshot, *, waiting: bool) -> str | None:
-        """Updates the setpoint to send. Returns the reason why the stream must take over; None: the setpoint
-        may be sent.
+        """Updates the setpoint to send. Returns why the stream must stop flying the accepted setpoint; None:
+        no reason.
 
         Args:
             now_s: current time [s, monotonic].
@@ -148,7 +149,7 @@ class SetpointPipeline:
             return None
         if self._resolved is not None:
             requested = self._avoid(now_s, snapshot, requested, waiting=waiting)
-        return self._load(now_s, snapshot, requested).stop_reason
+        return self._limit_and_load(now_s, snapshot, requested).stop_reason
 
     def take_reports(self) -> list[StreamEvent]:
         """Returns the reports of limits and avoidance since the last call."""
@@ -174,7 +175,7 @@ class SetpointPipeline:
         )
 
     def depends_on_local_origin(self) -> bool:
-        """Whether the sent setpoint is a fixed position relative to the vehicle's local origin. Not true
+        """Whether the sent setpoint is a fixed position relative to the vehicle's local origin. False
         for a position relative to a leader, which is computed again for each setpoint."""
         sent = self.sent
         if self.followed_vehicle is not None or not isinstance(sent, Position | Trajectory):
@@ -206,7 +207,7 @@ class SetpointPipeline:
             return None
         return self._avoidance.way if self._avoidance.is_on_detour else sampler.avoidance
 
-    def _load(self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint) -> LimitResult:
+    def _limit_and_load(self, now_s: float, snapshot: Snapshot, requested: DirectSetpoint) -> LimitResult:
         bounds = self._bounds if snapshot.bounds == self._bounds else snapshot.bounds
         surroundings = self._surroundings(now_s, snapshot, bounds)
         if surroundings is None:

@@ -66,6 +66,7 @@ class StreamScheduler:
         self._streams: dict[str, _Stream] = {}
         self._guards: dict[str, GroupGuard] = {}
         self._loop_message_s = clock.monotonic_s()
+        """Time of the last message from the event loop."""
         self._modes = ExternalModes(clock, open_mode_port)
 
     def start(self) -> None:
@@ -299,11 +300,11 @@ class StreamScheduler:
         return {v: guard.pending_request(v) for guard in self._guards.values() for v in guard.members}
 
     def take_findings(self) -> list[tuple[str, Finding]]:
-        reports: list[tuple[str, Finding]] = []
+        findings: list[tuple[str, Finding]] = []
         for name, guard in self._guards.items():
             while guard.findings:
-                reports.append((name, guard.findings.popleft()))
-        return reports
+                findings.append((name, guard.findings.popleft()))
+        return findings
 
     def change_together(
         self,

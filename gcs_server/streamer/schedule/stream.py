@@ -33,10 +33,11 @@ MODE_REQUEST_PERIOD_S = 1.0
 MAX_MODE_REQUESTS = 5
 """Number of unconfirmed mode requests after which the stream stops; PX4's own failsafe then takes over."""
 MAX_START_S = 20.0
+"""Time within which Offboard must be confirmed [s]."""
 STOP_TIMEOUT_S = 7.0
 """Time after which the stream requests Hold itself, if the event loop has not completed a stop [s]."""
 UNDO_S = 2.5
-"""Time for which a vehicle may report Offboard after a failed start [s]; one heartbeat of two may be lost."""
+"""Time in which a vehicle may still report Offboard after a failed start [s]; one heartbeat may be lost."""
 INHIBIT_MODE_REQUESTS_S = 6.5
 """Time after a pilot's mode command in which the stream requests no mode itself [s]."""
 JUMP_M, JUMP_M_S = 5.0, 20.0
@@ -63,8 +64,8 @@ class VehicleStream:
         """Times of the setpoints; while idle, the times of the last stream."""
         self.reports: deque[StreamEvent] = deque(maxlen=50)
         self.last_end: StreamEvent | None = None
-        self._since_s = 0.0  # when the request was accepted
-        self._engaged_s = math.inf  # when Offboard was confirmed
+        self._since_s = 0.0  # start of the request's age and validity, or of the phase `undoing`
+        self._engaged_s = math.inf  # time from which leaving Offboard ends the stream
         self._phase_until_s = math.inf
         self._requested_mode: str | None = None
         self._mode_requests = 0
@@ -247,7 +248,6 @@ class VehicleStream:
         self.cadence.send_now(now_s)
 
     def _refresh_setpoint(self, now_s: float, snapshot: Snapshot) -> None:
-        """Updates the setpoint to send."""
         flies_request = self.phase in ("starting", "streaming")
         stop = self._pipeline.refresh(now_s, snapshot, waiting=self.phase == "starting")
         self.reports.extend(self._pipeline.take_reports())
