@@ -175,8 +175,8 @@ class Server:
             has_scene=self.scene is not None,
             simulator=self._simulator is not None,
         )
-        self.station.hub.watch_replays(replays.all)
-        self.station.hub.watch_ros2_topics(self.station.topic_inspectors.inspect)
+        self.station.hub.set_replays_source(replays.all)
+        self.station.hub.set_ros2_topics_source(self.station.topic_inspectors.inspect)
         self.streamer.groups.on_change = self._publish_group
         self.fleet.subscribe(self._cancel_operations_on_loss)
         self._links = (*settings.links, *more_links)

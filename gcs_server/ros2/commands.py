@@ -64,8 +64,9 @@ def command_fields(frame: Frame) -> dict[str, Any] | None:
     }
 
 
-def mode_of_refusal(fields: Values, current_nav_state: int) -> int | None:
-    """`nav_state` of the mode whose requirements may explain why PX4 refuses this command; None: no mode.
+def mode_of_command(fields: Values, current_nav_state: int) -> int | None:
+    """`nav_state` of the mode that a command selects, or in which it arms; None: no mode. If PX4 refuses the
+    command, the requirements of this mode may explain the refusal.
 
     Args:
         fields: the fields of the VehicleCommand.

@@ -31,8 +31,8 @@ from gcs_server.ros2.message_types import MESSAGES, MessageType
 from gcs_server.ros2.topics import STATUS, SUBSCRIPTIONS, Subscription, wire_name
 
 LOOPBACK: Final = "lo"
-MAX_PARTICIPANTS: Final = 99
-"""Maximum number of participants on loopback: without multicast, discovery uses one port for each."""
+MAX_PARTICIPANT_INDEX: Final = 99
+"""Highest index of a participant on loopback. Without multicast, each index has its own discovery port."""
 MAX_ANNOUNCEMENTS: Final = 200
 """Maximum number of announcements that are read at once, each of writers and of readers."""
 MAX_WRITERS: Final = 64
@@ -57,7 +57,7 @@ def configuration(interface: str | None) -> str:
     if interface is None:
         general = "<AllowMulticast>false</AllowMulticast>"
         discovery = (
-            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{MAX_PARTICIPANTS}"
+            f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{MAX_PARTICIPANT_INDEX}"
             '</MaxAutoParticipantIndex><Peers><Peer address="127.0.0.1"/></Peers>'
         )
     network = f"<Interfaces><NetworkInterface name={quoteattr(interface or LOOPBACK)}/></Interfaces>"

@@ -13,7 +13,7 @@ from typing import Final, Protocol
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import Frame, FrameParser, encode_frame, encode_payload
 from gcs_server.mavlink.dialect import MAVLink_message
-from gcs_server.ros2.commands import command_ack, command_fields, mode_of_refusal, requested_message
+from gcs_server.ros2.commands import command_ack, command_fields, mode_of_command, requested_message
 from gcs_server.ros2.message_types import MESSAGES, MalformedMessage, Values
 from gcs_server.ros2.to_mavlink import MavlinkConverter
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK, SUBSCRIPTIONS
@@ -133,7 +133,7 @@ class VehicleLink:
         if command is None:
             raise OSError(f"PX4 has no ROS 2 message for MAVLink message {frame.msg_id}")
         if len(self._refusal_modes) < MAX_REQUESTED or command["command"] in self._refusal_modes:
-            mode = mode_of_refusal(command, self._converter.nav_state)
+            mode = mode_of_command(command, self._converter.nav_state)
             self._refusal_modes[command["command"]] = mode
         self._sender.send(COMMAND, MESSAGES["VehicleCommand"].encode({**command, "timestamp": unix_us}))
 

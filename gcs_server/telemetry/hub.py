@@ -200,7 +200,7 @@ class Subscriber:
         self._wake = asyncio.Event()
         self.overflowed = False
 
-    def offer_event(self, event: Event, text: str) -> None:
+    def queue_event(self, event: Event, text: str) -> None:
         """Queues an event; if the queue is full, the client is disconnected."""
         subscription = self._subscription
         chosen = (
@@ -209,9 +209,9 @@ class Subscriber:
             else None
         )
         if chosen is None or event.vehicle is None or event.vehicle in chosen:
-            self.offer_text(text)
+            self.queue_text(text)
 
-    def offer_text(self, text: str) -> None:
+    def queue_text(self, text: str) -> None:
         """Queues a frame that must not be skipped."""
         if len(self._events) >= EVENT_QUEUE_LENGTH or self._events_size > EVENT_QUEUE_CHARACTERS:
             self.overflowed = True
@@ -220,11 +220,11 @@ class Subscriber:
             self._events_size += len(text)
         self._wake.set()
 
-    def offer_error(self, detail: str) -> None:
+    def queue_error(self, detail: str) -> None:
         """Queues an error frame for an invalid request, unless too many error frames wait."""
         if self._errors < MAX_WAITING_ERRORS:
             self._errors += 1
-            self.offer_text(error_frame(detail))
+            self.queue_text(error_frame(detail))
 
     def subscribe(self, request: Subscribe) -> None:
         """Applies a subscription immediately, and sends all its values again."""
@@ -293,11 +293,11 @@ class Hub:
         self._clients: set[Subscriber] = set()
         self._unsubscribe: Callable[[], None] = fleet.subscribe(self.publish)
 
-    def watch_replays(self, replays: Callable[[], Sequence[object]]) -> None:
+    def set_replays_source(self, replays: Callable[[], Sequence[object]]) -> None:
         """Sets the function that returns the open replays."""
         self._samples.replays = replays
 
-    def watch_ros2_topics(self, inspect: Callable[[Vehicle], object | None]) -> None:
+    def set_ros2_topics_source(self, inspect: Callable[[Vehicle], object | None]) -> None:
         """Sets the function that returns the ROS 2 topics of a vehicle, or None if it has no ROS 2 link."""
         self._samples.inspect = inspect
 
@@ -313,7 +313,7 @@ class Hub:
             log.exception("event %r could not be encoded", event.kind)
             return
         for client in self._clients:
-            client.offer_event(event, text)
+            client.queue_event(event, text)
 
     async def serve(self, socket: Socket) -> None:
         """Serves one accepted socket until it closes."""
@@ -339,4 +339,4 @@ class Hub:
             try:
                 client.subscribe(parse_subscribe(text, ALL_TOPICS))
             except ValueError as error:
-                client.offer_error(str(error))
+                client.queue_error(str(error))

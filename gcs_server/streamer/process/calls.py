@@ -136,7 +136,7 @@ class WorkerCalls:
             future.set_exception(WorkerDied())
         return future
 
-    async def answer(self, future: asyncio.Future[T]) -> T:
+    async def wait_for_answer(self, future: asyncio.Future[T]) -> T:
         """Waits for the answer to a request; a process that does not answer in time is killed.
 
         Raises:

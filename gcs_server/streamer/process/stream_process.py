@@ -176,7 +176,7 @@ class StreamProcess(Streams):
         future = self._calls.request(messages.BeginStream(vehicle_id, request, rate_hz, snapshot), on_begun)
         future.add_done_callback(lambda _: self._beginning.remove(vehicle_id))
         try:
-            return await self._calls.answer(future)
+            return await self._calls.wait_for_answer(future)
         except WorkerDied:
             raise Refused(RESTARTING, remedy="Try again in a second.") from None
 
@@ -238,7 +238,7 @@ class StreamProcess(Streams):
         await self.ready()
         self._attach_to_worker(vehicle_id)
         try:
-            await self._calls.answer(
+            await self._calls.wait_for_answer(
                 self._calls.request(mode_messages.RegisterMode(vehicle_id, address, declaration))
             )
         except WorkerDied:
@@ -332,7 +332,7 @@ class StreamProcess(Streams):
     async def _request(self, message: messages.Request[bool]) -> bool:
         """Sends a request and returns the answer; False if the process has ended."""
         try:
-            return await self._calls.answer(self._calls.request(message))
+            return await self._calls.wait_for_answer(self._calls.request(message))
         except WorkerDied:
             return False
 

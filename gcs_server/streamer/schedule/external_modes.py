@@ -138,37 +138,32 @@ class ExternalModes:
 
     def unregister(self, vehicle_id: str, name: str) -> None:
         """Removes a mode, also one whose registration was refused or lost."""
-        vehicle = self._vehicles.get(vehicle_id)
-        for mode in [] if vehicle is None else vehicle.modes:
-            if vehicle is not None and mode.declaration.name == name:
+        for vehicle, mode in self._modes_of(vehicle_id):
+            if mode.declaration.name == name:
                 vehicle.removals += mode.remove()
                 vehicle.modes = [other for other in vehicle.modes if other is not mode]
 
     def set_ready(self, vehicle_id: str, name: str, *, ready: bool) -> None:
         """Sets whether PX4 may arm the vehicle in a mode."""
-        vehicle = self._vehicles.get(vehicle_id)
-        for mode in [] if vehicle is None else vehicle.modes:
+        for _, mode in self._modes_of(vehicle_id):
             if mode.declaration.name == name:
                 mode.ready = ready
 
     def complete(self, vehicle_id: str, mode: str, *, success: bool) -> None:
         """Reports to PX4 that a mode (`external_1` …) is complete, or that it has failed."""
-        vehicle = self._vehicles.get(vehicle_id)
-        for each in [] if vehicle is None else vehicle.modes:
-            if vehicle is not None and each.registration.mode == mode:
+        for vehicle, each in self._modes_of(vehicle_id):
+            if each.registration.mode == mode:
                 self._send(vehicle, each.completed(success=success))
 
     def execute(self, vehicle_id: str, mode: str, command: ExecutorCommand) -> None:
         """Sends a command of a mode's executor to PX4; `Registration.executor` contains the outcome later."""
-        vehicle = self._vehicles.get(vehicle_id)
-        for each in [] if vehicle is None else vehicle.modes:
-            if vehicle is not None and each.registration.mode == mode and each.executor is not None:
+        for vehicle, each in self._modes_of(vehicle_id):
+            if each.registration.mode == mode and each.executor is not None:
                 self._send(vehicle, each.executor.execute(command, self._clock.monotonic_s()))
 
     def forget(self, vehicle_id: str) -> None:
         """Removes all modes of a vehicle."""
-        vehicle = self._vehicles.get(vehicle_id)
-        for mode in [] if vehicle is None else list(vehicle.modes):
+        for _, mode in self._modes_of(vehicle_id):
             self.unregister(vehicle_id, mode.declaration.name)
 
     def close(self) -> None:
@@ -210,6 +205,11 @@ class ExternalModes:
             if not vehicle.modes and not vehicle.removals and now_s >= vehicle.next_removal_s:
                 del self._vehicles[vehicle_id]
         return self._next_s
+
+    def _modes_of(self, vehicle_id: str) -> list[tuple[_VehicleModes, ExternalMode]]:
+        """A vehicle's modes, each with the data of the vehicle."""
+        vehicle = self._vehicles.get(vehicle_id)
+        return [] if vehicle is None else [(vehicle, mode) for mode in vehicle.modes]
 
     def _read(self, vehicle: _VehicleModes, now_s: float, server_alive: bool) -> None:
         for topic, data in vehicle.port.take():

@@ -81,12 +81,8 @@ class SetpointPipeline:
         first = resolved.at(now_s, snapshot, waiting=True)
         if first is None:
             raise ValueError(f"vehicle {resolved.followed_vehicle} sends no position")
-        self._resolved, self._held_setpoint, self._keeps_yaw, self._held_without_sensor = (
-            resolved,
-            None,
-            keeps_yaw,
-            None,
-        )
+        self._resolved, self._keeps_yaw = resolved, keeps_yaw
+        self._held_setpoint = self._held_without_sensor = None
         self._limit_and_load(now_s, snapshot, self._avoid(now_s, snapshot, first, waiting=True))
 
     def restart_path(self, now_s: float) -> None:
@@ -122,12 +118,8 @@ class SetpointPipeline:
             )
         else:
             held_setpoint = Velocity((0.0, 0.0, 0.0), yaw_rate_ned_rad_s=0.0)
-        self._resolved, self._held_setpoint, self._keeps_yaw, self._held_without_sensor = (
-            None,
-            held_setpoint,
-            False,
-            None,
-        )
+        self._resolved, self._keeps_yaw = None, False
+        self._held_setpoint, self._held_without_sensor = held_setpoint, None
         self._avoidance.reset()
         self._limit_and_load(now_s, snapshot, held_setpoint)
 

@@ -149,7 +149,7 @@ def test_a_vehicle_that_returns_under_its_id_is_sent_again():
 def test_a_replaced_vehicle_is_announced_before_its_samples():
     async def scenario(fleet, socket, hub):
         replays = []
-        hub.watch_replays(lambda: replays)
+        hub.set_replays_source(lambda: replays)
         await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
         await asyncio.sleep(1)
         socket.writable.clear()
@@ -290,7 +290,9 @@ def test_a_too_long_request_is_explained_briefly(message):
 def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
     async def scenario(fleet, socket, hub):
         inspections = []
-        hub.watch_ros2_topics(lambda vehicle: inspections.append(vehicle.id) or {"topics": len(inspections)})
+        hub.set_ros2_topics_source(
+            lambda vehicle: inspections.append(vehicle.id) or {"topics": len(inspections)}
+        )
         await socket.messages.put(json.dumps({"type": "subscribe", "rate_hz": 10}))
         await asyncio.sleep(5)
         assert inspections == []

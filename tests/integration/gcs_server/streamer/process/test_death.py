@@ -57,7 +57,7 @@ async def test_the_modes_of_a_killed_process_are_lost(streams, vehicle):
     (mode,) = streams.modes()["1"]
     assert (mode.name, mode.state, mode.mode) == ("Survey", "lost", None)
     assert mode.reason.endswith("ended")
-    assert streams.pid is not None
+    await until(lambda: streams.update_snapshots({}) or streams.pid is not None)
 
 
 @with_stream_process
