@@ -87,7 +87,7 @@ class AvoidanceControl:
         """
         if not self._has_recent_scan():
             raise Refused(
-                f"Vehicle {self._vehicle.id} cannot avoid obstacles: no data from an obstacle sensor within "
+                f"Vehicle {self._vehicle.id} cannot avoid obstacles: no obstacle sensor has sent data within "
                 f"the last {FRESH_S:g} s.",
                 remedy="Check the sensor (OBSTACLE_DISTANCE, or DISTANCE_SENSOR with a horizontal direction) "
                 "and the link, or switch avoidance off.",
