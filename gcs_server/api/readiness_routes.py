@@ -48,5 +48,5 @@ async def check(vehicle: VehicleDep) -> Response:
     from the vehicle's files, once per firmware, and arrive a little later.
     """
     await vehicle.health.check()
-    vehicle.in_background("metadata of its events", vehicle.health.read_texts(vehicle.metadata))
+    vehicle.in_background("metadata of its events", vehicle.health.read_definitions(vehicle.metadata))
     return json_response(_view(vehicle))

@@ -90,10 +90,10 @@ class Vehicle:
         """Whether the event "Connection lost" was added for the current loss."""
         self._handlers: dict[int, Callable[[Frame, Endpoint], None]] = {
             d.MAVLINK_MSG_ID_STATUSTEXT: lambda f, e: self._event_logger.text(full_payload(f), e),
-            d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.event(full_payload(f)),
-            d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.current(full_payload(f)),
+            d.MAVLINK_MSG_ID_EVENT: lambda f, _: self.health.take_event(full_payload(f)),
+            d.MAVLINK_MSG_ID_CURRENT_EVENT_SEQUENCE: lambda f, _: self.health.take_sequence(full_payload(f)),
             d.MAVLINK_MSG_ID_PARAM_VALUE: lambda f, _: self.params.take_value(full_payload(f)),
-            d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.unavailable(full_payload(f)),
+            d.MAVLINK_MSG_ID_RESPONSE_EVENT_ERROR: lambda f, _: self.health.take_event_error(full_payload(f)),
             d.MAVLINK_MSG_ID_AVAILABLE_MODES: lambda f, _: self.mode_list.take(full_payload(f)),
             d.MAVLINK_MSG_ID_AVAILABLE_MODES_MONITOR: lambda f, _: self.mode_list.changed(full_payload(f)),
             d.MAVLINK_MSG_ID_COMMAND_ACK: lambda f, _: self._external_control.ack(full_payload(f)),
@@ -278,7 +278,7 @@ class Vehicle:
         task.add_done_callback(lambda _: work.close())  # if the task was cancelled before its first step
 
     def _fetch_metadata(self) -> None:
-        self.in_background("metadata of its events", self.health.read_texts(self.metadata))
+        self.in_background("metadata of its events", self.health.read_definitions(self.metadata))
 
     # --- called by the fleet only --------------------------------------------------------------
 

@@ -124,7 +124,7 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
         payload = encode_payload(
             d.MAVLink_event_message(0, 0, 26266355, 5000, 1, 0x66, [4, *[0] * 39])  # boot clock: 5 s
         )
-        vehicle.health.event(payload)
+        vehicle.health.take_event(payload)
         assert vehicle.health.revision == revision + 1
         assert vehicle.health.readiness.known is False
 

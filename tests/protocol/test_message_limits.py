@@ -9,7 +9,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
 from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.px4_events import TEXTS
-from gcs_server.vehicle.services.health import TEXTS_TIMEOUT_S
+from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
 from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
 from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.sim_world import SimulatedAutopilot
@@ -63,8 +63,8 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, j
                 i for i, e in definitions.items() if i not in TEXTS and not e.is_check and not e.arguments
             )
             sequence = vehicle.health._stream.expected
-            vehicle.health.event(event_payload(event_id, sequence))
-            await world.clock.sleep(TEXTS_TIMEOUT_S + 1)
+            vehicle.health.take_event(event_payload(event_id, sequence))
+            await world.clock.sleep(DESCRIPTION_TIMEOUT_S + 1)
             assert lines(vehicle, "event")[-1] == definitions[event_id].text(bytes(40))
         finally:
             autopilot.alive = False

@@ -48,7 +48,9 @@ class CameraService:
         camera = camera or d.MAV_COMP_ID_CAMERA
         self._sequence += 1
         request = Request(d.MAV_CMD_IMAGE_START_CAPTURE, (0.0, 0.0, 1.0, float(self._sequence), 0, 0, 0))
-        with vehicle.mailbox.expect(d.MAVLINK_MSG_ID_COMMAND_ACK, matches=self._is_from(camera)) as waiter:
+        with vehicle.mailbox.expect(
+            d.MAVLINK_MSG_ID_COMMAND_ACK, matches=self._is_ack_from(camera)
+        ) as waiter:
             for attempt in range(ATTEMPTS):
                 vehicle.send(request.message(vehicle.identity.system_id, camera, attempt, False))
                 try:
@@ -66,7 +68,7 @@ class CameraService:
             remedy=f"The request went to MAVLink component {camera}. Check that the camera is switched on.",
         )
 
-    def _is_from(self, camera: int) -> Callable[[Reply], bool]:
+    def _is_ack_from(self, camera: int) -> Callable[[Reply], bool]:
         sender = (self._vehicle.identity.system_id, camera)
         return lambda message: (
             (message.get_srcSystem(), message.get_srcComponent()) == sender

@@ -9,7 +9,6 @@ from gcs_server.vehicle.samples import GlobalPosition, Home
 from gcs_server.vehicle.services.port import VehiclePort
 
 MAX_POSITION_AGE_S = 3.0
-"""Maximum age of a position [s]."""
 MIN_CLIMB_M = 0.2
 """PX4 does not climb if the take-off altitude is less than this above the vehicle [m]."""
 
@@ -75,13 +74,14 @@ def require_climb(vehicle: VehiclePort, alt_home_m: float, home_alt_amsl_m: floa
         InvalidRequest: the vehicle would not climb.
         Refused: the vehicle has no global position estimate.
     """
-    above_home_m = position_of(vehicle).alt_amsl_m - home_alt_amsl_m
-    if alt_home_m < above_home_m + MIN_CLIMB_M:
-        lowest_m = math.ceil(above_home_m + 1.0)
+    vehicle_alt_home_m = position_of(vehicle).alt_amsl_m - home_alt_amsl_m
+    if alt_home_m < vehicle_alt_home_m + MIN_CLIMB_M:
+        lowest_alt_home_m = math.ceil(vehicle_alt_home_m + 1.0)
         raise InvalidRequest(
             "alt_home_m",
-            f"alt_home_m {alt_home_m:g} is not above vehicle {vehicle.id}, which is {above_home_m:.1f} m "
-            "above home: PX4 would arm without climbing.",
-            remedy=f"Use at least {lowest_m} m, or arm first: PX4 then sets home to the vehicle's position.",
+            f"alt_home_m {alt_home_m:g} is not above vehicle {vehicle.id}, which is "
+            f"{vehicle_alt_home_m:.1f} m above home: PX4 would arm without climbing.",
+            remedy=f"Use at least {lowest_alt_home_m} m, or arm first: PX4 then sets home to the vehicle's "
+            "position.",
         )
     return home_alt_amsl_m + alt_home_m

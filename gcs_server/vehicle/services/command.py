@@ -50,6 +50,7 @@ class ModeCommand:
     by: str | None
     """The client that sent the command."""
     since_s: float
+    """Monotonic time of the command."""
 
 
 class CommandService:
@@ -62,7 +63,7 @@ class CommandService:
 
     def __init__(self, vehicle: VehiclePort) -> None:
         self._vehicle = vehicle
-        self._newest = 0
+        self._newest_number = 0
         """Number of the newest command; a command with an older number ends."""
         self._newest_label = ""
         self._newest_command: ModeCommand | None = None
@@ -106,8 +107,7 @@ class CommandService:
     async def set_mode(
         self, name: str, *, by: str | None = None, progress: ReportProgress | None = None
     ) -> None:
-        """Changes the mode; returns once the vehicle reports the mode. `name` as in `Status.mode`, `by`
-        the client."""
+        """Changes to the mode `name` (as in `Status.mode`); returns once the vehicle reports the mode."""
         mode = BY_NAME.get(name)
         if mode is None or not mode.settable:
             names = ", ".join(m.name for m in BY_NAME.values() if m.settable)
@@ -130,21 +130,21 @@ class CommandService:
                 f"Vehicle {vehicle.id} is already flying.", remedy="Use go-to for another altitude."
             )
         position_of(vehicle)
-        token = self._begin("take off", BY_NAME["takeoff"], by)
-        alt_amsl_m = require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(token))
+        number = self._begin("take off", BY_NAME["takeoff"], by)
+        alt_amsl_m = require_climb(vehicle, alt_home_m, await self._home_alt_amsl_m(number))
         request = Request(d.MAV_CMD_NAV_TAKEOFF, (-1.0, 0.0, 0.0, NAN, NAN, NAN, alt_amsl_m))
-        await self._takeoff_mode(token, request, progress)
+        await self._request_takeoff(number, request, progress)
         if not vehicle.flight_state.armed:
             try:
-                await self._arm(token, progress)
+                await self._arm(number, progress)
             except GcsError:
-                await self._hold_if_disarmed(token)
+                await self._hold_if_disarmed(number)
                 raise
             # sent again, because a disarmed PX4 may drop the altitude
             again = Goal(
                 "take off to that altitude", _never, STATE_DEADLINE_S, requested_ids=(), ack_is_enough=True
             )
-            await self._run(token, request, again, progress)
+            await self._run(number, request, again, progress)
         lifted = Goal(
             "take off",
             lambda f, _: f.armed and f.landed_state in ("taking_off", "in_air"),
@@ -153,7 +153,7 @@ class CommandService:
         )
         if progress is not None:
             progress("Armed, waiting for lift-off", None)
-        await self._run(token, None, lifted, progress)
+        await self._run(number, None, lifted, progress)
 
     async def start_mission(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Starts the vehicle's mission at its current item; arms if needed.
@@ -162,13 +162,13 @@ class CommandService:
         """
         mission = BY_NAME["mission"]
         self._vehicle.require_commandable()
-        token = self._begin("start the mission", mission, by)
-        await self._set_mode(token, mission, progress)
+        number = self._begin("start the mission", mission, by)
+        await self._set_mode(number, mission, progress)
         if not self._vehicle.flight_state.armed:
             try:
-                await self._arm(token, progress)
+                await self._arm(number, progress)
             except GcsError:
-                await self._hold_if_disarmed(token)
+                await self._hold_if_disarmed(number)
                 raise
 
     async def land(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
@@ -214,10 +214,10 @@ class CommandService:
         vehicle.require_commandable()
         if not vehicle.flight_state.armed or vehicle.flight_state.landed_state == "on_ground":
             raise Refused(f"Vehicle {vehicle.id} is not flying.", remedy="Take off first.")
-        token = self._begin("go to", BY_NAME["hold"], by)
+        number = self._begin("go to", BY_NAME["hold"], by)
         if alt_amsl_m is None:
             assert alt_home_m is not None
-            alt_amsl_m = await self._home_alt_amsl_m(token) + alt_home_m
+            alt_amsl_m = await self._home_alt_amsl_m(number) + alt_home_m
         self._check_distance(lat_deg, lon_deg, alt_amsl_m, max_distance_m)
         reached = self._target_is(lat_deg, lon_deg, alt_amsl_m)
         goal = Goal(
@@ -232,7 +232,7 @@ class CommandService:
             (-1.0, REPOSITION_CHANGES_MODE, 0.0, yaw_rad, lat_deg, lon_deg, alt_amsl_m),
             frame=d.MAV_FRAME_GLOBAL,
         )
-        await self._run(token, request, goal, progress)
+        await self._run(number, request, goal, progress)
 
     async def kill(self, *, by: str | None = None, progress: ReportProgress | None = None) -> None:
         """Stops the motors immediately, even in flight: the vehicle falls. Ends every waiting command, and
@@ -256,7 +256,7 @@ class CommandService:
 
     # --- internal -------------------------------------------------------------------------------
 
-    async def _arm(self, token: int, progress: ReportProgress | None) -> None:
+    async def _arm(self, number: int, progress: ReportProgress | None) -> None:
         goal = Goal(
             "arm",
             lambda f, s: f.heartbeat_s > s and f.armed,
@@ -264,9 +264,9 @@ class CommandService:
             requested_ids=REQUEST_HEARTBEAT,
             present_problems=self._arming_problems,
         )
-        await self._run(token, _arm_disarm(1.0, 0.0), goal, progress)
+        await self._run(number, _arm_disarm(1.0, 0.0), goal, progress)
 
-    async def _set_mode(self, token: int, mode: Mode, progress: ReportProgress | None) -> None:
+    async def _set_mode(self, number: int, mode: Mode, progress: ReportProgress | None) -> None:
         def reached(flight_state: FlightState, since_s: float) -> bool:
             return flight_state.mode_s > since_s and flight_state.custom_mode == mode.custom_mode
 
@@ -275,17 +275,17 @@ class CommandService:
             (float(d.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode.main), float(mode.sub), 0, 0, 0, 0),
         )
         label = f"switch to {self._vehicle.mode_names.label(mode)}"
-        await self._run(token, request, Goal(label, reached, STATE_DEADLINE_S), progress)
+        await self._run(number, request, Goal(label, reached, STATE_DEADLINE_S), progress)
 
-    async def _takeoff_mode(self, token: int, request: Request, progress: ReportProgress | None) -> None:
+    async def _request_takeoff(self, number: int, request: Request, progress: ReportProgress | None) -> None:
         takeoff = BY_NAME["takeoff"].custom_mode
 
         def reached(flight_state: FlightState, since_s: float) -> bool:
             return flight_state.mode_s > since_s and flight_state.custom_mode == takeoff
 
-        await self._run(token, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
+        await self._run(number, request, Goal("take off", reached, STATE_DEADLINE_S), progress)
 
-    async def _home_alt_amsl_m(self, token: int) -> float:
+    async def _home_alt_amsl_m(self, number: int) -> float:
         """Altitude of home [m]; requests an unknown home, because PX4 sends it only every two seconds."""
         vehicle = self._vehicle
         if vehicle.topic("home") is None:
@@ -298,15 +298,15 @@ class CommandService:
                 listen=home,
             )
             with suppress(NoReply):
-                await self._run(token, None, goal, None)
+                await self._run(number, None, goal, None)
         return home_of(vehicle).alt_amsl_m
 
-    async def _hold_if_disarmed(self, token: int) -> None:
+    async def _hold_if_disarmed(self, number: int) -> None:
         """Switches a disarmed vehicle back to Hold. In Take off or Mission, arming the vehicle later
         would start the climb."""
-        if token == self._newest and not self._vehicle.flight_state.armed:
+        if number == self._newest_number and not self._vehicle.flight_state.armed:
             with suppress(GcsError):
-                await self._set_mode(token, BY_NAME["hold"], None)
+                await self._set_mode(number, BY_NAME["hold"], None)
 
     async def _land_or_return(self, mode: Mode, by: str | None, progress: ReportProgress | None) -> None:
         vehicle = self._vehicle
@@ -364,18 +364,18 @@ class CommandService:
             self._newest_command = ModeCommand(label, mode.name, by, self._vehicle.clock.monotonic_s())
             if mode.name != "offboard":
                 self.on_mode_command()
-        return self._newest
+        return self._newest_number
 
     def _supersede(self, label: str) -> None:
         """Ends waiting commands, because the command `label` replaces them."""
-        self._newest += 1
+        self._newest_number += 1
         self._newest_label = label
 
     async def _run(
-        self, token: int, request: Request | None, goal: Goal, progress: ReportProgress | None
+        self, number: int, request: Request | None, goal: Goal, progress: ReportProgress | None
     ) -> None:
         def superseded() -> str | None:
-            return self._newest_label if token != self._newest else None
+            return self._newest_label if number != self._newest_number else None
 
         if request is None:
             await Transaction(self._vehicle, None, goal, progress, superseded).run()

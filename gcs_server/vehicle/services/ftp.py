@@ -20,7 +20,7 @@ from gcs_server.mavlink.codec import encode_payload
 from gcs_server.mavlink.mailbox import Reply
 from gcs_server.vehicle.services import ftp_codec as codec
 from gcs_server.vehicle.services.ftp_codec import DirectoryEntry, FtpError, FtpFailed, Opcode, Packet
-from gcs_server.vehicle.services.ftp_pieces import Pieces
+from gcs_server.vehicle.services.ftp_pieces import PartialFile
 from gcs_server.vehicle.services.port import VehiclePort
 
 FIRST_TIMEOUT_S = 0.25
@@ -108,7 +108,7 @@ class FtpService:
                     )
                 self._replies_left = EXTRA_REPLIES + REPLIES_PER_FULL_PIECE * (size // codec.DATA_BYTES)
                 async with _time_limit(EXTRA_TIME_S + size / MIN_BYTES_S, path, "Reading"):
-                    return await self._transfer(path, opened.session, Pieces(size), progress)
+                    return await self._transfer(path, opened.session, PartialFile(size), progress)
             except Disconnected:
                 disconnected = True
                 raise
@@ -163,22 +163,24 @@ class FtpService:
             return
         self._may_be_open = False
 
-    async def _transfer(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bytes:
+    async def _transfer(
+        self, path: str, session: int, file: PartialFile, progress: ReportBytes | None
+    ) -> bytes:
         empty_bursts = 0
-        while not pieces.complete:
-            if self._supports_burst and pieces.tail_missing and empty_bursts < MAX_EMPTY_BURSTS:
-                received_any = await self._burst(path, session, pieces, progress)
+        while not file.complete:
+            if self._supports_burst and file.tail_missing and empty_bursts < MAX_EMPTY_BURSTS:
+                received_any = await self._burst(path, session, file, progress)
                 empty_bursts = 0 if received_any else empty_bursts + 1
             else:
-                await self._read_hole(path, session, pieces)
+                await self._read_missing(path, session, file)
                 if progress is not None:
-                    progress(pieces.received, pieces.size)
-        return pieces.content
+                    progress(file.received, file.size)
+        return file.content
 
-    async def _read_hole(self, path: str, session: int, pieces: Pieces) -> None:
-        hole = pieces.first_hole
-        assert hole is not None
-        start, end = hole
+    async def _read_missing(self, path: str, session: int, file: PartialFile) -> None:
+        part = file.first_missing
+        assert part is not None
+        start, end = part
         size = min(end - start, codec.DATA_BYTES)
         reply = await self._request(Packet(0, Opcode.READ_FILE, session, size, offset=start), path, "Reading")
         await self._count_reply(path)
@@ -187,52 +189,52 @@ class FtpService:
                 f"Reading {path}: the vehicle answered with byte {reply.offset:,} instead of {start:,}.",
                 path=path,
             )
-        if not pieces.put(start, reply.data[:size]):
-            raise FtpFailed(f"Reading {path}: the file ended before its {pieces.size:,} bytes.", path=path)
+        if not file.put(start, reply.data[:size]):
+            raise FtpFailed(f"Reading {path}: the file ended before its {file.size:,} bytes.", path=path)
 
-    async def _burst(self, path: str, session: int, pieces: Pieces, progress: ReportBytes | None) -> bool:
+    async def _burst(self, path: str, session: int, file: PartialFile, progress: ReportBytes | None) -> bool:
         """Reads from the first missing part in one burst; returns whether a new piece was received."""
-        hole = pieces.first_hole
-        assert hole is not None
+        part = file.first_missing
+        assert part is not None
         first = self._take_sequence()
-        longest = (hole[1] - hole[0]) // codec.DATA_BYTES + 3
-        request = Packet(first, Opcode.BURST_READ_FILE, session, codec.DATA_BYTES, offset=hole[0])
+        max_packets = (part[1] - part[0]) // codec.DATA_BYTES + 3
+        request = Packet(first, Opcode.BURST_READ_FILE, session, codec.DATA_BYTES, offset=part[0])
         received_any = False
         with self._expect(Opcode.BURST_READ_FILE) as waiter:
             self._send(request)
-            while not pieces.complete:
+            while not file.complete:
                 try:
                     async with asyncio.timeout(BURST_SILENCE_S):
                         reply = _packet(await waiter.next())
                 except TimeoutError:
                     break
                 await self._count_reply(path)
-                if reply is None or not 1 <= (reply.sequence - first) & 0xFFFF <= longest:
+                if reply is None or not 1 <= (reply.sequence - first) & 0xFFFF <= max_packets:
                     continue
                 if reply.opcode == Opcode.NAK:
-                    self._burst_refused(reply, path, received_any, pieces, hole[0])
+                    self._burst_refused(reply, path, received_any, file, part[0])
                     break
-                if reply.session == session and pieces.put(reply.offset, reply.data):
+                if reply.session == session and file.put(reply.offset, reply.data):
                     received_any = True
                     if progress is not None:
-                        progress(pieces.received, pieces.size)
+                        progress(file.received, file.size)
                 if reply.burst_complete:
                     break
         # The next number must be higher than all numbers of this burst. Otherwise the vehicle treats the next
         # request as a repetition, and replies with a piece of the burst.
-        self._sequence = (first + longest + 1) & 0xFFFF
+        self._sequence = (first + max_packets + 1) & 0xFFFF
         return received_any
 
     def _burst_refused(
-        self, reply: Packet, path: str, received_any: bool, pieces: Pieces, start: int
+        self, reply: Packet, path: str, received_any: bool, file: PartialFile, start: int
     ) -> None:
         error = codec.refusal(reply, path, "Reading")
         if error.ftp_error == FtpError.UNKNOWN_COMMAND:
             self._supports_burst = False
         elif error.ftp_error != FtpError.END_OF_FILE:
             raise error
-        elif not received_any and reply.offset <= start < pieces.size:
-            raise FtpFailed(f"Reading {path}: the file ended before its {pieces.size:,} bytes.", path=path)
+        elif not received_any and reply.offset <= start < file.size:
+            raise FtpFailed(f"Reading {path}: the file ended before its {file.size:,} bytes.", path=path)
 
     async def _count_reply(self, path: str) -> None:
         """Counts a reply; periodically lets the event loop do other work."""
@@ -280,7 +282,7 @@ class FtpService:
             identity, reply = vehicle.identity, _packet(message)
             return (
                 reply is not None
-                and reply.requested == opcode
+                and reply.request_opcode == opcode
                 and reply.opcode in (Opcode.ACK, Opcode.NAK)
                 and (message.get_srcSystem(), message.get_srcComponent())
                 == (identity.system_id, identity.component_id)

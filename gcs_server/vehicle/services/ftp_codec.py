@@ -92,7 +92,7 @@ class Packet:
     session: int = 0
     size: int = 0
     """Size of `data`; in a read request, the number of bytes to read."""
-    requested: int = 0
+    request_opcode: int = 0
     """In a reply: the opcode of the request."""
     burst_complete: bool = False
     offset: int = 0
@@ -106,7 +106,7 @@ def encode(packet: Packet) -> bytes:
         packet.session,
         packet.opcode,
         packet.size,
-        packet.requested,
+        packet.request_opcode,
         packet.burst_complete,
         packet.offset,
     )
@@ -117,11 +117,11 @@ def decode(payload: bytes) -> Packet | None:
     """Decodes a payload; None if it is too short or its stated size is too large."""
     if len(payload) < _header.size:
         return None
-    sequence, session, opcode, size, requested, complete, offset = _header.unpack_from(payload)
+    sequence, session, opcode, size, request_opcode, complete, offset = _header.unpack_from(payload)
     data = payload[_header.size : _header.size + size]
     if size > DATA_BYTES or (opcode in (Opcode.ACK, Opcode.NAK) and len(data) < size):
         return None
-    return Packet(sequence, opcode, session, size, requested, bool(complete), offset, data)
+    return Packet(sequence, opcode, session, size, request_opcode, bool(complete), offset, data)
 
 
 def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, offset: int = 0) -> Packet:
@@ -136,14 +136,14 @@ def request(opcode: Opcode, sequence: int, *, path: str = "", session: int = 0, 
     return Packet(sequence, opcode, session, len(data), offset=offset, data=data)
 
 
-def refusal(packet: Packet, path: str, action: str) -> FtpFailed:
+def refusal(packet: Packet, path: str, activity: str) -> FtpFailed:
     """The error of a NAK."""
     number = packet.data[0] if packet.data else FtpError.FAIL
     text = ERROR_TEXT.get(number, f"error {number}")
     if number == FtpError.FAIL_ERRNO and len(packet.data) > 1:
         text += f" ({os.strerror(packet.data[1])})"
     return FtpFailed(
-        f"{action} {path or '/'}: {text}.", ftp_error=number, path=path, remedy=REMEDIES.get(number)
+        f"{activity} {path or '/'}: {text}.", ftp_error=number, path=path, remedy=REMEDIES.get(number)
     )
 
 
@@ -169,8 +169,8 @@ def parse_listing(data: bytes) -> tuple[list[DirectoryEntry], int]:
         kind, name = line[:1], line[1:].decode("utf-8", "replace")
         if kind == b"F":
             name, _, size = name.rpartition("\t") if "\t" in name else (name, "", "")
-            fits = size.isascii() and size.isdigit() and len(size) <= MAX_SIZE_DIGITS
-            entries.append(DirectoryEntry(name, int(size) if fits else 0))
+            is_valid_size = size.isascii() and size.isdigit() and len(size) <= MAX_SIZE_DIGITS
+            entries.append(DirectoryEntry(name, int(size) if is_valid_size else 0))
         elif kind == b"D" and name not in (".", ".."):
             entries.append(DirectoryEntry(name, None))
     return entries, len(lines)

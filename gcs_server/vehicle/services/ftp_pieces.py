@@ -1,19 +1,19 @@
 """Keeps track of the received and the missing parts of a file. No I/O.
 
 The work for one piece does not grow with the number of earlier pieces: the missing parts stay sorted, and
-their number is at most `MAX_HOLES`.
+their number is at most `MAX_MISSING_PARTS`.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_right
 
-MAX_HOLES = 2048
+MAX_MISSING_PARTS = 2048
 """A piece that would leave more missing parts is dropped, as if the link had lost it. A file of
 half a megabyte of which every second packet is lost has fewer missing parts."""
 
 
-class Pieces:
+class PartialFile:
     """A file of known size that is being received.
 
     Args:
@@ -42,13 +42,13 @@ class Pieces:
         return bytes(self._data)
 
     @property
-    def first_hole(self) -> tuple[int, int] | None:
+    def first_missing(self) -> tuple[int, int] | None:
         """(start, end) of the first missing part; None: the file is complete."""
         return self._missing[0] if self._missing else None
 
     @property
-    def holes(self) -> int:
-        """Number of separate missing parts."""
+    def missing_count(self) -> int:
+        """Number of missing parts."""
         return len(self._missing)
 
     @property
@@ -63,7 +63,7 @@ class Pieces:
         if not data or offset < 0 or end > self.size:
             return False
         missing = self._missing
-        first = bisect_right(missing, offset, key=lambda hole: hole[1])
+        first = bisect_right(missing, offset, key=lambda part: part[1])
         stop = first
         missing_before = 0
         while stop < len(missing) and missing[stop][0] < end:
@@ -73,7 +73,7 @@ class Pieces:
             return False
         left = [(missing[first][0], offset)] if missing[first][0] < offset else []
         right = [(end, missing[stop - 1][1])] if missing[stop - 1][1] > end else []
-        if len(missing) - (stop - first) + len(left) + len(right) > MAX_HOLES:
+        if len(missing) - (stop - first) + len(left) + len(right) > MAX_MISSING_PARTS:
             return False
         missing[first:stop] = left + right
         self._received += missing_before - sum(last - start for start, last in left + right)

@@ -1,8 +1,8 @@
-"""A gimbal of a vehicle, commanded at its manager (gimbal protocol v2).
+"""A gimbal of a vehicle, commanded through its gimbal manager (gimbal protocol v2).
 
-With PX4 v1.16, any station may take control. In MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE the value for "myself"
-means the vehicle, so the server sends its own ids. From a station without control, PX4 denies
-MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, and ignores GIMBAL_MANAGER_SET_ATTITUDE without an
+With PX4 v1.16, any station may take control. In MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE the value -2 ("set itself
+in control") gives control to the vehicle, so the server sends its own ids. From a station without control,
+PX4 denies MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, and ignores GIMBAL_MANAGER_SET_ATTITUDE without an
 acknowledgement. PX4 does not support GIMBAL_MANAGER_SET_PITCHYAW, and wraps angles beyond the range instead
 of limiting them. Without its gimbal module PX4 sends no gimbal messages.
 """
@@ -88,7 +88,7 @@ class GimbalService:
         """Releases control if this server has control."""
         self._vehicle.require("gimbal")
         own_ids = self._vehicle.own_ids
-        if await self._control() != own_ids:
+        if await self._request_controller() != own_ids:
             return
         await self._configure(RELEASE, RELEASE, "release the gimbal", lambda c: c != own_ids)
 
@@ -103,9 +103,9 @@ class GimbalService:
     ) -> GimbalLimited | None:
         """Points the camera. Pitch is positive up; yaw is relative to the nose, or to north with `yaw_lock`.
 
-        Returns None once the gimbal has reached the angles, or the reached angles once the gimbal has stopped
-        before. Without `wait`, or if the gimbal does not report its attitude, returns once the vehicle has
-        acknowledged the command.
+        Returns None once the gimbal has reached the angles. If the gimbal stops at other angles, returns
+        these angles. Without `wait`, or if the gimbal does not report its attitude, returns None once the
+        vehicle has acknowledged the command.
         """
         check_range("pitch_deg", pitch_deg, -MAX_PITCH_DEG, MAX_PITCH_DEG)
         check_range("yaw_deg", yaw_deg, -360.0, 360.0)
@@ -275,7 +275,7 @@ class GimbalService:
                 "restart it).",
             ) from None
 
-    async def _control(self) -> tuple[int, int] | None:
+    async def _request_controller(self) -> tuple[int, int] | None:
         """Requests the gimbal's controller (system id, component id); None: not controlled.
 
         Raises:
@@ -303,7 +303,7 @@ class GimbalService:
         return reported[-1]
 
     async def _require_control(self) -> None:
-        control = await self._control()
+        control = await self._request_controller()
         if control == self._vehicle.own_ids:
             return
         if control is None:

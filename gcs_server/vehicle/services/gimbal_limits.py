@@ -17,8 +17,8 @@ from missions.frames import wrap_pi
 
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, d.MAVLINK_MSG_ID_MOUNT_ORIENTATION)
 REACHED_DEG = 3.0
-MOVES_DEG = 0.5
-"""Change between two reports below which the gimbal counts as stopped [deg]."""
+MIN_MOVEMENT_DEG = 0.5
+"""The gimbal counts as stopped if its angles change by less than this between two reports [deg]."""
 STOPPED_AFTER_S = 0.6
 """Time without movement after which the gimbal has stopped [s]."""
 MIN_WAIT_S = 1.0
@@ -83,7 +83,7 @@ async def wait_until_stopped(
             if not _differ(current_angles, (pitch_deg, yaw_deg), REACHED_DEG):
                 return None
             now_s = clock.monotonic_s()
-            if previous_angles is None or _differ(current_angles, previous_angles, MOVES_DEG):
+            if previous_angles is None or _differ(current_angles, previous_angles, MIN_MOVEMENT_DEG):
                 previous_angles, stopped_since_s = current_angles, now_s
             elif now_s - stopped_since_s >= STOPPED_AFTER_S and now_s - start_s >= MIN_WAIT_S:
                 return _limited(current_angles, pitch_deg, yaw_deg)

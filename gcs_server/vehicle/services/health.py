@@ -41,10 +41,10 @@ RESTART_S = 10.0
 CHECK_RESEND_S, CHECK_DEADLINE_S = 0.7, 5.0
 REPORT_PERIOD_S = 0.25
 """Minimum time between two published changes of the report [s]."""
-TEXTS_RETRY_S, MAX_TEXTS_RETRY_S = 30.0, 960.0
-"""Time after a failure until the vehicle's texts are requested again, doubled after each failure, and its
-maximum [s]."""
-TEXTS_TIMEOUT_S = 5.0
+DEFINITIONS_RETRY_S, MAX_DEFINITIONS_RETRY_S = 30.0, 960.0
+"""Time after a failure until the vehicle's event definitions are requested again, doubled after each failure,
+and its maximum [s]."""
+DESCRIPTION_TIMEOUT_S = 5.0
 """Maximum time for which an event waits for a description [s]."""
 
 _current = struct.Struct("<HB")
@@ -58,14 +58,14 @@ class HealthService:
         vehicle: the vehicle.
         publish_event: called with each event outside reports, and whether the event was lost and requested
             again.
-        fetch_metadata: starts `read_texts` in the background.
+        fetch_definitions: starts `read_definitions` in the background.
     """
 
     def __init__(
         self,
         vehicle: VehiclePort,
         publish_event: Callable[[VehicleEvent, bool], None],
-        fetch_metadata: Callable[[], None] = lambda: None,
+        fetch_definitions: Callable[[], None] = lambda: None,
     ) -> None:
         self._vehicle = vehicle
         self._publish_event = publish_event
@@ -76,10 +76,10 @@ class HealthService:
         self._published_s = float("-inf")
         self._unpublished_unix_s: float | None = None
         """Time of a report that is not yet in `_published`."""
-        self._fetch_metadata = fetch_metadata
-        self._reading_texts = False
+        self._fetch_definitions = fetch_definitions
+        self._reading_definitions = False
         self._next_reading_s = float("-inf")
-        self._texts_retry_s = TEXTS_RETRY_S
+        self._definitions_retry_s = DEFINITIONS_RETRY_S
         self._definitions: Definitions | None = None
         self._newest_boot_ms = 0
         self._report_count = 0
@@ -117,30 +117,30 @@ class HealthService:
         return tuple(f.cause for f in findings)
 
     def apply_definitions(self, definitions: Definitions) -> None:
-        """Applies the vehicle's metadata, also to the texts of the current report."""
+        """Uses the vehicle's event definitions for all texts, also for those of the current report."""
         self._definitions = definitions
         if self._report is not None:
             findings = tuple(self._described(f) for f in self._report.findings)
             self._set_report(replace(self._report, findings=findings))
 
-    async def read_texts(self, metadata: MetadataService) -> None:
-        """Reads the texts of events from the vehicle's metadata; raises the errors of `metadata.events`."""
+    async def read_definitions(self, metadata: MetadataService) -> None:
+        """Reads the event definitions from the vehicle's metadata; raises the errors of `metadata.events`."""
         if self._definitions is not None:
-            self._reading_texts = False
+            self._reading_definitions = False
             return
-        self._reading_texts = True
+        self._reading_definitions = True
         try:
             self.apply_definitions(await metadata.events())
         finally:
-            self._reading_texts = False
-            self._next_reading_s = self._vehicle.clock.monotonic_s() + self._texts_retry_s
-            self._texts_retry_s = min(self._texts_retry_s * 2, MAX_TEXTS_RETRY_S)
+            self._reading_definitions = False
+            self._next_reading_s = self._vehicle.clock.monotonic_s() + self._definitions_retry_s
+            self._definitions_retry_s = min(self._definitions_retry_s * 2, MAX_DEFINITIONS_RETRY_S)
 
     def describe_again(self, event: VehicleEvent, waited_s: float) -> VehicleEvent | None:
         """Adds the description to an event without one; None if the description may still arrive."""
         text, name, remedy = describe(event.id, event.arguments, self._definitions)
         is_described = has_description(event.id, self._definitions)
-        if not is_described and self._reading_texts and waited_s < TEXTS_TIMEOUT_S:
+        if not is_described and self._reading_definitions and waited_s < DESCRIPTION_TIMEOUT_S:
             return None
         return replace(event, text=text, name=name, remedy=remedy, is_described=is_described)
 
@@ -171,7 +171,7 @@ class HealthService:
 
     # --- called by the vehicle only -------------------------------------------------------------------
 
-    def event(self, payload: bytes) -> None:
+    def take_event(self, payload: bytes) -> None:
         """Handles EVENT."""
         event = decode_event(payload, self._definitions)
         if self._newest_boot_ms - event.boot_ms > RESTART_S * 1e3 and not self._stream.is_missing(
@@ -183,19 +183,19 @@ class HealthService:
         lost = self._stream.lost
         ready = self._stream.take(event.sequence, event)
         if not self._is_in_report(event):
-            self._request_metadata(event)
+            self._request_definitions(event)
             self._publish_event(event, late)
         self._process_in_order(ready, lost)
         self._request_missing_events()
 
-    def current(self, payload: bytes) -> None:
+    def take_sequence(self, payload: bytes) -> None:
         """Handles CURRENT_EVENT_SEQUENCE."""
         lost = self._stream.lost
         self._stream.current(*_current.unpack_from(payload))
         self._process_in_order([], lost)
         self._request_missing_events()
 
-    def unavailable(self, payload: bytes) -> None:
+    def take_event_error(self, payload: bytes) -> None:
         """Handles RESPONSE_EVENT_ERROR."""
         sequence, oldest = _error.unpack_from(payload)
         lost = self._stream.lost
@@ -245,21 +245,21 @@ class HealthService:
         self._count_change()
         self.connected()
 
-    def _request_metadata(self, event: VehicleEvent) -> None:
-        """Fetches the vehicle's metadata at the first event without a description."""
+    def _request_definitions(self, event: VehicleEvent) -> None:
+        """Requests the vehicle's event definitions at the first event without a description."""
         identity = self._vehicle.identity
         if event.is_described or event.level >= LEVEL_PROTOCOL or self._definitions is not None:
             return
         now_s = self._vehicle.clock.monotonic_s()
         if (
-            self._reading_texts
+            self._reading_definitions
             or now_s < self._next_reading_s
             or identity.replayed
             or not identity.commandable
         ):
             return
-        self._reading_texts = True  # `read_texts` resets it at its end
-        self._fetch_metadata()
+        self._reading_definitions = True  # `read_definitions` resets it at its end
+        self._fetch_definitions()
 
     def _request_missing_events(self) -> None:
         if self._vehicle.identity.replayed:
@@ -344,8 +344,8 @@ class HealthService:
         unusable_texts = None if self._definitions is None else self._definitions.omission_text
         reported_unix_s = self._unpublished_unix_s or self._published.reported_unix_s or now_s
         readiness_now = readiness.readiness_of(report, reported_unix_s, text_source, unusable_texts)
-        named = self._vehicle.mode_names.name_or_label
-        modes = tuple(replace(each, label=named(each.mode, each.label)) for each in readiness_now.modes)
+        label_of = self._vehicle.mode_names.name_or_label
+        modes = tuple(replace(each, label=label_of(each.mode, each.label)) for each in readiness_now.modes)
         self._published = replace(readiness_now, modes=modes, offers=self._offers())
         self._unpublished_unix_s, self._published_s = None, self._vehicle.clock.monotonic_s()
         self._count_change()

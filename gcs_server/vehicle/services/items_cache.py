@@ -72,10 +72,12 @@ def _items_on_vehicle(content: dict[str, Any], name: str) -> ItemsOnVehicle:
     ids: Ids = {part: content["ids"][part] for part in PARTS}
     plan, at_unix_s = content["plan"], float(content["at_unix_s"])
     values = [plan["id"], plan["version"], plan["name"]]
-    types = [isinstance(value, kind | None) for value, kind in zip(values, (str, int, str), strict=True)]
+    types_match = all(
+        isinstance(value, kind | None) for value, kind in zip(values, (str, int, str), strict=True)
+    )
     if (
         content["format"] != FORMAT
-        or not all(types)
+        or not types_match
         or not name.endswith(_name(0, ids).removeprefix("plan-0"))
     ):
         raise ValueError("not the items of a known plan")

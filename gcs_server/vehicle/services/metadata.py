@@ -97,7 +97,7 @@ class MetadataService:
     async def _load(self, kind: int) -> Document[Any, Any]:
         self._vehicle.require("files")
         async with self._lock:
-            general = await self._general()
+            general = await self._read_general()
             entry = next((e for e in general if e.kind == kind), None)
             if entry is None:
                 raise MetadataMissing(
@@ -110,7 +110,7 @@ class MetadataService:
             self._parsed[kind] = (entry.crc, document)
             return document
 
-    async def _general(self) -> list[FileEntry]:
+    async def _read_general(self) -> list[FileEntry]:
         message = await self._request_announcement()
         entry = FileEntry(0, _decode_text(message.uri), int(message.file_crc))
 
@@ -118,7 +118,7 @@ class MetadataService:
             return await self.run_in_thread(functools.partial(metadata_files.read_general, packed, crc))
 
         max_bytes = metadata_files.MAX_GENERAL_PACKED_BYTES
-        return await self._document(entry, "metadata", read, max_bytes)
+        return await self._document(entry, "general", read, max_bytes)
 
     async def _request_announcement(self) -> Reply:
         """Requests COMPONENT_METADATA."""
@@ -146,7 +146,9 @@ class MetadataService:
                             elif is_our_ack(message, vehicle, d.MAV_CMD_REQUEST_MESSAGE) and (
                                 message.result not in (d.MAV_RESULT_ACCEPTED, d.MAV_RESULT_IN_PROGRESS)
                             ):
-                                refusals += 1  # may belong to another request, so it is requested again
+                                refusals += (
+                                    1  # the refusal may answer another request, so the server requests again
+                                )
                                 break
                 except TimeoutError:
                     continue
@@ -200,7 +202,7 @@ class MetadataService:
 
     def _unusable(self, kind_name: str, error: Exception, remedy: str | None = None) -> MetadataMissing:
         return MetadataMissing(
-            f"The {kind_name} that vehicle {self._vehicle.id} describes cannot be used: {error}.",
+            f"The metadata ({kind_name}) of vehicle {self._vehicle.id} cannot be used: {error}.",
             remedy=remedy,
         )
 

@@ -49,7 +49,7 @@ CANCEL_LISTEN_S = 1.0
 """After a cancel: if the vehicle still requests items, the cancel was lost and is sent again."""
 IDS_DEADLINE_S = 4.0
 IDS_REQUEST_PERIOD_S = 0.5
-SET_CURRENT_S = 6.0
+SET_CURRENT_DEADLINE_S = 6.0
 _MESSAGES = (
     d.MAVLINK_MSG_ID_MISSION_COUNT,
     d.MAVLINK_MSG_ID_MISSION_REQUEST,
@@ -200,12 +200,12 @@ class MissionService:
         vehicle.require("mission_transfer")
         identity = vehicle.identity
         request = d.MAVLink_mission_set_current_message(identity.system_id, identity.component_id, seq)
-        reached = await self._request_current(lambda m: m.seq == seq, SET_CURRENT_S, request)
+        reached = await self._request_current(lambda m: m.seq == seq, SET_CURRENT_DEADLINE_S, request)
         if reached is None:
             raise NoReply(
                 f"Vehicle {vehicle.id} did not make item {seq + 1} the current one "
-                f"within {SET_CURRENT_S:g} s.",
-                deadline_s=SET_CURRENT_S,
+                f"within {SET_CURRENT_DEADLINE_S:g} s.",
+                deadline_s=SET_CURRENT_DEADLINE_S,
                 remedy="Check that its mission has this item, and the link.",
             )
 
@@ -273,7 +273,8 @@ class MissionService:
 
     async def _run_dialogue(self, dialogue: Dialogue, report: Callable[[Dialogue], None] | None) -> None:
         vehicle = self._vehicle
-        with vehicle.mailbox.expect(*_MESSAGES, matches=self._matches_dialogue(dialogue.kind)) as waiter:
+        matches = self._matches_dialogue(dialogue.mission_type)
+        with vehicle.mailbox.expect(*_MESSAGES, matches=matches) as waiter:
             try:
                 self._send(dialogue.start(vehicle.clock.monotonic_s()))
                 while not dialogue.done:
@@ -307,9 +308,9 @@ class MissionService:
         return None if current is None else ids_of(current)
 
     async def _request_current(
-        self, accepts: Callable[[Reply], bool], deadline_s: float, request: MAVLink_message | None
+        self, accepts: Callable[[Reply], bool], deadline_s: float, also_send: MAVLink_message | None
     ) -> Mission | None:
-        """Requests MISSION_CURRENT; None if it does not arrive in time."""
+        """Sends `also_send` and requests MISSION_CURRENT until one is accepted; None at the deadline."""
         vehicle = self._vehicle
         identity = vehicle.identity
         request_current = Request(
@@ -320,8 +321,8 @@ class MissionService:
             d.MAVLINK_MSG_ID_MISSION_CURRENT, matches=self._is_from_vehicle
         ) as waiter:
             while (left_s := end_s - vehicle.clock.monotonic_s()) > 0:
-                if request is not None:
-                    vehicle.send(request)
+                if also_send is not None:
+                    vehicle.send(also_send)
                 vehicle.send(request_current.message(identity.system_id, identity.component_id, 0, False))
                 try:
                     async with asyncio.timeout(min(IDS_REQUEST_PERIOD_S, left_s)):
@@ -347,12 +348,13 @@ class MissionService:
             identity.component_id,
         )
 
-    def _matches_dialogue(self, kind: int) -> Callable[[Reply], bool]:
+    def _matches_dialogue(self, mission_type: int) -> Callable[[Reply], bool]:
         own_ids = self._vehicle.own_ids
 
         def matches(message: Reply) -> bool:
             target = (message.target_system, message.target_component)
-            return self._is_from_vehicle(message) and target == own_ids and message.mission_type == kind
+            is_same_type = message.mission_type == mission_type
+            return is_same_type and self._is_from_vehicle(message) and target == own_ids
 
         return matches
 

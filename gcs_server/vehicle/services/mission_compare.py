@@ -1,8 +1,8 @@
 """Compares a vehicle's items with those that were sent. No I/O.
 
 PX4 returns items in its own form: frames with _INT, and `current` at its current item. PX4 returns
-a parameter that it does not store as 0 or NaN; this is reported, but no error. Any other difference means
-that the vehicle has another plan.
+a parameter that it does not store as 0 or NaN; such a difference is reported, but is not an error. Any other
+difference means that the vehicle has another plan.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ class Difference:
         )
 
 
-def differences(part: Part, planned: Sequence[WireItem], held: Sequence[WireItem]) -> list[Difference]:
+def differences(part: Part, planned: Sequence[WireItem], on_vehicle: Sequence[WireItem]) -> list[Difference]:
     """Differences of one part, at most `MAX_DIFFERENCES`; essential ones first."""
-    if len(planned) != len(held):
-        return [Difference(part, None, "count", len(planned), len(held), essential=True)]
+    if len(planned) != len(on_vehicle):
+        return [Difference(part, None, "count", len(planned), len(on_vehicle), essential=True)]
     result: list[Difference] = []
-    for seq, (planned_item, held_item) in enumerate(zip(planned, held, strict=True)):
+    for seq, (planned_item, item_on_vehicle) in enumerate(zip(planned, on_vehicle, strict=True)):
         for name in _FIELDS:
-            planned_value, value_on_vehicle = _value(planned_item, name), _value(held_item, name)
+            planned_value, value_on_vehicle = _value(planned_item, name), _value(item_on_vehicle, name)
             if planned_value != value_on_vehicle:
                 dropped = name.startswith("param") and value_on_vehicle in (0.0, None)
                 result.append(

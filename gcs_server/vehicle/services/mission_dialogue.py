@@ -23,7 +23,7 @@ from missions.formats.mavlink_items import WireItem
 Part = Literal["mission", "fence", "rally"]
 PARTS: tuple[Part, ...] = ("fence", "rally", "mission")
 """In the order of an upload, so that the vehicle never flies a new mission with an older fence."""
-TYPE_OF: dict[Part, int] = {
+MISSION_TYPE_OF: dict[Part, int] = {
     "mission": d.MAV_MISSION_TYPE_MISSION,
     "fence": d.MAV_MISSION_TYPE_FENCE,
     "rally": d.MAV_MISSION_TYPE_RALLY,
@@ -36,8 +36,8 @@ RESEND_S = 0.5
 ITEM_RESEND_S = 0.3
 """Period of item requests in a download [s]; the protocol suggests 0.25 s."""
 FIRST_ITEM_S = 1.5
-"""Time after which a missing first item means that the vehicle took a late message for the end of this
-download [s]."""
+"""If the first item is still missing after this time [s], the vehicle has taken a late message of an earlier
+transfer for the end of this download."""
 BUSY_RETRIES_S = (1.0, 1.0, 6.0)
 """Waiting times after "busy" [s]. The last time is longer than PX4's timeout, so that an abandoned transfer
 of another station has ended."""
@@ -82,7 +82,7 @@ class Dialogue(ABC):
     def __init__(self, target: Target, part: Part) -> None:
         self.target = target
         self.part: Part = part
-        self.kind = TYPE_OF[part]
+        self.mission_type = MISSION_TYPE_OF[part]
         self.done = False
         self.wake_s = float("inf")
         """When `tick` is due [s, monotonic]."""
@@ -128,7 +128,7 @@ class Dialogue(ABC):
         return [self._ack(d.MAV_MISSION_OPERATION_CANCELLED)]
 
     def _ack(self, result: int) -> MAVLink_message:
-        return d.MAVLink_mission_ack_message(*self._address(), result, self.kind)
+        return d.MAVLink_mission_ack_message(*self._address(), result, self.mission_type)
 
     def _address(self) -> tuple[int, int]:
         return self.target.system_id, self.target.component_id
@@ -147,7 +147,7 @@ class Upload(Dialogue):
     def __init__(self, target: Target, part: Part, items: Sequence[WireItem]) -> None:
         super().__init__(target, part)
         self._items = items
-        self._last_requested = -1
+        self._highest_requested = -1
         """Highest item that the vehicle has requested."""
         self._busy_count = 0
         self.confirmed = False
@@ -159,11 +159,11 @@ class Upload(Dialogue):
 
     @property
     def transferred(self) -> int:
-        return max(0, self._last_requested)
+        return max(0, self._highest_requested)
 
     @property
     def _all_sent(self) -> bool:
-        return self._last_requested == len(self._items) - 1
+        return self._highest_requested == len(self._items) - 1
 
     def tick(self, now_s: float) -> list[MAVLink_message]:
         no_message_s = now_s - self._received_s
@@ -173,16 +173,16 @@ class Upload(Dialogue):
             return []
         if no_message_s >= NO_REPLY_S:
             phase_text = (
-                f"after item {self._last_requested + 1} of {self.count}"
-                if self._last_requested >= 0
+                f"after item {self._highest_requested + 1} of {self.count}"
+                if self._highest_requested >= 0
                 else "to the upload"
             )
             raise self._no_reply(f"{phase_text} of the {NAME_OF[self.part]}")
-        if self._last_requested >= 0:
+        if self._highest_requested >= 0:
             self.wake_s = self._received_s + NO_REPLY_S
             return []
         self.wake_s = now_s + RESEND_S
-        begin = d.MAVLink_mission_count_message(*self._address(), len(self._items), self.kind)
+        begin = d.MAVLink_mission_count_message(*self._address(), len(self._items), self.mission_type)
         # Cancels an earlier transfer whose last message was lost, because it may keep the vehicle busy.
         return [*self.cancel(), begin] if self._busy_count else [begin]
 
@@ -191,11 +191,11 @@ class Upload(Dialogue):
             self._take_ack(message, now_s)
             return []
         seq: int = message.seq
-        if seq >= len(self._items) or seq > self._last_requested + 1:
+        if seq >= len(self._items) or seq > self._highest_requested + 1:
             return []
-        self._received_s, self._last_requested = now_s, max(self._last_requested, seq)
+        self._received_s, self._highest_requested = now_s, max(self._highest_requested, seq)
         self.wake_s = now_s + (LOST_ACK_S if self._all_sent else NO_REPLY_S)
-        return [item_message(self._items[seq], self._address(), self.kind)]
+        return [item_message(self._items[seq], self._address(), self.mission_type)]
 
     def _take_ack(self, message: Reply, now_s: float) -> None:
         result: int = message.type
@@ -204,7 +204,7 @@ class Upload(Dialogue):
                 self.done = self.confirmed = True
                 self.opaque_id = message.opaque_id or None
             return  # an earlier acknowledgement belongs to an older dialogue
-        if result == d.MAV_MISSION_ERROR and self._last_requested < 0:
+        if result == d.MAV_MISSION_ERROR and self._highest_requested < 0:
             self._take_busy(now_s)
         elif result == d.MAV_MISSION_ERROR and self._all_sent:
             self.done = True  # the item arrived twice, or was refused; a download shows the result
@@ -226,11 +226,11 @@ class Upload(Dialogue):
     def _refused(self, result: int) -> Rejected:
         reason = RESULT_TEXT.get(result, f"result {result}")
         vehicle, name = self.target.vehicle_id, NAME_OF[self.part]
-        if self._last_requested < 0:
+        if self._highest_requested < 0:
             return Rejected(f"Vehicle {vehicle} refused the {name}: {reason}.", reasons=(reason,))
         return Rejected(
-            f"Vehicle {vehicle} refused item {self._last_requested + 1} of the {name} "
-            f"(command {self._items[self._last_requested].command}): {reason}.",
+            f"Vehicle {vehicle} refused item {self._highest_requested + 1} of the {name} "
+            f"(command {self._items[self._highest_requested].command}): {reason}.",
             reasons=(reason,),
             remedy="Change or remove the item; the vehicle keeps its previous items.",
         )
@@ -282,8 +282,8 @@ class Download(Dialogue):
 
     def _request(self) -> MAVLink_message:
         if self._count is None:
-            return d.MAVLink_mission_request_list_message(*self._address(), self.kind)
-        return d.MAVLink_mission_request_int_message(*self._address(), len(self.items), self.kind)
+            return d.MAVLink_mission_request_list_message(*self._address(), self.mission_type)
+        return d.MAVLink_mission_request_int_message(*self._address(), len(self.items), self.mission_type)
 
     def _next(self, now_s: float) -> list[MAVLink_message]:
         self._received_s = now_s
@@ -345,7 +345,7 @@ class Clear(Dialogue):
         self.wake_s = now_s + RESEND_S
         # Cancels an earlier transfer whose last message was lost, because it may keep the vehicle busy.
         cancel_messages = self.cancel() if now_s > self._start_s else []
-        return [*cancel_messages, d.MAVLink_mission_clear_all_message(*self._address(), self.kind)]
+        return [*cancel_messages, d.MAVLink_mission_clear_all_message(*self._address(), self.mission_type)]
 
     def take(self, message: Reply, now_s: float) -> list[MAVLink_message]:
         if message.get_msgId() == d.MAVLINK_MSG_ID_MISSION_ACK:
@@ -360,7 +360,7 @@ class Clear(Dialogue):
         return []
 
 
-def item_message(item: WireItem, address: tuple[int, int], kind: int) -> MAVLink_message:
+def item_message(item: WireItem, address: tuple[int, int], mission_type: int) -> MAVLink_message:
     """MISSION_ITEM_INT of an item."""
     return d.MAVLink_mission_item_int_message(
         *address,
@@ -376,7 +376,7 @@ def item_message(item: WireItem, address: tuple[int, int], kind: int) -> MAVLink
         item.x,
         item.y,
         item.z,
-        kind,
+        mission_type,
     )
 
 

@@ -35,7 +35,8 @@ class ItemsOnVehicle:
     items: Items
     ids: Ids
     plan: PlanReference | None
-    """The plan, if this server has uploaded it or compared it equal; None: the items were only downloaded."""
+    """The plan, if this server has uploaded it or has found the same items; None: the items were only
+    downloaded."""
     at_unix_s: float
 
 

@@ -42,13 +42,13 @@ class ModeList:
         if after.custom_mode == before.custom_mode or mode is None or after.autopilot != d.MAV_AUTOPILOT_PX4:
             return
         if mode.name in EXTERNAL and mode.name not in self._vehicle.mode_names.external:
-            self._request()
+            self._start_requesting()
 
     def changed(self, payload: bytes) -> None:
         """Handles AVAILABLE_MODES_MONITOR: requests the list if it has changed."""
         previous_sequence, self._sequence = self._sequence, payload[0]
         if previous_sequence not in (None, self._sequence):
-            self._request()
+            self._start_requesting()
 
     def take(self, payload: bytes) -> None:
         """Handles AVAILABLE_MODES, one entry of the list."""
@@ -81,5 +81,5 @@ class ModeList:
         )
         self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
 
-    def _request(self) -> None:
+    def _start_requesting(self) -> None:
         self._missing, self._attempts, self._next_s = set(EXTERNAL), 0, 0.0

@@ -30,7 +30,7 @@ FIRST_SILENCE_S, SILENCE_S = 2.0, 1.0
 a slow link, PX4 sends a value only every few tenths of a second."""
 INDEXES_AT_ONCE = 10
 """Number of missing indexes that are requested at once."""
-GAP_TIMEOUT_S = 0.5
+MISSING_TIMEOUT_S = 0.5
 MAX_EMPTY_ROUNDS = 12
 HASH_ATTEMPTS, HASH_EVERY_S = 4, 0.5
 MAX_READINGS = 3
@@ -52,7 +52,7 @@ class ParamReader:
         self._progress = progress
 
     async def hash(self) -> tuple[int, int] | None:
-        """(checksum, number of parameters); None if the vehicle has no parameter hash."""
+        """(checksum, number of parameters); None if the vehicle sends no checksum."""
         with self._expect_values() as waiter:
             for _ in range(HASH_ATTEMPTS):
                 self._request(HASH_NAME.encode(), -1)
@@ -100,16 +100,16 @@ class ParamReader:
                     deadline_s=LIST_ATTEMPTS * FIRST_SILENCE_S,
                     remedy="Check the link, then read the parameters again.",
                 )
-            return await self._fill_gaps(waiter, table)
+            return await self._fill_missing(waiter, table)
 
-    async def _fill_gaps(self, waiter: Waiter, table: ParamTable) -> bool:
+    async def _fill_missing(self, waiter: Waiter, table: ParamTable) -> bool:
         empty_rounds = 0
         while not table.complete:
             if empty_rounds >= MAX_EMPTY_ROUNDS:
                 raise NoReply(
                     f"Vehicle {self._vehicle.id} sent {table.received_count} of {table.count} parameters, "
                     "then stopped sending.",
-                    deadline_s=MAX_EMPTY_ROUNDS * GAP_TIMEOUT_S,
+                    deadline_s=MAX_EMPTY_ROUNDS * MISSING_TIMEOUT_S,
                     remedy="Check the link, then read the parameters again.",
                 )
             count_before = table.received_count
@@ -117,7 +117,7 @@ class ParamReader:
             for index in requested_indexes:
                 self._request(b"", index)
             if not await self._receive(
-                waiter, table, GAP_TIMEOUT_S, GAP_TIMEOUT_S, frozenset(requested_indexes)
+                waiter, table, MISSING_TIMEOUT_S, MISSING_TIMEOUT_S, frozenset(requested_indexes)
             ):
                 return False
             empty_rounds = 0 if table.received_count > count_before else empty_rounds + 1

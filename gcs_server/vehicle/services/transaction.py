@@ -24,15 +24,18 @@ ReportProgress = Callable[[str, float | None], None]
 
 RESEND_S = 0.5
 RESEND_ACCEPTED_S = 1.5
-PROBE_IN_PROGRESS_S = 3.0
+RESEND_IN_PROGRESS_S = 3.0
+"""Time until the request is sent again: without an acknowledgement, after an acceptance, and while the
+command is in progress [s]."""
 IN_PROGRESS_TIMEOUT_S = 6.0
 MAX_DURATION_S = 60.0
 REQUEST_PERIOD_S = 0.4
-SETTLE_S = 0.6
-SETTLE_WITH_REASON_S = 0.25
+REASONS_WAIT_S = 0.6
+REASONS_WAIT_AFTER_FIRST_S = 0.25
 """Time after a refusal in which its reasons arrive [s]; the shorter time applies once a reason has
 arrived."""
 OTHER_STATE_AFTER_S = 1.0
+"""Time after an acceptance from which a report of another state counts [s]."""
 MAX_ACCEPTED = 3
 """Number of acceptances without the requested state after which the command has failed."""
 
@@ -130,10 +133,11 @@ class Transaction:
         self._component_id = component_id
         self._as_int = request is not None and request.frame is not None
         self._tried_forms = 1
-        self._sent = 0
-        self._accepted = 0
+        self._send_count = 0
+        self._accepted_count = 0
         self._accepted_s = float("inf")
-        self._refused: int | None = None
+        self._refusal: int | None = None
+        """MAV_RESULT of the refusal."""
         self._refused_s = float("inf")
         self._first_event = vehicle.events.last_index
         self._start_s = vehicle.clock.monotonic_s()
@@ -145,8 +149,8 @@ class Transaction:
         """Returns once the goal is reached.
 
         Raises:
-            Rejected: the vehicle refused by acknowledgement or by state.
-            NoReply: neither arrived by the deadline.
+            Rejected: the vehicle refused the command, or accepted it and did not reach the goal.
+            NoReply: the vehicle did not answer by the deadline.
             Refused: a newer command replaced this command.
             Disconnected: the vehicle or its link was lost.
         """
@@ -165,14 +169,14 @@ class Transaction:
             now_s = self._vehicle.clock.monotonic_s()
             if self._is_done():
                 return
-            self._check_end(now_s)
+            self._raise_if_ended(now_s)
             if now_s >= self._next_send_s:
                 self._send(now_s)
             if now_s >= self._next_request_s:
                 self._request_messages(now_s)
             wake_s = min(self._deadline_s, self._next_send_s, self._next_request_s)
             if self._goal.repeat_s is None:
-                wake_s = min(wake_s, self._refused_s + self._settle_s())
+                wake_s = min(wake_s, self._refused_s + self._reasons_wait_s())
             try:
                 async with asyncio.timeout(max(0.0, wake_s - now_s)):
                     message = await waiter.next()
@@ -184,25 +188,25 @@ class Transaction:
 
     def _is_done(self) -> bool:
         if self._goal.ack_is_enough:
-            return self._accepted > 0 and self._refused is None
+            return self._accepted_count > 0 and self._refusal is None
         return self._goal.reached(self._vehicle.flight_state, self._start_s)
 
-    def _check_end(self, now_s: float) -> None:
+    def _raise_if_ended(self, now_s: float) -> None:
         newer_command = self._superseded()
         if newer_command is not None:
             raise Refused(f"Interrupted by “{newer_command}”.")
         goal, vehicle = self._goal, self._vehicle
         is_repeated = goal.repeat_s is not None
-        refused_s = self._deadline_s if is_repeated else self._refused_s + self._settle_s()
-        if self._refused is not None and now_s >= refused_s:
-            reason = RESULT_TEXT.get(self._refused, f"result {self._refused}")
-            raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.action}: {reason}.", self._refused)
-        if not is_repeated and self._accepted >= MAX_ACCEPTED and self._reports_another_state():
+        refused_s = self._deadline_s if is_repeated else self._refused_s + self._reasons_wait_s()
+        if self._refusal is not None and now_s >= refused_s:
+            reason = RESULT_TEXT.get(self._refusal, f"result {self._refusal}")
+            raise self._rejected(f"Vehicle {vehicle.id} refused to {goal.action}: {reason}.", self._refusal)
+        if not is_repeated and self._accepted_count >= MAX_ACCEPTED and self._reports_another_state():
             raise self._rejected(
                 f"Vehicle {vehicle.id} accepted the request to {goal.action}, but does not do it.", None
             )
         if now_s >= self._deadline_s:
-            if self._accepted and self._reports_another_state():
+            if self._accepted_count and self._reports_another_state():
                 raise self._rejected(
                     f"Vehicle {vehicle.id} accepted the request to {goal.action}, but did not do it within "
                     f"{goal.deadline_s:g} s.",
@@ -219,8 +223,8 @@ class Transaction:
                 remedy="Check the link, then check the vehicle's state before you repeat the command.",
             )
 
-    def _settle_s(self) -> float:
-        return SETTLE_WITH_REASON_S if self._warnings() else SETTLE_S
+    def _reasons_wait_s(self) -> float:
+        return REASONS_WAIT_AFTER_FIRST_S if self._warnings() else REASONS_WAIT_S
 
     def _warnings(self) -> list[str]:
         """Warnings of the vehicle since the request."""
@@ -233,18 +237,18 @@ class Transaction:
     def _reports_another_state(self) -> bool:
         """Whether the vehicle still reports another state some time after its last acceptance."""
         flight_state = self._vehicle.flight_state
-        since_s = self._accepted_s if self._accepted else self._start_s
+        since_s = self._accepted_s if self._accepted_count else self._start_s
         return min(flight_state.mode_s, flight_state.heartbeat_s) > since_s + OTHER_STATE_AFTER_S
 
     def _send(self, now_s: float) -> None:
         assert self._request is not None
-        message = self._request.message(*self._target(), min(self._sent, 255), self._as_int)
+        message = self._request.message(*self._target(), min(self._send_count, 255), self._as_int)
         self._vehicle.send(message, until_s=self._deadline_s)
-        self._sent += 1
-        resend_s = RESEND_ACCEPTED_S if self._accepted else RESEND_S
+        self._send_count += 1
+        resend_s = RESEND_ACCEPTED_S if self._accepted_count else RESEND_S
         self._next_send_s = now_s + (self._goal.repeat_s or resend_s)
         if self._progress is not None:
-            attempt_text = f" (attempt {self._sent})" if self._sent > 1 else ""
+            attempt_text = f" (attempt {self._send_count})" if self._send_count > 1 else ""
             self._progress(
                 f"Commanding vehicle {self._vehicle.id} to {self._goal.action}{attempt_text}", None
             )
@@ -268,16 +272,16 @@ class Transaction:
         now_s = self._vehicle.clock.monotonic_s()
         result = message.result
         if result == d.MAV_RESULT_ACCEPTED:
-            self._accepted += 1
+            self._accepted_count += 1
             self._accepted_s = now_s
-            self._refused = None if self._goal.repeat_s else self._refused
+            self._refusal = None if self._goal.repeat_s else self._refusal
             if self._goal.repeat_s is None:
                 self._next_send_s = now_s + RESEND_ACCEPTED_S
             if self._goal.requested_ids:
                 self._next_request_s = min(self._next_request_s, now_s + 0.02)
         elif result == d.MAV_RESULT_IN_PROGRESS:
             if self._goal.repeat_s is None:
-                self._in_progress(message.progress, now_s)
+                self._extend_deadline(message.progress, now_s)
         elif (
             result in (d.MAV_RESULT_COMMAND_LONG_ONLY, d.MAV_RESULT_COMMAND_INT_ONLY)
             and self._tried_forms < 2
@@ -289,11 +293,11 @@ class Transaction:
             self._ignores_first_refusal = False
             self._next_send_s = now_s  # a second refusal belongs to this request
         else:
-            if self._refused is None:
+            if self._refusal is None:
                 self._refused_s = now_s
                 if self._goal.present_problems is not None:
                     self._request_checks()
-            self._refused = result
+            self._refusal = result
             if self._goal.repeat_s is None:
                 self._next_send_s = float("inf")
 
@@ -303,10 +307,10 @@ class Transaction:
         request = Request(d.MAV_CMD_RUN_PREARM_CHECKS, (0, 0, 0, 0, 0, 0, 0))
         self._vehicle.send(request.message(identity.system_id, identity.component_id, 0, False))
 
-    def _in_progress(self, percent: int, now_s: float) -> None:
+    def _extend_deadline(self, percent: int, now_s: float) -> None:
         latest_s = self._start_s + MAX_DURATION_S
         self._deadline_s = min(max(self._deadline_s, now_s + IN_PROGRESS_TIMEOUT_S), latest_s)
-        self._next_send_s = now_s + PROBE_IN_PROGRESS_S
+        self._next_send_s = now_s + RESEND_IN_PROGRESS_S
         if self._progress is not None:
             self._progress(
                 f"Vehicle {self._vehicle.id}: {self._goal.action}", percent / 100 if percent <= 100 else None

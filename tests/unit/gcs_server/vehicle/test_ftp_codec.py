@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs_server.vehicle.services import ftp_codec as codec
-from gcs_server.vehicle.services.ftp_pieces import MAX_HOLES, Pieces
+from gcs_server.vehicle.services.ftp_pieces import MAX_MISSING_PARTS, PartialFile
 from tests.steps import count_lines_run
 
 packets = st.builds(
@@ -16,7 +16,7 @@ packets = st.builds(
     sequence=st.integers(0, 65535),
     opcode=st.integers(0, 255),
     session=st.integers(0, 255),
-    requested=st.integers(0, 255),
+    request_opcode=st.integers(0, 255),
     burst_complete=st.booleans(),
     offset=st.integers(0, 2**32 - 1),
 )
@@ -48,7 +48,7 @@ def test_every_error_code_has_a_text():
 @given(st.integers(0, 1000), st.lists(st.tuples(st.integers(-5, 1100), st.integers(0, 300)), max_size=30))
 def test_pieces_in_any_order_are_joined_to_the_file(size, cuts):
     content = bytes(i * 7 % 251 for i in range(size))
-    pieces, covered = Pieces(size), set()
+    pieces, covered = PartialFile(size), set()
     for offset, length in cuts:
         data = content[max(offset, 0) : max(offset, 0) + length] if offset >= 0 else bytes(length)
         fits = bool(data) and offset >= 0 and offset + len(data) <= size
@@ -56,9 +56,9 @@ def test_pieces_in_any_order_are_joined_to_the_file(size, cuts):
         assert pieces.put(offset, data) == new
         covered |= set(range(offset, offset + len(data))) if fits else set()
         assert pieces.received == len(covered)
-    while (hole := pieces.first_hole) is not None:
-        assert not covered & set(range(*hole))
-        pieces.put(hole[0], content[hole[0] : hole[1]])
+    while (part := pieces.first_missing) is not None:
+        assert not covered & set(range(*part))
+        pieces.put(part[0], content[part[0] : part[1]])
     assert pieces.complete
     assert pieces.content == content
 
@@ -70,7 +70,7 @@ def test_the_recorded_listings_and_refusals_are_read(shared):
     def reply(name):
         fields = dialogues[name]["received"][0]["fields"]["payload"]
         data = bytes.fromhex(fields["data_hex"])
-        head = {"sequence": fields["seq_number"], "requested": fields["req_opcode"]}
+        head = {"sequence": fields["seq_number"], "request_opcode": fields["req_opcode"]}
         return codec.Packet(opcode=fields["opcode"], size=len(data), data=data, **head)
 
     entries, count = codec.parse_listing(reply("ftp_list_dot").data)
@@ -108,18 +108,18 @@ def put_every_second_byte(pieces):
 
 def test_the_work_for_a_piece_does_not_grow_with_the_pieces_before_it():
     few_lines, many_lines = (
-        count_lines_run(lambda n=n: put_every_second_byte(Pieces(n))) for n in (1_000, 4_000)
+        count_lines_run(lambda n=n: put_every_second_byte(PartialFile(n))) for n in (1_000, 4_000)
     )
     assert many_lines < 5 * few_lines
 
 
 def test_the_number_of_missing_parts_is_limited():
-    pieces = Pieces(100_000)
+    pieces = PartialFile(100_000)
     put_every_second_byte(pieces)
-    assert pieces.holes <= MAX_HOLES
-    assert pieces.received == MAX_HOLES
-    while (hole := pieces.first_hole) is not None:
-        assert pieces.put(hole[0], bytes(hole[1] - hole[0]))
+    assert pieces.missing_count <= MAX_MISSING_PARTS
+    assert pieces.received == MAX_MISSING_PARTS
+    while (part := pieces.first_missing) is not None:
+        assert pieces.put(part[0], bytes(part[1] - part[0]))
     assert pieces.received == pieces.size
 
 
