@@ -1,4 +1,4 @@
-"""Aligns a flown path with the nominal path, whatever the times: dynamic time warping."""
+"""Aligns a flown path with the nominal path, independently of the times: dynamic time warping."""
 
 from __future__ import annotations
 

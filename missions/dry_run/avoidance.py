@@ -1,4 +1,4 @@
-"""Obstacle avoidance of a simulated vehicle: the avoider of real flights, with simulated sensors."""
+"""Obstacle avoidance of a simulated vehicle: the avoidance of real flights, with simulated sensors."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class SimulatedAvoidance:
         """Whether the simulated world has anything to avoid."""
 
     def reset(self) -> None:
-        """Resets, because no setpoint is flown any more."""
+        """Ends a detour; called when the mission sends no setpoints."""
         self._avoidance.reset()
         self._stopped_since_s = None
 

@@ -76,8 +76,8 @@ def _prism_distance_m(prism: Prism, position_ned_m: Array) -> Array:
     north, east, down = position_ned_m.T
     shape = shapely.make_valid(shapely.Polygon(prism.corners_ne_m))
     shapely.prepare(shape)
-    aside_m = shapely.distance(shapely.points(north, east), shape)
-    return np.hypot(aside_m, np.maximum(-down - prism.top_alt_home_m, 0.0))
+    horizontal_m = shapely.distance(shapely.points(north, east), shape)
+    return np.hypot(horizontal_m, np.maximum(-down - prism.top_alt_home_m, 0.0))
 
 
 def _box_distance_m(box: Obstacle, position_ned_m: Array) -> Array:
@@ -86,6 +86,6 @@ def _box_distance_m(box: Obstacle, position_ned_m: Array) -> Array:
     outside_x = np.maximum(np.abs(c * north + s * east) - 0.5 * box.length_m, 0.0)
     outside_y = np.maximum(np.abs(c * east - s * north) - 0.5 * box.width_m, 0.0)
     altitude_home_m = -position_ned_m[:, 2]
-    above = np.maximum(altitude_home_m - box.base_alt_home_m - box.height_m, 0.0)
-    below = np.maximum(box.base_alt_home_m - altitude_home_m, 0.0)
-    return np.sqrt(outside_x**2 + outside_y**2 + (above + below) ** 2)
+    above_m = np.maximum(altitude_home_m - box.base_alt_home_m - box.height_m, 0.0)
+    below_m = np.maximum(box.base_alt_home_m - altitude_home_m, 0.0)
+    return np.sqrt(outside_x**2 + outside_y**2 + (above_m + below_m) ** 2)

@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 MAX_STATIONS = 400
 SPACING_M = 0.5
 """Smallest distance between two stations along the path."""
-PARTS_PER_STATION = 4
-"""Number of parts into which the path between two stations is divided, so that corners are measured well."""
+POINTS_PER_STATION = 4
+"""Number of path points from one station to the next; more than one, so that corners are measured well."""
 SEARCHED_STATIONS = 3
 """Number of stations before and after the aligned station in which the nearest point is searched, because the
 alignment compares whole stations."""
@@ -102,15 +102,14 @@ def deviation(nominal: Stations, flight: Track) -> tuple[Array, Array]:
     common, flight_common, open_end = _common_steps(nominal, flight_stations)
     if len(common) and len(flight_common):
         pairs = align(nominal.position_ned_m[common], flight_stations.position_ned_m[flight_common], open_end)
-        station_index = np.repeat(common[pairs[0]], PARTS_PER_STATION)
-        parts = (
-            PARTS_PER_STATION * flight_common[pairs[1]][:, None]
-            + np.arange(PARTS_PER_STATION)
-            - PARTS_PER_STATION // 2
+        station_index = np.repeat(common[pairs[0]], POINTS_PER_STATION)
+        point_index = (
+            POINTS_PER_STATION * flight_common[pairs[1]][:, None]
+            + np.arange(POINTS_PER_STATION)
+            - POINTS_PER_STATION // 2
         )
-        position = flight_stations.fine_ned_m[np.clip(parts, 0, len(flight_stations.fine_ned_m) - 1)].reshape(
-            -1, 3
-        )
+        fine_ned_m = flight_stations.fine_ned_m
+        position = fine_ned_m[np.clip(point_index, 0, len(fine_ned_m) - 1)].reshape(-1, 3)
         offset_ned_m = _from_nearest(nominal.fine_ned_m, station_index, position)
         np.fmax.at(across, station_index, np.hypot(offset_ned_m[:, 0], offset_ned_m[:, 1]))
         np.maximum.at(above, station_index, -offset_ned_m[:, 2])
@@ -129,7 +128,7 @@ class Stations:
     position_ned_m: Array
     """(S, 3)."""
     fine_ned_m: Array
-    """(PARTS_PER_STATION * (S - 1) + 1, 3) positions at shorter distances."""
+    """(POINTS_PER_STATION * (S - 1) + 1, 3) positions at a fraction of the spacing."""
     step_index: Indices
     """(S,) index of the step in `places`."""
     places: tuple[str, ...]
@@ -145,15 +144,15 @@ class Stations:
         samples = np.arange(len(track.t_s))
         along_m = np.concatenate(([0.0], np.cumsum(moved_m))) + 1e-9 * samples
         count = min(max_count, max(2, 1 + math.ceil(along_m[-1] / spacing_m)))
-        fine_m = np.linspace(0.0, along_m[-1], PARTS_PER_STATION * (count - 1) + 1)
+        fine_m = np.linspace(0.0, along_m[-1], POINTS_PER_STATION * (count - 1) + 1)
         fine = np.stack([np.interp(fine_m, along_m, axis) for axis in track.position_ned_m.T], axis=1)
-        at_m = fine_m[::PARTS_PER_STATION]
+        at_m = fine_m[::POINTS_PER_STATION]
         begins = np.flatnonzero(np.diff(track.step, prepend=track.step[0] - 1))
         latest = np.searchsorted(along_m, at_m, side="right") - 1
         return cls(
             along_m[-1] / (count - 1),
             np.interp(at_m, along_m, track.t_s),
-            fine[::PARTS_PER_STATION],
+            fine[::POINTS_PER_STATION],
             fine,
             np.searchsorted(begins, latest, side="right") - 1,
             tuple(track.steps[index].place if index >= 0 else "" for index in track.step[begins].tolist()),
@@ -172,32 +171,32 @@ def _common_steps(nominal: Stations, flight_stations: Stations) -> tuple[Indices
     blocks = [each for each in matcher.get_matching_blocks() if each.size]
     if not blocks:
         return np.arange(0), np.arange(0), None
-    runs = [each.a + k for each in blocks for k in range(each.size)]
-    flight_runs = [each.b + k for each in blocks for k in range(each.size)]
-    nominal_ends = runs[-1] == len(nominal.places) - 1
-    flight_ends = flight_runs[-1] == len(flight_stations.places) - 1
+    steps = [each.a + k for each in blocks for k in range(each.size)]
+    flight_steps = [each.b + k for each in blocks for k in range(each.size)]
+    nominal_ends = steps[-1] == len(nominal.places) - 1
+    flight_ends = flight_steps[-1] == len(flight_stations.places) - 1
     open_end: OpenEnd | None = None
     if flight_ends and not (nominal_ends and flight_stations.finished):
         open_end = "nominal"
     elif nominal_ends and not (flight_ends and nominal.finished):
         open_end = "flown"
     return (
-        np.flatnonzero(np.isin(nominal.step_index, runs)),
-        np.flatnonzero(np.isin(flight_stations.step_index, flight_runs)),
+        np.flatnonzero(np.isin(nominal.step_index, steps)),
+        np.flatnonzero(np.isin(flight_stations.step_index, flight_steps)),
         open_end,
     )
 
 
 def _from_nearest(fine_ned_m: Array, station_index: Indices, position_ned_m: Array) -> Array:
     """(P, 3) positions relative to the nearest point of the nominal path near these stations (P,)."""
-    around = PARTS_PER_STATION * station_index[:, None] + np.arange(
-        -SEARCHED_STATIONS * PARTS_PER_STATION, SEARCHED_STATIONS * PARTS_PER_STATION + 1
+    around = POINTS_PER_STATION * station_index[:, None] + np.arange(
+        -SEARCHED_STATIONS * POINTS_PER_STATION, SEARCHED_STATIONS * POINTS_PER_STATION + 1
     )
     path = fine_ned_m[np.clip(around, 0, len(fine_ned_m) - 1)]
     along = np.diff(path, axis=1)
     from_begin = position_ned_m[:, None] - path[:, :-1]
-    length_2 = np.maximum(_dot(along, along), 1e-12)
-    fraction = np.clip(_dot(from_begin, along) / length_2, 0.0, 1.0)
+    length_squared = np.maximum(_dot(along, along), 1e-12)
+    fraction = np.clip(_dot(from_begin, along) / length_squared, 0.0, 1.0)
     offset_ned_m = from_begin - fraction[:, :, None] * along
     return offset_ned_m[np.arange(len(station_index)), _dot(offset_ned_m, offset_ned_m).argmin(axis=1)]
 

@@ -55,7 +55,7 @@ class Fleet:
             start_ned_m[:, 2] = -world.terrain.alt_home_m(start_ned_m[:, 0], start_ned_m[:, 1])
         self.sim = VehicleSim(
             len(conditions), links=(), seed=seed, first_noise=first,
-            stores=[_store(*each) for each in zip(aircraft, conditions, strict=True)],
+            stores=[_parameters_for(*each) for each in zip(aircraft, conditions, strict=True)],
             home=SimulationOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m),
             start_ned_m=start_ned_m,
             start_yaw_ned_rad=np.array([each.yaw_ned_rad for each in aircraft]), world=world,
@@ -144,11 +144,11 @@ def _from_home(home: HomePosition, other: HomePosition) -> Vector3:
     return (north_m, east_m, 0.0)
 
 
-def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:
+def _parameters_for(aircraft: Aircraft, conditions: Conditions) -> Parameters:
     store = Parameters()
     for name, value in aircraft.simulated_parameters().items():
         if name in store:
-            store.set(name, _in_type(store, name, value))
+            store.set(name, _as_type_of(store, name, value))
     store.set("SIH_MASS", float(store.get("SIH_MASS")) * conditions.mass_scale)
     if aircraft.endurance_s is not None:
         store.set("SIM_BAT_ENABLE", 1)
@@ -162,7 +162,7 @@ def _store(aircraft: Aircraft, conditions: Conditions) -> Parameters:
     return store
 
 
-def _in_type(store: Parameters, name: str, value: float) -> ParameterValue:
+def _as_type_of(store: Parameters, name: str, value: float) -> ParameterValue:
     """The value in the type of the parameter."""
     return round(value) if store.type_of(name) == "INT32" else value
 

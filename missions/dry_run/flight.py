@@ -9,7 +9,7 @@ from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.fleet import Fleet, Vehicle
 from missions.dry_run.pilot import READY_WITHIN_S, Pilot, finding_now
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
-from missions.dry_run.track import EVERY_TICKS, Recorder, Track
+from missions.dry_run.track import SAMPLE_EVERY_TICKS, Recorder, Track
 
 ReportProgress = Callable[[float, int], None]
 """Called once per simulated second with (simulated seconds since boot, number of ended flights). An exception
@@ -55,7 +55,7 @@ def fly(
         seed: seed of noise and gusts.
         first: number of the first flight. The noise of a flight depends on this number.
         site: ground and obstacles around the start.
-        report: called with the progress; an exception from it ends the batch.
+        report: called with the progress.
     """
     fleet = Fleet([aircraft] * len(conditions), conditions, seed=seed, first=first, site=site)
     pilots = [make_pilot(vehicle) for vehicle in fleet.vehicles]
@@ -82,7 +82,7 @@ def fly_fleet(
         conditions: one for each vehicle.
         recorder: records these vehicles.
         max_duration_s: time limit of a flight.
-        report: called with the progress; an exception from it ends the batch.
+        report: called with the progress.
         after_pilots: called after the pilots at each tick, to coordinate them.
     """
     flights: dict[int, Flight] = {}
@@ -95,7 +95,7 @@ def fly_fleet(
         if after_pilots is not None:
             after_pilots(now_s)
         ticks += 1
-        if ticks % EVERY_TICKS == 0:
+        if ticks % SAMPLE_EVERY_TICKS == 0:
             recorder.sample()
             for row, pilot in running:
                 if pilot.ended or _has_timed_out(pilot, now_s, max_duration_s):

@@ -13,7 +13,7 @@ from missions.dry_run.fleet import TICK_S, Vehicle
 from missions.frames import Quaternion, Vector3, rotate
 from vehicle_sim.world.lidar import SECTOR_DEG, SECTORS
 
-EVERY_TICKS = 10
+SCAN_EVERY_TICKS = 10
 """5 Hz, the rate that the server requests from a real vehicle."""
 _ANGLES = np.radians(SECTOR_DEG) * np.arange(SECTORS)
 _FORWARD, _RIGHT = np.cos(_ANGLES)[:, None], np.sin(_ANGLES)[:, None]
@@ -31,7 +31,7 @@ class ObstacleLidar:
     def scans(self, now_s: float) -> tuple[Scan, ...]:
         """The newest scan of each sensor."""
         tick = self._view.simulation.steps // self._steps_per_tick
-        if not self._scans or tick % EVERY_TICKS == 0:
+        if not self._scans or tick % SCAN_EVERY_TICKS == 0:
             self._scans = (self._around(now_s), self._down(now_s))
         return self._scans
 
@@ -39,9 +39,9 @@ class ObstacleLidar:
         simulation, row = self._view.simulation, self._view.row
         measured_m = simulation.distances_around_m(row).tolist()
         distances_m = tuple(each if math.isfinite(each) else None for each in measured_m)
-        directions = _sectors(self._view.estimate.q_ned_frd)
-        half_rad = math.radians(SECTOR_DEG / 2.0)
-        return Scan(now_s, directions, distances_m, simulation.world.lidars.range_m, half_rad)
+        directions = _sector_directions(self._view.estimate.q_ned_frd)
+        half_sector_rad = math.radians(SECTOR_DEG / 2.0)
+        return Scan(now_s, directions, distances_m, simulation.world.lidars.range_m, half_sector_rad)
 
     def _down(self, now_s: float) -> Scan:
         measured_m = self._view.simulation.distance_down_m(self._view.row)
@@ -50,7 +50,7 @@ class ObstacleLidar:
         return Scan(now_s, (direction,), (distance_m,), self._view.parameter("SIH_DISTSNSR_MAX"))
 
 
-def _sectors(q_ned_frd: Quaternion) -> tuple[Vector3, ...]:
+def _sector_directions(q_ned_frd: Quaternion) -> tuple[Vector3, ...]:
     """Directions of the sectors, clockwise from the nose."""
     forward = np.array(rotate(q_ned_frd, (1.0, 0.0, 0.0)))
     right = np.array(rotate(q_ned_frd, (0.0, 1.0, 0.0)))

@@ -111,13 +111,13 @@ def monte_carlo(
     conditions, spread = conditions or Conditions(), spread or Spread()
     drawn = [spread.draw(conditions, seed, number) for number in range(1, flights + 1)]
     began_s = time.perf_counter()
-    flights_flown = fly(
+    flown = fly(
         aircraft, [conditions, *drawn], flyable.make_pilot, max_duration_s=flyable.max_duration_s, seed=seed,
         site=site, report=report,
     )  # fmt: skip
     computing_s = time.perf_counter() - began_s
     return summarise(
-        [evaluate(each, flyable, aircraft, site, computing_s) for each in flights_flown],
+        [evaluate(each, flyable, aircraft, site, computing_s) for each in flown],
         spread,
         seed,
         computing_s,

@@ -129,8 +129,8 @@ def _closest(runs_together: Sequence[DryRunTogether], minimum_m: float) -> tuple
     for roles, values in distances.items():
         quantiles = Quantiles.from_values(values)
         assert quantiles is not None
-        near = sum(value < minimum_m for value in values)
-        result.append(PairDistance(roles, quantiles, Chance.from_counts(near, len(runs_together))))
+        near_count = sum(value < minimum_m for value in values)
+        result.append(PairDistance(roles, quantiles, Chance.from_counts(near_count, len(runs_together))))
     return tuple(result)
 
 
@@ -146,7 +146,7 @@ def _chances(runs_together: Sequence[DryRunTogether], minimum_m: float) -> dict[
     return outcome_probabilities(codes, {**OUTCOMES, "separation": ("separation",), TOO_NEAR: (TOO_NEAR,)})
 
 
-def _without_nominal(many: MonteCarlo) -> dict[str, Any]:
-    document = many.document()
+def _without_nominal(result: MonteCarlo) -> dict[str, Any]:
+    document = result.document()
     del document["nominal"]
     return document

@@ -49,7 +49,7 @@ CONTROL_HOLDER = "the dry run"
 
 
 @cache
-def _estimates(position: bool, velocity: bool, heading: bool, home: bool) -> frozenset[Estimate]:
+def _valid_estimates(position: bool, velocity: bool, heading: bool, home: bool) -> frozenset[Estimate]:
     """The names of the valid estimates."""
     valid: dict[Estimate, bool] = {
         "position": position, "global_position": position, "velocity": velocity, "heading": heading,
@@ -95,7 +95,7 @@ class OffboardPilot:
         self._send(now_s)
         self._ticks += 1
         if self._ticks % RUNNER_EVERY_TICKS == 0:
-            self._run_runner(now_s, self.started_s)
+            self._tick_runner(now_s, self.started_s)
 
     def may_start(self, now_s: float) -> bool:
         """Whether the vehicle is ready, or the time limit for becoming ready has passed."""
@@ -107,7 +107,7 @@ class OffboardPilot:
     def begin(self, now_s: float, requests: list[Request]) -> None:
         """Executes the first requests of the started runner."""
         self.started_s = now_s
-        self.carry_out(now_s, requests)
+        self.execute(now_s, requests)
 
     def refuse(self, error: CannotDo) -> None:
         """Ends the flight, because the runner cannot start."""
@@ -121,12 +121,12 @@ class OffboardPilot:
         except CannotDo as error:
             self.refuse(error)
 
-    def _run_runner(self, now_s: float, started_s: float) -> None:
+    def _tick_runner(self, now_s: float, started_s: float) -> None:
         runner = self.runner
-        self.carry_out(now_s, runner.tick(now_s, self.reading()))
+        self.execute(now_s, runner.tick(now_s, self.reading()))
         state, segment = runner.state, runner.segment
         if runner.question is not None:
-            self.carry_out(now_s, runner.continue_after_question(CONTROL_HOLDER))
+            self.execute(now_s, runner.continue_after_question(CONTROL_HOLDER))
         if segment is not None and segment is not self._segment:
             self._segment, self.step = segment, Step(segment.place, segment.title, None)
         t_s = now_s - started_s
@@ -165,7 +165,7 @@ class OffboardPilot:
         autopilot, simulation = self._vehicle.autopilot, self._vehicle.autopilot.view.simulation
         commander, row = autopilot.commander, autopilot.row
         estimate = simulation.estimates[row]
-        valid = _estimates(
+        valid = _valid_estimates(
             estimate.valid_position, estimate.valid_velocity, estimate.valid_attitude, autopilot.home.valid
         )
         wind_m_s = commander.monitors.wind_m_s
@@ -198,14 +198,14 @@ class OffboardPilot:
         (n, e, d), (n0, e0, d0) = estimate.position_ned_m, self._start_ned_m
         return (n + n0, e + e0, d + d0)
 
-    def carry_out(self, now_s: float, requests: list[Request]) -> None:
+    def execute(self, now_s: float, requests: list[Request]) -> None:
         """Executes requests of the runner, and reports failed requests to the runner."""
         for request in requests:
-            refusal = self._carry_out(now_s, request)
+            refusal = self._execute_request(now_s, request)
             if refusal is not None:
-                self.carry_out(now_s, self.runner.request_failed(request, self.reading(), refusal))
+                self.execute(now_s, self.runner.request_failed(request, self.reading(), refusal))
 
-    def _carry_out(self, now_s: float, request: Request) -> str | None:
+    def _execute_request(self, now_s: float, request: Request) -> str | None:
         """Why the request failed; None: the request succeeded."""
         autopilot, commander = self._vehicle.autopilot, self._vehicle.autopilot.commander
         if isinstance(request, TakeOff):
@@ -244,13 +244,13 @@ class OffboardPilot:
             return
         autopilot = self._vehicle.autopilot
         estimate, commander = autopilot.view.estimate, autopilot.commander
-        waiting = self._stream == "starting"
+        is_starting = self._stream == "starting"
         position = self._position_ned_m(estimate)
-        setpoint = sampler.at(now_s, position, estimate.velocity_ned_m_s, waiting=waiting)
-        if self._avoidance.is_needed and not waiting:
+        setpoint = sampler.at(now_s, position, estimate.velocity_ned_m_s, waiting=is_starting)
+        if self._avoidance.is_needed and not is_starting:
             setpoint = self._avoidance.apply(now_s, sampler, setpoint, position)
         send(autopilot.offboard, setpoint, self._start_ned_m)
-        if waiting and now_s - self._streaming_since_s >= STREAMED_BEFORE_S:
+        if is_starting and now_s - self._streaming_since_s >= STREAMED_BEFORE_S:
             commander.set_mode(NavState.OFFBOARD)
             if commander.active is NavState.OFFBOARD:
                 sampler.restart_time(now_s)

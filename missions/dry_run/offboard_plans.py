@@ -61,10 +61,10 @@ class FlyableMission:
         """
         vehicle = MissionVehicle.from_parameters(aircraft.parameters)
         home = aircraft.home
-        frame = origin or aircraft.origin
-        start_ned_m = frame.to_ned(home.lat_deg, home.lon_deg, home.alt_amsl_m)
+        local_origin = origin or aircraft.origin
+        start_ned_m = local_origin.to_ned(home.lat_deg, home.lon_deg, home.alt_amsl_m)
         start = Start(
-            position_ned_m=start_ned_m, yaw_ned_rad=aircraft.yaw_ned_rad, origin=frame,
+            position_ned_m=start_ned_m, yaw_ned_rad=aircraft.yaw_ned_rad, origin=local_origin,
             home_alt_amsl_m=home.alt_amsl_m,
         )  # fmt: skip
         timeline = compile_mission(mission, vehicle, start, files, role=role)

@@ -50,6 +50,7 @@ class FailsafeWatch:
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self.acted = False
+        """Whether a failsafe has acted."""
 
     def check(self, step: Step | None, t_s: float) -> DryRunFinding | None:
         """The finding when a failsafe acts for the first time, otherwise None."""

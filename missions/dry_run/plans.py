@@ -8,7 +8,7 @@ from typing import Protocol
 from missions.dry_run.fleet import Vehicle
 from missions.dry_run.pilot import Pilot
 from missions.dry_run.setup import Aircraft
-from missions.dry_run.waypoints import Upload, WaypointPilot
+from missions.dry_run.waypoints import StoredPlan, WaypointPilot
 from missions.estimates import estimate
 from missions.plan import Plan
 from missions.values import FenceZone
@@ -58,7 +58,7 @@ class FlyablePlan:
     fence: tuple[FenceZone, ...]
     expected_s: float
     max_duration_s: float
-    upload: Upload
+    stored_plan: StoredPlan
 
     @classmethod
     def from_plan(cls, plan: Plan, aircraft: Aircraft) -> FlyablePlan:
@@ -70,8 +70,8 @@ class FlyablePlan:
         vehicle = VehicleModel.from_parameters(aircraft.parameters)
         with_home = plan.model_copy(update={"planned_home": aircraft.home})
         expected_s = estimate(with_home, vehicle).time_s
-        return cls(plan.fence, BOOT_S + expected_s, max_duration_s(expected_s), Upload.from_plan(plan))
+        return cls(plan.fence, BOOT_S + expected_s, max_duration_s(expected_s), StoredPlan.from_plan(plan))
 
     def make_pilot(self, vehicle: Vehicle) -> WaypointPilot:
         """A pilot that uploads the plan and starts it."""
-        return WaypointPilot(vehicle, self.upload)
+        return WaypointPilot(vehicle, self.stored_plan)

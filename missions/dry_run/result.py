@@ -17,7 +17,7 @@ from missions.dry_run.findings import DryRunFinding
 from missions.dry_run.flight import Flight, ReportProgress, fly
 from missions.dry_run.plans import Flyable
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, AnyObstacle, Conditions, Site
-from missions.dry_run.track import EVERY_S, Track
+from missions.dry_run.track import SAMPLE_PERIOD_S, Track
 from missions.obstacles import NEAR_M
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ class DryRun:
             "findings": [finding_document(each) for each in self.findings],
             "path": None
             if self.track is None
-            else _path(
+            else _path_document(
                 self.track, self.ground_m, max_samples, knows_battery=self.battery_end_share is not None
             ),
             "times_real_time": round(self.times_real_time, 1),
@@ -143,15 +143,15 @@ def evaluate(flight: Flight, flyable: Flyable, aircraft: Aircraft, site: Site, c
     fence = effective_fence(flyable, aircraft)
     fence_m = fence.distance_m(track.position_ned_m)
     obstacle_m, nearest = obstacle_distance_m(site.obstacles, track.position_ned_m)
-    steps = tuple(_steps(track, fence_m, obstacle_m))
+    steps = tuple(_step_times(track, fence_m, obstacle_m))
     north_m, east_m, _ = track.position_ned_m.T
     ground_m = None if site.ground is None else site.ground.altitude_home_m(north_m, east_m)
-    findings = [*flight.findings, *_fence(track, fence_m)]
+    findings = [*flight.findings, *_fence_findings(track, fence_m)]
     if not flight.collided:
-        findings += _near_obstacle(track, obstacle_m, nearest, site.obstacles)
-        findings += _ground_contact(track, ground_m)
+        findings += _obstacle_findings(track, obstacle_m, nearest, site.obstacles)
+        findings += _ground_findings(track, ground_m)
     end_share = float(track.battery_share[_last_armed(track)]) if aircraft.battery_is_known else None
-    findings += _battery(track, aircraft, end_share)
+    findings += _battery_findings(track, aircraft, end_share)
     order = {"error": 0, "warning": 1}
     findings.sort(key=lambda each: order[each.severity])
     duration_s = float(track.t_s[-1])
@@ -189,7 +189,7 @@ def _last_armed(track: Track) -> int:
     return int(rises[0]) if len(rises) else len(track.battery_share) - 1
 
 
-def _steps(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
+def _step_times(track: Track, fence_m: Array, obstacle_m: Array) -> list[StepTime]:
     """The flown steps in order; a repeated step has one entry for each repetition."""
     steps: list[StepTime] = []
     changes = np.flatnonzero(np.diff(track.step)) + 1
@@ -217,7 +217,7 @@ def _step_time_position(track: Track, sample: int) -> tuple[str | None, float, t
     return (track.steps[index].place if index >= 0 else None), round(float(track.t_s[sample]), 2), (n, e, d)
 
 
-def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
+def _fence_findings(track: Track, fence_m: Array) -> list[DryRunFinding]:
     """One finding for each time the flight leaves the fence."""
     outside = fence_m < 0.0
     exits = np.flatnonzero(outside & ~np.concatenate([[False], outside[:-1]]))
@@ -234,14 +234,14 @@ def _fence(track: Track, fence_m: Array) -> list[DryRunFinding]:
     return findings
 
 
-def _ground_contact(track: Track, ground_m: Array | None) -> list[DryRunFinding]:
+def _ground_findings(track: Track, ground_m: Array | None) -> list[DryRunFinding]:
     """A finding at the first sample where the vehicle touches the ground while flying forward."""
     if ground_m is None or len(track.t_s) < 2:
         return []
     north_m, east_m, down_m = track.position_ned_m.T
-    speed_m_s = np.hypot(np.gradient(north_m, EVERY_S), np.gradient(east_m, EVERY_S))
-    above_m = -down_m - ground_m
-    touching = np.flatnonzero((above_m < TOUCHING_M) & (speed_m_s > FORWARD_M_S))
+    speed_m_s = np.hypot(np.gradient(north_m, SAMPLE_PERIOD_S), np.gradient(east_m, SAMPLE_PERIOD_S))
+    height_m = -down_m - ground_m
+    touching = np.flatnonzero((height_m < TOUCHING_M) & (speed_m_s > FORWARD_M_S))
     if not len(touching):
         return []
     sample = int(touching[0])
@@ -257,7 +257,7 @@ def _ground_contact(track: Track, ground_m: Array | None) -> list[DryRunFinding]
     ]
 
 
-def _near_obstacle(
+def _obstacle_findings(
     track: Track, obstacle_m: Array, nearest: NDArray[np.intp], obstacles: Sequence[AnyObstacle]
 ) -> list[DryRunFinding]:
     sample = int(obstacle_m.argmin())
@@ -269,7 +269,7 @@ def _near_obstacle(
     return [DryRunFinding("obstacle_near", message, step, t_s, position_ned_m)]
 
 
-def _battery(track: Track, aircraft: Aircraft, end_share: float | None) -> list[DryRunFinding]:
+def _battery_findings(track: Track, aircraft: Aircraft, end_share: float | None) -> list[DryRunFinding]:
     if end_share is None:
         message = "The vehicle's battery discharge rate is unknown: enter its hover endurance."
         return [DryRunFinding("battery_unknown", message)]
@@ -298,7 +298,9 @@ def finding_document(finding: DryRunFinding) -> dict[str, Any]:
     }
 
 
-def _path(track: Track, ground_m: Array | None, max_samples: int, *, knows_battery: bool) -> dict[str, Any]:
+def _path_document(
+    track: Track, ground_m: Array | None, max_samples: int, *, knows_battery: bool
+) -> dict[str, Any]:
     count = len(track.t_s)
     selected = np.unique(np.linspace(0, count - 1, min(count, max_samples)).round().astype(int))
 

@@ -40,19 +40,19 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
     if isinstance(setpoint, _TRAJECTORIES):  # first, because most setpoints are of these kinds
         position, velocity, acceleration = NAN3, NAN3, NAN3
         if isinstance(setpoint, _WITH_POSITION):
-            (n, e, d), (n0, e0, d0) = _numbers(setpoint.position_ned_m), start_ned_m
+            (n, e, d), (n0, e0, d0) = _none_as_nan(setpoint.position_ned_m), start_ned_m
             position = (n - n0, e - e0, d - d0)
         if isinstance(setpoint, _WITH_VELOCITY):
-            velocity = _numbers(setpoint.velocity_ned_m_s)
+            velocity = _none_as_nan(setpoint.velocity_ned_m_s)
         if isinstance(setpoint, _WITH_ACCELERATION):
-            acceleration = _numbers(setpoint.acceleration_ned_m_s2)
-        yaw, rate = setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s
-        yaw, rate = math.nan if yaw is None else yaw, math.nan if rate is None else rate
-        offboard.trajectory(trajectory_setpoint(position, velocity, acceleration, yaw, rate))
+            acceleration = _none_as_nan(setpoint.acceleration_ned_m_s2)
+        yaw, yaw_rate = setpoint.yaw_ned_rad, setpoint.yaw_rate_ned_rad_s
+        yaw, yaw_rate = math.nan if yaw is None else yaw, math.nan if yaw_rate is None else yaw_rate
+        offboard.trajectory(trajectory_setpoint(position, velocity, acceleration, yaw, yaw_rate))
     elif isinstance(setpoint, Attitude):
-        rate = setpoint.yaw_rate_ned_rad_s
-        mask = IGNORE_RATES if rate is None else IGNORE_RATES & ~IGNORE_YAW_RATE
-        offboard.attitude(mask, setpoint.q_ned_frd, (0.0, 0.0, rate or 0.0), setpoint.thrust)
+        yaw_rate = setpoint.yaw_rate_ned_rad_s
+        mask = IGNORE_RATES if yaw_rate is None else IGNORE_RATES & ~IGNORE_YAW_RATE
+        offboard.attitude(mask, setpoint.q_ned_frd, (0.0, 0.0, yaw_rate or 0.0), setpoint.thrust)
     elif isinstance(setpoint, Rates):
         level = (1.0, 0.0, 0.0, 0.0)
         offboard.attitude(IGNORE_ATTITUDE, level, setpoint.rates_frd_rad_s, setpoint.thrust)
@@ -60,7 +60,7 @@ def send(offboard: Offboard, setpoint: DirectSetpoint, start_ned_m: Vector3) -> 
         raise ValueError(f"a mission sends no {setpoint.type}")
 
 
-def _numbers(vector: Partial3) -> Vector3:
+def _none_as_nan(vector: Partial3) -> Vector3:
     """NaN for a value that is not controlled."""
     x, y, z = vector
     if x is not None and y is not None and z is not None:

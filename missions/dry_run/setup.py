@@ -88,7 +88,7 @@ class Conditions:
     """Conditions of one flight."""
 
     wind_ned_m_s: Vector3 = (0.0, 0.0, 0.0)
-    """Velocity of the air."""
+    """Velocity of the air relative to the ground."""
     gusts_m_s: float = 0.0
     """Standard deviation on each horizontal axis."""
     mass_scale: float = 1.0
@@ -162,7 +162,8 @@ def _top_alt_home_m(obstacle: PlannedObstacle, home: HomePosition) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroundGrid:
-    """Altitudes of the ground on a square grid. Outside the grid the values at the border apply."""
+    """Altitudes of the ground on a square grid. Outside the grid, the altitude of the nearest border point
+    applies."""
 
     north_m: float
     """Position of the south-west corner from home."""

@@ -46,7 +46,7 @@ class _RequestedPlan:
     """Whether obstacle avoidance is on in at least one step."""
 
 
-def _requested_plan(request: Mapping[str, Any], aircraft: Aircraft) -> _RequestedPlan:
+def _read_plan(request: Mapping[str, Any], aircraft: Aircraft) -> _RequestedPlan:
     if request["kind"] == "waypoint_plan":
         plan = plan_document.read(request["plan"])
         return _RequestedPlan(
@@ -95,9 +95,9 @@ def run(
     conditions = Conditions(**conditions_fields)
     obstacles = [Obstacle(**each) for each in request["obstacles"]]
     if request.get("roles") is not None:
-        return _together(request, conditions, obstacles, progress, find_ground)
+        return _run_together(request, conditions, obstacles, progress, find_ground)
     aircraft = _aircraft(request)
-    requested = _requested_plan(request, aircraft)
+    requested = _read_plan(request, aircraft)
     flyable = requested.flyable
     site, assumptions = _site(
         [*obstacles, *prisms_of(requested.obstacles, aircraft.home)],
@@ -137,7 +137,7 @@ def run(
     }
 
 
-def _together(
+def _run_together(
     request: Mapping[str, Any],
     conditions: Conditions,
     obstacles: Sequence[AnyObstacle],
@@ -167,7 +167,7 @@ def _together(
     def report(now_s: float, ended: int) -> None:
         progress(f"{now_s:.0f} s are simulated; {ended} of {count} vehicles have ended.", None)
 
-    seed, many = request["seed"], None
+    seed, monte_carlo_document = request["seed"], None
     if flights is None:
         nominal_document = dry_run_together(
             mission, aircraft, conditions, origins=origins, seed=seed, site=site, report=report
@@ -177,14 +177,15 @@ def _together(
             mission, aircraft, conditions, Spread(**request["spread"]), flights=flights, origins=origins,
             seed=seed, site=site, report=report,
         )  # fmt: skip
-        nominal_document, many = result.nominal.document(), result.document()
+        nominal_document, monte_carlo_document = result.nominal.document(), result.document()
     nominal = dict(next(iter(nominal_document["roles"].values())))
     nominal["findings"] = [*nominal_document.pop("findings"), *findings_of(nominal_document["roles"])]
     nominal["finished"] = all(run["finished"] for run in nominal_document["roles"].values())
     first_role = None
-    if many is not None:
-        first_role = {**next(iter(many["roles"].values())), "chances": many.pop("chances")}
-    together = {**nominal_document, "monte_carlo": many}
+    if monte_carlo_document is not None:
+        first_role = dict(next(iter(monte_carlo_document["roles"].values())))
+        first_role["chances"] = monte_carlo_document.pop("chances")
+    together = {**nominal_document, "monte_carlo": monte_carlo_document}
     return {"nominal": nominal, "monte_carlo": first_role, "together": together, "assumed": assumptions}
 
 

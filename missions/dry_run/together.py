@@ -23,7 +23,7 @@ from missions.dry_run.offboard_plans import FlyableMission
 from missions.dry_run.plans import max_duration_s
 from missions.dry_run.result import MAX_SAMPLES, DryRun, evaluate, finding_document
 from missions.dry_run.setup import LEVEL_SITE, Aircraft, Conditions, Site
-from missions.dry_run.track import EVERY_S, Recorder, Track
+from missions.dry_run.track import SAMPLE_PERIOD_S, Recorder, Track
 from missions.errors import PlanError
 from missions.geodesy import LocalOrigin
 from missions.offboard.document import OffboardMission
@@ -80,7 +80,7 @@ class PilotsTogether:
 
     def __init__(self, pilots: Mapping[str, OffboardPilot]) -> None:
         self._pilots = pilots
-        self._together = JointRunner({role: pilot.runner for role, pilot in pilots.items()})
+        self._joint_runner = JointRunner({role: pilot.runner for role, pilot in pilots.items()})
         self._started = False
         self._ticks = 0
 
@@ -91,15 +91,15 @@ class PilotsTogether:
             return
         self._ticks += 1
         if self._ticks % RUNNER_EVERY_TICKS == 0:
-            for role, requests in self._together.update(now_s, self._readings()).items():
-                self._pilots[role].carry_out(now_s, requests)
+            for role, requests in self._joint_runner.update(now_s, self._readings()).items():
+                self._pilots[role].execute(now_s, requests)
 
     def _begin(self, now_s: float) -> None:
         if not all(pilot.may_start(now_s) for pilot in self._pilots.values()):
             return
         self._started = True
         try:
-            first_requests = self._together.start(now_s, self._readings())
+            first_requests = self._joint_runner.start(now_s, self._readings())
         except CannotDo as error:
             for pilot in self._pilots.values():
                 pilot.refuse(error)
@@ -217,7 +217,7 @@ def fly_together(
 
 def _evaluate_together(runs: dict[str, DryRun], minimum_m: float) -> DryRunTogether:
     tracks = {role: run.track for role, run in runs.items() if run.track is not None}
-    separation = list(_separation(tracks, minimum_m))
+    separation = list(_separations(tracks, minimum_m))
     return DryRunTogether(
         runs,
         tuple(each for each, _ in separation),
@@ -225,7 +225,7 @@ def _evaluate_together(runs: dict[str, DryRun], minimum_m: float) -> DryRunToget
     )
 
 
-def _separation(
+def _separations(
     tracks: Mapping[str, Track], minimum_m: float
 ) -> Iterator[tuple[ClosestApproach, DryRunFinding | None]]:
     """The smallest distance of each pair of roles while both fly, with a finding if it is too small."""
@@ -242,7 +242,7 @@ def _separation(
         near = np.flatnonzero(separation_m < required_m)
         yield (
             closest,
-            _too_near(tracks, (first_role, second_role), separation_m, int(near[0]), required_m)
+            _separation_finding(tracks, (first_role, second_role), separation_m, int(near[0]), required_m)
             if len(near)
             else None,
         )
@@ -251,10 +251,10 @@ def _separation(
 def _velocity(position_ned_m: Array) -> Array:
     if len(position_ned_m) < 2:
         return np.zeros_like(position_ned_m)
-    return np.gradient(position_ned_m, EVERY_S, axis=0)
+    return np.gradient(position_ned_m, SAMPLE_PERIOD_S, axis=0)
 
 
-def _too_near(
+def _separation_finding(
     tracks: Mapping[str, Track], roles: tuple[str, str], separation_m: Array, sample: int, required_m: float
 ) -> DryRunFinding:
     first_track, second_track = (tracks[role] for role in roles)

@@ -12,9 +12,9 @@ from missions.dry_run.fleet import TICK_S, Fleet
 from missions.dry_run.pilot import Pilot, Step
 
 Array = NDArray[np.float64]
-EVERY_TICKS = 5
+SAMPLE_EVERY_TICKS = 5
 """A sample is taken every so many ticks: 10 Hz."""
-EVERY_S = EVERY_TICKS * TICK_S
+SAMPLE_PERIOD_S = SAMPLE_EVERY_TICKS * TICK_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +65,9 @@ class Recorder:
         self._attitudes: list[Array] = []
         self._gimbals: list[Array] = []
         self._steps: list[NDArray[np.int32]] = []
-        self._indices: list[dict[Step, int]] = [{} for _ in range(count)]
-        self._first = np.full(count, -1)
-        self._last = np.full(count, -1)
+        self._step_indices: list[dict[Step, int]] = [{} for _ in range(count)]
+        self._first_sample = np.full(count, -1)
+        self._last_sample = np.full(count, -1)
 
     def sample(self) -> None:
         """Adds one sample of all vehicles."""
@@ -82,33 +82,33 @@ class Recorder:
         self._gimbals.append(np.array([(each.actual.pitch_rad, each.yaw_ned_rad) for each in gimbals]))
         steps = np.full(count, -1, dtype=np.int32)
         for row, pilot in enumerate(self._pilots):
-            if pilot.started_s is None or (pilot.ended and self._last[row] >= 0):
+            if pilot.started_s is None or (pilot.ended and self._last_sample[row] >= 0):
                 continue
-            if self._first[row] < 0:
-                self._first[row] = sample_index
+            if self._first_sample[row] < 0:
+                self._first_sample[row] = sample_index
             if pilot.ended:
-                self._last[row] = sample_index
+                self._last_sample[row] = sample_index
             if pilot.step is not None:
-                step_indices = self._indices[row]
+                step_indices = self._step_indices[row]
                 steps[row] = step_indices.setdefault(pilot.step, len(step_indices))
         self._steps.append(steps)
 
     def track(self, row: int) -> Track | None:
         """The flight of one vehicle; None: the flight did not start."""
-        first, last = int(self._first[row]), int(self._last[row])
+        first, last = int(self._first_sample[row]), int(self._last_sample[row])
         if first < 0:
             return None
-        part = slice(first, (last if last >= 0 else len(self._times) - 1) + 1)
+        samples = slice(first, (last if last >= 0 else len(self._times) - 1) + 1)
         start_s = self._pilots[row].started_s or 0.0
         in_detail = row < self._detailed
         return Track(
-            np.array(self._times[part]) - start_s,
-            np.array([each[row] for each in self._positions[part]], dtype=float),
-            np.array([each[row] for each in self._batteries[part]], dtype=float),
-            np.array([each[row] for each in self._steps[part]]),
-            tuple(self._indices[row]),
-            np.array([each[row] for each in self._velocities[part]]) if in_detail else None,
-            np.array([each[row] for each in self._attitudes[part]]) if in_detail else None,
-            np.array([each[row] for each in self._gimbals[part]]) if in_detail else None,
+            np.array(self._times[samples]) - start_s,
+            np.array([each[row] for each in self._positions[samples]], dtype=float),
+            np.array([each[row] for each in self._batteries[samples]], dtype=float),
+            np.array([each[row] for each in self._steps[samples]]),
+            tuple(self._step_indices[row]),
+            np.array([each[row] for each in self._velocities[samples]]) if in_detail else None,
+            np.array([each[row] for each in self._attitudes[samples]]) if in_detail else None,
+            np.array([each[row] for each in self._gimbals[samples]]) if in_detail else None,
             self._pilots[row].finished,
         )

@@ -28,7 +28,7 @@ Fields = Mapping[str, Any]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Upload:
+class StoredPlan:
     """The items of a plan as the vehicle stores them."""
 
     parts: tuple[tuple[int, tuple[Fields, ...]], ...]
@@ -39,7 +39,7 @@ class Upload:
     """Sequence numbers of the mission items that never end by themselves."""
 
     @classmethod
-    def from_plan(cls, plan: Plan) -> Upload:
+    def from_plan(cls, plan: Plan) -> StoredPlan:
         """Converts a plan to the items that the vehicle stores.
 
         Raises:
@@ -64,14 +64,14 @@ class Upload:
         return cls(parts, steps, endless)
 
 
-def _stored_items(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ...]:
-    if len(items) > CAPACITY[kind]:
-        reason = f"it has {len(items)} {name}s, PX4 has room for {CAPACITY[kind]}"
+def _stored_items(mission_type: int, items: Sequence[WireItem], name: str) -> tuple[Fields, ...]:
+    if len(items) > CAPACITY[mission_type]:
+        reason = f"it has {len(items)} {name}s, PX4 has room for {CAPACITY[mission_type]}"
         raise PlanError("the plan", reason, "Remove some.")
     stored: list[Fields] = []
     for item in items:
         fields = dataclasses.asdict(item)
-        if check_item(kind, fields, as_int=True) != ACCEPTED:
+        if check_item(mission_type, fields, as_int=True) != ACCEPTED:
             reason = f"PX4 does not accept command {item.command} in frame {item.frame}"
             raise PlanError(f"{name} {item.seq + 1}", reason, "Remove it, or change its altitude.")
         stored.append(fields)
@@ -81,17 +81,17 @@ def _stored_items(kind: int, items: Sequence[WireItem], name: str) -> tuple[Fiel
 class WaypointPilot:
     """Uploads the plan, starts the mission, and monitors it."""
 
-    def __init__(self, vehicle: Vehicle, upload: Upload) -> None:
+    def __init__(self, vehicle: Vehicle, stored_plan: StoredPlan) -> None:
         self._vehicle = vehicle
-        self._upload = upload
+        self._stored_plan = stored_plan
         self._failsafe = FailsafeWatch(vehicle)
         self._in_air_since_s: float | None = None
         self.started_s: float | None = None
         self.ended = self.finished = False
         self.step: Step | None = None
         self.findings: list[DryRunFinding] = []
-        for kind, items in upload.parts:
-            vehicle.autopilot.plans.store(kind, items)
+        for mission_type, items in stored_plan.parts:
+            vehicle.autopilot.plans.store(mission_type, items)
 
     def tick(self, now_s: float) -> None:
         """Starts the mission when the vehicle is ready, then monitors its progress."""
@@ -100,7 +100,7 @@ class WaypointPilot:
         if self.started_s is None:
             self._start(now_s)
         elif self._vehicle.autopilot.ran_full_tick or self._in_air_since_s is not None:
-            self._watch(now_s, now_s - self.started_s)
+            self._monitor(now_s, now_s - self.started_s)
 
     def _start(self, now_s: float) -> None:
         autopilot = self._vehicle.autopilot
@@ -113,17 +113,17 @@ class WaypointPilot:
             return
         if ready and commander.start_mission(0.0):
             self.started_s = now_s
-            self.step = self._upload.steps[0]
+            self.step = self._stored_plan.steps[0]
             return
         message = f"The vehicle does not start the mission: {self._vehicle.last_warning}."
         self.findings.append(finding_now("start_refused", message, None, 0.0, self._vehicle))
         self.ended = True
 
-    def _watch(self, now_s: float, t_s: float) -> None:
+    def _monitor(self, now_s: float, t_s: float) -> None:
         commander = self._vehicle.autopilot.commander
         mission = self._vehicle.autopilot.navigator.mission
         if not self._failsafe.acted and commander.active in (NavState.MISSION, NavState.RTL):
-            self.step = self._upload.steps[mission.current]
+            self.step = self._stored_plan.steps[mission.current]
         finding = self._failsafe.check(self.step, t_s)
         if finding is not None:
             self.findings.append(finding)
@@ -148,11 +148,11 @@ class WaypointPilot:
         mission = self._vehicle.autopilot.navigator.mission
         if active is NavState.HOLD and mission.finished:
             return True
-        if active is not NavState.MISSION or mission.current not in self._upload.endless:
+        if active is not NavState.MISSION or mission.current not in self._stored_plan.endless:
             return False
         estimate = self._vehicle.autopilot.view.estimate
         north, east, down = self._vehicle.autopilot.navigator.path.target_ned_m
         if north is None or east is None or down is None:
             return False
-        away_m = math.dist(estimate.position_ned_m, (north, east, down))
-        return away_m < ARRIVED_M and math.hypot(*estimate.velocity_ned_m_s) < STILL_M_S
+        distance_m = math.dist(estimate.position_ned_m, (north, east, down))
+        return distance_m < ARRIVED_M and math.hypot(*estimate.velocity_ned_m_s) < STILL_M_S
