@@ -59,20 +59,22 @@ def _fence(context: Context) -> Iterator[Finding]:
     if area is None:
         return
     home = context.plan.planned_home
-    if home is not None and not area.covers(ShapelyPoint(_local(context, home.lat_deg, home.lon_deg))):
+    if home is not None and not area.covers(
+        ShapelyPoint(_north_east_of(context, home.lat_deg, home.lon_deg))
+    ):
         message = "Home is outside the geofence: PX4 rejects this geofence."
         yield Finding("fence_home_outside", message, fix="Move the home or the fence.")
     # the previous position, and whether the previous position is inside the geofence
     previous: tuple[NorthEast, bool] | None = None
     if home is not None:
-        position = _local(context, home.lat_deg, home.lon_deg)
+        position = _north_east_of(context, home.lat_deg, home.lon_deg)
         previous = (position, bool(area.covers(ShapelyPoint(position))))
     reported: set[tuple[str, int]] = set()
     for step in context.route.steps:
         item = step.item
         if not isinstance(item, PlacedItem) or not is_flown_to(item):
             continue
-        position = _local(context, item.lat_deg, item.lon_deg)
+        position = _north_east_of(context, item.lat_deg, item.lon_deg)
         inside = bool(area.covers(ShapelyPoint(position)))
         if not inside and ("point", step.seq) not in reported:
             reported.add(("point", step.seq))
@@ -86,7 +88,7 @@ def _fence(context: Context) -> Iterator[Finding]:
             yield Finding("fence_crossed", message, step.row, fix="Add a waypoint around the edge.")
         previous = (position, inside)
     for index, rally in enumerate(context.plan.rally_points):
-        if not area.covers(ShapelyPoint(_local(context, rally.lat_deg, rally.lon_deg))):
+        if not area.covers(ShapelyPoint(_north_east_of(context, rally.lat_deg, rally.lon_deg))):
             message = f"Rally point {index + 1} is outside the geofence."
             yield Finding("rally_outside_fence", message, rally_point=index, fix="Move it inside.")
 
@@ -94,7 +96,7 @@ def _fence(context: Context) -> Iterator[Finding]:
 def _zones(context: Context) -> Iterator[Finding]:
     for index, zone in enumerate(context.plan.fence):
         if isinstance(zone, FencePolygon) and context.origin is not None:
-            shape = Polygon([_local(context, point.lat_deg, point.lon_deg) for point in zone.polygon])
+            shape = Polygon([_north_east_of(context, point.lat_deg, point.lon_deg) for point in zone.polygon])
             if not shape.is_valid or shape.area <= 0.0:
                 message = f"The sides of fence zone {index + 1} cross, or it has no area."
                 yield Finding("fence_invalid", message, zone=index, fix="Draw the zone again.")
@@ -104,7 +106,7 @@ def _zones(context: Context) -> Iterator[Finding]:
             yield Finding("rally_terrain", message, rally_point=index, fix="Set its altitude above home.")
 
 
-def _local(context: Context, lat_deg: float, lon_deg: float) -> NorthEast:
+def _north_east_of(context: Context, lat_deg: float, lon_deg: float) -> NorthEast:
     """North and east of the origin [m]."""
     assert context.origin is not None
     north, east, _ = context.origin.to_ned(lat_deg, lon_deg, 0.0)

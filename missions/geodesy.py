@@ -54,6 +54,6 @@ class LocalOrigin:
         return (self.lat_deg + math.degrees(north / EARTH_RADIUS_M), lon_deg, self.alt_amsl_m - down)
 
     def to_frame_of(self, other: LocalOrigin, position_ned_m: Vector3) -> Vector3:
-        """Converts a position to the frame of another origin; both origins are within a few kilometres."""
+        """Converts a position to the frame of another origin, which may be a few kilometres away."""
         n, e, d = other.to_ned(self.lat_deg, self.lon_deg, self.alt_amsl_m)
         return (position_ned_m[0] + n, position_ned_m[1] + e, position_ned_m[2] + d)

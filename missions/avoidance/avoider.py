@@ -2,9 +2,10 @@
 
 The straight line to the wanted position, and the path after this position, must be clear of recent
 measurements. If an obstacle blocks the path, the vehicle climbs above the highest measured point, flies on,
-and descends when the sensors measure nothing below. Alternatively the vehicle flies on the clear heading
-nearest to the direction of the goal. It moves only in directions that a sensor measures. If no direction is
-allowed, or no measurements arrive, the vehicle stops and reports the reason.
+and descends when the sensors measure nothing below. If the obstacle is too high, or `way` is "around", the
+vehicle flies on the clear heading nearest to the direction of the goal. The vehicle moves only in directions
+that a sensor measures. If no direction is allowed, or no measurements arrive, the vehicle stops and reports
+the reason.
 
 Altitudes (`up_m`, `highest_m`, …) are above the origin of the local frame. The space below each remembered
 point counts as solid (`memory.py`). A sensor with a single ray measures along one line only and does not

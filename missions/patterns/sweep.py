@@ -53,7 +53,9 @@ def sweep(
     Raises:
         PlanError: There would be too many lines.
     """
-    headings_deg = [given_heading_deg % 180.0] if given_heading_deg is not None else list(_candidates(area))
+    headings_deg = (
+        [given_heading_deg % 180.0] if given_heading_deg is not None else list(_candidate_headings(area))
+    )
     best: Sweep | None = None
     for line_heading_deg in headings_deg:
         candidate = Sweep(tuple(_lines(area, spacing_m, line_heading_deg)), line_heading_deg)
@@ -68,7 +70,7 @@ def _cost(candidate: Sweep, spacing_m: float) -> float:
     return candidate.length_m + (spacing_m + TURN_M) * len(candidate.lines)
 
 
-def _candidates(area: Polygon) -> Iterator[float]:
+def _candidate_headings(area: Polygon) -> Iterator[float]:
     """Headings along the edges of the convex hull, because the smallest width of a convex area is at right
     angles to one of the edges."""
     ring = area.convex_hull.exterior  # type: ignore[attr-defined]

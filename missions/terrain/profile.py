@@ -47,7 +47,7 @@ def plan_profile(plan: Plan, ground: Ground) -> Profile:
 
 
 def mission_profile(legs: Sequence[Leg], origin: LocalOrigin, start_down_m: float, ground: Ground) -> Profile:
-    """Ground below the longest path of a mission; altitudes are above the start."""
+    """Ground below the longest path through the branches of a mission; altitudes are above the start."""
     rows = [point[1:] for leg in legs if leg.main for point in leg.points]
     if not rows:
         return ()

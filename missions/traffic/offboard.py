@@ -26,7 +26,7 @@ def predict_mission(
         vehicle: id of the vehicle.
         origin: origin of the vehicle's local frame.
         flight: the mission in flight.
-        position_ned_m: the vehicle's position in the current segment.
+        position_ned_m: the vehicle's current position, which counts as the start of the current segment.
     """
     path = predict_timeline(
         vehicle, origin, flight.course.remaining_timeline(flight.index), position_ned_m, flight.t_s
