@@ -66,10 +66,10 @@ def step_estimates(plan: Plan, vehicle: VehicleModel, route: Route) -> Iterator[
         leg = remaining_legs.popleft() if remaining_legs and remaining_legs[0].step is step else None
         length_m = time_s = climbed_m = 0.0
         if leg is not None:
-            climb_m = leg.climb_m or 0.0
-            length_m = math.hypot(leg.length_m, climb_m)
+            altitude_change_m = leg.altitude_change_m or 0.0
+            length_m = math.hypot(leg.length_m, altitude_change_m)
             time_s = leg_time_s(leg, min(speed_m_s, vehicle.speed_max_m_s), vehicle)
-            climbed_m = max(0.0, climb_m)
+            climbed_m = max(0.0, altitude_change_m)
         if isinstance(item, ChangeSpeed) and item.speed_type in GROUND_SPEED_TYPES:
             speed_m_s = item.speed_m_s if (item.speed_m_s or 0.0) > 0.0 else speed_m_s
             speed_m_s = speed_m_s or vehicle.cruise_m_s
@@ -92,7 +92,7 @@ def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None)
         length_m, time_s = length_m + each.length_m, time_s + each.time_s
         climbed_m += each.climb_m
         if each.leg is not None:
-            known_altitudes &= each.leg.climb_m is not None
+            known_altitudes &= each.leg.altitude_change_m is not None
             if spacing_m > 0.0:
                 since_photo_m += each.leg.length_m
                 photos += int(since_photo_m // spacing_m)
@@ -110,14 +110,13 @@ def estimate(plan: Plan, vehicle: VehicleModel, power: PowerModel | None = None)
 def leg_time_s(leg: Leg, speed_m_s: float, vehicle: VehicleModel) -> float:
     """Time of one leg [s], from rest to rest."""
     horizontal_s = travel_time_s(leg.length_m, speed_m_s, vehicle.acceleration_m_s2)
-    climb_m = leg.climb_m or 0.0
+    altitude_change_m = leg.altitude_change_m or 0.0
     if isinstance(leg.step.item, Takeoff):
-        return climb_m / vehicle.takeoff_m_s + horizontal_s if climb_m > 0.0 else horizontal_s
+        return horizontal_s + max(0.0, altitude_change_m) / vehicle.takeoff_m_s
     if isinstance(leg.step.item, Land):
-        return horizontal_s + land_time_s(max(0.0, -climb_m), vehicle)
-    return max(
-        horizontal_s, climb_m / vehicle.climb_m_s if climb_m >= 0.0 else -climb_m / vehicle.descent_m_s
-    )
+        return horizontal_s + land_time_s(max(0.0, -altitude_change_m), vehicle)
+    vertical_m_s = vehicle.climb_m_s if altitude_change_m >= 0.0 else vehicle.descent_m_s
+    return max(horizontal_s, abs(altitude_change_m) / vertical_m_s)
 
 
 def travel_time_s(length_m: float, speed_m_s: float, acceleration_m_s2: float) -> float:

@@ -53,7 +53,7 @@ class Leg:
     step: Step
     length_m: float
     """Horizontal length."""
-    climb_m: float | None
+    altitude_change_m: float | None
     """Positive upwards; None: the two altitudes cannot be compared."""
 
 
@@ -106,12 +106,12 @@ def legs(plan: Plan, route: Route) -> tuple[Leg, ...]:
             continue
         if position is not None:
             length_m = distance_m(*position, item.lat_deg, item.lon_deg)
-            route_legs.append(Leg(step, length_m, climb_m(altitude, item.altitude, home_amsl_m)))
+            route_legs.append(Leg(step, length_m, altitude_change_m(altitude, item.altitude, home_amsl_m)))
         position, altitude = (item.lat_deg, item.lon_deg), item.altitude
     return tuple(route_legs)
 
 
-def climb_m(start: Altitude | None, end: Altitude, home_alt_amsl_m: float | None) -> float | None:
+def altitude_change_m(start: Altitude | None, end: Altitude, home_alt_amsl_m: float | None) -> float | None:
     """Altitude difference from start to end; None: the altitude of home or of the terrain is unknown."""
     if start is None:
         return None

@@ -16,7 +16,7 @@ from missions.offboard.samples import Leg
 from missions.plan import Plan
 from missions.route import plan_positions
 from missions.terrain import clearance, profile
-from missions.terrain.files import Area, Elevation, ElevationFile
+from missions.terrain.files import BoundingBox, Elevation, ElevationFile
 from missions.terrain.follow import follow_ground
 from missions.terrain.ground import Ground
 from missions.terrain.profile import PlanGround
@@ -92,7 +92,7 @@ def _ground(
     elevation: Elevation, positions: Sequence[tuple[float, float]]
 ) -> tuple[Ground | None, tuple[str, ...]]:
     """The ground around positions, and messages about missing elevation data."""
-    area = Area.around_positions(positions, MARGIN_M)
+    area = BoundingBox.around_positions(positions, MARGIN_M)
     if area is None or not elevation.files:
         return None, elevation.problems
     if area.side_m > LONGEST_SIDE_M:

@@ -51,7 +51,7 @@ class ElevationFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Area:
+class BoundingBox:
     """A box of latitude and longitude; `west_deg` is less than `east_deg`, which may be more than 180."""
 
     west_deg: float
@@ -67,7 +67,9 @@ class Area:
         return max(width_rad, math.radians(self.north_deg - self.south_deg)) * EARTH_RADIUS_M
 
     @classmethod
-    def around_positions(cls, positions: Iterable[tuple[float, float]], margin_m: float) -> Area | None:
+    def around_positions(
+        cls, positions: Iterable[tuple[float, float]], margin_m: float
+    ) -> BoundingBox | None:
         """The box around positions (latitude, longitude) plus a margin; None without positions."""
         lat_lon_deg = list(positions)
         if not lat_lon_deg:
@@ -121,7 +123,7 @@ class Elevation:
         files.sort(key=lambda each: (each[1].spacing_m, each[1].name))
         return cls(tuple(files), tuple(problems))
 
-    def ground(self, area: Area) -> Ground | None:
+    def ground(self, area: BoundingBox) -> Ground | None:
         """The ground of an area; each cell is taken from the finest file that covers it. None: no file covers
         the area.
 
@@ -160,7 +162,7 @@ class _Grid:
     columns: int
 
 
-def _overlaps(file: ElevationFile, area: Area) -> bool:
+def _overlaps(file: ElevationFile, area: BoundingBox) -> bool:
     """Whether a file and an area overlap, even if their longitudes differ by 360 degrees."""
     if file.north_deg < area.south_deg or file.south_deg > area.north_deg:
         return False

@@ -20,7 +20,7 @@ from missions.items import Jump, Land, ReturnHome, Takeoff, Waypoint
 from missions.offboard.samples import Leg
 from missions.plan import Plan
 from missions.terrain.clearance import mission_findings, plan_findings
-from missions.terrain.files import DRIVERS, Area, Elevation, inspect
+from missions.terrain.files import DRIVERS, BoundingBox, Elevation, inspect
 from missions.terrain.follow import follow_ground
 from missions.terrain.ground import Ground, line_positions
 from missions.terrain.profile import mission_profile, plan_profile
@@ -39,7 +39,7 @@ def waypoint_at(north_deg: float, altitude: Altitude, east_deg: float = 0.0) -> 
 
 
 def ground_of(*files: Path, margin_m: float = 3000.0) -> Ground:
-    area = Area.around_positions([(LAT_DEG, LON_DEG)], margin_m)
+    area = BoundingBox.around_positions([(LAT_DEG, LON_DEG)], margin_m)
     assert area is not None
     elevation = Elevation.from_files(files)
     assert elevation.problems == ()
@@ -110,7 +110,7 @@ def test_outside_all_files_the_ground_is_unknown(hilly: Ground) -> None:
 def test_a_file_at_the_date_line_is_used_from_both_sides(tmp_path: Path) -> None:
     write(tmp_path / "east.tif", flat(12.0), west_deg=180.0 - 0.05, north_deg=0.03)
     for lon_deg in (179.99, -180.01):
-        area = Area.around_positions([(0.0, lon_deg)], 200.0)
+        area = BoundingBox.around_positions([(0.0, lon_deg)], 200.0)
         assert area is not None
         ground = Elevation.from_files([tmp_path / "east.tif"]).ground(area)
         assert ground is not None
@@ -119,7 +119,7 @@ def test_a_file_at_the_date_line_is_used_from_both_sides(tmp_path: Path) -> None
 
 def test_a_large_area_is_read_with_a_wider_grid(tmp_path: Path) -> None:
     path = write(tmp_path / "country.tif", flat(300.0), cells=100, step_deg=0.0001)
-    area = Area(LON_DEG - 2.0, LAT_DEG - 2.0, LON_DEG + 2.0, LAT_DEG + 2.0)
+    area = BoundingBox(LON_DEG - 2.0, LAT_DEG - 2.0, LON_DEG + 2.0, LAT_DEG + 2.0)
     ground = Elevation.from_files([path]).ground(area)
     assert ground is not None
     assert ground.amsl_m.size < 4_100_000
