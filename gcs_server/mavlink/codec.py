@@ -59,7 +59,7 @@ class FrameParser:
 
     __slots__ = (
         "_incomplete",
-        "_last_seq",
+        "_next_seq",
         "bytes_skipped",
         "crc_errors",
         "frames",
@@ -76,8 +76,8 @@ class FrameParser:
         self.crc_errors = 0
         self.lost: dict[tuple[int, int], int] = {}
         """Number of lost frames per (system, component), counted by gaps in the sequence numbers."""
-        self._last_seq: dict[int, int] = {}
-        """The last sequence number by system id * 256 + component id."""
+        self._next_seq: dict[int, int] = {}
+        """The expected sequence number by system id * 256 + component id."""
         self._incomplete = b""
         """The beginning of a frame that is not complete yet."""
 
@@ -92,7 +92,12 @@ class FrameParser:
             msg_id = low | high << 16
             extra = CRC_EXTRA.get(msg_id)
             if extra is not None and _crc(data[1:-2] + extra) == data[-2] | data[-1] << 8:
-                self._count(system_id, component_id, seq)
+                key = system_id << 8 | component_id
+                if self._next_seq.get(key) == seq:
+                    self._next_seq[key] = (seq + 1) & 0xFF
+                    self.frames += 1
+                else:
+                    self._count(system_id, component_id, seq)
                 return [Frame(msg_id, system_id, component_id, seq, data, received_monotonic_s)]
         return self._split(data, received_monotonic_s)
 
@@ -171,13 +176,11 @@ class FrameParser:
     def _count(self, system_id: int, component_id: int, seq: int) -> None:
         self.frames += 1
         key = system_id << 8 | component_id
-        last = self._last_seq.get(key)
-        self._last_seq[key] = seq
-        if last is not None and seq != (last + 1) & 0xFF:
-            gap = (seq - last - 1) & 0xFF
-            if gap < 128:  # a larger gap: an older frame arrived late, or the sender restarted
-                sender = (system_id, component_id)
-                self.lost[sender] = self.lost.get(sender, 0) + gap
+        gap = (seq - self._next_seq.get(key, seq)) & 0xFF
+        self._next_seq[key] = (seq + 1) & 0xFF
+        if 0 < gap < 128:  # a larger gap: an older frame arrived late, or the sender restarted
+            sender = (system_id, component_id)
+            self.lost[sender] = self.lost.get(sender, 0) + gap
 
 
 def _next_start(data: bytes, position: int, size: int) -> int:

@@ -100,12 +100,12 @@ class Endpoint:
 
     def take_frame(self, frame: Frame) -> None:
         """Stores the data that identify the vehicle: heartbeat, version, boot time."""
-        self.received_s = frame.received_monotonic_s
-        # a companion computer has its own boot clock
-        from_autopilot = frame.component_id == self.component_id
-        if from_autopilot and self.received_s >= self.boot_next_s and frame.msg_id in BOOT_TIME_IDS:
-            self.boot_next_s = self.received_s + BOOT_TIME_EVERY_S
-            self.boot_at_s = self.received_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
+        self.received_s = now_s = frame.received_monotonic_s
+        if now_s < self.boot_next_s or frame.msg_id not in BOOT_TIME_IDS:
+            return
+        if frame.component_id == self.component_id:  # a companion computer has its own boot clock
+            self.boot_next_s = now_s + BOOT_TIME_EVERY_S
+            self.boot_at_s = now_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
 
     def request_version(self, now_s: float) -> None:
         """Requests AUTOPILOT_VERSION, which contains the uid; sends nothing to a recording."""

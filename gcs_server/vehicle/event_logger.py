@@ -107,7 +107,8 @@ class EventLogger:
             waiting_since_s, severity, text = self._waiting_texts.popleft()
             self._unpaired_texts.append(now_s)
             self._line("status_text", severity, text, ago_s=now_s - waiting_since_s)
-        self._log_undescribed(now_s)
+        if self._undescribed:
+            self._log_undescribed(now_s)
         dropped = self._line_limiter.take_dropped(now_s)
         if dropped:
             text = f"The vehicle sends too many messages: {dropped:,} of them are not shown."

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 
 from gcs_server.mavlink.codec import Frame
-from gcs_server.vehicle.instances import message_of
+from gcs_server.vehicle.instances import ID_MASK, message_of
 
 HISTORY_S = 300.0
 
@@ -39,9 +39,9 @@ class History:
         The history of a message that is no longer received is dropped only when the message is received
         again.
         """
-        before_s, stored, last = now_s - HISTORY_S, self._stored, self._last
+        before_s, stored, last, msg_ids = now_s - HISTORY_S, self._stored, self._last, self._msg_ids
         for key, frame in latest.items():
-            if frame is last.get(key) or message_of(key) not in self._msg_ids:
+            if frame is last.get(key) or key & ID_MASK not in msg_ids:
                 continue
             last[key] = frame
             frames = stored.setdefault(key, deque())

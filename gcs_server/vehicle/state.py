@@ -28,6 +28,7 @@ HEARTBEAT_OVERDUE_AFTER_S = 10.0
 """Time without a heartbeat after which the connection is lost [s], because only heartbeats report the armed
 state."""
 
+HEARTBEAT_ID, HOME_ID = d.MAVLINK_MSG_ID_HEARTBEAT, d.MAVLINK_MSG_ID_HOME_POSITION
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
 TOPIC_MESSAGES: dict[str, tuple[int, ...]] = {
     "attitude": ATTITUDE_IDS,
@@ -90,23 +91,26 @@ class VehicleState:
         msg_id, from_autopilot = frame.msg_id, frame.component_id == self._component_id
         if not frame.known:  # storing all 16 million possible ids would fill the memory
             return from_autopilot
+        key: int | None = msg_id
         if from_autopilot:
             now_s = frame.received_monotonic_s
-            within_time = now_s - self._received_s <= LINK_LOST_AFTER_S
-            if within_time or msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:  # only a heartbeat restores the link
+            # only a heartbeat restores the link
+            if now_s - self._received_s <= LINK_LOST_AFTER_S or msg_id == HEARTBEAT_ID:
                 self._received_s = now_s
-            if msg_id == d.MAVLINK_MSG_ID_HOME_POSITION:
+            if msg_id in INSTANCE_OFFSET:
+                key = self._instances.key_of(frame)
+            elif msg_id in REDUCERS:
+                self.flight_state = REDUCERS[msg_id](self.flight_state, full_payload(frame), now_s)
+            elif msg_id == HOME_ID:
                 self.topic("home")  # decode the previous frame before the new one replaces it
-        key = msg_id if from_autopilot and msg_id not in INSTANCE_OFFSET else self._instances.key_of(frame)
+        else:
+            key = self._instances.key_of(frame)
         if key is None:
             return from_autopilot
         self.latest[key] = frame
         if msg_id in self._inputs:
             self._inputs.remove(msg_id)
             self._decoded.difference_update(TOPICS_OF_MESSAGE[msg_id])
-        reducer = REDUCERS.get(msg_id)
-        if reducer is not None:
-            self.flight_state = reducer(self.flight_state, full_payload(frame), frame.received_monotonic_s)
         return True
 
     @property

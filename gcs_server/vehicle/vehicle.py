@@ -290,23 +290,32 @@ class Vehicle:
             and endpoint not in preferred_endpoints(self._endpoints, MAVLINK)
         ):
             return  # MAVLink has the same data; because of different delays, each change would appear twice
+        msg_id = frame.msg_id
+        if msg_id in self._handled_ids:
+            self._handle(frame, endpoint)
+        else:
+            self._state.take(frame)
+        if msg_id in self.mailbox.awaited and frame.known:
+            self.mailbox.deliver(frame)
+
+    def _handle(self, frame: Frame, endpoint: Endpoint) -> None:
+        """Stores a frame that also changes the flight state or belongs to a service."""
         state, msg_id = self._state, frame.msg_id
         if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
             self.components.heartbeat(frame)
         before = state.flight_state
-        if state.take(frame) and msg_id in self._handled_ids:
-            if state.flight_state is not before:
-                self.mode_list.entered(before, state.flight_state)
-                self._event_logger.flight_state(
-                    before, state.flight_state, self._external_control.mode(before, state.flight_state)
-                )
-            if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
-                self._heartbeat()
-            handler = self._handlers.get(msg_id)
-            if handler is not None:
-                handler(frame, endpoint)
-        if msg_id in self.mailbox.awaited and frame.known:
-            self.mailbox.deliver(frame)
+        if not state.take(frame):
+            return
+        if state.flight_state is not before:
+            self.mode_list.entered(before, state.flight_state)
+            self._event_logger.flight_state(
+                before, state.flight_state, self._external_control.mode(before, state.flight_state)
+            )
+        if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
+            self._heartbeat()
+        handler = self._handlers.get(msg_id)
+        if handler is not None:
+            handler(frame, endpoint)
 
     def attach(self, endpoint: Endpoint) -> None:
         """Adds an endpoint."""

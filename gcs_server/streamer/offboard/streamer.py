@@ -25,6 +25,7 @@ from missions.setpoints import complete_vector
 log = logging.getLogger(__name__)
 
 SNAPSHOT_PERIOD_S = 0.1
+UPDATES_PER_IDENTITY_CHECK = 5
 STOP_ALL_S = 3.0
 """Maximum wait for all vehicles to be in Hold at shutdown [s]."""
 
@@ -52,6 +53,7 @@ class Streamer:
         self._streams = streams
         self._controls: dict[str, OffboardControl] = {}
         """By the vehicle's id."""
+        self._updates = 0
         self._isolation = Isolation(clock, log, "The setpoint streams")
         self.limits = limits or LimitStore()
         self._limit_owners: dict[str, str] = {}
@@ -149,9 +151,9 @@ class Streamer:
 
     def update_once(self) -> None:
         """Signals that the event loop runs, updates the snapshots, restores limits and publishes reports."""
-        for vehicle_id, control in self._controls.items():
-            if control.operator_limits.identity_changed:
-                self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator_limits.recognise)
+        if self._updates % UPDATES_PER_IDENTITY_CHECK == 0:
+            self._restore_limits()
+        self._updates += 1
         first_requests = self._streams.watched()
         requests = dict.fromkeys(self._streams.active()) | first_requests
         controlled = [vehicle_id for vehicle_id in requests if vehicle_id in self._controls]
@@ -166,6 +168,11 @@ class Streamer:
             )
         for vehicle_id, report in self._streams.take_reports():
             self._publish(vehicle_id, report.text, report.severity, report.code)
+
+    def _restore_limits(self) -> None:
+        for vehicle_id, control in self._controls.items():
+            if control.operator_limits.identity_changed:
+                self._isolation.run(f"the limits of vehicle {vehicle_id}", control.operator_limits.recognise)
 
     def faults(self) -> list[str]:
         """Messages about current faults."""

@@ -1,4 +1,4 @@
-"""The flights of waypoint plans of all vehicles; monitors each of them ten times a second."""
+"""The flights of waypoint plans of all vehicles; monitors each flight ten times a second."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ from missions.runner.flown import FlownMission
 from missions.traffic.path import PredictedPath
 
 PERIOD_S = 0.1
+STANDING_TURNS = 5
+"""A vehicle that has not flown a plan is checked at every fifth update, in turn with the others."""
 HOME_WAIT_S = 10.0
 """Time to wait for the home of a vehicle that is already flying a plan when the server starts. After that the
 flight is monitored, but not compared with the planned path."""
@@ -45,6 +47,9 @@ class WaypointFlights:
         self._client_starts: dict[str, ClientStart] = {}
         self._in_mission: dict[str, bool] = {}
         """Whether the vehicle was flying its mission at the last update."""
+        self._monitored: dict[str, None] = {}
+        """Vehicles that are checked at every update: those with a flight, or not yet checked."""
+        self._updates = 0
         self._start_paths: dict[str, PredictedPath] = {}
         """Predicted paths of vehicles that are being started."""
         self.comparison_lock = asyncio.Lock()
@@ -58,12 +63,13 @@ class WaypointFlights:
         vehicle.waypoint_flight = VehicleWaypointFlight(self, vehicle.id)
         if not vehicle.identity.replayed:
             self._vehicles[vehicle.id] = vehicle
+            self._monitored[vehicle.id] = None
             self._link_loss[vehicle.id] = LinkLoss(vehicle, self._clock)
 
     def detach(self, vehicle: Vehicle) -> None:
         """Drops all data of a removed vehicle."""
         by_vehicle = (self._vehicles, self._link_loss, self._flights, self._client_starts, self._start_paths)
-        for values in (*by_vehicle, self._in_mission, self._waiting_since_s):
+        for values in (*by_vehicle, self._in_mission, self._monitored, self._waiting_since_s):
             values.pop(vehicle.id, None)
         self._resume_offers.forget(vehicle.id)
 
@@ -135,7 +141,10 @@ class WaypointFlights:
 
     def update(self) -> None:
         """Updates each flight. A fault in one flight affects only that vehicle."""
-        for vehicle in list(self._vehicles.values()):
+        self._updates += 1
+        standing = list(self._vehicles)[self._updates % STANDING_TURNS :: STANDING_TURNS]
+        for vehicle_id in dict.fromkeys((*self._monitored, *standing)):
+            vehicle = self._vehicles[vehicle_id]
             vehicle.isolation.run("the update of its waypoint flight", self._update_vehicle, vehicle)
 
     def _update_vehicle(self, vehicle: Vehicle) -> None:
@@ -148,6 +157,10 @@ class WaypointFlights:
         if not (is_flying or was_flying) or vehicle.link_lost:
             return
         self._in_mission[vehicle.id] = is_flying
+        if is_flying or flight is not None:
+            self._monitored[vehicle.id] = None
+        else:
+            self._monitored.pop(vehicle.id, None)
         if is_flying:
             self._begin_if_new(vehicle, flight, was_flying)
 

@@ -67,8 +67,11 @@ class Gimbals:
         component only after a message of its gimbal manager.
         """
         vehicle, state = self._vehicle, self._state
-        identity, now_s = vehicle.identity, vehicle.clock.monotonic_s()
-        if identity.replayed or state.link_lost or now_s < self._next_s:
+        now_s = vehicle.clock.monotonic_s()
+        if now_s < self._next_s:
+            return
+        identity = vehicle.identity
+        if identity.replayed or state.link_lost:
             return
         self._next_s = now_s + LIMITS_REQUEST_PERIOD_S
         managers = state.senders(STATUS_ID)

@@ -68,8 +68,10 @@ class ModeList:
 
     def tick(self) -> None:
         """Requests the list again if entries are missing; called four times a second."""
+        if not self._missing:
+            return
         now_s = self._vehicle.clock.monotonic_s()
-        if not self._missing or now_s < self._next_s or self._vehicle.status.link_lost:
+        if now_s < self._next_s or self._vehicle.status.link_lost:
             return
         if self._attempts >= ATTEMPTS:
             self._missing.clear()  # this vehicle sends no list
