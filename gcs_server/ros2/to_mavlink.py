@@ -258,13 +258,17 @@ class MavlinkConverter:
             return
         yield from self._assume_home(values)
         relative_alt_m = -local["z"] if self._home is None else values["alt"] - self._home["alt"]
-        velocity_ned_cm_s = (_bounded(local[axis] * 100, -32767, 32767, 0) for axis in ("vx", "vy", "vz"))
+        vx_cm_s, vy_cm_s, vz_cm_s = [
+            _bounded(local[axis] * 100, -32767, 32767, 0) for axis in ("vx", "vy", "vz")
+        ]
         heading = math.degrees(local["heading"]) % 360 if math.isfinite(local["heading"]) else math.nan
         yield d.MAVLink_global_position_int_message(
             boot_ms,
             *_scaled_global(values),
             _bounded(relative_alt_m * 1e3, -(2**31), 2**31 - 1, 0),
-            *velocity_ned_cm_s,
+            vx_cm_s,
+            vy_cm_s,
+            vz_cm_s,
             _bounded(heading * 100, 0, 35_999, UNKNOWN_U16),
         )
 

@@ -32,13 +32,15 @@ from missions.frames import Vector3, yaw_from_q
 
 GRID_STEPS_M = (1.0, 10.0, 100.0)
 """Sizes of the grid's cells [m]; a section has ten cells."""
-FINE_GRID_MAX_CELLS = 45.0
-"""Height of the camera above the ground, in cells, from which on the next coarser grid is drawn."""
+MAX_CAMERA_HEIGHT_CELLS = 45.0
+"""Camera height above the ground [cells] from which the next coarser grid is drawn."""
 COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 COMPASS_DISTANCE_M = 8_000.0
 """Distance of the compass letters, so that they appear at the horizon [m]."""
 MAX_CAMERA_DRIFT_M = 0.02
-FAR_M = 20_000.0
+"""Distance from its pose in the mode `gimbal` at which the camera is put back [m]."""
+CAMERA_FAR_M = 20_000.0
+"""Distance up to which the camera draws [m]."""
 
 
 class BrowserScene:
@@ -68,7 +70,7 @@ class BrowserScene:
         self._mode: Mode | None = previous._mode if previous is not None else None
         self._grid_step_m = 0.0
         self._next_grid_s = 0.0
-        self._framed_serial = previous._framed_serial if previous is not None else -1
+        self._last_framed_serial = previous._last_framed_serial if previous is not None else -1
         """Serial of the preview for which the camera was moved last; -1: not moved yet."""
         client.gui.configure_theme(
             control_layout="floating",
@@ -87,7 +89,7 @@ class BrowserScene:
             self._turning_lights = MovingNode(client, "/lights", q=q)
             self._add_lights()
             self._grid = self._add_grid()
-            self._marks: Any = None
+            self._scale_marks: Any = None
             self._preview: PreviewNode | None = None
             self._dry_run: list[DryRunNode] = []
             self._label_layer = LabelLayer(client)
@@ -103,8 +105,8 @@ class BrowserScene:
             self._vehicles.clear()
             self._label_layer.remove()
             self._remove_preview()
-            self._drop_dry_run()
-            for handle in (self._marks, self._grid, self._world, self._lights):
+            self._remove_dry_run()
+            for handle in (self._scale_marks, self._grid, self._world, self._lights):
                 if handle is not None:
                     handle.remove()
 
@@ -147,11 +149,13 @@ class BrowserScene:
             self._show_preview(view, fleet[followed_id] if followed_id is not None else None)
             if now_s >= self._next_grid_s:
                 self._next_grid_s = now_s + 0.5
-                self._fit_grid()
-                self._show_marks(view.mode)
+                self._choose_grid_cells()
+                self._show_scale_marks(view.mode)
             if self._label_layer.is_due(now_s):
                 origin = origin_text(origin_deg_m)
-                self._label_layer.update(self._labels(), mode=view.mode, scale=self._scale, origin=origin)
+                self._label_layer.update(
+                    self._labels(), mode=view.mode, scale=self._scale_text, origin=origin
+                )
 
     def _labels(self) -> list[Label]:
         preview = [] if self._preview is None else [self._preview.label]
@@ -163,8 +167,9 @@ class BrowserScene:
         ]
 
     def _add_vehicle(self, fleet: Mapping[str, Track], followed_id: str | None) -> None:
-        """Creates the nodes of one vehicle that has none, first of the followed vehicle. Creating the nodes
-        of a whole fleet at once would stop all views for seconds: one vehicle takes 24 ms on a slow machine.
+        """Creates the nodes of one vehicle that has none yet; the followed vehicle is the first. Creating the
+        nodes of a whole fleet at once would stop all views for seconds: one vehicle takes 24 ms on a slow
+        machine.
         """
         missing_ids = [v for v in fleet if v not in self._vehicles and fleet[v].smoother.pose is not None]
         if missing_ids:
@@ -190,10 +195,10 @@ class BrowserScene:
         world_is_fixed = view.mode == "free"  # in the other modes the world moves during a drag
         position_enu_m = enu_from_ned(view.preview.position_ned_m)
         if not world_is_fixed:
-            self._framed_serial = -1
-        elif view.preview.handles and view.preview.serial != self._framed_serial:
-            self._framed_serial = view.preview.serial
-            self._show_handles(_sum(origin, position_enu_m), pose.position_enu_m)
+            self._last_framed_serial = -1
+        elif view.preview.handles and view.preview.serial != self._last_framed_serial:
+            self._last_framed_serial = view.preview.serial
+            self._move_camera_to_handles(_sum(origin, position_enu_m), pose.position_enu_m)
         self._preview.update(
             view.preview, origin, pose.position_enu_m, pose.ground_z_m, handles=world_is_fixed
         )
@@ -206,11 +211,11 @@ class BrowserScene:
         """
         dry_run = view.dry_run
         if dry_run is None or start_m is None:
-            self._drop_dry_run()
+            self._remove_dry_run()
             return None
         nodes = self._dry_run
         if not nodes or nodes[0].path is not dry_run.paths[0] or nodes[0].origin_enu_m != start_m:
-            self._drop_dry_run()
+            self._remove_dry_run()
             nodes += [
                 DryRunNode(self._client, number, path, start_m, self._palette, self._shapes)
                 for number, path in enumerate(dry_run.paths)
@@ -223,14 +228,13 @@ class BrowserScene:
             )
         return poses[0] if dry_run.follow and dry_run.t_s is not None else None
 
-    def _drop_dry_run(self) -> None:
+    def _remove_dry_run(self) -> None:
         for node in self._dry_run:
             node.remove()
         self._dry_run.clear()
 
-    def _show_handles(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
-        """Moves the camera so that the handles that a page has moved are visible; keeps the direction of
-        view."""
+    def _move_camera_to_handles(self, handles_m: Vector3, vehicle_m: Vector3) -> None:
+        """Moves the camera so that it shows the handles that a page has moved; keeps its direction."""
         camera = self._client.camera
         position, look_at = camera_for_handles(
             _triple(camera.position), _triple(camera.look_at), handles_m, vehicle_m
@@ -244,7 +248,7 @@ class BrowserScene:
             self._preview = None
 
     @property
-    def _scale(self) -> str:
+    def _scale_text(self) -> str:
         return f"grid {self._grid_step_m:.0f} m · {self._grid_step_m * 10:.0f} m"
 
     def _update_camera(
@@ -284,7 +288,7 @@ class BrowserScene:
         camera.position = position
         camera.look_at = look_at
         camera.fov = fov_rad
-        camera.near, camera.far = 0.05, FAR_M
+        camera.near, camera.far = 0.05, CAMERA_FAR_M
 
     def _restore_gimbal_camera(self) -> None:
         camera_pose, camera = CAMERAS["gimbal"], self._client.camera
@@ -296,19 +300,21 @@ class BrowserScene:
         ):
             self._set_camera(camera_pose.position_m, camera_pose.look_at_m, camera_pose.fov_rad)
 
-    def _fit_grid(self) -> None:
+    def _choose_grid_cells(self) -> None:
         """Chooses the grid's cell size: finer near the ground, coarser from above."""
         camera = self._client.camera
         height_m = abs(in_world(self._world_pose, _triple(camera.position))[2])
-        step_m = next((s for s in GRID_STEPS_M[:-1] if height_m < FINE_GRID_MAX_CELLS * s), GRID_STEPS_M[-1])
+        step_m = next(
+            (s for s in GRID_STEPS_M[:-1] if height_m < MAX_CAMERA_HEIGHT_CELLS * s), GRID_STEPS_M[-1]
+        )
         if step_m == self._grid_step_m:
             return
         self._grid_step_m = step_m
         self._grid.cell_size, self._grid.section_size = step_m, step_m * 10
         self._grid.fade_distance = step_m * 90
-        if self._marks is not None:
-            self._marks.remove()
-        self._marks = self._scene.add_line_segments(
+        if self._scale_marks is not None:
+            self._scale_marks.remove()
+        self._scale_marks = self._scene.add_line_segments(
             "/world/marks",
             scale_marks(step_m * 10),
             rgb(self._palette.text_3),
@@ -317,12 +323,12 @@ class BrowserScene:
             position=(0.0, 0.0, 0.004 * step_m),
         )
 
-    def _show_marks(self, mode: Mode) -> None:
+    def _show_scale_marks(self, mode: Mode) -> None:
         """Shows the numbers on the ground only from above, because they cannot be read from a low camera
         behind a vehicle."""
         is_readable = mode in ("free", "top")
-        if self._marks.visible != is_readable:
-            self._marks.visible = is_readable
+        if self._scale_marks.visible != is_readable:
+            self._scale_marks.visible = is_readable
 
     def _compass_label(self, eighth: int, name: str) -> Label:
         label = Label(self._client, f"/world/compass_{name}", self._palette.text_3, side="sign")

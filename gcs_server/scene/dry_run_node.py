@@ -21,8 +21,7 @@ ROOT = "/world/dry_run"
 
 
 class DryRunNode:
-    """The nodes of the vehicle. All have the colour of plans, so that the vehicle is not mistaken for a real
-    one.
+    """The nodes of the vehicle, in the colour of targets, so that the vehicle is not mistaken for a real one.
 
     Args:
         number: number of the vehicle in the dry run, from 0.
@@ -49,10 +48,10 @@ class DryRunNode:
         self._corridor = None if corridor is None else self._mesh("/flown/corridor", corridor, 0.16)
         if lines is not None:
             self._lines("/flown/edges", lines, 1.0)
-        self._ghost = self._scene.add_frame(f"{root}/ghost", show_axes=False)
-        self._ghost_node = MovingNode(client, f"{root}/ghost")
+        self._simulated_vehicle = self._scene.add_frame(f"{root}/ghost", show_axes=False)
+        self._simulated_node = MovingNode(client, f"{root}/ghost")
         self._mesh("/ghost/shell", shapes.shell, 0.45)
-        self._lines("/ghost/outline", shapes.ghost, 1.6)
+        self._lines("/ghost/outline", shapes.vehicle_outline, 1.6)
         self._scene.add_frame(f"{root}/ghost/gimbal", show_axes=False, position=GIMBAL_POSITION_M)
         self._gimbal_node = MovingNode(client, f"{root}/ghost/gimbal")
         self._frustum = self._scene.add_frame(f"{root}/ghost/gimbal/sees", show_axes=False)
@@ -73,14 +72,14 @@ class DryRunNode:
             corridor_edges_only: draws only the edges of the corridor, because the camera is inside it, behind
                 the real vehicle.
         """
-        self._ghost.visible = self.label.visible = not hidden
+        self._simulated_vehicle.visible = self.label.visible = not hidden
         if self._corridor is not None:
             self._corridor.visible = not corridor_edges_only
         if pose == self._drawn_pose:
             return
         self._drawn_pose = pose
-        self._ghost_node.place(pose.position_enu_m)
-        self._ghost_node.turn(pose.q_enu_flu)
+        self._simulated_node.place(pose.position_enu_m)
+        self._simulated_node.turn(pose.q_enu_flu)
         if pose.q_body_camera is not None:
             self._gimbal_node.turn(pose.q_body_camera)
             self._frustum.scale = frustum_depth_m(pose, pose.q_body_camera)

@@ -70,7 +70,7 @@ class DryRunPath:
 
 @dataclass(frozen=True, slots=True)
 class DryRunMoment:
-    """The dry run that a page shows, and the shown time."""
+    """The paths of the dry run that a page shows, and the shown time."""
 
     id: str
     paths: tuple[DryRunPath, ...]
@@ -188,6 +188,7 @@ def _corners(corridor: Mapping[str, Any]) -> NDArray[np.float64]:
     direction = np.where(
         has_direction[:, None], direction / np.maximum(length_m, MIN_HORIZONTAL_M)[:, None], 0.0
     )[index]
+    # Before the first horizontal leg, the corridor points north.
     direction[np.hypot(direction[:, 0], direction[:, 1]) < 0.5] = (0.0, 1.0)
     left = np.stack([-direction[:, 1], direction[:, 0], np.zeros(len(middle))], axis=1)
     sideways = left * np.asarray(corridor["horizontal_m"]["p95"], float)[:, None]

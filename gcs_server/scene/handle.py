@@ -20,7 +20,7 @@ from gcs_server.streamer.process.message_pipe import MessagePipe, PipeFull
 START_TIMEOUT_S = 60.0
 END_TIMEOUT_S = 3.0
 MAX_WAITING_BYTES = 8_000_000
-"""Number of bytes that the process has not read, above which it counts as dead."""
+"""Maximum number of bytes that the process has not read; with more bytes it counts as failed."""
 REMEDY = "Flying is not affected; try again in a few seconds."
 
 
@@ -40,7 +40,7 @@ class SceneWorker:
         self._address: asyncio.Future[ViserAddress] = self._loop.create_future()
         self._ended: asyncio.Future[None] = self._loop.create_future()
         self._closed = False
-        self._writing = False
+        self._has_writer = False
 
     @property
     def pid(self) -> int | None:
@@ -77,8 +77,8 @@ class SceneWorker:
         except (PipeFull, EOFError):
             self._fail("The process of the 3D view reads nothing.")
             return
-        if self._pipe.has_unsent_data and not self._writing:
-            self._writing = True
+        if self._pipe.has_unsent_data and not self._has_writer:
+            self._has_writer = True
             self._loop.add_writer(self._pipe.fileno(), self._flush)
 
     async def end(self) -> None:
@@ -113,7 +113,7 @@ class SceneWorker:
             self._pipe.flush()
             if self._pipe.has_unsent_data:
                 return
-        self._writing = False
+        self._has_writer = False
         self._loop.remove_writer(self._pipe.fileno())
 
     def _fail(self, text: str) -> None:
@@ -127,7 +127,7 @@ def _start(worker_socket: socket.socket) -> subprocess.Popen[bytes]:
         [sys.executable, "-m", "gcs_server.scene.worker", str(worker_socket.fileno())],
         stdin=subprocess.DEVNULL,
         pass_fds=[worker_socket.fileno()],
-        start_new_session=True,  # Ctrl-C is for the server
+        start_new_session=True,  # so that Ctrl-C ends only the server
     )
 
 

@@ -38,7 +38,7 @@ from gcs_server.scene.messages import SECRET_HEADER, SceneError, ViserAddress
 
 log = logging.getLogger(__name__)
 
-START_DEADLINE_S = 20.0
+START_TIMEOUT_S = 20.0
 MIN_STALE_AGE_S = 60.0
 """Minimum age of a folder to be removed [s]; a younger folder may belong to a server that is still
 starting."""
@@ -46,7 +46,7 @@ FOLDER_PREFIX = "gcs-scene-"
 MAX_SOCKET_PATH = 100
 """Maximum length of the socket's path; Unix systems allow 104 to 108 bytes."""
 
-_starting = threading.Lock()
+_start_lock = threading.Lock()
 
 
 class _PrivateViser(viser.ViserServer):
@@ -80,7 +80,7 @@ class ViserHost:
             self._folder = await asyncio.to_thread(_create_folder)
             # The socket is bound here, so that a failure raises an exception; viser would retry forever.
             listener = _bind(self.socket_path)
-            async with asyncio.timeout(START_DEADLINE_S):
+            async with asyncio.timeout(START_TIMEOUT_S):
                 self._server = await asyncio.to_thread(self._build, listener)
         except (OSError, TimeoutError) as error:
             self._remove_folder()
@@ -111,7 +111,7 @@ class ViserHost:
         return {k: v[-1] for k, v in parse_qs(urlsplit(connection.request.path).query).items()}
 
     def _build(self, listener: socket.socket) -> viser.ViserServer:
-        with _starting:
+        with _start_lock:
             rich.get_console().quiet = True  # in this process only viser prints with rich
             viser_infra: Any = _infra
             original = viser_infra.websockets

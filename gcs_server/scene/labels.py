@@ -1,7 +1,7 @@
-"""Name tags in the page's font and colours.
+"""Labels in the page's font and colours.
 
 viser's own labels are black on white in every theme, and its HTML panels in the scene do not work in version
-1.1. Therefore a tag is an empty node, and its text is sent in an HTML element of viser's hidden panel. The
+1.1. Therefore a label is an empty node, and its text is sent in an HTML element of viser's hidden panel. The
 script of `page.py` draws the texts at the nodes.
 """
 
@@ -30,7 +30,7 @@ def origin_text(origin_deg_m: Vector3 | None) -> str:
 
 
 class Label:
-    """A name tag at a point of the scene.
+    """A label at a point of the scene.
 
     Args:
         side: where the text is: above or below the point, or (`sign`) at the point and without a frame.
@@ -47,11 +47,11 @@ class Label:
         self.visible = True
 
     def move(self, position_m: Vector3) -> None:
-        """Moves the tag."""
+        """Moves the label."""
         self._node.place(position_m)
 
     def html(self) -> str:
-        """HTML for the script that draws the tag; empty if there is nothing to show."""
+        """HTML for the script that draws the label; empty if there is nothing to show."""
         if not self.visible or not self.text:
             return ""
         return (
@@ -62,7 +62,7 @@ class Label:
 
 
 class LabelLayer:
-    """The HTML element with all name tags of one browser."""
+    """The HTML element with all labels of one browser."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._html = client.gui.add_html("")
@@ -81,7 +81,7 @@ class LabelLayer:
 
         Args:
             mode: mode of the view; `gimbal` has a mark at the centre.
-            scale: text with the size of the grid's squares.
+            scale: text with the size of the grid's cells.
             origin: geographic position of the world's origin, for layers that the page draws over the view;
                 empty while it is not known.
         """
@@ -93,5 +93,5 @@ class LabelLayer:
             self._html.content = text
 
     def remove(self) -> None:
-        """Removes all tags."""
+        """Removes all labels."""
         self._html.remove()

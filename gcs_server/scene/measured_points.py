@@ -27,9 +27,9 @@ def measured_points(
     x, y, z = position_enu_m
     points: list[Vector3] = []
     for scan in recent_scans(scans_of(samples, q_ned_frd, now_monotonic_s), now_monotonic_s, DRAWN_FOR_S):
-        for (n, e, d), far_m in zip(scan.directions_ned, scan.distances_m, strict=True):
-            if far_m is not None and d <= LEVEL_MAX_SINE:
-                east, north, up = enu_from_ned((n * far_m, e * far_m, d * far_m))
+        for (n, e, d), distance_m in zip(scan.directions_ned, scan.distances_m, strict=True):
+            if distance_m is not None and d <= LEVEL_MAX_SINE:
+                east, north, up = enu_from_ned((n * distance_m, e * distance_m, d * distance_m))
                 points.append((x + east, y + north, z + up))
     return tuple(points)
 

@@ -61,7 +61,7 @@ class DrawingState:
     followed: frozenset[str]
     """Vehicles that views follow."""
     faults: tuple[str, ...]
-    """Texts about everything that cannot be drawn now."""
+    """Messages about everything that cannot be drawn now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class HistoryResponse:
 
 @dataclass(frozen=True, slots=True)
 class SetView:
-    """Sets the content of a token's view; the result is (mode, vehicle, theme)."""
+    """Sets the content of the view with this token; the result is (mode, vehicle, theme)."""
 
     number: int
     token: str
@@ -109,7 +109,8 @@ class SetView:
 
 @dataclass(frozen=True, slots=True)
 class Click:
-    """A click in a token's view; the result is a SceneClick, or None if the click was not on the ground."""
+    """A click in the view with this token; the result is a SceneClick, or None if the click was not on the
+    ground."""
 
     number: int
     token: str
@@ -118,7 +119,7 @@ class Click:
 
 @dataclass(frozen=True, slots=True)
 class HandleDragged:
-    """A drag in the browser of a bridge, the connection of one browser to viser."""
+    """A drag in one browser. `bridge` identifies the browser's connection to viser."""
 
     bridge: str
     drag: Drag

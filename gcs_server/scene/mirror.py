@@ -17,11 +17,11 @@ from gcs_server.vehicle.samples import TOPICS, Sample
 
 log = logging.getLogger(__name__)
 
-PAUSE_S = 1.0
-"""Pause between two snapshots after which a history that was requested earlier is not used [s]."""
-_values = {topic: msgspec.msgpack.Decoder(value_type) for topic, value_type in TOPICS.items()}
-_snapshots = msgspec.msgpack.Decoder(SnapshotData)
-_histories = msgspec.msgpack.Decoder(list[SampleData])
+MAX_SNAPSHOT_GAP_S = 1.0
+"""If the time between two snapshots is longer than this [s], a history requested before is not used."""
+_value_decoders = {topic: msgspec.msgpack.Decoder(value_type) for topic, value_type in TOPICS.items()}
+_snapshot_decoder = msgspec.msgpack.Decoder(SnapshotData)
+_history_decoder = msgspec.msgpack.Decoder(list[SampleData])
 
 
 class VehicleClock:
@@ -56,7 +56,7 @@ class MirrorVehicle:
 
     Args:
         number: number of the vehicle in snapshots.
-        request_history: called with number, topics and start time; `take_history` gets the history.
+        request_history: called with number, topics and start time; `store_history` gets the history.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class MirrorVehicle:
         return None if sample is None else sample.received_monotonic_s
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample] | None:
-        """The history; None until the server has sent it."""
+        """The history; None until the server has sent it. The first call requests it."""
         if self._requested_topics != topics:
             self._requested_topics, self._history = topics, None
             self._request_history(self._number, topics, since_unix_s)
@@ -97,13 +97,13 @@ class MirrorVehicle:
         history, self._history = self._history, None
         return history
 
-    def take_history(self, samples: list[Sample]) -> None:
+    def store_history(self, samples: list[Sample]) -> None:
         """Stores the history that was requested."""
         self._history = samples
 
     def update(self, data: VehicleData) -> None:
         """Applies the changes of a snapshot."""
-        if data.monotonic_s - self.clock.monotonic_s() > PAUSE_S:
+        if data.monotonic_s - self.clock.monotonic_s() > MAX_SNAPSHOT_GAP_S:
             self._requested_topics = self._history = None
         self.clock.set(data.monotonic_s, data.unix_s)
         if (data.simulated, data.replayed) != (self._identity.simulated, self._identity.replayed):
@@ -127,11 +127,11 @@ class MirrorFleet:
         self._isolation = Isolation(SystemClock(), log, "The 3D view")
         self._by_number: dict[int, MirrorVehicle] = {}
         self.stalled: frozenset[str] = frozenset()
-        """Bridges of the browsers that do not read now."""
+        """Bridges (connections to viser) of the browsers that do not read now."""
 
     @property
     def faults(self) -> list[str]:
-        """Texts about vehicles whose snapshot could not be read."""
+        """Messages about vehicles whose snapshot could not be read."""
         return self._isolation.faults
 
     def all(self) -> Sequence[MirrorVehicle]:
@@ -151,7 +151,7 @@ class MirrorFleet:
 
     def apply(self, snapshot: bytes) -> None:
         """Applies a snapshot."""
-        data = _snapshots.decode(snapshot)
+        data = _snapshot_decoder.decode(snapshot)
         for vehicle_data in data.changed:
             vehicle = self._by_number.get(vehicle_data.number)
             if vehicle is None:
@@ -162,13 +162,13 @@ class MirrorFleet:
         self._by_number = {number: vehicles[number] for number in data.order if number in vehicles}
         self.stalled = frozenset(data.stalled)
 
-    def take_history(self, number: int, samples: bytes) -> None:
+    def store_history(self, number: int, samples: bytes) -> None:
         """Stores the history of a vehicle, unless the vehicle was removed meanwhile."""
         vehicle = self._by_number.get(number)
         if vehicle is not None:
-            vehicle.take_history([_sample(data) for data in _histories.decode(samples)])
+            vehicle.store_history([_sample(data) for data in _history_decoder.decode(samples)])
 
 
 def _sample(data: SampleData) -> Sample:
-    value = _values[data.topic].decode(data.value)
+    value = _value_decoders[data.topic].decode(data.value)
     return Sample(data.topic, None, data.received_unix_s, data.received_monotonic_s, value)

@@ -68,7 +68,7 @@ def rounded_box(half_m: Vector3, *, roundness: float = 0.45, rings: int = 18, si
     y = power(np.cos(v)) * power(np.sin(u))
     z = power(np.sin(v)) * np.ones_like(u)
     vertices = (np.stack([x, y, z], axis=-1) * np.asarray(half_m)).reshape(-1, 3).astype(np.float32)
-    return Mesh(vertices, _lattice(rings, sides))
+    return Mesh(vertices, _grid_faces(rings, sides))
 
 
 def tube(
@@ -138,20 +138,20 @@ def dark_parts() -> Mesh:
 
 
 def front_mark() -> Mesh:
-    """Marks of the front: an arrow on the lid and a collar on each front arm, in the vehicle's own colour."""
+    """Marks of the front: an arrow on the top, and a ring around each front arm, in the vehicle's colour."""
     z = 0.0845
     arrow = Mesh(
         np.asarray([(0.165, 0, z), (0.02, 0.075, z), (0.055, 0, z), (0.02, -0.075, z)], np.float32),
         np.asarray([(0, 1, 2), (0, 2, 3)], np.uint32),
     )
-    collars: list[Mesh] = []
+    rings: list[Mesh] = []
     for x, y, _ in ROTORS_FLU_M:
         if x > 0:
             height = ROTOR_Z_M - 0.055
             a = (x * 0.60, y * 0.60, 0.025 + (height - 0.025) * 0.47)
             b = (x * 0.78, y * 0.78, 0.025 + (height - 0.025) * 0.71)
-            collars.append(tube(a, b, 0.033, 0.030))
-    return join_meshes(arrow, *collars)
+            rings.append(tube(a, b, 0.033, 0.030))
+    return join_meshes(arrow, *rings)
 
 
 def blade_pair() -> Mesh:
@@ -198,8 +198,8 @@ def frustum() -> tuple[Mesh, Points]:
     return Mesh(vertices, np.asarray(faces, np.uint32)), np.asarray(edges, np.float32)
 
 
-def ghost() -> Points:
-    """Outline of a vehicle, drawn at the vehicle's target."""
+def vehicle_outline() -> Points:
+    """Outline of a vehicle, drawn at a target or for a simulated vehicle."""
     hub = [((0.0, 0.0, 0.02), rotor_m) for rotor_m in ROTORS_FLU_M]
     nose = [
         ((0.30, 0.0, 0.02), (0.14, 0.10, 0.02)),
@@ -209,7 +209,7 @@ def ghost() -> Points:
 
 
 def dots(count: int = 24, filled: float = 0.35) -> Points:
-    """A dotted line from x 0 to x 1."""
+    """A dotted line from x 0 to x 1; `filled` is the drawn fraction of the line."""
     start = np.arange(count) / count
     out = np.zeros((count, 2, 3), np.float32)
     out[:, 0, 0], out[:, 1, 0] = start, start + filled / count
@@ -235,7 +235,7 @@ def q_along(direction: Vector3) -> Quaternion:
     return (w / norm, 0.0, -z / length / norm, y / length / norm)
 
 
-def _lattice(rings: int, sides: int) -> Faces:
+def _grid_faces(rings: int, sides: int) -> Faces:
     faces: list[tuple[int, int, int]] = []
     for r in range(rings):
         for s in range(sides):

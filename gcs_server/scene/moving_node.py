@@ -24,7 +24,8 @@ MIN_MOVE_M = 2e-4
 MIN_TURN = 2e-5
 """A smaller change of a quaternion's components is not sent."""
 MIN_SCALING = 5e-3
-"""A smaller change of a scale is not sent; lines of one metre are scaled to their length [m]."""
+"""A smaller change of a scale factor is not sent. Unscaled lines are one metre long, so for lines this is a
+length [m]."""
 
 
 class NodeChange(Message):
@@ -59,8 +60,8 @@ class NodeChange(Message):
 
 
 class MovingNode:
-    """Sends pose and properties of a moving node without viser's handle. The handle must not set them as
-    well.
+    """Sends pose and properties of a moving node without viser's handle. Do not set the same values through
+    the handle as well.
 
     Args:
         name: name of the node.
@@ -100,9 +101,9 @@ class MovingNode:
         scale = (x, y, z)
         if not self._scale or _differs(scale, self._scale, MIN_SCALING):
             self._scale = scale
-            self.change("scale", tuple(map(float, scale)))
+            self.set_property("scale", tuple(map(float, scale)))
 
-    def change(self, prop: str, value: tuple[float, ...] | NDArray[np.float32]) -> None:
+    def set_property(self, prop: str, value: tuple[float, ...] | NDArray[np.float32]) -> None:
         """Sends a property.
 
         Args:

@@ -1,4 +1,4 @@
-"""viser's browser program, adapted to this page: no panel, no branding, this page's ground and labels.
+"""viser's browser program, adapted to the framing page: no panel, no branding, own ground and labels.
 
 The program is a single file in the installed package; this server inserts a few lines and serves it. Its
 content security policy allows connections to this server only.
@@ -16,24 +16,25 @@ from pathlib import Path
 
 from gcs_server.scene.palette import PALETTES, Palette
 
-_BOOT = """
+_SCRIPT = """
 (() => {
   const query = new URLSearchParams(location.search);
   const page = document.documentElement;
   page.dataset.gcsTheme = query.get('theme') === 'light' ? 'light' : 'dark';
   // viser reads the address of its stream from the query; the address includes the settings of the view.
   const stream = location.origin.replace(/^http/, 'ws') + location.pathname;
-  const wanted = new URLSearchParams();
-  for (const key of ['view', 'theme', 'mode', 'vehicle']) if (query.has(key)) wanted.set(key, query.get(key));
-  query.set('websocket', stream + '?' + wanted);
+  const settings = new URLSearchParams();
+  for (const key of ['view', 'theme', 'mode', 'vehicle'])
+    if (query.has(key)) settings.set(key, query.get(key));
+  query.set('websocket', stream + '?' + settings);
   history.replaceState(null, '', '?' + query);
-  // viser reconnects only while its page has the focus, which it never has inside this page.
+  // viser reconnects only while its page has the focus; inside the framing page it never has the focus.
   document.hasFocus = () => true;
   // viser's first colour scheme is always light; the later ones come from the server.
-  let seen = 0;
+  let changes = 0;
   new MutationObserver(() => {
     const scheme = page.getAttribute('data-mantine-color-scheme');
-    if (seen++ > 0 && scheme) page.dataset.gcsTheme = scheme;
+    if (changes++ > 0 && scheme) page.dataset.gcsTheme = scheme;
   }).observe(page, { attributes: true, attributeFilter: ['data-mantine-color-scheme'] });
 
   // Panels cover parts of the view, so the camera's target is shown in the middle of the free part. The
@@ -55,7 +56,7 @@ _BOOT = """
     camera.updateProjectionMatrix();
   };
 
-  // Name tags: the texts are in viser's hidden panel; each is drawn at the position of its node.
+  // Labels: the texts are in viser's hidden panel; each is drawn at the position of its node.
   const tags = new Map();
   const layer = document.createElement('div');
   layer.className = 'gcs-tags';
@@ -65,7 +66,7 @@ _BOOT = """
   const apply = (m, [x, y, z, w]) =>
     [0, 1, 2, 3].map((r) => m[r] * x + m[r + 4] * y + m[r + 8] * z + m[r + 12] * w);
   const sync = () => {
-    const wanted = new Set();
+    const present = new Set();
     const view = document.querySelector('[data-gcs-mode]');
     if (view && view.textContent !== scale.textContent) scale.textContent = view.textContent;
     if (view && view.dataset.gcsMode !== layer.dataset.mode) layer.dataset.mode = view.dataset.gcsMode;
@@ -73,7 +74,7 @@ _BOOT = """
     if (origin !== page.dataset.gcsOrigin) page.dataset.gcsOrigin = origin;
     for (const source of document.querySelectorAll('[data-gcs-tag]')) {
       const name = source.dataset.gcsTag;
-      wanted.add(name);
+      present.add(name);
       let tag = tags.get(name);
       if (!tag) {
         tag = document.createElement('span');
@@ -87,7 +88,7 @@ _BOOT = """
       tag.style.setProperty('--c', source.dataset.gcsColour);
       tag.dataset.side = source.dataset.gcsSide;
     }
-    for (const [name, tag] of tags) if (!wanted.has(name)) { tag.remove(); tags.delete(name); }
+    for (const [name, tag] of tags) if (!present.has(name)) { tag.remove(); tags.delete(name); }
   };
   let next = 0;
   const draw = (now) => {
@@ -100,15 +101,15 @@ _BOOT = """
     for (const [name, tag] of tags) {
       const node = viser.nodeRefFromName[name];
       const at = node && apply(matrixWorldInverse.elements, [...node.matrixWorld.elements.slice(12, 15), 1]);
-      const seen = at && at[2] < -0.1;
-      if (seen) {
+      const inFront = at && at[2] < -0.1;
+      if (inFront) {
         const [x, y, , w] = apply(projectionMatrix.elements, at);
         const left = ((x / w + 1) / 2) * innerWidth, top = ((1 - y / w) / 2) * innerHeight;
         const up = { above: -190, below: 90, sign: -100 }[tag.dataset.side];
         const place = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px) translate(-50%, ${up}%)`;
         if (tag.style.transform !== place) tag.style.transform = place;
       }
-      const visibility = seen ? 'visible' : 'hidden';
+      const visibility = inFront ? 'visible' : 'hidden';
       if (tag.style.visibility !== visibility) tag.style.visibility = visibility;
     }
   };
@@ -126,9 +127,9 @@ _BOOT = """
     const camera = viser.camera, frame = event.target.getBoundingClientRect();
     const x = (event.clientX - frame.left) / frame.width, y = (event.clientY - frame.top) / frame.height;
     const local = apply(camera.projectionMatrixInverse.elements, [2 * x - 1, 1 - 2 * y, 0.5, 1]);
-    const seen = [...local.slice(0, 3).map((c) => c / local[3]), 1];
+    const clicked = [...local.slice(0, 3).map((c) => c / local[3]), 1];
     const eye = camera.matrixWorld.elements, ground = world.matrixWorld.elements;
-    const from = [0, 1, 2].map((i) => eye[12 + i]), to = apply(eye, seen);
+    const from = [0, 1, 2].map((i) => eye[12 + i]), to = apply(eye, clicked);
     const inWorld = (v) => turned(ground, v);
     fetch(location.pathname + 'view/' + encodeURIComponent(token) + '/click', {
       method: 'POST', headers: { 'Content-Type': 'application/json' },
@@ -144,11 +145,11 @@ _BOOT = """
     down = alone ? { x: event.clientX, y: event.clientY, at: event.timeStamp } : null;
   }, true);
   addEventListener('pointerup', (event) => {
-    const began = down;
+    const pressed = down;
     down = null;
-    if (!began || !event.isPrimary || !(event.target instanceof HTMLCanvasElement)) return;
-    const far = Math.hypot(event.clientX - began.x, event.clientY - began.y);
-    if (far <= 5 && event.timeStamp - began.at <= 500) sendClick(event);
+    if (!pressed || !event.isPrimary || !(event.target instanceof HTMLCanvasElement)) return;
+    const movedPx = Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y);
+    if (movedPx <= 5 && event.timeStamp - pressed.at <= 500) sendClick(event);
   }, true);
 })();
 """
@@ -207,7 +208,7 @@ def page() -> Page:
     build = Path(package.origin).parent / "client" / "build" / "index.html"
     html = build.read_text(encoding="utf-8")
     style = _STYLE + "".join(_theme_style(p) for p in PALETTES.values())
-    inserted = f"<style>{style}</style><script>{_BOOT}</script>"
+    inserted = f"<style>{style}</style><script>{_SCRIPT}</script>"
     # Before viser's first script, after the declaration of the character set.
     head, title, rest = html.partition("<title>Viser</title>")
     if not title:
@@ -235,6 +236,6 @@ def _theme_style(p: Palette) -> str:
         f"{root} canvas[data-engine] {{ background: linear-gradient({p.sky}, {p.ground} 47%); }}"
         f"{root} .gcs-tags span {{ background: {p.panel}; color: {p.text}; }}"
         f"{root} .gcs-tags small, {root} .gcs-tags em {{ color: {p.text_2}; }}"
-        f"{root} .gcs-tags {{ --mark: {p.identities[0]}; }}"
+        f"{root} .gcs-tags {{ --mark: {p.vehicle_colours[0]}; }}"
         f'{root} .gcs-tags span[data-side="sign"] {{ background: none; color: {p.text_2}; }}'
     )

@@ -1,7 +1,7 @@
 """The colours of the 3D view, for both themes.
 
-The page's design tokens have the same values. Cyan and the other identity colours are for vehicles, violet is
-for targets, and grey is for everything else.
+The page's design tokens have the same values. Cyan and the other `vehicle_colours` are for vehicles,
+violet is for targets, and grey is for everything else.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Palette:
     """The colours of one theme."""
 
     theme: Theme
-    identities: tuple[str, ...]
+    vehicle_colours: tuple[str, ...]
     """Colours of the vehicles in their order; they repeat after the last one."""
     target: str
     text: str
@@ -43,15 +43,15 @@ class Palette:
     shadow_opacity: float
     disc_opacity: float
 
-    def identity(self, index: int) -> str:
+    def vehicle_colour(self, index: int) -> str:
         """The colour of the vehicle with this index in the fleet."""
-        return self.identities[index % len(self.identities)]
+        return self.vehicle_colours[index % len(self.vehicle_colours)]
 
 
 PALETTES: dict[Theme, Palette] = {
     "dark": Palette(
         theme="dark",
-        identities=("#35d6e6", "#ffd166", "#ff8fab", "#9be564"),
+        vehicle_colours=("#35d6e6", "#ffd166", "#ff8fab", "#9be564"),
         target="#c08bff",
         text="#e8eef3",
         text_2="#9aa8b5",
@@ -70,7 +70,7 @@ PALETTES: dict[Theme, Palette] = {
     ),
     "light": Palette(
         theme="light",
-        identities=("#00788a", "#8a6100", "#b3245a", "#3f7a00"),
+        vehicle_colours=("#00788a", "#8a6100", "#b3245a", "#3f7a00"),
         target="#7a2bd6",
         text="#0c1319",
         text_2="#46545f",

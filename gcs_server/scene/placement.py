@@ -1,9 +1,9 @@
 """One common ENU frame for vehicles with different local origins.
 
-The world's origin is the first known home, or else the first global position; it is the origin of the grid
-and the altitude of the ground. A vehicle's local origin is computed from its home, which is reported in both
-frames, or else from one pair of global and local position. A vehicle without a global position uses the
-world's origin.
+The world's origin is the first known home, or else the first global position. The grid begins there, and its
+altitude is the altitude of the ground. A vehicle's local origin is computed from its home, which is reported
+in the global and the local frame, or else from one pair of global and local position. A vehicle
+without a global position uses the world's origin.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ MAX_LANDED_HEIGHT_M = 3.0
 """A landed vehicle is drawn on the ground if its estimated altitude above home is below this [m], because
 estimates drift by a metre in a flight. A landed vehicle at a higher altitude is on a hill or a roof."""
 MAX_ORIGIN_DRIFT_M = 5.0
-"""Difference between global and local position above which the local origin has moved, by an estimator reset
-[m]."""
+"""If global and local position differ by more [m], an estimator reset has moved the local origin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +63,9 @@ class Placement:
         home = value_of(vehicle, "home", Home)
         global_position = value_of(vehicle, "global_position", GlobalPosition)
         local = value_of(vehicle, "local_position", LocalPosition)
-        home_enu_m = self._geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m) if home else None
+        home_enu_m = self._enu_of(home.lat_deg, home.lon_deg, home.alt_amsl_m) if home else None
         global_enu_m = (
-            self._geodetic(global_position.lat_deg, global_position.lon_deg, global_position.alt_amsl_m)
+            self._enu_of(global_position.lat_deg, global_position.lon_deg, global_position.alt_amsl_m)
             if global_position
             else None
         )
@@ -85,11 +84,11 @@ class Placement:
         status = value_of(vehicle, "status", Status)
         if status is not None and status.landed_state == "on_ground" and abs(height_m) < MAX_LANDED_HEIGHT_M:
             x, y, _ = position or ground
-            position_drawn = (x, y, ground[2] + STANDING_HEIGHT_M)
+            drawn_position = (x, y, ground[2] + STANDING_HEIGHT_M)
         else:
-            position_drawn = position or ground
+            drawn_position = position or ground
         return VehiclePlace(
-            position_enu_m=position_drawn,
+            position_enu_m=drawn_position,
             local_origin_enu_m=origin,
             ground_z_m=ground[2],
             home_enu_m=home_enu_m,
@@ -116,7 +115,7 @@ class Placement:
             if isinstance(value, LocalPosition) and origin is not None:
                 yield _add(origin, enu_from_ned(value.position_ned_m))
             elif isinstance(value, GlobalPosition):
-                position_enu_m = self._geodetic(value.lat_deg, value.lon_deg, value.alt_amsl_m)
+                position_enu_m = self._enu_of(value.lat_deg, value.lon_deg, value.alt_amsl_m)
                 if position_enu_m is not None:
                     yield position_enu_m
 
@@ -137,7 +136,8 @@ class Placement:
         origin = self._world_origin_deg_m
         return None if origin is None else enu_from_geodetic(*position_deg_m, origin_deg_m=origin)
 
-    def _geodetic(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Vector3 | None:
+    def _enu_of(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Vector3 | None:
+        """A global position in the world; None if it is not valid. The first one sets the world's origin."""
         if not _finite((lat_deg, lon_deg, alt_amsl_m)) or (lat_deg == 0.0 and lon_deg == 0.0):
             return None
         if self._world_origin_deg_m is None:
@@ -155,7 +155,7 @@ class Placement:
         if local_enu_m is None:
             return None
         for origin in (_home_origin(home, home_enu_m), self._local_origins_enu_m.get(vehicle_id)):
-            # The home contains both frames for the same time, so that the altitude above home equals the
+            # The home is reported in both frames at the same time, so that the altitude above home equals the
             # vehicle's own value. An old home would give a different altitude after an estimator reset.
             if origin is not None and (
                 global_enu_m is None

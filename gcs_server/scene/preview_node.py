@@ -46,7 +46,7 @@ class PreviewNode:
     def __init__(self, client: viser.ClientHandle, palette: Palette, shapes: Shapes) -> None:
         self._scene = client.scene
         self._root = self._scene.add_frame("/world/preview", show_axes=False)
-        self._ghost = self._lines("/ghost", shapes.ghost, palette, 1.2)
+        self._ghost = self._lines("/ghost", shapes.vehicle_outline, palette, 1.2)
         self._line = self._lines("/way", shapes.dots, palette, 1.4)
         self.label = Label(client, "/world/preview/label", palette.target, side="below")
         self.label.text = "not sent"

@@ -25,7 +25,7 @@ class Shapes:
     camera: Mesh = field(default_factory=model.camera_ball)
     lens: Points = field(default_factory=model.camera_lens_ring)
     frustum: tuple[Mesh, Points] = field(default_factory=model.frustum)
-    ghost: Points = field(default_factory=model.ghost)
+    vehicle_outline: Points = field(default_factory=model.vehicle_outline)
     dots: Points = field(default_factory=model.dots)
     home: Points = field(default_factory=strokes.home_sign)
     shadow: NDArray[np.uint8] = field(default_factory=lambda: _soft_shadow(64))

@@ -44,7 +44,7 @@ class VehicleNode:
         self._root = f"/world/vehicle_{VehicleNode._count}"
         self._client, self._scene = client, client.scene
         self._palette, self._shapes = palette, shapes
-        self._colour = palette.identity(index)
+        self._colour = palette.vehicle_colour(index)
         self._rgb = tone_corrected(self._colour, palette)
         self._drawn_pose: VehiclePose | None = None
         self._angles: tuple[float, ...] = ()
@@ -98,7 +98,7 @@ class VehicleNode:
             self._move(pose, last)
         if pose.motors is not None and smoother.rotor_angles_rad != self._angles:
             self._angles = smoother.rotor_angles_rad
-            self._blades_node.change("batched_wxyzs", rotor_quaternions(self._angles))
+            self._blades_node.set_property("batched_wxyzs", rotor_quaternions(self._angles))
         self._point_gimbal(pose, last)
         if last is None or pose.lost != last.lost:
             self._show_lost(pose.lost)
@@ -203,7 +203,7 @@ class VehicleNode:
             self._recent_end = None
         if trail.recent and vehicle_enu_m != self._recent_end:
             self._recent_end = vehicle_enu_m
-            self._recent_node.change("points", self._recent_trail_lines(trail.recent, vehicle_enu_m))
+            self._recent_node.set_property("points", self._recent_trail_lines(trail.recent, vehicle_enu_m))
 
     def _recent_trail_lines(self, recent: list[Vector3], vehicle_enu_m: Vector3) -> Points:
         """The lines between the newest points and to the vehicle; most calls change only the last line."""
@@ -280,7 +280,7 @@ class VehicleNode:
 
     def _add_target(self) -> None:
         p = self._palette
-        self._target = self._lines("/target", self._shapes.ghost, p.target, 1.6)
+        self._target = self._lines("/target", self._shapes.vehicle_outline, p.target, 1.6)
         self._target_node = self._moving_node("/target")
         self._target_line = self._lines("/way", self._shapes.dots, p.target, 2.0)
         self._target_line_node = self._moving_node("/way")

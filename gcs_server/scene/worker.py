@@ -90,7 +90,7 @@ class Worker:
                 self._fleet.apply(data)
                 self._snapshots += 1
             case m.HistoryResponse(vehicle, samples):
-                self._fleet.take_history(vehicle, samples)
+                self._fleet.store_history(vehicle, samples)
             case m.SetView(number, token, request):
                 view = self.scene.set_view(token, request)
                 self._pipe.send(m.Response(number, (view.mode, view.vehicle, view.theme)))

@@ -48,7 +48,7 @@ CHANGES = {
         _messages.SceneNodeUpdateMessage("/a/b", {"scale": (1.0, 1.0, 4.5)}),
     ),
     "array": (
-        lambda n: n.change("points", POINTS),
+        lambda n: n.set_property("points", POINTS),
         _messages.SceneNodeUpdateMessage("/a/b", {"points": POINTS}),
     ),
 }

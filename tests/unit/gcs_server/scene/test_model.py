@@ -190,11 +190,11 @@ def test_vehicles_have_the_colours_of_the_page(shared):
     tokens = (shared / "design" / "tokens.css").read_text()
     dark, light = tokens.split('[data-theme="light"]')
     for css, palette in ((dark, PALETTES["dark"]), (light, PALETTES["light"])):
-        for name, colour in zip(("actual", "id-2", "id-3", "id-4"), palette.identities, strict=True):
+        for name, colour in zip(("actual", "id-2", "id-3", "id-4"), palette.vehicle_colours, strict=True):
             assert f"--{name}: {colour};" in css
         assert f"--target: {palette.target};" in css
         assert f"--map: {palette.ground};" in css
-    assert PALETTES["dark"].identity(4) == PALETTES["dark"].identity(0)
+    assert PALETTES["dark"].vehicle_colour(4) == PALETTES["dark"].vehicle_colour(0)
 
 
 def test_colours_of_the_light_theme_are_shown_unchanged():

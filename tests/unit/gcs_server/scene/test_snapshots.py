@@ -119,7 +119,7 @@ def test_a_trail_is_built_once_the_server_has_sent_the_history():
         (track,) = tracks.update(i * 0.03, 0.03).values()
     assert track.trail.recent == []
     (request,) = setup.requests
-    setup.mirror.take_history(request[0], setup.builder.history(*request))
+    setup.mirror.store_history(request[0], setup.builder.history(*request))
     tracks.update(0.1, 0.03)
     assert [p[1] for p in track.trail.recent] == pytest.approx([-30.0, -20.0, -10.0])
     tracks.update(0.13, 0.03)
@@ -133,7 +133,7 @@ def test_a_history_that_is_received_after_a_pause_is_not_used():
     setup.step()
     mirrored = setup.mirror.get("1")
     assert mirrored.history(("local_position",), 0.0) is None
-    setup.mirror.take_history(setup.requests[0][0], setup.builder.history(*setup.requests[0]))
+    setup.mirror.store_history(setup.requests[0][0], setup.builder.history(*setup.requests[0]))
     clock.now_s += 30.0
     setup.step()
     assert mirrored.history(("local_position",), 0.0) is None
@@ -146,4 +146,4 @@ def test_the_history_of_a_removed_vehicle_is_empty():
     setup.fleet.vehicles = []
     setup.step()
     assert msgspec.msgpack.decode(setup.builder.history(1, ("local_position",), 0.0)) == []
-    setup.mirror.take_history(1, setup.builder.history(1, ("local_position",), 0.0))
+    setup.mirror.store_history(1, setup.builder.history(1, ("local_position",), 0.0))
