@@ -76,7 +76,7 @@ def test_the_number_of_waiting_tasks_is_limited(monkeypatch):
     async def scenario(plan_work):
         waiting = [
             asyncio.ensure_future(plan_work.run("pattern", {"pattern": "{}"}, small=False))
-            for _ in range(work.MAX_WAITING)
+            for _ in range(work.MAX_PENDING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="still waiting"):
