@@ -8061,7 +8061,7 @@ export interface components {
             readonly source: "command" | "vehicle" | "failsafe" | "pilot" | "station" | "unknown";
             /**
              * Who
-             * @description Client or other station.
+             * @description The client or the other station; None: unknown, or the vehicle itself.
              */
             readonly who: string | null;
             /**
