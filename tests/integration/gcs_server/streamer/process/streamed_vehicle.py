@@ -57,6 +57,11 @@ class Vehicle:
     def send_path(self):
         return self.path
 
+    async def receive_pending(self):
+        """Returns once `frames` has all datagrams that were sent before, and an empty one."""
+        self.link_socket.sendto(b"", self.receiver.getsockname())
+        await until(lambda: self.frames and not self.frames[-1][1])
+
     def close(self):
         self.receiver.close()
         self.link_socket.close()

@@ -33,6 +33,7 @@ async def test_a_killed_process_is_reported_and_restarted_without_its_streams(st
     pid = streams.pid
     os.kill(pid, signal.SIGKILL)
     await until(lambda: streams.pid != pid)
+    await vehicle.receive_pending()
     count = len(vehicle.frames)
     assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
     state = streams.state("1")
