@@ -313,8 +313,7 @@ class Vehicle:
             )
         if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeat()
-        handler = self._handlers.get(msg_id)
-        if handler is not None:
+        if (handler := self._handlers.get(msg_id)) is not None:
             handler(frame, endpoint)
 
     def attach(self, endpoint: Endpoint) -> None:
@@ -370,20 +369,13 @@ class Vehicle:
         self.mailbox.fail_all(Disconnected(f"Vehicle {self.id} was lost before it answered: {why}."))
 
     def _heartbeat(self) -> None:
-        flight_state = self._state.flight_state
-        identity = self._identity
-        simulated = True if flight_state.hil else identity.simulated
-        if (flight_state.vehicle_type, flight_state.autopilot, simulated) != (
-            identity.vehicle_type,
-            identity.autopilot,
-            identity.simulated,
-        ):
-            self._identity = replace(
-                identity,
-                vehicle_type=flight_state.vehicle_type,
-                autopilot=flight_state.autopilot,
-                simulated=simulated,
-            )
+        identity, state = self._identity, self._state.flight_state
+        simulated = True if state.hil else identity.simulated
+        reported = replace(
+            identity, vehicle_type=state.vehicle_type, autopilot=state.autopilot, simulated=simulated
+        )
+        if reported != identity:
+            self._identity = reported
         if self._lost:
             self._lost = False
             self.gimbals.link_restored()
