@@ -19,7 +19,10 @@ busy link is read less often, because each wake-up costs as much as reading doze
 
 def read_interval_s(pieces_per_s: float) -> float:
     """Time to wait before a link is read again [s]."""
-    return next((wait_s for min_rate, wait_s in READ_INTERVALS if pieces_per_s >= min_rate), WAKE_INTERVAL_S)
+    for min_rate, wait_s in READ_INTERVALS:
+        if pieces_per_s >= min_rate:
+            return wait_s
+    return WAKE_INTERVAL_S
 
 
 class ThrottledReader:

@@ -106,8 +106,13 @@ FLIGHT_COMMANDS = frozenset(
 """Commands that also change the flight, but are less urgent than a mode change."""
 
 
+HEARTBEAT_URGENCY = Urgency(Priority.COMMAND, HEARTBEAT_LIFETIME_S, "heartbeat")
+
+
 def classify(msg_id: int, payload: bytes) -> Urgency:
     """Urgency of a message from this server; the payload may lack trailing zeros."""
+    if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
+        return HEARTBEAT_URGENCY
     if msg_id in (_LONG, _INT):
         return _classify_command(msg_id, payload)
     system = _target_system(msg_id, payload)
@@ -120,8 +125,6 @@ def classify(msg_id: int, payload: bytes) -> Urgency:
         return Urgency(Priority.SETPOINT, COMMAND_LIFETIME_S, ("gimbal", payload[offset : offset + 3]))
     if msg_id == d.MAVLINK_MSG_ID_SET_MODE:
         return Urgency(Priority.MODE, COMMAND_LIFETIME_S, (msg_id, system), ("flight", system))
-    if msg_id == d.MAVLINK_MSG_ID_HEARTBEAT:
-        return Urgency(Priority.COMMAND, HEARTBEAT_LIFETIME_S, "heartbeat")
     if msg_id in REPLIES:
         return Urgency(Priority.COMMAND, COMMAND_LIFETIME_S)
     return Urgency(Priority.OTHER, OTHER_LIFETIME_S, (msg_id, payload))

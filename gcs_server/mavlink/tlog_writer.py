@@ -13,7 +13,6 @@ import re
 import shutil
 import struct
 import threading
-from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -47,9 +46,9 @@ class TlogChannel:
         """Why recording has stopped; empty while recording works."""
         self.path: Path | None = None
         self.closing = False
-        self._waiting: deque[bytes] = deque()
-        """Waiting records; a deque, because threads can append to it and the recorder can take from it
-        without a lock."""
+        self._waiting: list[bytes] = []
+        """Waiting records. Any thread appends, and only the recorder's thread removes; both are single
+        operations of a list, so no lock is needed."""
         self._file: int | None = None
         self._began_unix_s: float | None = None
         self._size = 0
@@ -63,7 +62,10 @@ class TlogChannel:
     def take(self) -> bytes:
         """Takes all waiting records; only for the recorder's thread."""
         waiting = self._waiting
-        return b"".join([waiting.popleft() for _ in range(len(waiting))])
+        count = len(waiting)
+        records = b"".join(waiting[:count])
+        del waiting[:count]
+        return records
 
     @property
     def backlog_records(self) -> int:

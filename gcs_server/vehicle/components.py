@@ -87,8 +87,9 @@ class Components:
 
     def tick(self) -> None:
         """Detects lost components; called periodically."""
-        for component_id in self._last_heartbeats:
-            if component_id not in self._lost and self._is_lost(component_id):
+        now_s = self._clock.monotonic_s()
+        for component_id, (_, received_s) in self._last_heartbeats.items():
+            if now_s - received_s > LOST_AFTER_S and component_id not in self._lost:
                 self._lost.add(component_id)
                 if component_id != self._autopilot:
                     self._report(f"{self._name(component_id)}: connection lost", True)

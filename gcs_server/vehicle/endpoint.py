@@ -98,12 +98,12 @@ class Endpoint:
     def __post_init__(self) -> None:
         self.over_ros2 = self.connection.protocol == ROS2
 
-    def take_frame(self, frame: Frame) -> None:
-        """Stores the data that identify the vehicle: heartbeat, version, boot time."""
-        self.received_s = now_s = frame.received_monotonic_s
-        if now_s < self.boot_next_s or frame.msg_id not in BOOT_TIME_IDS:
+    def take_boot_time(self, frame: Frame) -> None:
+        """Measures the vehicle's boot time if the frame is one of `BOOT_TIME_IDS`."""
+        if frame.msg_id not in BOOT_TIME_IDS:
             return
         if frame.component_id == self.component_id:  # a companion computer has its own boot clock
+            now_s = frame.received_monotonic_s
             self.boot_next_s = now_s + BOOT_TIME_EVERY_S
             self.boot_at_s = now_s - _boot_ms.unpack_from(full_payload(frame))[0] / 1e3
 

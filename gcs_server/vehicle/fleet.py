@@ -162,7 +162,9 @@ class Fleet(FrameSink):
             endpoint = self._discover(frame, connection, peer)
             if endpoint is None:
                 return
-        endpoint.take_frame(frame)
+        endpoint.received_s = now_s = frame.received_monotonic_s
+        if now_s >= endpoint.boot_next_s:
+            endpoint.take_boot_time(frame)
         if frame.msg_id == VERSION_ID and frame.component_id == endpoint.component_id:
             self._apply_version(endpoint, frame)
         vehicle = endpoint.vehicle

@@ -39,12 +39,16 @@ class History:
         The history of a message that is no longer received is dropped only when the message is received
         again.
         """
-        before_s, stored, last, msg_ids = now_s - HISTORY_S, self._stored, self._last, self._msg_ids
+        before_s, stored, last = now_s - HISTORY_S, self._stored, self._last
         for key, frame in latest.items():
-            if frame is last.get(key) or key & ID_MASK not in msg_ids:
+            if frame is last.get(key):
                 continue
             last[key] = frame
-            frames = stored.setdefault(key, deque())
+            frames = stored.get(key)
+            if frames is None:
+                if key & ID_MASK not in self._msg_ids:
+                    continue
+                frames = stored[key] = deque()
             frames.append(
                 (
                     now_s,

@@ -29,6 +29,8 @@ HEARTBEAT_OVERDUE_AFTER_S = 10.0
 state."""
 
 HEARTBEAT_ID, HOME_ID = d.MAVLINK_MSG_ID_HEARTBEAT, d.MAVLINK_MSG_ID_HOME_POSITION
+SPECIAL_IDS = frozenset((*INSTANCE_OFFSET, *REDUCERS, HOME_ID))
+"""Messages of the autopilot for which more is done than storing the newest frame."""
 ATTITUDE_IDS = (d.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, d.MAVLINK_MSG_ID_ATTITUDE)
 TOPIC_MESSAGES: dict[str, tuple[int, ...]] = {
     "attitude": ATTITUDE_IDS,
@@ -97,12 +99,13 @@ class VehicleState:
             # only a heartbeat restores the link
             if now_s - self._received_s <= LINK_LOST_AFTER_S or msg_id == HEARTBEAT_ID:
                 self._received_s = now_s
-            if msg_id in INSTANCE_OFFSET:
-                key = self._instances.key_of(frame)
-            elif msg_id in REDUCERS:
-                self.flight_state = REDUCERS[msg_id](self.flight_state, full_payload(frame), now_s)
-            elif msg_id == HOME_ID:
-                self.topic("home")  # decode the previous frame before the new one replaces it
+            if msg_id in SPECIAL_IDS:
+                if msg_id in INSTANCE_OFFSET:
+                    key = self._instances.key_of(frame)
+                elif msg_id in REDUCERS:
+                    self.flight_state = REDUCERS[msg_id](self.flight_state, full_payload(frame), now_s)
+                else:
+                    self.topic("home")  # decode the previous frame before the new one replaces it
         else:
             key = self._instances.key_of(frame)
         if key is None:

@@ -58,6 +58,8 @@ class TextJoiner:
 
     def expire(self, now_s: float) -> list[tuple[int, str]]:
         """Texts whose missing chunks have not arrived in time."""
+        if not self._pending:
+            return []
         expired = [i for i, p in self._pending.items() if now_s - p.began_s > WAIT_FOR_CHUNKS_S]
         return [self._finish(text_id) for text_id in expired]
 

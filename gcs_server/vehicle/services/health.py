@@ -211,14 +211,17 @@ class HealthService:
     def tick(self) -> None:
         """Requests missing events and reports, and publishes changes; called a few times a second."""
         now_s = self._vehicle.clock.monotonic_s()
-        lost = self._stream.lost
-        self._process_in_order(self._stream.give_up(now_s), lost)
-        self._request_missing_events()
-        if self._unpublished_unix_s is not None or self._offers() != self._published.offers:
+        if self._stream.missing is not None:
+            lost = self._stream.lost
+            self._process_in_order(self._stream.give_up(now_s), lost)
+            self._request_missing_events()
+        if self._report is not None and (
+            self._unpublished_unix_s is not None or self._offers() != self._published.offers
+        ):
             self._publish()
-        identity = self._vehicle.identity
         if now_s < self._next_request_s:
             return
+        identity = self._vehicle.identity
         self._next_request_s = now_s + REQUEST_PERIOD_S
         if self._requests_sent >= MAX_REQUESTS or identity.replayed or not identity.commandable:
             self._next_request_s = float("inf")
