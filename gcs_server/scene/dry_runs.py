@@ -167,7 +167,7 @@ def pose_at(path: DryRunPath, t_s: float, origin_enu_m: Vector3) -> VehiclePose:
         motors=None,
         target=None,
         lost=False,
-        label=f"{path.role or 'dry run'} · {height_text(up_m)}",
+        label=f"{path.role or 'dry run'} · {height_text(up_m)} above home",
         note=f"{int(t_s) // 60:02d}:{int(t_s) % 60:02d}",
     )
 

@@ -150,7 +150,8 @@ def _complete_vector(v: tuple[float | None, float | None, float | None]) -> Vect
 def _label(vehicle_id: str, place: VehiclePlace) -> str:
     if not place.position_known:
         return vehicle_id
-    return f"{vehicle_id} · {height_text(place.height_m)}"
+    reference = "home" if place.home_enu_m is not None else "origin"
+    return f"{vehicle_id} · {height_text(place.height_m)} above {reference}"
 
 
 def _note(vehicle: SceneVehicle, place: VehiclePlace, lost: bool) -> str:

@@ -32,11 +32,11 @@ LABEL_BELOW_M = 0.14
 def drag_label(preview: Preview, position_enu_m: Vector3, vehicle_enu_m: Vector3, ground_z_m: float) -> str:
     """Distance to the vehicle, altitude above home, and yaw as text."""
     parts = [
-        f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m",
-        f"height {height_text(position_enu_m[2] - ground_z_m)}",
+        f"{math.dist(position_enu_m, vehicle_enu_m):.1f} m away",
+        f"{height_text(position_enu_m[2] - ground_z_m)} above home",
     ]
     if preview.yaw_ned_rad is not None:
-        parts.append(f"{round(math.degrees(preview.yaw_ned_rad)) % 360:03d}°")
+        parts.append(f"yaw {round(math.degrees(preview.yaw_ned_rad)) % 360:03d}°")
     return " · ".join(parts)
 
 

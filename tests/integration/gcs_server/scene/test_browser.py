@@ -62,7 +62,7 @@ def test_the_view_runs_in_a_frame_and_connects_only_to_this_server(scene_server)
         )
         page.goto(scene_server.url.replace("/scene/", "/host"))
         frame = page.frame_locator("iframe")
-        tag = frame.locator(".gcs-tags span", has_text="1 · 10.0 m")
+        tag = frame.locator(".gcs-tags span", has_text="1 · 10.0 m above home")
         tag.wait_for(state="visible", timeout=15_000)
         assert "simulated" in tag.inner_text()
         # The tag is in the middle of the frame, where the chased vehicle is.

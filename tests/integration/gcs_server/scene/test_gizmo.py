@@ -47,8 +47,11 @@ def test_a_release_keeps_the_position():
     assert apply_drag(PREVIEW, Drag(None, None, changes_yaw=True), (0, 0, 0), (0, 0, 5)) is PREVIEW
 
 
-def test_the_label_shows_distance_height_and_yaw():
-    assert drag_label(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0) == "10.0 m · height 4.0 m · 000°"
+def test_the_label_shows_distance_altitude_and_yaw():
+    assert (
+        drag_label(PREVIEW, (0.0, 10.0, 5.0), (0.0, 0.0, 5.0), 1.0)
+        == "10.0 m away · 4.0 m above home · yaw 000°"
+    )
 
 
 EYE, VEHICLE = (-7.0, 0.0, 16.0), (0.0, 0.0, 10.0)

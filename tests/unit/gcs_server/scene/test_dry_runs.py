@@ -47,7 +47,7 @@ def test_the_dry_runs_vehicle_is_interpolated_and_stays_at_the_ends():
     at_15_s = pose_at(path(), 15.0, START)
     assert at_15_s.position_enu_m == pytest.approx((120.0, 200.0, 15.0))
     assert yaw_from_q(at_15_s.q_enu_flu) == pytest.approx(0.0)
-    assert (at_15_s.label, at_15_s.note) == ("dry run · 10.0 m", "00:15")
+    assert (at_15_s.label, at_15_s.note) == ("dry run · 10.0 m above home", "00:15")
     assert pose_at(path(), 99.0, START).position_enu_m == pytest.approx((140.0, 200.0, 15.0))
     assert pose_at(path(), 0.0, START).position_enu_m == pytest.approx(START)
 
@@ -99,7 +99,7 @@ def test_each_of_several_vehicles_has_a_path_labelled_with_its_role():
     together = {"roles": flights, "monte_carlo": None}
     found = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "together": together})
     assert [each.role for each in found] == ["lead", "right"]
-    assert pose_at(found[1], 15.0, START).label == "right · 10.0 m"
+    assert pose_at(found[1], 15.0, START).label == "right · 10.0 m above home"
 
 
 def dry_run_after(scene, **request):

@@ -108,13 +108,13 @@ def test_an_incomplete_target_is_not_drawn(position):
 def test_labels_show_the_altitude_above_home_and_notes():
     vehicle = flying()
     pose = drawn_pose(vehicle)
-    assert (pose.label, pose.note) == ("1 · 10.0 m", "simulated")
+    assert (pose.label, pose.note) == ("1 · 10.0 m above home", "simulated")
     vehicle.values["local_position"] = local_position(0.0, 0.0, 0.04)
     vehicle.values["global_position"] = global_position(47.397742, 8.545594, 487.96)
-    assert drawn_pose(vehicle).label == "1 · 0.0 m"
+    assert drawn_pose(vehicle).label == "1 · 0.0 m above home"
     vehicle.values["local_position"] = local_position(0.0, 0.0, 0.3)
     vehicle.values["global_position"] = global_position(47.397742, 8.545594, 487.7)
-    assert drawn_pose(vehicle).label == "1 · \N{MINUS SIGN}0.3 m"
+    assert drawn_pose(vehicle).label == "1 · \N{MINUS SIGN}0.3 m above home"
 
 
 def test_a_lost_vehicle_is_labelled_and_has_no_target():
