@@ -1,4 +1,4 @@
-"""Version and build data that the simulator reports: PX4 v1.16.0 in its own simulation on Linux."""
+"""Version and build data that the simulator reports: PX4 v1.16.0 SITL on Linux."""
 
 from __future__ import annotations
 

@@ -111,8 +111,7 @@ class SensorState:
 
 @dataclass(slots=True)
 class EstimateState:
-    """The estimated state; the origin of local NED is the position where each estimator started
-    (`origin_*`)."""
+    """The estimated state; the origin of local NED (`origin_*`) is the position of the first good GPS fix."""
 
     position_ned_m: FloatArray
     """(N, 3)."""

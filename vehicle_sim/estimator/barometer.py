@@ -24,10 +24,12 @@ BoolArray = NDArray[np.bool_]
 BIAS_NOISE_M_SQRT_S = 0.125
 """Process noise of the offset. On recorded PX4, 0.1 to 0.12 of the offset's error is corrected per second."""
 BIAS_GATE = 3.0
+"""Only innovations of fewer standard deviations correct the offset."""
 SAMPLE_TIMEOUT_S = 0.4
 SMOOTHING = 0.2
 """Weight of a new sample in the smoothed height; a reset uses the smoothed height."""
-MAX_RATIO = 2.0
+MAX_TEST_RATIO = 2.0
+"""Upper limit of the test ratio in ESTIMATOR_STATUS."""
 _RESET_VELOCITY_VARIANCE = 10.0
 
 
@@ -43,10 +45,10 @@ class Barometer:
     def __init__(self, count: int, kalman: Kalman, fusion: Fusion) -> None:
         self._kalman, self._fusion = kalman, fusion
         self.bias_m = np.zeros(count)
-        """(N,) pressure altitude minus altitude above the local origin."""
-        self.ratio = np.zeros(count)
+        """(N,) the offset: pressure altitude minus altitude above the local origin."""
+        self.test_ratio = np.zeros(count)
         """(N,) innovation divided by gate."""
-        self.below_ratio = np.zeros(count)
+        self.below_sigma = np.zeros(count)
         """(N,) how far the estimate is below the barometer's height, divided by the innovation's standard
         deviation."""
         self._sum_m = np.zeros(count)
@@ -68,7 +70,7 @@ class Barometer:
     def align(self, i: int, now_s: float, alt_m: float) -> None:
         """Initializes vehicle `i` at height zero with this pressure altitude."""
         self.bias_m[i] = self._smooth_m[i] = alt_m
-        self.ratio[i] = self.below_ratio[i] = self._sum_m[i] = 0.0
+        self.test_ratio[i] = self.below_sigma[i] = self._sum_m[i] = 0.0
         self._samples[i] = 0
         self._fused_at_s[i] = now_s
         self._fusion.baro_hgt[i] = self._used[i]
@@ -105,8 +107,8 @@ class Barometer:
         innovation = np.where(fresh, self.bias_m - alt_m - down, 0.0)
         sigma = np.sqrt(kalman.variance(POSITION + 2) + variance)
         normalized = innovation / sigma
-        np.copyto(self.ratio, np.minimum(np.abs(normalized) / self._gate, MAX_RATIO), where=fresh)
-        np.copyto(self.below_ratio, -normalized, where=fresh)
+        np.copyto(self.test_ratio, np.minimum(np.abs(normalized) / self._gate, MAX_TEST_RATIO), where=fresh)
+        np.copyto(self.below_sigma, -normalized, where=fresh)
         in_use = fresh & fusion.baro_hgt
         learning = in_use & fusion.gps_hgt & (np.abs(normalized) < BIAS_GATE)
         self.bias_m -= np.where(learning, learning_rate, 0.0) * innovation

@@ -19,7 +19,7 @@ from vehicle_sim.parameters import Parameters
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-EVERY_S = 0.2
+UPDATE_INTERVAL_S = 0.2
 AT_REST_AFTER_S = 2.5
 """A vehicle that has been disarmed on the ground for this time counts as at rest, as in PX4's recorded
 flags."""
@@ -55,7 +55,7 @@ class Constraints:
         """(N,) variance of one sample's direction, as a fraction of 1 g; infinite: gravity is not used."""
         self._peak_decay_per_s = np.full(count, math.inf)
         self._rest_gyro_variance = np.ones(count)
-        """(N,) variance of the mean rate that a vehicle at rest measures, fused every EVERY_S."""
+        """(N,) variance of the mean rate that a vehicle at rest measures, fused every UPDATE_INTERVAL_S."""
         self._peak_m_s2 = np.zeros(count)
         """(N,) greatest recent specific force."""
         self._tilt_known = np.zeros(count, dtype=np.bool_)
@@ -67,9 +67,10 @@ class Constraints:
         self._constrained = np.ones(count, dtype=np.bool_)
         """(N,) vehicles that were at rest or unaided at the last update. The sums of other vehicles are not
         used, because `active` depends on the whole fleet."""
-        self._force = np.zeros((count, 3))
-        self._level_samples = np.zeros(count, dtype=np.int64)
-        """(N,) samples in `_force`."""
+        self._gravity_force_sum = np.zeros((count, 3))
+        """(N, 3) sum of the specific forces that count as gravity [m/s²]."""
+        self._gravity_samples = np.zeros(count, dtype=np.int64)
+        """(N,) number of samples in `_gravity_force_sum`."""
         self._angle_sum = np.zeros((count, 3))
 
     def configure(self, i: int, parameters: Parameters) -> None:
@@ -90,8 +91,8 @@ class Constraints:
     def add(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
         """Adds the IMU's measurements of one prediction step (N, 3).
 
-        A specific force counts as gravity while its recent peak is within a tenth of 1 g. The noise of
-        running motors exceeds this limit about twenty times per second.
+        A specific force counts as gravity while the recent peak of the specific force is within 0.9 to 1.1 g.
+        The noise of running motors exceeds this limit about twenty times per second.
         """
         self._angle_sum += delta_angle
         size = row_norm(delta_velocity)[:, 0] / dt_s
@@ -99,11 +100,11 @@ class Constraints:
         near_gravity = (
             np.abs(self._peak_m_s2 - GRAVITY_M_S2) < _NEAR_G * GRAVITY_M_S2
         ) | self._fusion.vehicle_at_rest
-        self._force += np.where(near_gravity[:, None], delta_velocity / dt_s, 0.0)
-        self._level_samples += near_gravity
+        self._gravity_force_sum += np.where(near_gravity[:, None], delta_velocity / dt_s, 0.0)
+        self._gravity_samples += near_gravity
 
     def update(self, aided: BoolArray, moving: BoolArray, ready: BoolArray) -> None:
-        """Applies the constraints, every EVERY_S.
+        """Applies the constraints, every UPDATE_INTERVAL_S.
 
         Args:
             aided: (N,) vehicles with an external position or velocity.
@@ -111,15 +112,15 @@ class Constraints:
             ready: (N,) vehicles with a known attitude.
         """
         kalman, fusion = self._kalman, self._fusion
-        self._rest_time_s = np.where(moving, 0.0, self._rest_time_s + EVERY_S)
+        self._rest_time_s = np.where(moving, 0.0, self._rest_time_s + UPDATE_INTERVAL_S)
         at_rest = ready & (self._rest_time_s >= AT_REST_AFTER_S)
         np.copyto(fusion.vehicle_at_rest, at_rest)
         kalman.restore_symmetry()
         unaided = ready & ~aided
         if self.active:
             self._constrain(unaided & self._constrained, at_rest & self._constrained)
-            self._force.fill(0.0)
-            self._level_samples.fill(0)
+            self._gravity_force_sum.fill(0.0)
+            self._gravity_samples.fill(0)
             self._angle_sum.fill(0.0)
         self._keep_height(ready)
         self._constrained = unaided | ~moving
@@ -142,7 +143,7 @@ class Constraints:
         speed_variance = np.where(self._tilt_known, _REST_SPEED_VARIANCE, _ALIGNING_SPEED_VARIANCE)
         variance = np.where(unaided_at_rest, speed_variance, UNUSED)
         kalman.fuse_states(VELOCITY, innovation, np.repeat(variance[:, None], 3, axis=1))
-        innovation = np.where(at_rest[:, None], self._angle_sum / EVERY_S - kalman.gyro_bias, 0.0)
+        innovation = np.where(at_rest[:, None], self._angle_sum / UPDATE_INTERVAL_S - kalman.gyro_bias, 0.0)
         gyro_variance = np.where(at_rest, self._rest_gyro_variance, UNUSED)
         kalman.fuse_states(GYRO_BIAS, innovation, np.repeat(gyro_variance[:, None], 3, axis=1))
 
@@ -181,12 +182,12 @@ class Constraints:
         """Fuses the direction of gravity for unaided vehicles that measure 1 g, which keeps their attitude
         level."""
         kalman, fusion = self._kalman, self._fusion
-        candidates = unaided & (self._level_samples > 0) & np.isfinite(self._gravity_variance)
+        candidates = unaided & (self._gravity_samples > 0) & np.isfinite(self._gravity_variance)
         np.copyto(fusion.gravity_vector, candidates)
         if not candidates.any():
             return
-        samples = np.maximum(self._level_samples, 1)
-        force = self._force / samples[:, None] - kalman.accel_bias
+        samples = np.maximum(self._gravity_samples, 1)
+        force = self._gravity_force_sum / samples[:, None] - kalman.accel_bias
         measured = force / np.maximum(row_norm(force), 1.0)
         sensitivity = self._sensitivity
         # Minus gravity (1 g) crossed with a rotation about north and east, in the body's first two axes.

@@ -3,9 +3,8 @@
 A strapdown prediction runs at half the IMU rate, because PX4's filter also combines two samples. A Kalman
 filter (`kalman.py`) is corrected by one module for each sensor: `gnss.py`, `barometer.py`, `magnetometer.py`
 and `vision.py`. Without these sensors, `constraints.py` limits the drift. Outputs follow corrections smoothly
-(EKF2_TAU_POS, EKF2_TAU_VEL). A reset of the filter moves the outputs at once by the same amount; the outputs
-still follow earlier corrections smoothly. Without aiding the estimate drifts with the errors of the IMU, and
-becomes invalid after EKF2_NOAID_TOUT.
+(EKF2_TAU_POS, EKF2_TAU_VEL). A reset of the filter moves the outputs at once by the same amount. Without
+aiding the estimate drifts with the errors of the IMU, and becomes invalid after EKF2_NOAID_TOUT.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vehicle_sim.estimator.barometer import Barometer
-from vehicle_sim.estimator.constraints import EVERY_S as CONSTRAIN_EVERY_S
+from vehicle_sim.estimator.constraints import UPDATE_INTERVAL_S as CONSTRAINT_INTERVAL_S
 from vehicle_sim.estimator.constraints import Constraints
 from vehicle_sim.estimator.fusion import HORIZON_S, blank_fusion, reset_fusion
 from vehicle_sim.estimator.gnss import Gnss
@@ -27,7 +26,7 @@ from vehicle_sim.estimator.magnetometer import ABOVE_ANOMALIES_M, Magnetometer
 from vehicle_sim.estimator.outputs import blank_estimate, reset_row
 from vehicle_sim.estimator.terrain import Terrain
 from vehicle_sim.estimator.vision import Vision, VisionSample
-from vehicle_sim.estimator.yaw_estimator import EVERY_PREDICTIONS as YAW_EVERY_PREDICTIONS
+from vehicle_sim.estimator.yaw_estimator import PREDICTIONS_PER_STEP as YAW_PREDICTIONS_PER_STEP
 from vehicle_sim.estimator.yaw_estimator import YawEstimator
 from vehicle_sim.frames import quaternion_from_euler, rotate, rotation_matrix
 from vehicle_sim.geodesy import to_global, to_local
@@ -78,19 +77,21 @@ class Estimator:
         self._terrain = Terrain(count, dt_s * RANGE_EVERY_STEPS)
         self._gyro = GyroFilter(count, dt_s)
         self._samples = self._predictions = 0
-        self._constrain_every = round(CONSTRAIN_EVERY_S / self._predict_s)
+        self._constrain_every = round(CONSTRAINT_INTERVAL_S / self._predict_s)
         self._started = np.zeros(count, dtype=np.bool_)
-        self._first_force, self._first_field = np.zeros((count, 3)), np.zeros((count, 3))
-        self._first_samples = np.zeros(count, dtype=np.int64)
+        self._align_force_sum, self._align_field_sum = np.zeros((count, 3)), np.zeros((count, 3))
+        self._align_sample_count = np.zeros(count, dtype=np.int64)
         self._delta_angle = np.zeros((count, 3))
         self._delta_velocity = np.zeros((count, 3))
-        self._residual = np.zeros((count, 2, 3))
-        self._decay = np.ones((count, 2))
+        self._output_offset = np.zeros((count, 2, 3))
+        """(N, 2, 3) output minus filter state, for velocity and position; decays after a correction."""
+        self._offset_decay = np.ones((count, 2))
         self._aided_at_s = np.full(count, -math.inf)
         self._no_aid_limit_s = np.zeros(count)
         self._vision_height_at_s = np.full(count, -math.inf)
         self._armed = np.zeros(count, dtype=np.bool_)
-        self._counts = [0, 0, 0]
+        self._sample_counts = [0, 0, 0]
+        """Samples of GNSS, barometer and magnetometer at the last fusion."""
         self._baro_at_s = 0.0
         self._mag_sum = np.zeros((count, 3))
         self._mag_samples = 0
@@ -116,7 +117,7 @@ class Estimator:
             module.configure(i, parameters)
         self._gyro.configure(i, value("IMU_GYRO_CUTOFF"), value("IMU_DGYRO_CUTOFF"))
         for k, name in enumerate(("EKF2_TAU_VEL", "EKF2_TAU_POS")):
-            self._decay[i, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
+            self._offset_decay[i, k] = 1.0 - min(1.0, self._predict_s / max(value(name), self._predict_s))
         self._no_aid_limit_s[i] = 1e-6 * value("EKF2_NOAID_TOUT") + HORIZON_S
 
     def reset(self, i: int) -> None:
@@ -131,8 +132,8 @@ class Estimator:
         self._gyro.reset(i)
         self._yaw.reset(i)
         self._started[i] = False
-        sums = self._first_force, self._first_field, self._first_samples
-        for rows in (*sums, self._delta_angle, self._delta_velocity, self._residual):
+        sums = self._align_force_sum, self._align_field_sum, self._align_sample_count
+        for rows in (*sums, self._delta_angle, self._delta_velocity, self._output_offset):
             rows[i] = 0
         self._aided_at_s[i] = self._vision_height_at_s[i] = -math.inf
         self.kalman.matrix[:] = rotation_matrix(self.state.q_ned_frd)
@@ -158,7 +159,7 @@ class Estimator:
         self._predict()
         counts = [sensors.gps_count, sensors.baro_count, sensors.mag_count]
         constrain = self._predictions % self._constrain_every == 0
-        if counts != self._counts or constrain or self._vision.has_samples:
+        if counts != self._sample_counts or constrain or self._vision.has_samples:
             self._fuse(sensors, counts, constrain)
 
     def update_range(self, range_m: FloatArray, in_air: BoolArray, armed: BoolArray) -> None:
@@ -199,14 +200,14 @@ class Estimator:
         """Initializes roll and pitch from the accelerometer and the heading from the magnetometer after a
         start."""
         new = ~self._started
-        self._first_force[new] += sensors.accel_frd_m_s2[new]
-        self._first_field[new] += sensors.mag_frd_gauss[new]
-        self._first_samples[new] += 1
-        for i in map(int, np.flatnonzero(new & (self._first_samples >= _ALIGN_SAMPLES))):
-            ax, ay, az = self._first_force[i]
+        self._align_force_sum[new] += sensors.accel_frd_m_s2[new]
+        self._align_field_sum[new] += sensors.mag_frd_gauss[new]
+        self._align_sample_count[new] += 1
+        for i in map(int, np.flatnonzero(new & (self._align_sample_count >= _ALIGN_SAMPLES))):
+            ax, ay, az = self._align_force_sum[i]
             roll, pitch = math.atan2(-ay, -az), math.atan2(ax, math.hypot(ay, az))
             level = rotation_matrix(quaternion_from_euler(roll, pitch, 0.0)[None, :])
-            field = rotate(level, self._first_field[i : i + 1])[0]
+            field = rotate(level, self._align_field_sum[i : i + 1])[0]
             yaw = self._magnetometer.align(i, self._now_s, field)
             self.state.q_ned_frd[i] = quaternion_from_euler(roll, pitch, yaw)
             self.state.valid_attitude[i] = True
@@ -223,11 +224,11 @@ class Estimator:
             self._constraints.add(self._delta_angle, self._delta_velocity, self._predict_s)
         _publish_motion(
             self._predict_s, self._delta_angle, self._delta_velocity, self._angle_sum, self._velocity_sum,
-            self._decay, self._residual, kalman.vector, kalman.velocity_change, state.q_ned_frd,
+            self._offset_decay, self._output_offset, kalman.vector, kalman.velocity_change, state.q_ned_frd,
             state.velocity_ned_m_s, state.position_ned_m, state.acceleration_ned_m_s2, state.heading_rad,
         )  # fmt: skip
-        if self._predictions % YAW_EVERY_PREDICTIONS == 0:
-            self._yaw.predict(self._angle_sum, self._velocity_sum, self._predict_s * YAW_EVERY_PREDICTIONS)
+        if self._predictions % YAW_PREDICTIONS_PER_STEP == 0:
+            self._yaw.predict(self._angle_sum, self._velocity_sum, self._predict_s * YAW_PREDICTIONS_PER_STEP)
             self._angle_sum.fill(0.0)
             self._velocity_sum.fill(0.0)
         self._predictions += 1
@@ -264,7 +265,7 @@ class Estimator:
     def _fuse(self, sensors: SensorState, counts: list[int], constrain: bool) -> None:
         """Fuses new samples. The outputs follow corrections smoothly, and resets immediately."""
         kalman, fusion, state, now_s = self.kalman, self.fusion, self.state, self._now_s
-        old, self._counts = self._counts, counts
+        old, self._sample_counts = self._sample_counts, counts
         gnss_due = counts[0] != old[0]
         baro_due = counts[1] != old[1] and counts[1] % _BARO_SAMPLES == 0
         if counts[1] != old[1]:
@@ -295,20 +296,20 @@ class Estimator:
             aided = fusion.gnss_pos | fusion.gnss_vel | self._vision.aided(now_s)
             moving = self._armed | fusion.in_air
             self._constraints.update(aided, moving, self._started)
-        self._residual -= kalman.motion - before - kalman.shift
-        kalman.shift.fill(0.0)
+        self._output_offset -= kalman.motion - before - kalman.reset_shift
+        kalman.reset_shift.fill(0.0)
 
     def _publish_ratios(self, now_s: float) -> None:
         """Updates the test ratios of ESTIMATOR_STATUS, and checks the accelerometer."""
         state, fusion = self.state, self.fusion
-        state.innovation_ratio_velocity[:] = np.where(fusion.gnss_vel, self._gnss.ratio[:, 0], 0.0)
-        state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.ratio[:, 1], 0.0)
-        gps_ratio = np.where(fusion.gps_hgt, self._gnss.ratio[:, 2], 0.0)
-        baro_ratio = np.where(fusion.baro_hgt, self._barometer.ratio, 0.0)
+        state.innovation_ratio_velocity[:] = np.where(fusion.gnss_vel, self._gnss.test_ratio[:, 0], 0.0)
+        state.innovation_ratio_position[:] = np.where(fusion.gnss_pos, self._gnss.test_ratio[:, 1], 0.0)
+        gps_ratio = np.where(fusion.gps_hgt, self._gnss.test_ratio[:, 2], 0.0)
+        baro_ratio = np.where(fusion.baro_hgt, self._barometer.test_ratio, 0.0)
         sources = np.maximum(fusion.gps_hgt * 1 + fusion.baro_hgt * 1, 1)
         state.innovation_ratio_height[:] = (gps_ratio + baro_ratio) / sources
-        baro_below = np.where(fusion.baro_hgt, self._barometer.below_ratio, 0.0)
-        fusion.check_accelerometer(now_s, baro_below, np.where(fusion.gps_hgt, self._gnss.below_ratio, 0.0))
+        baro_below = np.where(fusion.baro_hgt, self._barometer.below_sigma, 0.0)
+        fusion.check_accelerometer(now_s, baro_below, np.where(fusion.gps_hgt, self._gnss.below_sigma, 0.0))
         np.copyto(self.kalman.bad_accel, fusion.bad_acc_vertical)
 
     def _add_mag(self, sensors: SensorState) -> None:
@@ -327,7 +328,7 @@ class Estimator:
             now_s, now_s - self._mag_at_s, self._mag_sum / _MAG_SAMPLES, self._mag_fresh & self._started,
             height > ABOVE_ANOMALIES_M,
         )  # fmt: skip
-        state.innovation_ratio_mag[:] = self._magnetometer.ratio
+        state.innovation_ratio_mag[:] = self._magnetometer.test_ratio
         self._mag_at_s, self._mag_samples = now_s, 0
         self._mag_sum.fill(0.0)
 

@@ -38,7 +38,7 @@ estimator's heading by more than MAX_YAW_ERROR_RAD."""
 POSITION_RESET_S = 2.0 * RESET_TIMEOUT_S + HORIZON_S
 VERTICAL_NOISE_FACTOR = 1.5
 """Vertical noise relative to horizontal noise, for GNSS velocity and the minimum noise of GNSS position."""
-MAX_RATIO = 2.0
+MAX_TEST_RATIO = 2.0
 """Upper limit of the test ratios in ESTIMATOR_STATUS."""
 _CHECKS = {"EKF2_REQ_NSATS": 1, "EKF2_REQ_PDOP": 2, "EKF2_REQ_EPH": 4, "EKF2_REQ_EPV": 8, "EKF2_REQ_SACC": 16}
 """Bits of EKF2_GPS_CHECK."""
@@ -56,9 +56,9 @@ class Gnss:
 
     def __init__(self, count: int, kalman: Kalman, fusion: Fusion, yaw: YawEstimator) -> None:
         self._kalman, self._fusion, self._yaw = kalman, fusion, yaw
-        self.ratio = np.zeros((count, 3))
+        self.test_ratio = np.zeros((count, 3))
         """(N, 3) innovation divided by gate, for velocity, position and height."""
-        self.below_ratio = np.zeros(count)
+        self.below_sigma = np.zeros(count)
         """(N,) how far the estimate is below GNSS height or vertical velocity, in standard deviations of the
         innovation."""
         self._control = np.zeros(count, dtype=np.int64)
@@ -93,7 +93,7 @@ class Gnss:
         """Resets vehicle `i` when its estimator starts."""
         self._passed_once[i] = False
         self._failed_at_s[i] = now_s
-        self.ratio[i] = self.below_ratio[i] = 0.0
+        self.test_ratio[i] = self.below_sigma[i] = 0.0
         for times in (
             self._received_at_s,
             self._passed_at_s,
@@ -222,9 +222,9 @@ class Gnss:
         ratio = np.abs(normalized)
         worst = np.stack([ratio[:, :3].max(axis=1), ratio[:, 3:5].max(axis=1), ratio[:, 5]], axis=1)
         worst /= self._gates[:, (1, 0, 0)]
-        np.copyto(self.ratio, np.minimum(worst, MAX_RATIO), where=passed[:, None])
+        np.copyto(self.test_ratio, np.minimum(worst, MAX_TEST_RATIO), where=passed[:, None])
         # Down is positive: an estimate below the measurement has a negative innovation.
-        np.copyto(self.below_ratio, -np.minimum(normalized[:, 2], normalized[:, 5]), where=passed)
+        np.copyto(self.below_sigma, -np.minimum(normalized[:, 2], normalized[:, 5]), where=passed)
 
         velocity_accepted, position_accepted = (
             use_velocity & (worst[:, 0] <= 1.0),
@@ -330,4 +330,4 @@ class Gnss:
     def rejected(self) -> BoolArray:
         """(N,) vehicles whose newest position or velocity was outside its gate."""
         in_use = self._fusion.gnss_pos | self._fusion.gnss_vel
-        return in_use & (self.ratio[:, :2] > 1.0).any(axis=1)
+        return in_use & (self.test_ratio[:, :2] > 1.0).any(axis=1)

@@ -71,10 +71,12 @@ class Kalman:
         """(N, 2) horizontal acceleration over the last second; GNSS makes the heading observable only while
         it is large.
         """
-        self.shift = np.zeros((count, 2, 3))
-        """(N, 2, 3) how far resets have moved velocity and position; the reader clears the array."""
-        self._shift = self.shift.reshape(count, 6)
+        self.reset_shift = np.zeros((count, 2, 3))
+        """(N, 2, 3) how far resets have moved velocity and position; the estimator clears the array."""
+        self._reset_shift_rows = self.reset_shift.reshape(count, 6)
+        """(N, 6) a view of `reset_shift`."""
         self._impulse = np.zeros((count, 3))
+        """(N, 3) integral of the specific force since the last covariance propagation [m/s], NED."""
         self._pending_s = 0.0
         self._noise = np.zeros((count, SIZE))
         self._initial_variance = np.zeros((count, SIZE))
@@ -136,7 +138,7 @@ class Kalman:
         """Sets velocity or position `index` to a value (N,) with a variance (N,), where `mask` is set."""
         rows = np.flatnonzero(mask)
         new_value = np.broadcast_to(value, mask.shape)[rows]
-        self._shift[rows, index - VELOCITY] += new_value - self.vector[rows, index - VELOCITY]
+        self._reset_shift_rows[rows, index - VELOCITY] += new_value - self.vector[rows, index - VELOCITY]
         self.vector[rows, index - VELOCITY] = new_value
         self.covariance[rows, index, :] = 0.0
         self.covariance[rows, :, index] = 0.0
@@ -263,10 +265,10 @@ class Kalman:
         """Corrects rounding errors of the covariance; called a few times per second."""
         kalman_loops.restore_symmetry(self.covariance)
 
-    def reset_heading(self, mask: BoolArray, down_rad: FloatArray, variance: FloatArray) -> None:
-        """Rotates the attitudes about down by angles (N,) of any size, and sets the heading's variance, where
-        `mask` is set."""
-        half = 0.5 * np.where(mask, down_rad, 0.0)
+    def reset_heading(self, mask: BoolArray, angle_rad: FloatArray, variance: FloatArray) -> None:
+        """Rotates the attitudes about the down axis by angles (N,) of any size, and sets the heading's
+        variance, where `mask` is set."""
+        half = 0.5 * np.where(mask, angle_rad, 0.0)
         delta = np.zeros_like(self.q_ned_frd)
         delta[:, 0], delta[:, 3] = np.cos(half), np.sin(half)
         self.q_ned_frd[:] = quaternion_product(delta, self.q_ned_frd)

@@ -1,4 +1,4 @@
-"""Fusion of the magnetometer: comparison with the known field, checks, alignment and stop.
+"""Fusion of the magnetometer: comparison with the known field, checks, alignment and timeout.
 
 On the ground the magnetometer corrects every state except roll, pitch and their gyroscope biases, and the
 declination is fused while the vehicle is at rest. At 1.5 m above ground, field, bias and heading are reset;
@@ -26,6 +26,7 @@ BoolArray = NDArray[np.bool_]
 
 SAMPLE_TIMEOUT_S = 1.0
 ABOVE_ANOMALIES_M = 1.5
+"""Height above ground at which magnetic anomalies of the ground no longer disturb the field."""
 CONSISTENCY_S = 0.66 + HORIZON_S
 """Time constant of the smoothed heading innovation: PX4 weights a new sample every 0.07 s by 0.1."""
 UNDISTURBED_S = 1.0
@@ -34,7 +35,8 @@ FIELD_CHANGE_GAUSS = 0.01
 """A reset keeps an estimated field that differs from the known field by less than this."""
 SMOOTHING = 0.1
 """Weight of a new sample in the smoothed field; a reset uses the smoothed field."""
-MAX_RATIO = 2.0
+MAX_TEST_RATIO = 2.0
+"""Upper limit of the test ratio in ESTIMATOR_STATUS."""
 NEVER_TYPE = 5
 """EKF2_MAG_TYPE: the magnetometer is not used."""
 HEADING_TYPE = 1
@@ -58,7 +60,7 @@ class Magnetometer:
 
     def __init__(self, count: int, kalman: Kalman, fusion: Fusion) -> None:
         self._kalman, self._fusion = kalman, fusion
-        self.ratio = np.zeros(count)
+        self.test_ratio = np.zeros(count)
         """(N,) innovation divided by gate, for the axis with the largest ratio."""
         self._field_ned = np.zeros((count, 3))
         self._declination_rad = np.zeros(count)
@@ -206,8 +208,10 @@ class Magnetometer:
         np.copyto(fusion.mag_dec, fusion.mag & (~gnss_aided | fusion.vehicle_at_rest), where=fresh)
 
     def _reset_field(self, mask: BoolArray, now_s: float) -> None:
-        """Resets the field if it has changed, and the heading, or the bias where the field may not correct
-        the heading."""
+        """Resets the heading, and an estimated field that differs from the known field.
+
+        Where the field may not correct the heading, the bias of a reset field takes the remaining difference.
+        """
         kalman, fusion = self._kalman, self._fusion
         heading_reset = mask & (fusion.mag_hdg | fusion.mag_3d)
         changed = mask & (((kalman.field - self._field_ned) ** 2).sum(axis=1) > FIELD_CHANGE_GAUSS**2)
@@ -244,7 +248,7 @@ class Magnetometer:
         cross_covariance, innovation_covariance = kalman.measurement_covariances(sensitivity, self._variance)
         sigma = np.sqrt(np.einsum("nii->ni", innovation_covariance))
         worst = (np.abs(innovation) / sigma).max(axis=1) / self._gate
-        np.copyto(self.ratio, np.minimum(worst, MAX_RATIO), where=used)
+        np.copyto(self.test_ratio, np.minimum(worst, MAX_TEST_RATIO), where=used)
         accepted = used & (worst <= 1.0)
         if not accepted.any():
             return accepted
@@ -264,8 +268,8 @@ class Magnetometer:
         return accepted
 
     def _fuse_declination(self, mask: BoolArray) -> None:
-        """Fuses the declination: without GNSS in flight, nothing else fixes the field's horizontal
-        direction."""
+        """Fuses the declination, because only GNSS in flight makes the field's horizontal direction
+        observable."""
         kalman = self._kalman
         north, east = kalman.field[:, 0], kalman.field[:, 1]
         squared = np.maximum(north**2 + east**2, 1e-6)

@@ -52,7 +52,7 @@ class VisionResult:
 
 
 @dataclass(frozen=True, slots=True)
-class _Limits:
+class _Settings:
     """EKF2_EV* of one vehicle."""
 
     control: int
@@ -67,14 +67,14 @@ class Vision:
     """Samples since the last fusion, and their fusion into the filters."""
 
     def __init__(self, count: int) -> None:
-        self._limits: list[_Limits | None] = [None] * count
+        self._settings: list[_Settings | None] = [None] * count
         self._samples: dict[int, VisionSample] = {}
         self._accepted_at_s = np.full(count, -math.inf)
 
     def configure(self, i: int, parameters: Parameters) -> None:
         """Reads EKF2_EV* of vehicle `i`."""
         value = parameters.finite_value
-        self._limits[i] = _Limits(
+        self._settings[i] = _Settings(
             int(parameters.get("EKF2_EV_CTRL")),
             max(value("EKF2_EVP_NOISE"), 0.01),
             max(value("EKF2_EVV_NOISE"), 0.01),
@@ -85,8 +85,8 @@ class Vision:
 
     def add_sample(self, i: int, sample: VisionSample) -> None:
         """Stores a sample of vehicle `i`; ignored if EKF2_EV_CTRL is zero."""
-        limits = self._limits[i]
-        if limits is not None and limits.control:
+        settings = self._settings[i]
+        if settings is not None and settings.control:
             self._samples[i] = sample
 
     @property
@@ -98,11 +98,11 @@ class Vision:
         """(N,) vehicles that were aided within the last second."""
         return now_s - self._accepted_at_s <= SAMPLE_TIMEOUT_S
 
-    def fuse(self, kalman: Kalman, gps_aided: NDArray[np.bool_], now_s: float) -> list[VisionResult]:
+    def fuse(self, kalman: Kalman, gnss_aided: NDArray[np.bool_], now_s: float) -> list[VisionResult]:
         """Fuses the samples of vehicles without GNSS; returns one result for each vehicle."""
         samples, self._samples = self._samples, {}
         return [
-            self._fuse_sample(i, sample, kalman, now_s) for i, sample in samples.items() if not gps_aided[i]
+            self._fuse_sample(i, sample, kalman, now_s) for i, sample in samples.items() if not gnss_aided[i]
         ]
 
     def reset(self, i: int) -> None:
@@ -113,26 +113,26 @@ class Vision:
     def heading_variance(self, i: int) -> float:
         """Variance of a heading of vehicle `i` [rad²]; infinite if EKF2_EV_CTRL does not select the
         heading."""
-        limits = self._limits[i]
-        if limits is None or not limits.control & EV_YAW:
+        settings = self._settings[i]
+        if settings is None or not settings.control & EV_YAW:
             return math.inf
-        return limits.heading_noise_rad**2
+        return settings.heading_noise_rad**2
 
     def _fuse_sample(self, i: int, sample: VisionSample, kalman: Kalman, now_s: float) -> VisionResult:
-        limits = self._limits[i]
-        if limits is None:
+        settings = self._settings[i]
+        if settings is None:
             return VisionResult(i, False, False, math.nan)
         is_first = now_s - self._accepted_at_s[i] > SAMPLE_TIMEOUT_S
-        horizontal, vertical = bool(limits.control & EV_HPOS), bool(limits.control & EV_VPOS)
+        horizontal, vertical = bool(settings.control & EV_HPOS), bool(settings.control & EV_VPOS)
         position_accepted, height_accepted = self._fuse_axes(
             i, kalman, POSITION, sample.position_ned_m, (horizontal, horizontal, vertical),
-            limits.position_gate, max(limits.position_noise_m**2, _finite(sample.position_variance_m2)),
-            is_first,
+            settings.position_gate,
+            max(settings.position_noise_m**2, _variance_or_zero(sample.position_variance_m2)), is_first,
         )  # fmt: skip
         velocity_accepted, _ = self._fuse_axes(
-            i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(limits.control & EV_VEL),) * 3,
-            limits.velocity_gate, max(limits.velocity_noise_m_s**2, _finite(sample.velocity_variance_m2_s2)),
-            is_first,
+            i, kalman, VELOCITY, sample.velocity_ned_m_s, (bool(settings.control & EV_VEL),) * 3,
+            settings.velocity_gate,
+            max(settings.velocity_noise_m_s**2, _variance_or_zero(sample.velocity_variance_m2_s2)), is_first,
         )  # fmt: skip
         if position_accepted or velocity_accepted:
             self._accepted_at_s[i] = now_s
@@ -164,5 +164,5 @@ class Vision:
         return accepted[0] and accepted[1], accepted[2]
 
 
-def _finite(value: float) -> float:
+def _variance_or_zero(value: float) -> float:
     return value if math.isfinite(value) and value > 0.0 else 0.0

@@ -19,7 +19,8 @@ from vehicle_sim.rotations import constrain, length, rotated, turn, write_matrix
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-EVERY_PREDICTIONS = 4
+PREDICTIONS_PER_STEP = 4
+"""Predictions of the main filter per step of this estimator."""
 HYPOTHESES = 5
 TILT_GAIN_PER_S = 0.2
 BIAS_GAIN_PER_S = 0.04
@@ -33,8 +34,8 @@ FORCE_ATTENUATION = 2.0
 ACCEL_NOISE_M_S2, GYRO_NOISE_RAD_S = 2.0, 0.1
 NOISE_STEP_S = 0.008
 """PX4 adds this noise once per filter step; this step length converts it to a density."""
-WORST_RATIO = 25.0
-"""Square of the largest innovation in standard deviations; larger innovations are clipped to it."""
+MAX_SQUARED_SIGMA = 25.0
+"""Square of the largest innovation, in standard deviations; larger innovations are clipped to this limit."""
 MIN_WEIGHT = 1e-5
 MAX_HEADING_SIGMA_RAD = 0.262
 """Largest standard deviation at which the main filter may be reset to the heading."""
@@ -51,14 +52,14 @@ class YawEstimator:
     """
 
     def __init__(self, count: int, q_ned_frd: FloatArray) -> None:
-        self._main = q_ned_frd
+        self._main_q = q_ned_frd
         self._q = q_ned_frd.copy()
         self._matrix = rotation_matrix(self._q)
         self._bias = np.zeros((count, 3))
         self._force = np.tile([0.0, 0.0, -GRAVITY_M_S2], (count, 1))
         self._velocity_change = np.zeros((count, 3))
         self._pending_s = 0.0
-        self._runs = np.zeros(count, dtype=np.bool_)
+        self._running = np.zeros(count, dtype=np.bool_)
         self._states = np.zeros((3, count, HYPOTHESES))
         """Velocity north and east, and the angle from the levelled attitude's heading to the hypothesis'
         heading."""
@@ -70,13 +71,13 @@ class YawEstimator:
     def reset(self, i: int) -> None:
         """Resets vehicle `i` when its estimator starts."""
         self._bias[i] = 0.0
-        self._stop(np.arange(len(self._runs)) == i)
+        self._stop(np.arange(len(self._running)) == i)
 
     def _stop(self, mask: BoolArray) -> None:
         """Stops the hypotheses and copies the main filter's attitude."""
-        np.copyto(self._q, self._main, where=mask[:, None])
+        np.copyto(self._q, self._main_q, where=mask[:, None])
         self._matrix[:] = rotation_matrix(self._q)
-        self._runs &= ~mask
+        self._running &= ~mask
 
     def predict(self, delta_angle: FloatArray, delta_velocity: FloatArray, dt_s: float) -> None:
         """Rotates and levels the attitudes, and adds the change of velocity.
@@ -111,18 +112,18 @@ class YawEstimator:
         """
         dt_s, self._pending_s = self._pending_s, 0.0
         self._advance(dt_s)
-        if (self._runs & ~in_air).any():
-            self._stop(self._runs & ~in_air)
-        new = fresh & in_air & ~self._runs
+        if (self._running & ~in_air).any():
+            self._stop(self._running & ~in_air)
+        new = fresh & in_air & ~self._running
         if new.any():
             self._start(new, velocity_ne, variance)
-        accepted = fresh & self._runs & ~new
+        accepted = fresh & self._running & ~new
         if accepted.any():
             self._update_weights(accepted, velocity_ne, variance)
 
     def _start(self, new: BoolArray, velocity_ne: FloatArray, variance: FloatArray) -> None:
         self._stop(new)
-        self._runs |= new
+        self._running |= new
         self._weights[new] = 1.0 / HYPOTHESES
         self._states[:2, new] = velocity_ne[new].T[:, :, None]
         self._states[2, new] = _INITIAL_ANGLES
@@ -132,8 +133,8 @@ class YawEstimator:
 
     def _advance(self, dt_s: float) -> None:
         """Adds the change of velocity to each hypothesis, rotated by its heading."""
-        turn, covariance = self._states[2], self._covariance
-        cosine, sine = np.cos(turn), np.sin(turn)
+        angle, covariance = self._states[2], self._covariance
+        cosine, sine = np.cos(angle), np.sin(angle)
         forward, right = self._velocity_change[:, :1], self._velocity_change[:, 1:2]
         north, east = cosine * forward - sine * right, sine * forward + cosine * right
         self._states[0] += north
@@ -153,14 +154,14 @@ class YawEstimator:
         innovation = velocity_ne.T[:, :, None] - self._states[:2]
         north, east = innovation
         ratio = (ee * north * north - 2.0 * ne * north * east + nn * east * east) / determinant
-        innovation *= np.sqrt(np.minimum(WORST_RATIO / np.maximum(ratio, 1e-9), 1.0))
+        innovation *= np.sqrt(np.minimum(MAX_SQUARED_SIGMA / np.maximum(ratio, 1e-9), 1.0))
         cross_covariance = covariance[:, :2] * accepted_rows
         by_north = (cross_covariance[:, 0] * ee - cross_covariance[:, 1] * ne) / determinant
         by_east = (cross_covariance[:, 1] * nn - cross_covariance[:, 0] * ne) / determinant
         self._states += by_north * north + by_east * east
         for gain, column in ((by_north, cross_covariance[:, 0]), (by_east, cross_covariance[:, 1])):
             covariance -= gain[:, None] * column
-        density = np.exp(-0.5 * np.minimum(ratio, WORST_RATIO)) / np.sqrt(determinant)
+        density = np.exp(-0.5 * np.minimum(ratio, MAX_SQUARED_SIGMA)) / np.sqrt(determinant)
         weights = np.maximum(self._weights * density, 1e-30)
         weights = np.maximum(weights / weights.sum(axis=1, keepdims=True), MIN_WEIGHT)
         np.copyto(self._weights, weights / weights.sum(axis=1, keepdims=True), where=accepted_rows)
@@ -172,7 +173,7 @@ class YawEstimator:
         weights = self._weights
         mean = np.arctan2((weights * np.sin(headings)).sum(axis=1), (weights * np.cos(headings)).sum(axis=1))
         spread = wrap_pi(headings - mean[:, None]) ** 2 + self._variances[2]
-        return mean, np.where(self._runs, (weights * spread).sum(axis=1), np.inf)
+        return mean, np.where(self._running, (weights * spread).sum(axis=1), np.inf)
 
 
 @kernel
