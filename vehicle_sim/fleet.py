@@ -43,8 +43,9 @@ class VehicleSim:
         files: folders, one for each vehicle; default: temporary folders.
         links: (name, profile) of the links that each vehicle has from the start.
         seed: seed of sensor noise and gusts.
-        first_noise: noise number of the first vehicle (`Simulation.first_vehicle`); default: the instance
-            number, so that a vehicle flies the same in any shard of a fleet.
+        first_noise_number: number from which the noise of the first vehicle is seeded
+            (`Simulation.first_vehicle`); default: the instance number, so that a vehicle flies the same in
+            any shard of a fleet.
         home: global position of the first vehicle.
         boot_time_unix_s: UTC at boot.
         sensor_noise: False: no sensor noise.
@@ -66,7 +67,7 @@ class VehicleSim:
         files: Sequence[VehicleFiles] | None = None,
         links: Sequence[tuple[str, str]] = (("gcs", "gcs"), ("api", "api")),
         seed: int = 0,
-        first_noise: int | None = None,
+        first_noise_number: int | None = None,
         home: SimulationOrigin | None = None,
         boot_time_unix_s: float = DEFAULT_BOOT_TIME_UNIX_S,
         sensor_noise: bool = True,
@@ -82,7 +83,7 @@ class VehicleSim:
         self.simulation = Simulation(
             count, parameters=stores, seed=seed, home=home, sensor_noise=sensor_noise,
             start_ned_m=start_ned_m, yaw_ned_rad=start_yaw_ned_rad, world=world,
-            first_vehicle=first_instance if first_noise is None else first_noise,
+            first_vehicle=first_instance if first_noise_number is None else first_noise_number,
         )  # fmt: skip
         arrays = TickArrays.for_count(count)
         self.autopilots = [
@@ -208,7 +209,7 @@ class VehicleSim:
     def _step_once(self) -> None:
         self.simulation.step()
         for collision in self.simulation.take_collisions():
-            self._end_flight(collision)
+            self._handle_collision(collision)
         tick_due = self.simulation.steps % AUTOPILOT_EVERY_STEPS == 0
         if tick_due:
             self._ticks.update(self._active_autopilots)
@@ -227,8 +228,8 @@ class VehicleSim:
         if self._logs is not None:
             self._logs.step(self.simulation.steps * STEP_US)
 
-    def retire(self, row: int) -> None:
-        """Permanently stops simulating a vehicle whose flight has ended."""
+    def deactivate(self, row: int) -> None:
+        """Stops autopilot, MAVLink and ROS 2 of a vehicle permanently, after its flight."""
         self._active_autopilots = [
             each for each in self._active_autopilots if each is not self.autopilots[row]
         ]
@@ -238,7 +239,7 @@ class VehicleSim:
         setpoints.clear(row)
         setpoints.level[row], setpoints.armed[row] = ControlLevel.DISARMED, False
 
-    def _end_flight(self, collision: Collision) -> None:
+    def _handle_collision(self, collision: Collision) -> None:
         """Stops the motors of a vehicle that hit an obstacle, and reports the collision; PX4 has no message
         for it."""
         autopilot = self.autopilots[collision.row]

@@ -1,4 +1,4 @@
-"""Conversion between local metres and latitude and longitude, used by GPS and navigator alike.
+"""Conversion between local metres and latitude and longitude, for the GPS and the navigator.
 
 Azimuthal equidistant projection around a reference point on PX4's sphere of 6,371,000 m.
 """
@@ -40,13 +40,13 @@ def to_global(
     lat0 = np.radians(origin_lat_deg)
     angle = np.hypot(x, y)
     sin_angle, cos_angle = np.sin(angle), np.cos(angle)
-    over = np.where(angle > 0.0, sin_angle / np.where(angle > 0.0, angle, 1.0), 1.0)
+    scale = np.where(angle > 0.0, sin_angle / np.where(angle > 0.0, angle, 1.0), 1.0)
     sin_lat0, cos_lat0 = np.sin(lat0), np.cos(lat0)
-    lat = np.arcsin(np.clip(cos_angle * sin_lat0 + x * over * cos_lat0, -1.0, 1.0))
-    d_lon = np.arctan2(y * over, cos_lat0 * cos_angle - x * over * sin_lat0)
+    lat = np.arcsin(np.clip(cos_angle * sin_lat0 + x * scale * cos_lat0, -1.0, 1.0))
+    d_lon = np.arctan2(y * scale, cos_lat0 * cos_angle - x * scale * sin_lat0)
     return np.degrees(lat), np.asarray(origin_lon_deg) + np.degrees(d_lon)
 
 
 def is_position(lat_deg: float, lon_deg: float) -> bool:
-    """Whether a command contains a valid position (PX4 ignores NaN and impossible latitudes)."""
+    """Whether both numbers are finite and the latitude is within ±90°; PX4 ignores other positions."""
     return math.isfinite(lat_deg) and abs(lat_deg) <= 90.0 and math.isfinite(lon_deg)

@@ -72,7 +72,7 @@ class HomeUpdater:
             home.set_at_us, home.manual = self._view.time_boot_us(), False
         return True
 
-    def _follow_gps(self) -> None:
+    def _set_to_gps_position(self) -> None:
         """Sets home to the GPS position every two seconds; used without a valid local position."""
         sensors, i, now_us = self._view.simulation.sensors, self._view.row, self._view.time_boot_us()
         home = self.home
@@ -98,7 +98,7 @@ class HomeUpdater:
         if not self._is_automatic:
             return
         if not estimate.valid_position:
-            self._follow_gps()
+            self._set_to_gps_position()
             return
         if not self.home.valid or math.dist(estimate.position_ned_m, self.home.position_ned_m) > 1.0:
             self.set_to_current_position()

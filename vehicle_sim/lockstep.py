@@ -1,7 +1,7 @@
 """Lockstep: a client controls how far simulated time advances, so that flights are reproducible bit for bit.
 
-The client sends SYSTEM_TIME with the `time_boot_ms` to advance to. The vehicle handles earlier messages on
-that link first, advances, and replies with SYSTEM_TIME when it has reached that time.
+The client sends SYSTEM_TIME with the `time_boot_ms` to advance to. The simulator first handles earlier
+messages on that link, advances all vehicles to that time, and then sends SYSTEM_TIME on the link.
 """
 
 from __future__ import annotations

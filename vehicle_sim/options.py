@@ -24,10 +24,10 @@ Each vehicle N (from 0) has MAVLink system id N+1 and uses MAVLink 2 on
   UDP 18570+N  to a ground station at port 14550 (all vehicles share that port)
   UDP 14580+N  to an onboard computer or MAVSDK at port 14540+N
   TCP 5760+N   to one client that connects
-With --ros2 it also has PX4's ROS 2 topics (/fmu/in/…, /fmu/out/…) on DDS, under /px4_N for N from 1.
-All on loopback unless --bind or --ros2-interface says otherwise.
-Each UDP port sends to the first sender.
-Neither PX4 nor Gazebo is needed. Stop it with Ctrl+C.
+With --ros2 each vehicle also has PX4's ROS 2 topics (/fmu/in/…, /fmu/out/…) on DDS, under /px4_N for N > 0.
+MAVLink and DDS use only loopback unless --bind or --ros2-interface selects another interface.
+Each UDP port sends to the address above until it receives a datagram, then to the first sender.
+Neither PX4 nor Gazebo is needed. Stop the simulator with Ctrl+C.
 
 examples:
   python -m vehicle_sim
@@ -49,7 +49,7 @@ def _home(text: str) -> SimulationOrigin:
         ) from None
     if not (abs(lat_deg) < 89.0 and abs(lon_deg) <= 180.0 and math.isfinite(alt_amsl_m)):
         raise argparse.ArgumentTypeError(
-            f"{text!r}: latitude must lie within ±89, longitude within ±180 degrees, altitude be a number"
+            f"{text!r}: latitude must be within ±89 degrees, longitude within ±180 degrees, altitude a number"
         )
     return SimulationOrigin(lat_deg, lon_deg, alt_amsl_m)
 
@@ -172,18 +172,19 @@ def build_parser() -> argparse.ArgumentParser:
     """The parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="python -m vehicle_sim",
-        description="Simulated PX4 v1.16 quadrotors with gimbal that behave on MAVLink as the real one does.",
+        description="Simulated PX4 v1.16 quadrotors with a gimbal; on MAVLink they behave like a real PX4.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--instances", type=_count("vehicles"), default=1, metavar="N", help="how many vehicles (default 1)")
-    add("--first-instance", type=int, default=0, metavar="I", help="number of the first (default 0)")
+    add("--instances", type=_count("vehicles"), default=1, metavar="N", help="number of vehicles (default 1)")
+    add("--first-instance", type=int, default=0, metavar="I", help="the first instance (default 0)")
     add("--processes", type=_count("processes"), default=0, metavar="P",
-        help="how many processes (default: one for every 40 vehicles, at most one per core)")  # fmt: skip
+        help="number of processes (default: one for every 40 vehicles, at most one per core)")  # fmt: skip
     add("--speed", type=_speed, default=1.0, metavar="X",
-        help="simulated over real time (default 1); max or 0: the highest possible speed")  # fmt: skip
-    add("--home", type=_home, default=None, metavar="LAT,LON,ALT", help="position of the first vehicle")
+        help="simulated time per real time (default 1); max or 0: the highest possible speed")  # fmt: skip
+    add("--home", type=_home, default=None, metavar="LAT,LON,ALT",
+        help="position of the first vehicle: degrees, degrees, metres AMSL")  # fmt: skip
     add("--seed", type=int, default=0, metavar="S", help="seed of the sensor noise: same seed, same flight")
     add("--param", type=_parameter, action="append", default=[], metavar="NAME=VALUE",
         help="set a PX4 parameter before boot; may be repeated")  # fmt: skip
@@ -194,10 +195,11 @@ def build_parser() -> argparse.ArgumentParser:
     add("--world", type=_world, default=None, metavar="FILE",
         help=f"terrain, obstacles, lidars: a YAML file or one of {', '.join(built_in_worlds())}")  # fmt: skip
     add("--wind", type=_wind, default=None, metavar="N,E[,GUSTS]",
-        help="m/s to the north and east, and one sigma of the gusts")  # fmt: skip
+        help="wind that blows towards north and east, and standard deviation of the gusts [m/s]")  # fmt: skip
     add("--camera", action="store_true",
-        help="a camera on the gimbal (component 100); its pictures come by MAVLink FTP")  # fmt: skip
-    add("--battery", type=_percent, default=None, metavar="PERCENT", help="charge at the start (default 100)")
+        help="a camera on the gimbal (component 100); pictures are downloaded by MAVLink FTP")  # fmt: skip
+    add("--battery", type=_percent, default=None, metavar="PERCENT",
+        help="battery charge at the start (default 100)")  # fmt: skip
     add("--script", type=_script, default=None, metavar="FILE",
         help="fault script: a YAML file of faults and their times")  # fmt: skip
     add(
@@ -212,21 +214,21 @@ def build_parser() -> argparse.ArgumentParser:
     ports = parser.add_argument_group("ports", "of instance 0; the next instance uses the next port")
     default = Ports()
     ports.add_argument("--bind", default="127.0.0.1", metavar="ADDR", help="address to listen on")
-    ports.add_argument("--gcs-host", default="127.0.0.1", metavar="ADDR", help="where UDP is sent to")
+    ports.add_argument("--gcs-host", default="127.0.0.1", metavar="ADDR", help="address to which UDP is sent")
     for name, help_text in (
         ("gcs-local-port", "UDP port of the ground-station link; 0: any free one"),
-        ("gcs-remote-port", "where the ground station listens; 0: no such link"),
+        ("gcs-remote-port", "UDP port of the ground station; 0: no ground-station link"),
         ("api-local-port", "UDP port of the onboard link; 0: any free one"),
-        ("api-remote-port", "where the onboard computer listens; 0: no such link"),
-        ("tcp-port", "TCP server; 0: none"),
+        ("api-remote-port", "UDP port of the onboard computer; 0: no onboard link"),
+        ("tcp-port", "port of the TCP server; 0: no TCP server"),
     ):
         value = getattr(default, name.replace("-port", "").replace("-", "_"))
         ports.add_argument(f"--{name}", type=_port, default=value, metavar="P", help=f"{help_text} ({value})")
     ros2 = parser.add_argument_group("ROS 2", "PX4's topics over DDS; needs the extra: pip install '.[ros2]'")
     ros2.add_argument("--ros2", type=_domain, nargs="?", const=0, default=None, metavar="DOMAIN",
-        help="publish and subscribe them in this DDS domain (without a number: 0)")  # fmt: skip
+        help="publish and subscribe PX4's topics in this DDS domain (without a number: 0)")  # fmt: skip
     ros2.add_argument("--ros2-namespace", type=_namespace, default=None, metavar="NAME",
-        help="before /fmu (default: none for instance 0, px4_N for instance N)")  # fmt: skip
+        help="namespace before /fmu (default: none for instance 0, px4_N for instance N)")  # fmt: skip
     ros2.add_argument("--ros2-interface", default=None, metavar="NAME",
         help="network interface to use, with multicast (default: loopback, no multicast)")  # fmt: skip
     ports.add_argument("--no-api", action="store_true", help="no onboard link")
@@ -242,13 +244,15 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     if arguments.ros2 is None and (arguments.ros2_namespace or arguments.ros2_interface):
         parser.error("--ros2-namespace and --ros2-interface need --ros2")
     if arguments.ros2_namespace and arguments.instances > 1:
-        parser.error("--ros2-namespace is for one vehicle; without it several have px4_1, px4_2 …")
+        parser.error(
+            "--ros2-namespace is for one vehicle; without this option several vehicles use px4_1, px4_2 …"
+        )
     single_process = "--lockstep" if arguments.lockstep else "--script" if arguments.script else None
     if single_process and arguments.processes > 1:
         parser.error(
             f"--processes {arguments.processes}: with {single_process} all vehicles fly in one process"
         )
     if single_process or math.isinf(arguments.speed):
-        # These options need one process: a common clock, a script, or maximum speed.
+        # Lockstep, a fault script and maximum speed work only within one process.
         arguments.processes = arguments.processes or 1
     return arguments

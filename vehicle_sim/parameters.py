@@ -87,11 +87,11 @@ class BootParameter:
 def load_boot_parameters(path: Path = DATA_FILE) -> tuple[BootParameter, ...]:
     """The values at boot, in the order of PX4's list."""
     entries: dict[str, tuple[str, ParameterValue]] = json.loads(path.read_text(encoding="utf-8"))
-    defaults: list[BootParameter] = []
+    parameters: list[BootParameter] = []
     for index, (name, (kind, value)) in enumerate(entries.items()):
         kind_name: ParameterType = "INT32" if kind == "int32" else "FLOAT"
-        defaults.append(BootParameter(name, kind_name, coerce(name, kind_name, value), index))
-    return tuple(defaults)
+        parameters.append(BootParameter(name, kind_name, coerce(name, kind_name, value), index))
+    return tuple(parameters)
 
 
 def coerce(name: str, kind: ParameterType, value: ParameterValue) -> ParameterValue:
@@ -128,10 +128,10 @@ class Parameters:
     def __init__(
         self, overrides: Mapping[str, ParameterValue] | None = None, *, storage: Path | None = None
     ) -> None:
-        defaults = load_boot_parameters()
-        self._names = tuple(default.name for default in defaults)
-        self._by_name = {default.name: default for default in defaults}
-        self._values: dict[str, ParameterValue] = {default.name: default.value for default in defaults}
+        at_boot = load_boot_parameters()
+        self._names = tuple(each.name for each in at_boot)
+        self._by_name = {each.name: each for each in at_boot}
+        self._values: dict[str, ParameterValue] = {each.name: each.value for each in at_boot}
         self.mode_hashes = [0] * EXTERNAL_MODES
         """COM_MODE0_HASH to COM_MODE7_HASH, which PX4 lists only after an external mode has used them."""
         self._listeners: list[Listener] = []

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from vehicle_sim.kernels import formula
 
 FloatArray = NDArray[np.float64]
-Four = tuple[float, float, float, float]
-Three = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Vector = tuple[float, float, float]
 
 
 @formula
-def product(aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float) -> Four:
+def quaternion_product(
+    aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float
+) -> Quaternion:
     """a ⊗ b: rotation b followed by a."""
     return (
         aw * bw - ax * bx - ay * by - az * bz,
@@ -30,7 +32,7 @@ def product(aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by
 
 
 @formula
-def turn(q: FloatArray, x: float, y: float, z: float) -> None:
+def rotate_attitude(q: FloatArray, x: float, y: float, z: float) -> None:
     """Rotates the attitude `q` (4,) by a small angle (x, y, z) [rad] about the body's axes."""
     w0, x0, y0, z0 = q[0], q[1], q[2], q[3]
     w1 = w0 + 0.5 * (-x0 * x - y0 * y - z0 * z)
@@ -57,7 +59,7 @@ def write_matrix(q: FloatArray, matrix: FloatArray) -> None:
 
 
 @formula
-def rotated(matrix: FloatArray, x: float, y: float, z: float) -> Three:
+def rotated(matrix: FloatArray, x: float, y: float, z: float) -> Vector:
     """matrix · (x, y, z)."""
     return (
         matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2] * z,
@@ -67,7 +69,7 @@ def rotated(matrix: FloatArray, x: float, y: float, z: float) -> Three:
 
 
 @formula
-def rotated_back(matrix: FloatArray, x: float, y: float, z: float) -> Three:
+def rotated_back(matrix: FloatArray, x: float, y: float, z: float) -> Vector:
     """matrixᵀ · (x, y, z)."""
     return (
         matrix[0, 0] * x + matrix[1, 0] * y + matrix[2, 0] * z,

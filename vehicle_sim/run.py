@@ -86,7 +86,11 @@ def _print_ports(server: SimServer, first_instance: int) -> bool:
     for row, vehicle in enumerate(server.vehicles):
         instance = first_instance + row
         for problem in vehicle.problems:
-            print(f"vehicle {instance + 1}: {problem}; continuing without it", file=sys.stderr, flush=True)
+            print(
+                f"vehicle {instance + 1}: {problem}; continuing without this port",
+                file=sys.stderr,
+                flush=True,
+            )
         parts = [
             f"{name} {'TCP' if isinstance(transport, TcpServer) else 'UDP'} {transport.port}"
             for name, transport in vehicle.transports.items()

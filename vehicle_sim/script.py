@@ -10,7 +10,7 @@
       - {at_s: 60, driver: {name: sensor_baro_sim, runs: false}}
       - {when: disarmed, side_down: left}                placed on the left side, for a calibration
 
-Each event happens once for each vehicle, in the step that reaches the event's time or state.
+Each event happens once for each vehicle, in the step in which the vehicle reaches its condition.
 """
 
 from __future__ import annotations
@@ -92,14 +92,14 @@ class Event:
     """System ids; empty: all vehicles."""
     actions: tuple[Action, ...]
 
-    def is_reached(self, sim: Fleet, row: int) -> bool:
-        """Whether the event's time or state is reached for the vehicle in this row."""
+    def is_reached(self, fleet: Fleet, row: int) -> bool:
+        """Whether the vehicle in this row has reached the event's time, state or altitude."""
         if self.at_s is not None:
-            return sim.time_s >= self.at_s - 1e-9
-        commander = sim.autopilots[row].commander
+            return fleet.time_s >= self.at_s - 1e-9
+        commander = fleet.autopilots[row].commander
         if self.above_m is not None:
             # The true state, because the estimate may already be faulty.
-            return -float(sim.simulation.truth.position_ned_m[row, 2]) > self.above_m
+            return -float(fleet.simulation.truth.position_ned_m[row, 2]) > self.above_m
         if self.state in MODES:
             return commander.armed and commander.active is MODES[self.state]
         airborne = commander.armed and not commander.landed
@@ -122,25 +122,25 @@ class Script:
 class ScriptRunner:
     """Runs a script on a fleet; call `step` after the autopilots."""
 
-    def __init__(self, script: Script, sim: Fleet) -> None:
-        self._sim = sim
+    def __init__(self, script: Script, fleet: Fleet) -> None:
+        self._fleet = fleet
         self._waiting: list[tuple[Event, int, list[float]]] = []
         """Event, row, and the time when the condition became true (empty list: not yet)."""
         for event in script.events:
             rows = [
                 n
-                for n, node in enumerate(sim.nodes)
+                for n, node in enumerate(fleet.nodes)
                 if not event.vehicles or node.system_id in event.vehicles
             ]
             self._waiting += [(event, row, []) for row in rows]
-        self._has_flown = [False] * len(sim.nodes)
+        self._has_flown = [False] * len(fleet.nodes)
 
     def step(self) -> None:
         """Executes the events that are due."""
         if not self._waiting:
             return
-        now_s = self._sim.time_s
-        for row, autopilot in enumerate(self._sim.autopilots):
+        now_s = self._fleet.time_s
+        for row, autopilot in enumerate(self._fleet.autopilots):
             self._has_flown[row] = self._has_flown[row] or (
                 autopilot.commander.armed and not autopilot.commander.landed
             )
@@ -149,13 +149,13 @@ class ScriptRunner:
             # A vehicle that has not flown yet has not landed.
             if (
                 not since
-                and event.is_reached(self._sim, row)
+                and event.is_reached(self._fleet, row)
                 and (event.state != "landed" or self._has_flown[row])
             ):
                 since.append(now_s)
             if since and now_s >= since[0] + event.after_s - 1e-9:
                 for action in event.actions:
-                    action(self._sim, row)
+                    action(self._fleet, row)
             else:
                 waiting.append((event, row, since))
         self._waiting = waiting
@@ -222,18 +222,18 @@ def _actions(fields: Fields) -> tuple[Action, ...]:
 def _gps(fields: Fields) -> Action:
     state = fields.text("gps", choices=GPS_STATES)
 
-    def act(sim: Fleet, row: int) -> None:
-        sim.simulation.set_gps_enabled(row, state != "lost")
-        sim.simulation.set_gps_stuck(row, state == "stuck")
+    def act(fleet: Fleet, row: int) -> None:
+        fleet.simulation.set_gps_enabled(row, state != "lost")
+        fleet.simulation.set_gps_stuck(row, state == "stuck")
         if state == "ok":
-            sim.simulation.set_gps_offset(row, np.zeros(3))
+            fleet.simulation.set_gps_offset(row, np.zeros(3))
 
     return act
 
 
 def _gps_offset(fields: Fields) -> Action:
     offset = np.array(fields.numbers("gps_offset_ned_m", 3, "[north, east, down] in metres"))
-    return lambda sim, row: sim.simulation.set_gps_offset(row, offset)
+    return lambda fleet, row: fleet.simulation.set_gps_offset(row, offset)
 
 
 def _driver(fields: Fields) -> Action:
@@ -243,13 +243,13 @@ def _driver(fields: Fields) -> Action:
     driver = Driver(nested.text("name", choices=tuple(each.value for each in Driver)))
     runs = nested.flag("runs", False)
     nested.finish()
-    return lambda sim, row: sim.simulation.set_driver(row, driver, runs)
+    return lambda fleet, row: fleet.simulation.set_driver(row, driver, runs)
 
 
 def _side(fields: Fields) -> Action:
     side = Side(fields.text("side_down", choices=tuple(each.value for each in Side)))
     q_ned_frd = quaternion_from_euler(*side.roll_pitch_rad, 0.0)
-    return lambda sim, row: sim.simulation.turn_disarmed(row, q_ned_frd)
+    return lambda fleet, row: fleet.simulation.set_attitude_if_disarmed(row, q_ned_frd)
 
 
 def _motor(fields: Fields) -> Action:
@@ -259,30 +259,30 @@ def _motor(fields: Fields) -> Action:
     number, works = nested.integer("number", low=1, high=4), nested.flag("works", False)
     nested.finish()
 
-    def act(sim: Fleet, row: int) -> None:
-        sim.simulation.motor_health[row, number - 1] = 1.0 if works else 0.0
+    def act(fleet: Fleet, row: int) -> None:
+        fleet.simulation.motor_health[row, number - 1] = 1.0 if works else 0.0
 
     return act
 
 
 def _battery(fields: Fields) -> Action:
     charge = fields.number("battery_percent", low=0.0, high=100.0) / 100.0
-    return lambda sim, row: sim.simulation.set_battery_remaining(row, charge)
+    return lambda fleet, row: fleet.simulation.set_battery_remaining(row, charge)
 
 
 def _wind(fields: Fields) -> Action:
     wind = np.array(fields.numbers("wind_ned_m_s", 3, "[north, east, down] in m/s"))
-    return lambda sim, row: sim.simulation.set_wind(wind, row)
+    return lambda fleet, row: fleet.simulation.set_wind(wind, row)
 
 
 def _gusts(fields: Fields) -> Action:
     strength = fields.number("gusts_m_s", low=0.0, high=30.0)
-    return lambda sim, row: sim.simulation.set_gusts(strength, row)
+    return lambda fleet, row: fleet.simulation.set_gusts(strength, row)
 
 
 def _noise(fields: Fields) -> Action:
     strength = fields.number("sensor_noise", low=0.0, high=100.0)
-    return lambda sim, row: sim.simulation.set_sensor_noise(row, strength)
+    return lambda fleet, row: fleet.simulation.set_sensor_noise(row, strength)
 
 
 def _link(fields: Fields) -> Action:
@@ -291,7 +291,7 @@ def _link(fields: Fields) -> Action:
         raise fields.problem("link", "must be {name: gcs, up: false}")
     name, up = nested.text("name", "all", choices=LINK_NAMES), nested.flag("up", False)
     nested.finish()
-    return lambda sim, row: sim.set_link_up(row, name, up)
+    return lambda fleet, row: fleet.set_link_up(row, name, up)
 
 
 def _parameter(fields: Fields) -> Action:
@@ -305,8 +305,8 @@ def _parameter(fields: Fields) -> Action:
         raise nested.problem("name", f"cannot be set: {error}") from None
     nested.finish()
 
-    def act(sim: Fleet, row: int) -> None:
-        sim.set_parameter(row, name, value)
+    def act(fleet: Fleet, row: int) -> None:
+        fleet.set_parameter(row, name, value)
 
     return act
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.lockstep import Lockstep
 from vehicle_sim.mavlink.context import GCS_TIMEOUT_S
-from vehicle_sim.mavlink.transports import PortTaken, TcpServer, UdpTransport
+from vehicle_sim.mavlink.transports import PortUnavailable, TcpServer, UdpTransport
 
 CYCLE_S = 0.008
 """Real-time period of the loop: two simulation steps at speed 1."""
@@ -68,7 +68,7 @@ class SimServer:
         def attempt(name: str, make: Callable[[], UdpTransport | TcpServer]) -> None:
             try:
                 vehicle.transports[name] = make()
-            except PortTaken as problem:
+            except PortUnavailable as problem:
                 vehicle.problems.append(str(problem))
                 return
             self._register(row, name, vehicle.transports[name])

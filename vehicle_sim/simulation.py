@@ -116,10 +116,12 @@ class Simulation:
         if self._start_ned_m.shape != (count, 3) or self._start_yaw_rad.shape != (count,):
             raise ValueError(f"start_ned_m must be ({count}, 3) and yaw_ned_rad ({count},)")
         self._bodies = RigidBodies(count, STEP_S)
-        numbers = range(first_vehicle, first_vehicle + count)
-        self._wind = Wind(STEP_S * WIND_EVERY_STEPS, seed=seed, vehicles=numbers)
+        vehicle_numbers = range(first_vehicle, first_vehicle + count)
+        self._wind = Wind(STEP_S * WIND_EVERY_STEPS, seed=seed, vehicles=vehicle_numbers)
         self._batteries = Batteries(count, STEP_S * BATTERY_EVERY_STEPS)
-        self._sensors = SensorSuite(STEP_S, self.home, seed=seed, vehicles=numbers, noise=sensor_noise)
+        self._sensors = SensorSuite(
+            STEP_S, self.home, seed=seed, vehicles=vehicle_numbers, noise=sensor_noise
+        )
         self._range_finder = RangeFinder(count)
         self._estimator = Estimator(count, STEP_S)
         self._cascade = Cascade(count, STEP_S)
@@ -212,7 +214,7 @@ class Simulation:
         self._estimates = None
 
     @property
-    def output_is_used(self) -> bool:
+    def setpoints_applied(self) -> bool:
         """Whether the position controller has already used the setpoints of the autopilots' last tick."""
         tick = self.steps - self.steps % AUTOPILOT_EVERY_STEPS
         return self.steps // OUTER_EVERY_STEPS > tick // OUTER_EVERY_STEPS
@@ -247,7 +249,7 @@ class Simulation:
         return self._lidar.around_m(self.steps, self._bodies.matrix)[i]
 
     def reset_vehicle(self, i: int) -> None:
-        """Resets vehicle `i` to its start position, at rest, as after a reboot."""
+        """Resets vehicle `i` as after a reboot: at its start position, at rest, with a full battery."""
         if self._contact is not None:
             self._contact.reset(i)
             self._bodies.ground_down_m[i] = self._contact.support_down_m(self._start_ned_m)[i]
@@ -274,7 +276,7 @@ class Simulation:
         self._sensors.set_gps_enabled(i, enabled)
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Sets whether the GPS receiver of vehicle `i` repeats its last fix (`stuck`)."""
+        """Makes the GPS receiver of vehicle `i` repeat its last fix (`stuck`), or measure again."""
         self._sensors.set_gps_stuck(i, stuck)
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
@@ -289,7 +291,7 @@ class Simulation:
         """Whether the driver of a simulated sensor of vehicle `i` runs."""
         return self._sensors.driver_runs(i, driver)
 
-    def turn_disarmed(self, i: int, q_ned_frd: FloatArray) -> None:
+    def set_attitude_if_disarmed(self, i: int, q_ned_frd: FloatArray) -> None:
         """Sets the attitude of vehicle `i` at its position; ignored while armed."""
         if not self.setpoints.armed[i]:
             self._bodies.set_attitude(i, q_ned_frd)
@@ -323,13 +325,13 @@ class Simulation:
         self._wind.set_gusts(sigma_m_s, i)
         self._bodies.wind_ned_m_s[rows] = self._wind.steady_ned_m_s[rows]
 
-    def set_sensor_noise(self, i: int, strength: float) -> None:
-        """Multiplies the usual sensor noise of vehicle `i` by `strength`; 0: no noise.
+    def set_sensor_noise(self, i: int, factor: float) -> None:
+        """Multiplies the sensor noise of PX4's SIH by a factor for vehicle `i`; 0: no noise.
 
         Raises:
             ValueError: negative or not a number.
         """
-        self._sensors.set_noise(i, strength)
+        self._sensors.set_noise(i, factor)
 
     def reload_parameters(self, i: int) -> str | None:
         """Applies changed parameters of vehicle `i` (gains, limits, airframe, battery).

@@ -1,6 +1,7 @@
 """One vehicle's row of the simulation as plain floats, converted once per step.
 
-Access to single elements of NumPy arrays is the main cost of a Python autopilot; only this module does it.
+Access to single elements of NumPy arrays is the main cost of a Python autopilot, so the estimate is converted
+as a whole.
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ def run_workers(
                 last = part.first + part.count
                 print(
                     f"the process of vehicles {part.first + 1} to {last} has ended ({_reason(code)}); "
-                    "the others are ended too",
+                    "the other processes are terminated",
                     file=sys.stderr, flush=True,
                 )  # fmt: skip
                 terminate_all()

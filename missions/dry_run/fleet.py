@@ -54,7 +54,7 @@ class Fleet:
         if world is not None:
             start_ned_m[:, 2] = -world.terrain.alt_home_m(start_ned_m[:, 0], start_ned_m[:, 1])
         self.sim = VehicleSim(
-            len(conditions), links=(), seed=seed, first_noise=first,
+            len(conditions), links=(), seed=seed, first_noise_number=first,
             stores=[_parameters_for(*each) for each in zip(aircraft, conditions, strict=True)],
             home=SimulationOrigin(home.lat_deg, home.lon_deg, home.alt_amsl_m),
             start_ned_m=start_ned_m,
@@ -88,7 +88,7 @@ class Fleet:
 
     def retire(self, row: int) -> None:
         """Stops simulating a vehicle whose flight has ended."""
-        self.sim.retire(row)
+        self.sim.deactivate(row)
 
 
 MISSION_REFUSALS = {

@@ -24,7 +24,9 @@ def run(port: int, speed: float) -> None:
     def turn(message: StatusText | Event) -> None:
         for finished, next_side in itertools.pairwise(SIDES):
             if isinstance(message, StatusText) and f"{finished.value} side done" in message.text:
-                fleet.simulation.turn_disarmed(0, quaternion_from_euler(*next_side.roll_pitch_rad, 0.0))
+                fleet.simulation.set_attitude_if_disarmed(
+                    0, quaternion_from_euler(*next_side.roll_pitch_rad, 0.0)
+                )
 
     fleet.autopilots[0].announcer.add_listener(turn)
     ports = Ports(gcs_remote=0, api_remote=0, tcp=port)

@@ -112,7 +112,7 @@ def _parameter(name: str, value: float, wait_s: float) -> Action:
 def _on_its_side(vehicle: Vehicle, _: Dialogue) -> None:
     """Tips the vehicle over: an actuator test does this to PX4's simulated airframe."""
     half = math.sqrt(0.5)
-    vehicle.sim.simulation.turn_disarmed(0, (half, half, 0.0, 0.0))
+    vehicle.sim.simulation.set_attitude_if_disarmed(0, (half, half, 0.0, 0.0))
     # A vehicle that is turned by hand changes its attitude at once.
     vehicle.sim.simulation._estimator.reset(0)
     vehicle.run(10.0)

@@ -168,7 +168,7 @@ def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
         after = vehicle.health.readiness
         assert (after.words, len(after.findings)) == ("vehicle", len(before))
         texts = {f.name: f.cause for f in after.findings}
-        assert texts["check_modes_offboard_signal"] == "No offboard setpoints arrive."
+        assert texts["check_modes_offboard_signal"] == "No offboard setpoints received."
         fetched = autopilot.count(FTP)
         await vehicle.metadata.events()
         assert autopilot.count(FTP) == fetched  # cached by its checksum

@@ -327,7 +327,7 @@ class Autopilot:
             self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
         elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
             self._row.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
-        elif not (uses_external or self._row.below_trajectory) and self.view.simulation.output_is_used:
+        elif not (uses_external or self._row.below_trajectory) and self.view.simulation.setpoints_applied:
             self._write_trajectory(setpoint)
 
     def take_goto(self, goto: Goto) -> None:

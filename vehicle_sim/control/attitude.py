@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.kernels import Column, Flags, Rows, kernel
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import constrain, product
+from vehicle_sim.rotations import constrain, quaternion_product
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -73,7 +73,7 @@ def _rotate_towards(
         if not controlled[i]:
             continue
         q, target = attitude[i], q_setpoint[i]
-        w, x, y, z = product(q[0], -q[1], -q[2], -q[3], target[0], target[1], target[2], target[3])
+        w, x, y, z = quaternion_product(q[0], -q[1], -q[2], -q[3], target[0], target[1], target[2], target[3])
         # The setpoint's thrust axis in the body frame gives the pure tilt: error = tilt ⊗ twist about z.
         norm = math.sqrt(w * w + z * z)
         if norm < _OPPOSITE:

@@ -15,7 +15,7 @@ from vehicle_sim.control.setpoints import Setpoints
 from vehicle_sim.frames import GRAVITY_M_S2
 from vehicle_sim.kernels import Column, Flags, Rows, formula, kernel
 from vehicle_sim.parameters import Parameters
-from vehicle_sim.rotations import Three, constrain
+from vehicle_sim.rotations import Vector, constrain
 from vehicle_sim.state import EstimateState, TargetState
 
 FloatArray = NDArray[np.float64]
@@ -137,7 +137,7 @@ def _alpha(cutoff_hz: float, dt_s: float) -> float:
 
 
 @formula
-def _position_control(setpoint: FloatArray, position: FloatArray, gain: FloatArray) -> Three:
+def _position_control(setpoint: FloatArray, position: FloatArray, gain: FloatArray) -> Vector:
     """P control of position: velocities [m/s], NaN where position is not controlled."""
     return (
         _bounded((setpoint[0] - position[0]) * gain[0]),
@@ -150,7 +150,7 @@ def _position_control(setpoint: FloatArray, position: FloatArray, gain: FloatArr
 def _thrust_vector(
     dn: float, de: float, dd: float, hover_thrust: float, decouple: bool, tilt_limit: float, lowest: float,
     highest: float, margin: float,
-) -> tuple[Three, Three]:  # fmt: skip
+) -> tuple[Vector, Vector]:  # fmt: skip
     """The body's up axis and the thrust vector that give an acceleration against gravity.
 
     Vertical thrust has priority over horizontal thrust.
@@ -173,7 +173,7 @@ def _thrust_vector(
 @formula
 def _integrate(
     dt_s: float, velocity_setpoint: FloatArray, velocity: FloatArray, demand_ne: tuple[float, float],
-    thrust: Three, hover_thrust: float, lowest: float, highest: float, gain: FloatArray,
+    thrust: Vector, hover_thrust: float, lowest: float, highest: float, gain: FloatArray,
     integral_gain: FloatArray, integral: FloatArray,
 ) -> None:  # fmt: skip
     """Integrates the velocity error, with anti-windup while a thrust limit applies."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from vehicle_sim.frames import GRAVITY_M_S2
 from vehicle_sim.kernels import Blocks, Column, Flags, Rows, formula, kernel
-from vehicle_sim.rotations import constrain, product, rotated, turn, write_matrix
+from vehicle_sim.rotations import constrain, quaternion_product, rotate_attitude, rotated, write_matrix
 
 TILT, YAW, VELOCITY, POSITION, GYRO_BIAS, ACCEL_BIAS, FIELD, MAG_BIAS, SIZE = 0, 2, 3, 6, 9, 12, 15, 18, 21
 """First index of each error state; TILT and YAW are the rotation about north, east and down."""
@@ -37,7 +37,7 @@ def _apply_correction(
     north, east, down = 0.5 * change[TILT, 0], 0.5 * change[TILT + 1, 0], 0.5 * change[YAW, 0]
     if north == 0.0 and east == 0.0 and down == 0.0:
         return
-    w, x, y, z = product(1.0, north, east, down, q[0], q[1], q[2], q[3])
+    w, x, y, z = quaternion_product(1.0, north, east, down, q[0], q[1], q[2], q[3])
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     q[0], q[1], q[2], q[3] = w / norm, x / norm, y / norm, z / norm
     write_matrix(q, matrix)
@@ -108,7 +108,7 @@ def strapdown(
 ) -> None:  # fmt: skip
     for i in range(q.shape[0]):
         gyro, accel = GYRO_BIAS - VELOCITY, ACCEL_BIAS - VELOCITY
-        turn(
+        rotate_attitude(
             q[i],
             delta_angle[i, 0] - vector[i, gyro] * dt_s,
             delta_angle[i, 1] - vector[i, gyro + 1] * dt_s,

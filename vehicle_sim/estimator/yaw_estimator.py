@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vehicle_sim.frames import GRAVITY_M_S2, rotation_matrix, wrap_pi, yaw_of
 from vehicle_sim.kernels import Blocks, Rows, kernel
-from vehicle_sim.rotations import constrain, length, rotated, turn, write_matrix
+from vehicle_sim.rotations import constrain, length, rotate_attitude, rotated, write_matrix
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -207,7 +207,7 @@ def _turn_and_level(
                 bias[i, k] - bias_gain * correction[k], -BIAS_LIMIT_RAD_S, BIAS_LIMIT_RAD_S
             )
             velocity_change[i, k] += gain_ned[k]
-        turn(
+        rotate_attitude(
             q[i],
             (rx + correction[0]) * dt_s,
             (ry + correction[1]) * dt_s,

@@ -28,8 +28,8 @@ STOP_DELAY_US: Final = 1_000_000
 FILE_NAME_DELAY_US: Final = 45_000
 """Delay between the start of a log and the text with its file name."""
 TICK_US: Final = 20_000
-"""Period of the log's state topics: one autopilot tick. In these steps the autopilot reads the estimate
-anyway, and the simulation converts it to plain numbers only once per step."""
+"""Period of the log's state topics: one autopilot tick. In the same step the autopilot also reads the
+estimate, which the simulation converts to plain numbers once per step."""
 DISABLED, WHILE_ARMED, BOOT_TO_DISARM, BOOT_TO_SHUTDOWN, WHILE_AUX1, ARMED_TO_SHUTDOWN = range(-1, 5)
 """SDLOG_MODE; WHILE_AUX1 requires an RC receiver, which a simulated vehicle does not have."""
 FROM_BOOT: Final = frozenset({BOOT_TO_DISARM, BOOT_TO_SHUTDOWN})
@@ -185,13 +185,13 @@ class Logger:
     def _check_size(self) -> None:
         if self.written_bytes >= MAX_BYTES:
             self.stop()
-            self._announcer.text(4, "[logger] the log ends: it has grown to 1 GiB\t")
+            self._announcer.text(4, "[logger] logging stopped: the log has reached 1 GiB\t")
             return
         try:
             free = self._free_space(self._files.root)
         except OSError as error:
             self.stop()
-            self._report_error("the log ends", error)
+            self._report_error("logging stopped", error)
             return
         if free < MIN_FREE_BYTES:
             self.stop()
@@ -208,7 +208,7 @@ class Logger:
             path, started_at = self._path()
             self._file = FileIO(self._files.host_path(path), "wb")
         except OSError as error:
-            self._report_error("no log", error)
+            self._report_error("logging not started", error)
             return
         self.path, self.written_bytes, self.started_at_us = path, 0, now_us
         profile = self._view.optional_choice("SDLOG_PROFILE", DEFAULT_PROFILE) or DEFAULT_PROFILE
@@ -293,7 +293,7 @@ class Logger:
             self.written_bytes += len(data)
         except OSError as error:
             self._close()
-            self._report_error("the log ends", error)
+            self._report_error("logging stopped", error)
 
     def _close(self) -> None:
         file, self._file, recorder, self._recorder = self._file, None, self._recorder, None
@@ -305,13 +305,12 @@ class Logger:
             try:
                 file.close()
             except OSError as error:
-                self._report_error("the log was not closed", error)
+                self._report_error("log file not closed", error)
 
     def _report_full_disk(self, free: int) -> None:
         free_mib = free >> 20
-        self._announcer.announce(
-            3, f"[logger] no log: {free_mib} MiB left, 50 are needed", "logger_storage_full", "I", free_mib
-        )
+        text = f"[logger] not logging: {free_mib} MiB free, 50 MiB required"
+        self._announcer.announce(3, text, "logger_storage_full", "I", free_mib)
 
     def _report_error(self, consequence: str, error: OSError) -> None:
         self._announcer.text(3, f"[logger] {consequence}: {error.strerror or error}\t")

@@ -30,14 +30,16 @@ class Sink(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class _Column:
-    """Columns of a source's values in a group's buffer, and the topic fields that receive them."""
+class _SourceColumns:
+    """One source of values: its columns in the buffer of a group, and the topic fields of these columns."""
 
     names: tuple[str, ...]
-    """One field, or one field for each column of the array."""
+    """One field, or one field for each column."""
     source: Source
     at: int
+    """Index of the first column."""
     width: int
+    """Number of columns."""
 
 
 class _Group:
@@ -50,30 +52,33 @@ class _Group:
         """Time of the next sample."""
         self._sample_count = -1
         self._used = 0
-        self._plans: list[tuple[ArrayTopic, NDArray[Any], list[_Column]]] = []
-        self._columns: list[_Column] = []
+        self._encodings: list[tuple[ArrayTopic, NDArray[Any], list[_SourceColumns]]] = []
+        """Each topic with its constant fields, and the columns of its other fields."""
+        self._columns: list[_SourceColumns] = []
         width = 0
         for topic in topics:
             template = topic.layout.blank()
             lengths = {field.name: field.length for field in topic.layout.fields}
-            topic_columns: list[_Column] = []
+            topic_columns: list[_SourceColumns] = []
             for key, source in topic.sources.items():
                 if not callable(source):
                     template[key] = source
                     continue
                 names = tuple(key.split())
-                column = _Column(names, source, width, max(len(names), lengths[names[0]]))
+                column = _SourceColumns(names, source, width, max(len(names), lengths[names[0]]))
                 width += column.width
                 topic_columns.append(column)
             self._columns += topic_columns
-            self._plans.append((topic, template, topic_columns))
+            self._encodings.append((topic, template, topic_columns))
         self._length = max(1, BLOCK_MS // period) if isinstance(period, int) else 4
         self._values = np.zeros((self._length, simulation.count, width))
         self._times_us = np.zeros((self._length, 1), dtype=np.uint64)
 
     def sample(self, now_us: int) -> bool:
-        """Takes a sample; not if the group has the rate of a sensor without a new measurement. Returns
-        whether the buffer is full."""
+        """Takes a sample; returns whether the buffer is then full.
+
+        A group with the rate of a sensor takes a sample only after a new measurement of the sensor.
+        """
         period = self._period
         if isinstance(period, str):
             count = getattr(self._simulation.sensors, period)
@@ -104,7 +109,7 @@ class _Group:
         if len(rows) != values.shape[1]:
             values = values[:, rows]
         parts: list[list[bytes]] = [[] for _ in sinks]
-        for topic, template, columns in self._plans:
+        for topic, template, columns in self._encodings:
             records = np.empty((used, len(rows)), dtype=topic.layout.dtype)
             records[:] = template
             records["timestamp"] = self._times_us[:used]

@@ -27,7 +27,9 @@ class Context:
         self.links: list[Link] = []
         self.telemetry = Telemetry(autopilot)
         self._soon: list[Callable[[], None]] = []
+        """Actions of `call_soon`."""
         self._woken = False
+        """Whether a service has requested a call of `run_due`."""
         self.gcs_timeout_s = GCS_TIMEOUT_S
         """Simulated time; longer if the simulation runs faster than real time."""
         self._timers: list[tuple[float, Callable[[], None]]] = []

@@ -8,7 +8,7 @@ from typing import Any
 
 from vehicle_sim.mavlink.dialect import BY_NAME, Layout, Message, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
-from vehicle_sim.mavlink.rates import PROFILES, RESTORED
+from vehicle_sim.mavlink.rates import PROFILES, RESTORED_HZ
 
 NEVER_US = 1 << 62
 OUTBOX_LIMIT_BYTES = 4_000_000
@@ -41,6 +41,7 @@ class Link:
         """(due time [µs], message id, generation)."""
         self._generation = 0
         self._generations: dict[int, int] = {}
+        """Generation of the newest interval, by message id; entries of earlier generations are not sent."""
         self._dropped_bytes = 0
         for name_, hz in PROFILES[profile].items():
             self.set_interval(BY_NAME[name_].id, int(1e6 / hz), 0)
@@ -107,7 +108,7 @@ class Link:
 
     def restore_interval(self, name: str, now_us: int) -> None:
         """Restores PX4's default interval of this link."""
-        hz = RESTORED.get(name, PROFILES[self.profile].get(name, 0.0))
+        hz = RESTORED_HZ.get(name, PROFILES[self.profile].get(name, 0.0))
         self.set_interval(BY_NAME[name].id, int(1e6 / hz) if hz else 0, now_us)
 
     @property

@@ -84,10 +84,11 @@ class Node:
             BY_NAME["CURRENT_EVENT_SEQUENCE"].id: self._texts.send_current_sequence,
             BY_NAME["DISTANCE_SENSOR"].id: self._ranging.send,
         }
-        self._rate_at_us = RATE_EVERY_US
+        self._rates_due_us = RATE_EVERY_US
         self._idle_until_us = 0
         """Until this time no stream is due and no service has work, unless a message is received."""
-        self._counted_bytes: dict[str, tuple[int, int]] = {}
+        self._bytes_at_last_rate: dict[str, tuple[int, int]] = {}
+        """Sent and received bytes when the data rates were last computed, by link."""
 
     @property
     def system_id(self) -> int:
@@ -114,7 +115,7 @@ class Node:
         """Adds a link, and starts its streams."""
         now_us = self.context.view.time_boot_us()
         self._idle_until_us = 0
-        self._counted_bytes.pop(link.name, None)
+        self._bytes_at_last_rate.pop(link.name, None)
         for msg_id in list(link.streamed_ids()):
             link.set_interval(msg_id, link.interval_us(msg_id), now_us)
         self._ranging.begin(link, now_us)
@@ -159,7 +160,7 @@ class Node:
             return
         busy = self._step_services()
         streamers = self._streamers
-        next_us = self._rate_at_us
+        next_us = self._rates_due_us
         for link in context.links:
             if link.next_due_us <= now_us:
                 for msg_id in link.due(now_us):
@@ -169,7 +170,7 @@ class Node:
                     else:
                         self._send(link, msg_id)
             next_us = min(next_us, link.next_due_us)
-        if now_us >= self._rate_at_us:
+        if now_us >= self._rates_due_us:
             self._update_rates(now_us)
         self._idle_until_us = 0 if busy else next_us
 
@@ -179,7 +180,7 @@ class Node:
             link.send_payload(*built)
 
     def _step_services(self) -> bool:
-        """Runs pending actions, and continues the transfers of the services; returns whether any is
+        """Runs pending actions, and continues the transfers of the services; returns whether a transfer is
         running."""
         if self.context.has_pending:
             self.context.run_due()
@@ -195,10 +196,10 @@ class Node:
 
     def _update_rates(self, now_us: int) -> None:
         for link in self.context.links:
-            sent, received = self._counted_bytes.get(link.name, (0, 0))
+            sent, received = self._bytes_at_last_rate.get(link.name, (0, 0))
             link.tx_rate, link.rx_rate = link.sent_bytes - sent, link.received_bytes - received
-            self._counted_bytes[link.name] = (link.sent_bytes, link.received_bytes)
-        self._rate_at_us = now_us + RATE_EVERY_US
+            self._bytes_at_last_rate[link.name] = (link.sent_bytes, link.received_bytes)
+        self._rates_due_us = now_us + RATE_EVERY_US
 
     def _heartbeat(self, link: Link, message: Message) -> None:
         if message.type == MAV_TYPE_GCS:

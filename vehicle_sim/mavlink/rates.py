@@ -67,7 +67,7 @@ API: Final[dict[str, float]] = GCS | {
 
 PROFILES: Final[dict[str, dict[str, float]]] = {"gcs": GCS, "api": API}
 
-RESTORED: Final[dict[str, float]] = {"ATTITUDE": 15.0}
+RESTORED_HZ: Final[dict[str, float]] = {"ATTITUDE": 15.0}
 """Rates after a client has set interval 0 ("default"), where they differ from the rates at boot."""
 
 EVENT_DRIVEN: Final = frozenset({"HEARTBEAT", "CURRENT_EVENT_SEQUENCE", "EVENT"})

@@ -23,7 +23,7 @@ TLS_HANDSHAKE = b"\x16\x03"
 _CAPITALS = string.ascii_uppercase.encode()
 
 
-class PortTaken(OSError):
+class PortUnavailable(OSError):
     """A port cannot be bound; the text names the port and the reason."""
 
 
@@ -37,7 +37,7 @@ class UdpTransport:
             self.socket.bind((bind, port))
         except OSError as error:
             self.socket.close()
-            raise PortTaken(f"UDP port {port} on {bind}: {error.strerror or error}") from error
+            raise PortUnavailable(f"UDP port {port} on {bind}: {error.strerror or error}") from error
         self.port: int = self.socket.getsockname()[1]
         self._remote = remote
         self._first_sender: tuple[str, int] | None = None
@@ -122,7 +122,7 @@ class TcpServer:
             self.socket.listen(1)
         except OSError as error:
             self.socket.close()
-            raise PortTaken(f"TCP port {port} on {bind}: {error.strerror or error}") from error
+            raise PortUnavailable(f"TCP port {port} on {bind}: {error.strerror or error}") from error
         self.port: int = self.socket.getsockname()[1]
         self._on_connect = on_connect
         self._on_disconnect = on_disconnect
@@ -179,8 +179,8 @@ class TcpServer:
         if not self._reported_web_client:
             self._reported_web_client = True
             log.warning(
-                "TCP port %d: a web browser connected; the vehicle closed the connection, ignoring its data. "
-                "Close the web page that connects. (Further connections are closed without a message.)",
+                "TCP port %d: a web browser connected. The simulator closed the connection. Close the web "
+                "page that connects. (The simulator closes further connections without a message.)",
                 self.port,
             )
         return b""

@@ -1,9 +1,9 @@
 """Batteries that drain linearly while armed, as in PX4's battery simulator.
 
 A full battery would be empty after SIM_BAT_DRAIN seconds, but the charge decreases only to SIM_BAT_MIN_PCT.
-Disarming restores full charge. A raised minimum raises the charge. The voltage is linear in the charge, from
-BAT1_V_EMPTY to BAT1_V_CHARGED per cell. The autopilot's estimate follows the charge within about a second.
-The current is not measured (-1), so consumption is not counted.
+Disarming restores full charge. While armed, the charge rises if SIM_BAT_MIN_PCT is set above the charge. The
+voltage is linear in the charge, from BAT1_V_EMPTY to BAT1_V_CHARGED per cell. The autopilot's estimate
+follows the charge within about a second. The current is not measured (-1), so consumption is not counted.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vehicle_sim.airframe import Airframe
 from vehicle_sim.frames import GRAVITY_M_S2, cross_table, quaternion_from_yaw, rotation_matrix
 from vehicle_sim.kernels import Blocks, Column, Flags, Rows, kernel
-from vehicle_sim.rotations import turn, write_matrix
+from vehicle_sim.rotations import rotate_attitude, write_matrix
 from vehicle_sim.state import ROTOR_COUNT, TruthState
 
 FloatArray = NDArray[np.float64]
@@ -48,8 +48,10 @@ class RigidBodies:
         self.ground_down_m = np.zeros(count)
         """(N,) position down of the surface below each body; 0: the level of home."""
         self._response = np.zeros((count, ROTOR_COUNT + 12, 4))
-        """(N, 16, 4) thrust [m/s²] and angular accelerations [rad/s²] for each input."""
-        self._lag = np.ones((count, ROTOR_COUNT))
+        """(N, 16, 4) thrust [m/s²] and angular accelerations [rad/s²] for each input: 4 rotor thrusts, 3 body
+        rates, 9 products of body rates."""
+        self._rotor_gain = np.ones((count, ROTOR_COUNT))
+        """(N, 4) fraction of the difference to its signal by which a rotor's thrust changes in one step."""
         self._drag_per_s = np.zeros((count, 3))
 
     def configure(self, i: int, airframe: Airframe) -> None:
@@ -64,7 +66,7 @@ class RigidBodies:
         gyroscopic = np.einsum("imk,mj->ijk", cross_table(), airframe.inertia_kg_m2).reshape(9, 3)
         response[_PRODUCTS, 1:] = -gyroscopic @ inverse.T
         self._drag_per_s[i] = airframe.drag_n_per_m_s / airframe.mass_kg
-        self._lag[i] = min(1.0, self._dt_s / max(airframe.rotor_time_constant_s, self._dt_s))
+        self._rotor_gain[i] = min(1.0, self._dt_s / max(airframe.rotor_time_constant_s, self._dt_s))
 
     def place(self, i: int, position_ned_m: FloatArray, yaw_ned_rad: float) -> None:
         """Places vehicle `i` level and at rest; a position below the surface is raised to the surface."""
@@ -98,7 +100,7 @@ class RigidBodies:
         """
         state = self.state
         _advance(
-            self._dt_s, motor_signal, motor_health, self._lag, self._response, self._drag_per_s,
+            self._dt_s, motor_signal, motor_health, self._rotor_gain, self._response, self._drag_per_s,
             self.wind_ned_m_s, self.ground_down_m, state.position_ned_m, state.velocity_ned_m_s,
             state.acceleration_ned_m_s2, state.q_ned_frd, self.matrix, state.rates_frd_rad_s,
             state.rotor_thrust, state.on_ground,
@@ -107,7 +109,7 @@ class RigidBodies:
 
 @kernel
 def _advance(
-    dt_s: float, motor_signal: Rows, motor_health: Rows, lag: Rows, response: Blocks,
+    dt_s: float, motor_signal: Rows, motor_health: Rows, rotor_gain: Rows, response: Blocks,
     drag_per_s: Rows, wind_ned_m_s: Rows, ground_down_m: Column, position: Rows,
     velocity: Rows, acceleration: Rows, q: Rows, matrix: Blocks, rates: Rows,
     rotors: Rows, on_ground: Flags,
@@ -117,7 +119,7 @@ def _advance(
     for i in range(position.shape[0]):
         thrust = roll = pitch = yaw = 0.0
         for k in range(ROTOR_COUNT):
-            rotors[i, k] += lag[i, k] * (motor_signal[i, k] * motor_health[i, k] - rotors[i, k])
+            rotors[i, k] += rotor_gain[i, k] * (motor_signal[i, k] * motor_health[i, k] - rotors[i, k])
             thrust += rotors[i, k] * response[i, k, 0]
             roll += rotors[i, k] * response[i, k, 1]
             pitch += rotors[i, k] * response[i, k, 2]
@@ -129,10 +131,10 @@ def _advance(
             yaw += rates[i, k] * response[i, drag, 3]
         for j in range(3):
             for k in range(3):
-                gyroscopic, square = ROTOR_COUNT + 3 + 3 * j + k, rates[i, j] * rates[i, k]
-                roll += square * response[i, gyroscopic, 1]
-                pitch += square * response[i, gyroscopic, 2]
-                yaw += square * response[i, gyroscopic, 3]
+                gyroscopic, rate_product = ROTOR_COUNT + 3 + 3 * j + k, rates[i, j] * rates[i, k]
+                roll += rate_product * response[i, gyroscopic, 1]
+                pitch += rate_product * response[i, gyroscopic, 2]
+                yaw += rate_product * response[i, gyroscopic, 3]
         for k in range(3):
             gravity = GRAVITY_M_S2 if k == 2 else 0.0
             drag_m_s2 = drag_per_s[i, k] * (velocity[i, k] - wind_ned_m_s[i, k])
@@ -156,5 +158,5 @@ def _advance(
         else:
             for k in range(3):
                 velocity[i, k] += dt_s * acceleration[i, k]
-        turn(q[i], dt_s * rates[i, 0], dt_s * rates[i, 1], dt_s * rates[i, 2])
+        rotate_attitude(q[i], dt_s * rates[i, 0], dt_s * rates[i, 1], dt_s * rates[i, 2])
         write_matrix(q[i], matrix[i])

@@ -34,7 +34,8 @@ class Wind:
         count = len(vehicles)
         self.steady_ned_m_s = np.zeros((count, 3))
         self._gust_ned_m_s = np.zeros((count, 3))
-        self._keep = math.exp(-dt_s / CORRELATION_S)
+        self._gust_decay = math.exp(-dt_s / CORRELATION_S)
+        """Fraction of a gust that remains after one step."""
         self._noise = WhiteNoise(seed, vehicles, NoisePurpose.GUSTS, 3)
         self._sigma_m_s = np.zeros((count, 3))
         self._gusty = False
@@ -47,7 +48,7 @@ class Wind:
             ValueError: negative or not a number.
         """
         if not (math.isfinite(sigma_m_s) and sigma_m_s >= 0.0):
-            raise ValueError(f"gusts are {sigma_m_s} m/s; give a strength of 0 or more")
+            raise ValueError(f"the gusts' standard deviation is {sigma_m_s} m/s; give 0 or more")
         rows = slice(None) if i is None else i
         self._sigma_m_s[rows] = sigma_m_s * np.array([1.0, 1.0, VERTICAL_FRACTION])
         self._gusty = bool(self._sigma_m_s.any())
@@ -57,11 +58,11 @@ class Wind:
     def step(self) -> FloatArray:
         """Advances the gusts by one step; returns the wind (N, 3) [m/s, NED].
 
-        Call it also without gusts, so that the gusts of one vehicle do not change the noise of other
-        vehicles.
+        `step` must be called also without gusts, so that the gusts of one vehicle do not change the noise of
+        other vehicles.
         """
         noise = self._noise.sample()
         if self._gusty:
-            self._gust_ned_m_s *= self._keep
-            self._gust_ned_m_s += math.sqrt(1.0 - self._keep**2) * noise * self._sigma_m_s
+            self._gust_ned_m_s *= self._gust_decay
+            self._gust_ned_m_s += math.sqrt(1.0 - self._gust_decay**2) * noise * self._sigma_m_s
         return self.steady_ned_m_s + self._gust_ned_m_s

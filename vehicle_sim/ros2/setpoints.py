@@ -122,8 +122,8 @@ class SetpointInputs:
         axes = (v["pitch"], v["roll"], throttle, v["yaw"])
         if not all(abs(each) <= 1.0 for each in axes):
             return
-        pitch, roll, lift, yaw = (round(each * STICK_RANGE) for each in axes)
-        if autopilot.sticks.receive(pitch, roll, lift, yaw):
+        pitch, roll, stick_throttle, yaw = (round(each * STICK_RANGE) for each in axes)
+        if autopilot.sticks.receive(pitch, roll, stick_throttle, yaw):
             autopilot.commander.checks.manual_control_at_s = autopilot.view.time_s
             autopilot.commander.on_stick_input()
 

@@ -15,8 +15,8 @@ MIN_PERIOD_US: Final = 10_000
 class Output:
     """A topic that the vehicle publishes.
 
-    `source` is the name in the simulator's topic table, empty for topics that are published on an
-    event, or never by a multicopter.
+    `source` is the name in the simulator's topic table. It is empty for topics that are published on an
+    event, and for topics that a multicopter never publishes.
     """
 
     name: str

@@ -89,8 +89,8 @@ class SensorSuite:
         self._mag_white = WhiteNoise(seed, vehicles, NoisePurpose.MAG, 3)
         self._baro_white = WhiteNoise(seed, vehicles, NoisePurpose.BARO, 1)
         self._gps_white = WhiteNoise(seed, vehicles, NoisePurpose.GPS, 6)
-        self._strength = np.zeros(count)
-        """(N,) factor on the noise of PX4's SIH."""
+        self._noise_factor = np.zeros(count)
+        """(N,) factor by which the noise of PX4's SIH is multiplied."""
         self._mag_sigma = np.zeros((count, 3))
         self._baro_sigma_m = np.zeros((count, 1))
         self._gps_sigma = np.zeros((count, 6))
@@ -108,13 +108,13 @@ class SensorSuite:
         self._accel_scale = np.ones((count, 3))
         self._mag_calibration, self._mag_scale = np.zeros((count, 3)), np.ones((count, 3))
         self._baro_calibration_hpa = np.zeros(count)
-        self._board = np.tile(np.eye(3), (count, 1, 1))
+        self._board_matrix = np.tile(np.eye(3), (count, 1, 1))
         """(N, 3, 3) rotation from sensors to body: SENS_BOARD_X_OFF, _Y_OFF."""
         self._board_rotated = np.zeros(count, dtype=np.bool_)
         """(N,) vehicles whose sensor board is rotated."""
         self._imu_sigma_rest = np.array(GYRO_NOISE_REST_RAD_S + ACCEL_NOISE_REST_M_S2)
         self._imu_sigma_armed = np.array(GYRO_NOISE_ARMED_RAD_S + ACCEL_NOISE_ARMED_M_S2)
-        self._set_strength(1.0 if noise else 0.0)
+        self._set_noise_factor(1.0 if noise else 0.0)
         self._field_ned = np.array(field_ned_gauss())
         self.state = SensorState(
             gyro_frd_rad_s=np.zeros((count, 3)),
@@ -157,32 +157,32 @@ class SensorSuite:
         self._mag_scale[i] = [parameters.finite_value(f"CAL_MAG0_{axis}SCALE") for axis in "XYZ"]
         self._baro_calibration_hpa[i] = 0.01 * parameters.finite_value("CAL_BARO0_OFF")
         roll, pitch = (math.radians(parameters.finite_value(f"SENS_BOARD_{axis}_OFF")) for axis in "XY")
-        self._board[i] = rotation_matrix(np.array([quaternion_of(roll, pitch, 0.0)]))[0]
-        self._board_rotated[i] = bool((self._board[i] != np.eye(3)).any())
+        self._board_matrix[i] = rotation_matrix(np.array([quaternion_of(roll, pitch, 0.0)]))[0]
+        self._board_rotated[i] = bool((self._board_matrix[i] != np.eye(3)).any())
 
-    def set_noise(self, i: int, strength: float) -> None:
-        """Sets the noise of vehicle `i` as a factor on the noise of PX4's SIH; 0: no noise.
+    def set_noise(self, i: int, noise_factor: float) -> None:
+        """Multiplies the noise of PX4's SIH by a factor for vehicle `i`; 0: no noise.
 
         Raises:
             ValueError: the factor is negative or not a number.
         """
-        if not (math.isfinite(strength) and strength >= 0.0):
-            raise ValueError(f"sensor noise is {strength}; give a strength of 0 or more (1: as usual)")
-        self._set_strength(strength, i)
+        if not (math.isfinite(noise_factor) and noise_factor >= 0.0):
+            raise ValueError(f"sensor noise is {noise_factor}; give a factor of 0 or more (1: as PX4's SIH)")
+        self._set_noise_factor(noise_factor, i)
 
-    def _set_strength(self, strength: float, i: int | None = None) -> None:
+    def _set_noise_factor(self, noise_factor: float, i: int | None = None) -> None:
         rows = slice(None) if i is None else i
-        self._strength[rows] = strength
-        self._mag_sigma[rows] = strength * np.array(MAG_NOISE_GAUSS)
-        self._baro_sigma_m[rows] = strength * BARO_NOISE_M
-        self._gps_sigma[rows] = strength * np.array(GPS_POSITION_NOISE_M + GPS_VELOCITY_NOISE_M_S)
+        self._noise_factor[rows] = noise_factor
+        self._mag_sigma[rows] = noise_factor * np.array(MAG_NOISE_GAUSS)
+        self._baro_sigma_m[rows] = noise_factor * BARO_NOISE_M
+        self._gps_sigma[rows] = noise_factor * np.array(GPS_POSITION_NOISE_M + GPS_VELOCITY_NOISE_M_S)
 
     def set_gps_enabled(self, i: int, enabled: bool) -> None:
         """Connects or disconnects the GPS antenna of vehicle `i`; a receiver without antenna has no fix."""
         self._gps_enabled[i] = enabled
 
     def set_gps_stuck(self, i: int, stuck: bool) -> None:
-        """Sets whether the GPS receiver of vehicle `i` repeats its last fix (`stuck`)."""
+        """Makes the GPS receiver of vehicle `i` repeat its last fix (`stuck`), or measure again."""
         self.faults.stuck[Driver.GPS][i] = stuck
 
     def set_gps_offset(self, i: int, offset_ned_m: FloatArray) -> None:
@@ -206,19 +206,19 @@ class SensorSuite:
             armed: (N,) vehicles whose motors run and add vibration to the IMU.
         """
         state = self.state
-        _measure_motion(
-            truth.acceleration_ned_m_s2, truth.rates_frd_rad_s, matrix, armed, self._strength,
+        _measure_imu(
+            truth.acceleration_ned_m_s2, truth.rates_frd_rad_s, matrix, armed, self._noise_factor,
             self._imu_sigma_rest, self._imu_sigma_armed, self._imu_white.sample(), self._gyro_offset,
-            self._accel_offset, self._accel_scale, self._board_rotated, self._board, self.faults.imu_offset,
-            state.gyro_frd_rad_s, state.accel_frd_m_s2,
+            self._accel_offset, self._accel_scale, self._board_rotated, self._board_matrix,
+            self.faults.imu_offset, state.gyro_frd_rad_s, state.accel_frd_m_s2,
         )  # fmt: skip
         steps = self._steps
         if steps % MAG_EVERY_STEPS == 0:
             state.mag_fresh[:] = self._driver_runs[Driver.MAG]
-            _measure_field(
+            _measure_magnetometer(
                 state.mag_fresh, self.faults.stuck[Driver.MAG], self._field_ned, matrix, self._mag_offset,
                 self._mag_white.sample(), self._mag_sigma, self._mag_calibration, self._mag_scale,
-                self._board_rotated, self._board, state.mag_frd_gauss,
+                self._board_rotated, self._board_matrix, state.mag_frd_gauss,
             )  # fmt: skip
             self._drop_stale(Driver.MAG, state.mag_fresh, state.mag_stale)
             state.mag_count += 1
@@ -250,7 +250,7 @@ class SensorSuite:
         if not (any_of(stuck) or any_nonzero(repeats)):
             return
         repeats += 1
-        repeats[~(stuck & fresh & (self._strength > 0.0))] = 0
+        repeats[~(stuck & fresh & (self._noise_factor > 0.0))] = 0
         np.greater_equal(repeats, STALE_SAMPLES[driver], out=stale)
         fresh &= ~stale
 
@@ -287,10 +287,10 @@ class SensorSuite:
 
 
 @kernel
-def _measure_motion(
-    acceleration: Rows, true_rates: Rows, matrix: Blocks, armed: Flags, strength: Column, sigma_rest: Column,
-    sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows, accel_scale: Rows,
-    board_rotated: Flags, board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
+def _measure_imu(
+    acceleration: Rows, true_rates: Rows, matrix: Blocks, armed: Flags, noise_factor: Column,
+    sigma_rest: Column, sigma_armed: Column, white: Rows, gyro_offset: Rows, accel_offset: Rows,
+    accel_scale: Rows, board_rotated: Flags, board: Blocks, fault: Rows, gyro: Rows, accel: Rows,
 ) -> None:  # fmt: skip
     """Samples the IMU: adds noise, then applies calibration, rotation of the board and faults."""
     for i in range(gyro.shape[0]):
@@ -301,8 +301,8 @@ def _measure_motion(
             rate_sigma, force_sigma = sigma_rest[k], sigma_rest[3 + k]
             if armed[i]:
                 rate_sigma, force_sigma = sigma_armed[k], sigma_armed[3 + k]
-            gyro[i, k] = true_rates[i, k] + white[i, k] * (rate_sigma * strength[i]) - gyro_offset[i, k]
-            specific_force = force[k] + white[i, 3 + k] * (force_sigma * strength[i])
+            gyro[i, k] = true_rates[i, k] + white[i, k] * (rate_sigma * noise_factor[i]) - gyro_offset[i, k]
+            specific_force = force[k] + white[i, 3 + k] * (force_sigma * noise_factor[i])
             accel[i, k] = (specific_force - accel_offset[i, k]) * accel_scale[i, k]
         if board_rotated[i]:
             gyro[i, 0], gyro[i, 1], gyro[i, 2] = rotated(board[i], gyro[i, 0], gyro[i, 1], gyro[i, 2])
@@ -313,7 +313,7 @@ def _measure_motion(
 
 
 @kernel
-def _measure_field(
+def _measure_magnetometer(
     fresh: Flags, stuck: Flags, field_ned: Column, matrix: Blocks, offset: Rows, white: Rows, sigma: Rows,
     calibration: Rows, scale: Rows, board_rotated: Flags, board: Blocks, field: Rows,
 ) -> None:  # fmt: skip

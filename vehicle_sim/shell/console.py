@@ -27,10 +27,11 @@ class Usage(Exception):
     """A command has invalid arguments; the text is the reason."""
 
 
-Words = list[str]
+Arguments = list[str]
+"""Arguments of a command, without its name."""
 Output = str | Iterator[tuple[str, float]]
 """Output of a command: a text, or pairs of a text and the time to wait after the text [s]."""
-Run = Callable[[Words], Output]
+Run = Callable[[Arguments], Output]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +40,7 @@ class Command:
 
     run: Run
     usage: str
-    """The command's arguments."""
+    """The arguments that the command accepts, as the console prints them."""
 
 
 def info(module: str, text: str) -> str:

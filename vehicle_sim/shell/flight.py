@@ -9,8 +9,8 @@ from vehicle_sim.autopilot.arming import Reason
 from vehicle_sim.autopilot.autopilot import Autopilot
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.commands.command import ACCEPTED, Command
+from vehicle_sim.shell.console import Arguments, CommandFailed, Usage, error, info, warning
 from vehicle_sim.shell.console import Command as ShellCommand
-from vehicle_sim.shell.console import CommandFailed, Usage, Words, error, info, warning
 
 MODE_NAMES: Mapping[str, NavState] = {
     "manual": NavState.MANUAL, "acro": NavState.ACRO, "offboard": NavState.OFFBOARD,
@@ -19,13 +19,13 @@ MODE_NAMES: Mapping[str, NavState] = {
     "auto:rtl": NavState.RTL, "auto:takeoff": NavState.TAKEOFF, "auto:land": NavState.LAND,
     "auto:precland": NavState.PRECISION_LAND, "ext1": NavState.EXTERNAL1,
 }  # fmt: skip
-UNITS: Mapping[str, int] = {
+FAILURE_UNITS: Mapping[str, int] = {
     "gyro": 0, "accel": 1, "mag": 2, "baro": 3, "gps": 4, "optical_flow": 5, "vio": 6, "distance_sensor": 7,
     "airspeed": 8, "battery": 100, "motor": 101, "servo": 102, "avoidance": 103, "rc_signal": 104,
     "mavlink_signal": 105,
 }  # fmt: skip
 """FAILURE_UNIT."""
-KINDS: Mapping[str, int] = {
+FAILURE_TYPES: Mapping[str, int] = {
     "ok": 0, "off": 1, "stuck": 2, "garbage": 3, "wrong": 4, "slow": 5, "delayed": 6, "intermittent": 7,
 }  # fmt: skip
 """FAILURE_TYPE."""
@@ -38,9 +38,9 @@ class CommanderCommand:
 
     def __init__(self, autopilot: Autopilot) -> None:
         self._autopilot, self._commander = autopilot, autopilot.commander
-        self._verbs: dict[str, Callable[[Words], str]] = {
+        self._subcommands: dict[str, Callable[[Arguments], str]] = {
             "status": self._status, "check": self._check, "arm": self._arm, "disarm": self._disarm,
-            "takeoff": self._takeoff, "land": lambda words: self._set_mode(NavState.LAND),
+            "takeoff": self._takeoff, "land": lambda arguments: self._set_mode(NavState.LAND),
             "mode": self._mode, "termination": self._termination,
         }  # fmt: skip
         self.command = ShellCommand(
@@ -49,14 +49,14 @@ class CommanderCommand:
             "termination on",
         )
 
-    def run(self, words: Words) -> str:
+    def run(self, arguments: Arguments) -> str:
         """Runs `commander …`."""
-        verb = self._verbs.get(words[0]) if words else None
-        if verb is None:
-            raise Usage(f"unknown: {words[0]}" if words else "")
-        return verb(words[1:])
+        subcommand = self._subcommands.get(arguments[0]) if arguments else None
+        if subcommand is None:
+            raise Usage(f"unknown: {arguments[0]}" if arguments else "")
+        return subcommand(arguments[1:])
 
-    def _status(self, words: Words) -> str:
+    def _status(self, arguments: Arguments) -> str:
         commander = self._commander
         return "".join(
             info("commander", line)
@@ -69,34 +69,36 @@ class CommanderCommand:
             )
         )
 
-    def _check(self, words: Words) -> str:
+    def _check(self, arguments: Arguments) -> str:
         commander = self._commander
         commander.run_checks()
-        findings = [
+        failed_checks = [
             (error if check.severity <= 3 else warning)("health_and_arming_checks", check.text or check.event)
             for check in commander.report.checks
             if check.blocks_arming >> commander.intended & 1 or check.blocks_running >> commander.intended & 1
         ]
         ready = commander.report.armable(commander.intended)
-        return "".join(findings) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
+        return "".join(failed_checks) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
 
-    def _arm(self, words: Words) -> str:
+    def _arm(self, arguments: Arguments) -> str:
         if not self._commander.arm(Reason.INTERNAL_COMMAND):
             raise CommandFailed(error("commander", "not armed; see `commander check`"))
         return ""
 
-    def _disarm(self, words: Words) -> str:
-        if not self._commander.disarm(Reason.INTERNAL_COMMAND, force="-f" in words):
-            raise CommandFailed(error("commander", "not disarmed: the vehicle is flying; -f forces it"))
+    def _disarm(self, arguments: Arguments) -> str:
+        if not self._commander.disarm(Reason.INTERNAL_COMMAND, force="-f" in arguments):
+            raise CommandFailed(
+                error("commander", "not disarmed: the vehicle is flying; -f disarms in flight")
+            )
         return ""
 
-    def _takeoff(self, words: Words) -> str:
+    def _takeoff(self, arguments: Arguments) -> str:
         self._autopilot.navigator.request_takeoff(math.nan)
         self._set_mode(NavState.TAKEOFF)
         return self._arm([])
 
-    def _mode(self, words: Words) -> str:
-        mode = MODE_NAMES.get(words[0]) if words else None
+    def _mode(self, arguments: Arguments) -> str:
+        mode = MODE_NAMES.get(arguments[0]) if arguments else None
         if mode is None:
             raise Usage("no such mode")
         return self._set_mode(mode)
@@ -106,11 +108,11 @@ class CommanderCommand:
             raise CommandFailed(error("commander", f"{MODES[mode].name} is not available now"))
         return ""
 
-    def _termination(self, words: Words) -> str:
-        if words != ["on"]:
+    def _termination(self, arguments: Arguments) -> str:
+        if arguments != ["on"]:
             raise Usage("`on` stops all motors; this cannot be undone")
         if not self._commander.terminate():
-            raise CommandFailed(error("commander", "only while armed"))
+            raise CommandFailed(error("commander", "termination is possible only while armed"))
         return ""
 
 
@@ -124,23 +126,23 @@ class GimbalCommand:
         self._test: dict[str, float] = {}
         self.command = ShellCommand(self.run, self.usage)
 
-    def run(self, words: Words) -> str:
+    def run(self, arguments: Arguments) -> str:
         """Runs `gimbal …`."""
-        if words == ["start"]:
+        if arguments == ["start"]:
             if self._gimbal.enabled:
                 return warning("gimbal", "already running")
             raise CommandFailed(error("gimbal", "no input: MNT_MODE_IN must be 4"))
-        if not words:
+        if not arguments:
             raise Usage
         if not self._gimbal.enabled:
             raise CommandFailed(warning("gimbal", "not running"))
-        if words == ["status"]:
+        if arguments == ["status"]:
             return self._status()
-        if words[0] == "primary-control" and len(words) == 3:
-            return self._primary(words[1:])
-        if words[0] == "test" and len(words) >= 3 and len(words) % 2 == 1:
-            return self._test_angles(words[1:])
-        raise Usage(f"unknown: {' '.join(words)}")
+        if arguments[0] == "primary-control" and len(arguments) == 3:
+            return self._primary(arguments[1:])
+        if arguments[0] == "test" and len(arguments) >= 3 and len(arguments) % 2 == 1:
+            return self._test_angles(arguments[1:])
+        raise Usage(f"unknown: {' '.join(arguments)}")
 
     def _status(self) -> str:
         angles = {axis: self._test.get(axis, math.nan) for axis in ("roll", "pitch", "yaw")}
@@ -158,21 +160,21 @@ class GimbalCommand:
             + info("gimbal", "Output: AUX" if out == 0 else "Output: MAVLink gimbal protocol v2")
         )
 
-    def _primary(self, words: Words) -> str:
+    def _primary(self, arguments: Arguments) -> str:
         try:
-            system, component = (int(word) for word in words)
+            system, component = (int(word) for word in arguments)
         except ValueError:
-            raise Usage("primary-control takes two numbers") from None
+            raise Usage("primary-control takes a system id and a component id") from None
         if not (0 <= system <= 255 and 0 <= component <= 255):
-            raise Usage("system and component lie within 0 to 255")
+            raise Usage("system and component ids are 0 to 255")
         self._gimbal.configure(system, component, self._autopilot_id, self._autopilot_id)
         return info("gimbal", f"Control set to: {system}/{component}")
 
-    def _test_angles(self, words: Words) -> str:
+    def _test_angles(self, arguments: Arguments) -> str:
         try:
-            angles = {axis: float(text) for axis, text in zip(words[::2], words[1::2], strict=True)}
+            angles = {axis: float(text) for axis, text in zip(arguments[::2], arguments[1::2], strict=True)}
         except ValueError:
-            raise Usage("angles are degrees") from None
+            raise Usage("give angles in degrees") from None
         if not angles.keys() <= {"pitch", "yaw"} or not all(map(math.isfinite, angles.values())):
             raise Usage("test takes pitch and yaw, in degrees")
         self._test = angles
@@ -187,23 +189,27 @@ class FailureCommand:
     def __init__(self, autopilot: Autopilot, inject: Callable[[Command], int | None],
                  autopilot_id: tuple[int, int]) -> None:  # fmt: skip
         self._view, self._inject, self._autopilot_id = autopilot.view, inject, autopilot_id
-        self.command = ShellCommand(self.run, f"{'|'.join(UNITS)} {'|'.join(KINDS)} [-i INSTANCE]")
+        self.command = ShellCommand(
+            self.run, f"{'|'.join(FAILURE_UNITS)} {'|'.join(FAILURE_TYPES)} [-i INSTANCE]"
+        )
 
-    def run(self, words: Words) -> str:
+    def run(self, arguments: Arguments) -> str:
         """Runs `failure …`."""
-        if words in (["help"], ["help", "-v"]):
+        if arguments in (["help"], ["help", "-v"]):
             return f"Usage: failure {self.command.usage}\n"
         instance = 0
-        if len(words) == 4 and words[2] == "-i" and words[3].isdecimal():
-            words, instance = words[:2], int(words[3])
-        if len(words) != 2 or words[0] not in UNITS or words[1] not in KINDS:
-            raise Usage("a component, a kind of failure")
+        if len(arguments) == 4 and arguments[2] == "-i" and arguments[3].isdecimal():
+            arguments, instance = arguments[:2], int(arguments[3])
+        if len(arguments) != 2 or arguments[0] not in FAILURE_UNITS or arguments[1] not in FAILURE_TYPES:
+            raise Usage("give a component and a failure type")
         if self._view.choice("SYS_FAILURE_EN") != 1:
-            raise CommandFailed(error("failure", "failures are switched off: SYS_FAILURE_EN is not 1"))
-        numbers = (float(UNITS[words[0]]), float(KINDS[words[1]]), float(instance))
+            raise CommandFailed(error("failure", "failure injection is disabled: SYS_FAILURE_EN is not 1"))
+        numbers = (float(FAILURE_UNITS[arguments[0]]), float(FAILURE_TYPES[arguments[1]]), float(instance))
         result = self._inject(
             Command(INJECT_FAILURE, *numbers, 0.0, 0.0, 0.0, 0.0, self._autopilot_id, "shell")
         )
         if result != ACCEPTED:
-            raise CommandFailed(error("failure", f"failure {words[1]} of {words[0]} is not supported"))
+            raise CommandFailed(
+                error("failure", f"failure {arguments[1]} of {arguments[0]} is not supported")
+            )
         return ""

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from vehicle_sim.shell.console import Command, CommandFailed, Output, Usage, Words
-from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, current
+from vehicle_sim.shell.console import Arguments, Command, CommandFailed, Output, Usage
+from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, current_values
 from vehicle_sim.topics.layout import Field, Layout
 from vehicle_sim.topics.states import States, StateTopic
 from vehicle_sim.vehicle_view import VehicleView
@@ -43,11 +43,11 @@ class ListenerCommand:
         self.command = Command(self.run, self.usage)
         self.uorb = Command(self.run_uorb, "status | top")
 
-    def run(self, words: Words) -> Output:
+    def run(self, arguments: Arguments) -> Output:
         """Runs `listener …`."""
-        if not words:
+        if not arguments:
             raise Usage
-        name, rest = words[0], words[1:]
+        name, rest = arguments[0], arguments[1:]
         number, hz, instance = 1, 0.0, 0
         if rest and not rest[0].startswith("-"):
             rest = ["-n", *rest]
@@ -86,7 +86,7 @@ class ListenerCommand:
         if array is not None:
             period = array.period(PROFILES)
             period_us = period * 1000 if isinstance(period, int) else GPS_PERIOD_US if period else STEP_US
-            values = current(array, self._view.simulation, self._view.row)
+            values = current_values(array, self._view.simulation, self._view.row)
             time_us = now_us // period_us * period_us
             if array.sampled:
                 values["timestamp_sample"] = time_us
@@ -108,9 +108,9 @@ class ListenerCommand:
             out.append(f"    {field.name}: {text}\n")
         return "".join(out)
 
-    def run_uorb(self, words: Words) -> str:
+    def run_uorb(self, arguments: Arguments) -> str:
         """Runs `uorb status` or `uorb top`: lists the topics with their rates and sizes."""
-        if words[:1] not in (["status"], ["top"]):
+        if arguments[:1] not in (["status"], ["top"]):
             raise Usage
         out = [f"{'TOPIC NAME':<38}INST  RATE SIZE\n"]
         for name in sorted((*self._arrays, *self._states)):

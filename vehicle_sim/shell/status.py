@@ -11,7 +11,7 @@ from vehicle_sim import build
 from vehicle_sim.logger.logger import Logger
 from vehicle_sim.mavlink.link import Link
 from vehicle_sim.sensors.faults import Driver
-from vehicle_sim.shell.console import Command, CommandFailed, Usage, Words, error, info, warning
+from vehicle_sim.shell.console import Arguments, Command, CommandFailed, Usage, error, info, warning
 from vehicle_sim.vehicle_view import VehicleView
 
 _GIT = f"PX4 git-hash: {build.GIT_HASH}\nPX4 version: {build.version_text(build.VERSION)}\n"
@@ -27,14 +27,14 @@ LINK_MODES = {"gcs": "Normal", "api": "Onboard", "tcp": "Normal"}
 RATE_MAX_B_S = 4_000_000
 
 
-def ver(words: Words) -> str:
+def ver(arguments: Arguments) -> str:
     """Runs `ver hw|git|gcc|uri|all` or `ver hwcmp BOARD`."""
-    if words == ["all"]:
+    if arguments == ["all"]:
         return "".join(_PARTS[part] for part in ("hw", "git", "uri", "gcc"))
-    if len(words) == 1 and words[0] in _PARTS:
-        return _PARTS[words[0]]
-    if len(words) > 1 and words[0] in ("hwcmp", "hwtypecmp", "hwbasecmp"):
-        if build.BOARD not in words[1:]:
+    if len(arguments) == 1 and arguments[0] in _PARTS:
+        return _PARTS[arguments[0]]
+    if len(arguments) > 1 and arguments[0] in ("hwcmp", "hwtypecmp", "hwbasecmp"):
+        if build.BOARD not in arguments[1:]:
             raise CommandFailed()
         return ""
     raise Usage
@@ -52,11 +52,11 @@ class MavlinkCommand:
         self._links, self._name_of, self._gcs_connected = links, name_of, gcs_connected
         self.command = Command(self.run, "status [streams]")
 
-    def run(self, words: Words) -> str:
+    def run(self, arguments: Arguments) -> str:
         """Runs `mavlink …`."""
-        if words == ["status", "streams"]:
+        if arguments == ["status", "streams"]:
             return "".join(self._streams(n, link) for n, link in enumerate(self._links))
-        if words == ["status"]:
+        if arguments == ["status"]:
             return "".join(self._status(n, link) for n, link in enumerate(self._links))
         raise Usage
 
@@ -94,8 +94,8 @@ class ModuleCommands:
         self.ekf2 = Command(self._ekf2, "status")
         self.system_time = Command(self._time, "get")
 
-    def _sensors(self, words: Words) -> str:
-        if words[:1] != ["status"]:
+    def _sensors(self, arguments: Arguments) -> str:
+        if arguments[:1] != ["status"]:
             raise Usage
         s, i = self._view.simulation.sensors, self._view.row
         gyro, accel, mag = (a[i].tolist() for a in (s.gyro_frd_rad_s, s.accel_frd_m_s2, s.mag_frd_gauss))
@@ -108,8 +108,8 @@ class ModuleCommands:
             + info("sensors", f"gps: fix type {fix}, {int(s.gps_satellites[i])} satellites")
         )
 
-    def _ekf2(self, words: Words) -> str:
-        if words[:1] != ["status"]:
+    def _ekf2(self, arguments: Arguments) -> str:
+        if arguments[:1] != ["status"]:
             raise Usage
         e, i = self._view.simulation.estimate, self._view.row
         validity = {
@@ -132,8 +132,8 @@ class ModuleCommands:
                 f"{name} {float(ratio[i]):.3f}" for name, ratio in ratios.items()))
         )  # fmt: skip
 
-    def _time(self, words: Words) -> str:
-        if words != ["get"]:
+    def _time(self, arguments: Arguments) -> str:
+        if arguments != ["get"]:
             raise Usage("the simulated time cannot be set")
         seconds = self._view.time_unix_us() / 1e6
         utc = datetime.fromtimestamp(seconds, UTC)
@@ -147,19 +147,19 @@ class DriverCommand:
         self._view, self._driver = view, driver
         self.command = Command(self.run, "start | stop | status")
 
-    def run(self, words: Words) -> str:
+    def run(self, arguments: Arguments) -> str:
         """Starts or stops the driver, or returns its status."""
         simulation, row, name = self._view.simulation, self._view.row, self._driver.value
         runs = simulation.driver_runs(row, self._driver)
-        if words == ["status"]:
+        if arguments == ["status"]:
             if not runs:
                 raise CommandFailed(info(name, "not running"))
             return info(name, "running")
-        if words not in (["start"], ["stop"]):
+        if arguments not in (["start"], ["stop"]):
             raise Usage
-        if runs and words == ["start"]:
+        if runs and arguments == ["start"]:
             raise CommandFailed(error(name, "Task already running"))
-        simulation.set_driver(row, self._driver, words == ["start"])
+        simulation.set_driver(row, self._driver, arguments == ["start"])
         return ""
 
 
@@ -170,18 +170,18 @@ class LoggerCommand:
         self._logger = logger
         self.command = Command(self.run, "on | off | status")
 
-    def run(self, words: Words) -> str:
+    def run(self, arguments: Arguments) -> str:
         """Runs `logger …`."""
-        if words not in (["on"], ["off"], ["status"]):
+        if arguments not in (["on"], ["off"], ["status"]):
             raise Usage
         logger = self._logger
         if not logger.can_log:
             raise CommandFailed(error("logger", "not running: this vehicle was started without logs"))
-        if words == ["on"]:
+        if arguments == ["on"]:
             if not logger.start_manually():
                 raise CommandFailed(error("logger", "no log could be started"))
             return ""
-        if words == ["off"]:
+        if arguments == ["off"]:
             logger.stop_manual_log()
             return warning("logger", "the log continues while armed") if logger.running else ""
         state = info("logger", f"Running in mode: {logger.mode}")

@@ -17,7 +17,7 @@ DIRECTORY_SIZE = 4096
 """Size that PX4 on Linux reports for a directory opened as a file."""
 
 
-class OutsideError(OSError):
+class PathOutsideError(OSError):
     """A path outside the vehicle's folder."""
 
 
@@ -69,7 +69,7 @@ class VehicleFiles:
         return sorted(entries.items())
 
     def is_link(self, path: str, name: str) -> bool:
-        """Whether a directory's entry is a link to a folder of the build, as PX4's `etc` in simulation."""
+        """Whether a directory's entry is a symbolic link, as PX4's `etc` in simulation."""
         folder = _normalized(path)
         if not folder and any(p.startswith(f"{name}/") for p in self._built_in):
             return True
@@ -183,7 +183,7 @@ class VehicleFiles:
     def _checked_path(self, name: str) -> Path:
         host_path = (self.root / name).resolve()
         if host_path != self.root and self.root not in host_path.parents:
-            raise OutsideError(13, "outside the vehicle's folder")
+            raise PathOutsideError(13, "outside the vehicle's folder")
         return host_path
 
     def _writable(self, path: str) -> Path:
@@ -197,9 +197,9 @@ def _normalized(path: str) -> str:
     """The path without leading slash and dots.
 
     Raises:
-        OutsideError: the path is outside the folder, or contains a NUL.
+        PathOutsideError: the path is outside the folder, or contains a NUL.
     """
     parts = [part for part in PurePosixPath(path.lstrip("/")).parts if part != "."]
     if ".." in parts or "\0" in path:
-        raise OutsideError(13, "outside the vehicle's folder")
+        raise PathOutsideError(13, "outside the vehicle's folder")
     return "/".join(parts)

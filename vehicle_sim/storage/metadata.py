@@ -44,9 +44,9 @@ def parameters() -> dict[str, Any]:
     """The content of the parameter document: one entry for each parameter in use."""
     facts: dict[str, dict[str, Any]] = json.loads(FACTS_FILE.read_text(encoding="utf-8"))
     entries: list[dict[str, Any]] = []
-    for default in load_boot_parameters():
-        entry = {"category": "Standard", **facts[default.name], "name": default.name}
-        entry["type"] = "Int32" if default.type == "INT32" else "Float"
+    for each in load_boot_parameters():
+        entry = {"category": "Standard", **facts[each.name], "name": each.name}
+        entry["type"] = "Int32" if each.type == "INT32" else "Float"
         if "values" in entry:
             entry["values"] = [{"value": v, "description": label} for v, label in entry["values"]]
         if "bitmask" in entry:

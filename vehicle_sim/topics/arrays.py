@@ -82,8 +82,9 @@ def _density(s: Simulation) -> NDArray[Any]:
     return s.sensors.baro_pressure_hpa * 100.0 / (287.1 * 288.15)
 
 
-def _solution(s: Simulation) -> NDArray[Any]:
-    """Bits of ESTIMATOR_STATUS_FLAGS: attitude, velocities, heights, positions, predictions."""
+def _solution_status_flags(s: Simulation) -> NDArray[Any]:
+    """Bits of ESTIMATOR_STATUS_FLAGS: attitude, velocities, heights, positions, predictions, accelerometer
+    error."""
     e, predicted = s.estimate, s.fusion.gnss_pos | s.fusion.gnss_vel | s.estimate.valid_position
     return (
         e.valid_attitude * 1 + e.valid_velocity * 0x02 + e.valid_altitude * 0x24 + e.valid_position * 0x18
@@ -246,7 +247,7 @@ def _topics() -> list[ArrayTopic]:
         hgt_test_ratio=lambda s: s.estimate.innovation_ratio_height,
         tas_test_ratio=NAN, hagl_test_ratio=NAN, beta_test_ratio=NAN, accel_device_id=ACCEL_ID,
         gyro_device_id=GYRO_ID, baro_device_id=BARO_ID, mag_device_id=MAG_ID,
-        solution_status_flags=_solution)  # fmt: skip
+        solution_status_flags=_solution_status_flags)  # fmt: skip
     add("vehicle_rates_setpoint", "float roll;float pitch;float yaw;float[3] thrust_body;bool reset_integral",
         {DEFAULT: 20, HIGH_RATE: 4},
         **_columns("roll pitch yaw", lambda s: s.target.rates_frd_rad_s),
@@ -333,7 +334,7 @@ ARRAY_TOPICS: tuple[ArrayTopic, ...] = tuple(_topics())
 """All array topics, ordered by id."""
 
 
-def current(topic: ArrayTopic, simulation: Simulation, row: int) -> dict[str, Any]:
+def current_values(topic: ArrayTopic, simulation: Simulation, row: int) -> dict[str, Any]:
     """Current values of a topic for one vehicle, without timestamps."""
     by_field: dict[str, Any] = {}
     for key, source in topic.sources.items():

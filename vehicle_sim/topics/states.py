@@ -1,7 +1,7 @@
 """State topics of a vehicle: mode, arming, landing, health, battery, home, mission.
 
-As in PX4, the log contains each topic when it changes and periodically. The console's `listener` shows them
-too.
+As in PX4, the log contains each topic when it changes and periodically. The console's `listener` also shows
+these topics.
 """
 
 from __future__ import annotations
@@ -82,8 +82,7 @@ class States:
         self._system_id = system_id
         self._armed_us = self._took_off_us = 0
         self._mode_us = FIRST_MODE_US
-        self._reasons = [0, 0]
-        """Reasons of arming and of disarming."""
+        self._arming_reason = self._disarming_reason = 0
         self._mode = self._commander.active
         self._listeners: list[Callable[[bytes], None]] = []
         self.topics = tuple(self._create_topics())
@@ -137,10 +136,10 @@ class States:
             return
         now_us = self._view.time_boot_us()
         if announcement.name == "commander_armed_by":
-            self._armed_us, self._reasons[0] = now_us, announcement.arguments[0]
+            self._armed_us, self._arming_reason = now_us, announcement.arguments[0]
         elif announcement.name == "commander_disarmed_by":
             self._armed_us = self._took_off_us = 0
-            self._reasons[1] = announcement.arguments[0]
+            self._disarming_reason = announcement.arguments[0]
         elif announcement.name == "commander_takeoff_detected":
             self._took_off_us = now_us
 
@@ -247,7 +246,7 @@ class States:
             "nav_state_timestamp": self._mode_us, "valid_nav_states_mask": VALID_STATES,
             "can_set_nav_states_mask": c.external.settable(SETTABLE_STATES),
             "arming_state": ARMING_ARMED if c.armed else ARMING_DISARMED,
-            "latest_arming_reason": self._reasons[0], "latest_disarming_reason": self._reasons[1],
+            "latest_arming_reason": self._arming_reason, "latest_disarming_reason": self._disarming_reason,
             "nav_state_user_intention": int(c.intended_or_replacement), "nav_state": int(c.active),
             "executor_in_charge": c.external.executor_in_charge,
             "failsafe_defer_state": c.failsafe_watch.deferral,

@@ -71,10 +71,9 @@ class Contact:
         self._velocity_before_step_ned_m_s[:] = velocity_ned_m_s
 
     def collide(self, position_ned_m: FloatArray, velocity_ned_m_s: FloatArray) -> list[Collision]:
-        """Stops vehicles that hit an obstacle (changes position and velocity in place); returns the new
-        collisions.
+        """Moves vehicles out of obstacles that they hit; returns the new collisions.
 
-        A crashed vehicle is moved out of the obstacle, without a new collision.
+        Changes positions and velocities in place. A crashed vehicle causes no new collision.
         """
         collisions: list[Collision] = []
         self._hit_slopes(position_ned_m, velocity_ned_m_s, collisions)
@@ -112,13 +111,13 @@ class Contact:
         below = position[:, 2] > prism.roof_down_m + ROOF_TOLERANCE_M
         if not below.any():
             return
-        side = prism.nearest_on_outline(position[:, :2])
-        outwards = position[:, :2] - side
+        nearest = prism.nearest_on_outline(position[:, :2])
+        outwards = position[:, :2] - nearest
         distance_m = np.hypot(outwards[:, 0], outwards[:, 1])
         inside = prism.covers(position[:, :2])
         for row in np.flatnonzero(below & (inside | (distance_m < BODY_RADIUS_M))):
             normal = outwards[row] / max(float(distance_m[row]), 1e-9) * (-1.0 if inside[row] else 1.0)
-            position[row, :2] = side[row] + normal * BODY_RADIUS_M
+            position[row, :2] = nearest[row] + normal * BODY_RADIUS_M
             _rebound(velocity, int(row), normal)
             self._crash(int(row), prism.name, collisions)
 
@@ -131,8 +130,8 @@ class Contact:
         if not below.any():
             return
         rise_north, rise_east = terrain.slope(north, east)
-        speed = self._velocity_before_step_ned_m_s
-        closing = rise_north * speed[:, 0] + rise_east * speed[:, 1]
+        velocity_before = self._velocity_before_step_ned_m_s
+        closing = rise_north * velocity_before[:, 0] + rise_east * velocity_before[:, 1]
         for row in np.flatnonzero(below & (closing > SLOPE_CRASH_M_S)):
             velocity[row] = 0.0
             self._crash(int(row), "the ground", collisions)
@@ -174,7 +173,7 @@ class Contact:
 
 
 def _rebound(velocity: FloatArray, row: int, normal: FloatArray) -> None:
-    """Reflects a velocity towards the side of an obstacle with this outward normal."""
+    """Reflects and damps a velocity towards the side of an obstacle with this outward normal."""
     inward = float(velocity[row, :2] @ normal)
     if inward < 0.0:
         velocity[row, :2] -= (1.0 + REBOUND) * inward * normal

@@ -29,7 +29,7 @@ class PrismShape:
         self.name = prism.name
         self.roof_down_m = -prism.roof_alt_home_m
         self._corners = np.array(prism.corners_ne_m, dtype=float)
-        self._side = np.roll(self._corners, -1, axis=0) - self._corners
+        self._edges = np.roll(self._corners, -1, axis=0) - self._corners
         self._low, self._high = self._corners.min(axis=0), self._corners.max(axis=0)
 
     def any_near(self, position_ne_m: FloatArray, within_m: float) -> bool:
@@ -40,18 +40,18 @@ class PrismShape:
     def covers(self, position_ne_m: FloatArray) -> BoolArray:
         """(M,) whether positions (M, 2) are inside the outline (even-odd rule)."""
         north, east = position_ne_m[:, :1], position_ne_m[:, 1:]
-        start, end = self._corners[:, 1], self._corners[:, 1] + self._side[:, 1]
+        start, end = self._corners[:, 1], self._corners[:, 1] + self._edges[:, 1]
         spans = (start > east) != (end > east)
         with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = self._corners[:, 0] + (east - start) / self._side[:, 1] * self._side[:, 0]
+            crossing = self._corners[:, 0] + (east - start) / self._edges[:, 1] * self._edges[:, 0]
         return ((spans & (north < crossing)).sum(axis=1) % 2).astype(np.bool_)
 
     def nearest_on_outline(self, position_ne_m: FloatArray) -> FloatArray:
         """(M, 2) nearest positions on the outline to positions (M, 2)."""
         offset = position_ne_m[:, None] - self._corners
-        length2 = np.maximum((self._side**2).sum(axis=1), 1e-12)
-        fraction = np.clip((offset * self._side).sum(axis=2) / length2, 0.0, 1.0)
-        on_side = self._corners + fraction[..., None] * self._side
+        length2 = np.maximum((self._edges**2).sum(axis=1), 1e-12)
+        fraction = np.clip((offset * self._edges).sum(axis=2) / length2, 0.0, 1.0)
+        on_side = self._corners + fraction[..., None] * self._edges
         nearest = ((position_ne_m[:, None] - on_side) ** 2).sum(axis=2).argmin(axis=1)
         return on_side[np.arange(len(position_ne_m)), nearest]
 
@@ -61,8 +61,8 @@ class PrismShape:
         to_corner = self._corners - origin[:, None, :2]
         along = direction[:, None, :2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            parallel = _cross(along, self._side)
-            distance = _cross(to_corner, self._side) / parallel
+            parallel = _cross(along, self._edges)
+            distance = _cross(to_corner, self._edges) / parallel
             fraction = _cross(to_corner, along) / parallel
             is_wall = origin[:, 2:] + distance * direction[:, 2:] >= self.roof_down_m
             to_roof = (self.roof_down_m - origin[:, 2]) / direction[:, 2]

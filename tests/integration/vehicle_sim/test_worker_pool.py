@@ -78,5 +78,5 @@ def test_a_killed_worker_ends_the_others_and_is_reported() -> None:
         os.kill(workers[0], signal.SIGKILL)
         _, err = process.communicate(timeout=10)
         assert process.returncode == 1
-        assert "has ended (SIGKILL); the others are ended too" in err
+        assert "has ended (SIGKILL); the other processes are terminated" in err
         assert processes.all_end()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from vehicle_sim.autopilot.announcer import EVENTS
 from vehicle_sim.parameters import load_boot_parameters
 from vehicle_sim.storage import metadata
-from vehicle_sim.storage.files import OutsideError, VehicleFiles
+from vehicle_sim.storage.files import PathOutsideError, VehicleFiles
 
 
 @pytest.fixture
@@ -35,14 +35,14 @@ def test_written_bytes_are_read_back_at_any_offset(files):
 @pytest.mark.parametrize("path", ["../x", "a/../../x", "/../etc/passwd", "a\0b"])
 def test_paths_outside_the_folder_are_refused(files, path):
     for operation in (files.create, files.size, files.listing, lambda p: files.read(p, 0, 1)):
-        with pytest.raises(OutsideError):
+        with pytest.raises(PathOutsideError):
             operation(path)
 
 
 def test_a_symbolic_link_to_the_outside_is_not_followed(files, tmp_path):
     (tmp_path / "secret").write_text("x")
     (files.root / "way_out").symlink_to(tmp_path / "secret")
-    with pytest.raises(OutsideError):
+    with pytest.raises(PathOutsideError):
         files.read("way_out", 0, 1)
 
 

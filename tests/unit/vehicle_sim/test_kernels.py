@@ -36,12 +36,14 @@ def test_rotations_of_one_vehicle_equal_the_rotations_of_a_fleet() -> None:
     for i in range(VEHICLES):
         rotations.write_matrix(q[i], matrix)
         assert matrix == pytest.approx(frames.rotation_matrix(q)[i])
-        assert rotations.product(*q[i], *other[i]) == pytest.approx(frames.quaternion_product(q, other)[i])
+        assert rotations.quaternion_product(*q[i], *other[i]) == pytest.approx(
+            frames.quaternion_product(q, other)[i]
+        )
         assert rotations.rotated(matrix, *vector[i]) == pytest.approx(matrix @ vector[i])
         assert rotations.rotated_back(matrix, *vector[i]) == pytest.approx(matrix.T @ vector[i])
         assert rotations.heading(q[i]) == pytest.approx(frames.yaw_of(q)[i])
         turned = q[i].copy()
-        rotations.turn(turned, *(0.01 * vector[i]))
+        rotations.rotate_attitude(turned, *(0.01 * vector[i]))
         expected = frames.normalized(q + frames.quaternion_rate(q, 0.01 * vector))[i]
         assert turned == pytest.approx(expected)
 

@@ -248,7 +248,7 @@ def test_a_folder_that_cannot_be_written_is_reported_and_the_vehicle_can_be_arme
     station.run(0.3)
     assert station.armed
     assert not station.sim.loggers[0].running
-    assert any(text.startswith("[logger] no log: ") for text in station.texts())
+    assert any(text.startswith("[logger] logging not started: ") for text in station.texts())
 
 
 def test_a_full_disk_ends_only_the_log():
@@ -258,7 +258,7 @@ def test_a_full_disk_ends_only_the_log():
     logger._file = FileIO("/dev/full", "wb")
     station.run(1)
     assert not logger.running
-    assert "[logger] the log ends: No space left on device\t" in station.texts()
+    assert "[logger] logging stopped: No space left on device\t" in station.texts()
     before_s = station.now_s
     station.run(1)
     assert station.received("HEARTBEAT", since_s=before_s)
@@ -271,7 +271,7 @@ def test_too_little_disk_space_is_reported_and_ends_the_log():
     station.run(2)
     assert not logger.start_manually()
     station.run(0.1)
-    assert "[logger] no log: 10 MiB left, 50 are needed\t" in station.texts()
+    assert "[logger] not logging: 10 MiB free, 50 MiB required\t" in station.texts()
     assert "logger_storage_full" in station.events()
     free_bytes[0] = 10 << 30
     assert logger.start_manually()
@@ -287,7 +287,7 @@ def test_the_size_of_a_log_is_limited_and_the_next_arming_opens_another():
     first, logger.written_bytes = logger.path, (1 << 30) + 1
     station.run(5.1)
     assert not logger.running
-    assert "[logger] the log ends: it has grown to 1 GiB\t" in station.texts()
+    assert "[logger] logging stopped: the log has reached 1 GiB\t" in station.texts()
     assert station.sim.autopilots[0].commander.arm()
     station.run(0.1)
     assert logger.running

@@ -150,8 +150,9 @@ def test_parameters_are_shown_set_compared_and_reset_and_changes_are_sent(termin
 
 @pytest.mark.parametrize(
     ("line", "expected"),
-    [("param set NOPE 1", "no parameter NOPE"), ("param set MPC_XY_VEL_MAX fast", "'fast' is no FLOAT"),
-     ("param set COM_OBL_RC_ACT 1.5", "'1.5' is no INT32"), ("param fly", "unknown: fly"),
+    [("param set NOPE 1", "no parameter NOPE"),
+     ("param set MPC_XY_VEL_MAX fast", "'fast' is not a value of type FLOAT"),
+     ("param set COM_OBL_RC_ACT 1.5", "'1.5' is not a value of type INT32"), ("param fly", "unknown: fly"),
      ("param", "Usage: param"), ("param index 5000", "0 to 928")],
 )  # fmt: skip
 def test_an_invalid_param_command_is_explained(terminal, line, expected):
@@ -172,7 +173,7 @@ def test_commander_commands_arm_take_off_and_land(ready_terminal):
     status = ready_terminal.output_of("commander status")
     assert "Armed" in status
     assert "landed: no" in status
-    assert "the vehicle is flying; -f forces it" in ready_terminal.output_of("commander disarm")
+    assert "the vehicle is flying; -f disarms in flight" in ready_terminal.output_of("commander disarm")
     assert ready_terminal.output_of("commander mode auto:land") == ""
     station.run_until(lambda: not station.armed, 30)
     assert "no such mode" in ready_terminal.output_of("commander mode hover")

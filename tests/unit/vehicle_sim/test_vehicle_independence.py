@@ -84,10 +84,10 @@ def test_a_heavier_vehicle_hovers_with_more_thrust():
     assert heavy == pytest.approx(1.2 * light, rel=0.1)
 
 
-@pytest.mark.parametrize("strength", [-1.0, float("nan"), float("inf")])
-def test_an_invalid_noise_strength_is_refused(strength):
-    with pytest.raises(ValueError, match="give a strength of 0 or more"):
-        Simulation(2).set_sensor_noise(1, strength)
+@pytest.mark.parametrize("factor", [-1.0, float("nan"), float("inf")])
+def test_an_invalid_noise_factor_is_refused(factor):
+    with pytest.raises(ValueError, match="give a factor of 0 or more"):
+        Simulation(2).set_sensor_noise(1, factor)
 
 
 def test_scripted_wind_gusts_and_noise_affect_only_the_named_vehicles():

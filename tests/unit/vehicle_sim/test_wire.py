@@ -279,4 +279,4 @@ def test_an_impossible_parameter_of_the_airframe_is_stored_and_reported() -> Non
     )
     station.run(0.1)
     assert station.sim.simulation.parameters[0].get("SIH_MASS") == 0.0
-    assert any("SIH_MASS stored, not used: SIH_MASS is 0" in text for text in station.texts())
+    assert any("SIH_MASS stored but not applied: SIH_MASS is 0" in text for text in station.texts())

@@ -20,8 +20,8 @@ _TARGET_ATTITUDE = packer("ATTITUDE_TARGET")
 _SERVO = packer("SERVO_OUTPUT_RAW")
 
 _NO_SETPOINT = (NAN, NAN, NAN)
-_MOTORS_AT_REST = (0.0, 0.0, 100.0)
-"""PX4's acceleration setpoint on the ground: downwards [m/s²], so that the motors do not turn."""
+_IDLE_ACCELERATION_NED = (0.0, 0.0, 100.0)
+"""PX4's acceleration setpoint on the ground [m/s²]: downwards, so that the motors stay idle."""
 UNUSED_OUTPUT_US = 900
 OUTPUTS = 16
 FIRST_MOTOR_FUNCTION, FIRST_GIMBAL_FUNCTION = 101, 420
@@ -152,7 +152,7 @@ class MotionMessages(MessageGroup):
         a = target.acceleration_ned_m_s2[i].tolist()
         disarmed = int(self._view.simulation.setpoints.level[i]) == ControlLevel.DISARMED
         if disarmed or not any(each == each for each in (*p, *v, *a)):
-            return _NO_SETPOINT, _NO_SETPOINT, _MOTORS_AT_REST, heading, 0.0
+            return _NO_SETPOINT, _NO_SETPOINT, _IDLE_ACCELERATION_NED, heading, 0.0
         yaw, rate = float(target.yaw_ned_rad[i]), float(target.yaw_rate_ned_rad_s[i])
         # PX4's position controller replaces a missing yaw by the current heading, and a missing yaw rate by
         # zero.

@@ -1,4 +1,4 @@
-"""Messages about home, the local origin, the orbit, remote identification and the return."""
+"""Messages about home, the local origin, the orbit, remote identification and the time to home."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.messages.heartbeat import CRITICAL, system_status
 from vehicle_sim.mavlink.messages.message_group import MessageGroup, i16
 
-GPS_WEEK_ODID_EPOCH_S = 1546300800
+ODID_EPOCH_UNIX_S = 1546300800
+"""Start of the timestamp in OPEN_DRONE_ID_SYSTEM: 2019-01-01 00:00 UTC."""
 ON_GROUND, AIRBORNE, EMERGENCY = 1, 2, 3
 """MAV_ODID_STATUS."""
 
 
 class NavigationMessages(MessageGroup):
-    """Builders of messages about home, origin, orbit, remote identification and return."""
+    """Builders of messages about home, origin, orbit, remote identification and the time to home."""
 
     def home_position(self) -> bytes | None:
         home = self._autopilot.home
@@ -104,7 +105,7 @@ class NavigationMessages(MessageGroup):
             area_ceiling=-1000.0,
             area_floor=-1000.0,
             operator_altitude_geo=home.alt_amsl_m,
-            timestamp=max(0, self._view.time_unix_us() // 1_000_000 - GPS_WEEK_ODID_EPOCH_S),
+            timestamp=max(0, self._view.time_unix_us() // 1_000_000 - ODID_EPOCH_UNIX_S),
         )[1]
 
     def time_estimate_to_target(self) -> bytes:

@@ -25,7 +25,7 @@ ALWAYS_PRESENT = 0x200400B
 """MAV_SYS_STATUS_SENSOR: gyroscope, accelerometer, magnetometer, barometer, position control, battery."""
 GPS_BIT, POSITION_BIT, REMOTE_BIT, BATTERY_BIT, LOGGING_BIT = 0x20, 0x4000, 0x10000, 0x2000000, 0x1000000
 ALL_HEALTHY = 0x321C83F
-"""Sensors without a finding count as healthy, even if they are not present."""
+"""Sensors without a failed check count as healthy, even if they are not present."""
 MAG_BIT, BARO_BIT, PREARM_BIT = 0x04, 0x08, 0x10000000
 """MAV_SYS_STATUS: magnetometer, barometer, pre-arm checks."""
 BIT_OF_COMPONENT = {
@@ -73,17 +73,17 @@ class StateMessages(MessageGroup):
     def _sensors(self, report: CheckResults) -> tuple[int, int, int]:
         """Present, enabled and healthy sensors according to the arming report; 0 before the first report.
 
-        A sensor with a finding counts as enabled, even if it is not present.
+        A sensor with a failed check counts as enabled, even if the sensor is not present.
         """
         if not self._view.estimate.valid_attitude:
             return 0, 0, ALL_HEALTHY
-        with_findings = 0
+        failed = 0
         for check in report.checks:
-            with_findings |= BIT_OF_COMPONENT.get(check.component, 0)
+            failed |= BIT_OF_COMPONENT.get(check.component, 0)
         present = ALWAYS_PRESENT
         for component, bit in BIT_IF_PRESENT.items():
             present |= bit if report.present & component else 0
-        return present, present | with_findings, ALL_HEALTHY & ~with_findings
+        return present, present | failed, ALL_HEALTHY & ~failed
 
     def extended_sys_state(self) -> bytes:
         return pack("EXTENDED_SYS_STATE", landed_state=self._autopilot.commander.landed_state())[1]

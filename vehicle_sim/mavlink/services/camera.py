@@ -71,7 +71,7 @@ class CameraService:
             "CAMERA_FOV_STATUS": self._field_of_view,
         }
         self._by_id = {BY_NAME[name].id: name for name in self._messages}
-        context.autopilot.own_commands.add_listener(self._from_autopilot)
+        context.autopilot.own_commands.add_listener(self._run_autopilot_command)
 
     # --- received messages -----------------------------------------------------------------------------
 
@@ -117,8 +117,8 @@ class CameraService:
                 self._broadcast("CAMERA_IMAGE_CAPTURED", **self._captured(capture))
                 self._broadcast("CAMERA_CAPTURE_STATUS", **self._capture_status())
 
-    def _from_autopilot(self, command: OwnCommand) -> None:
-        """Handles a camera command of the autopilot, for example from a mission."""
+    def _run_autopilot_command(self, command: OwnCommand) -> None:
+        """Executes a camera command of the autopilot, for example from a mission."""
         handler = self._commands.get(command.number)
         if handler is not None and command.number != REQUEST_MESSAGE:
             handler(_AutopilotParameters(*command.parameters), None)

@@ -36,8 +36,8 @@ BURST_MESSAGES_PER_STEP = 5
 """The recorded PX4 sent 1,100 burst messages per second."""
 
 
-class Refusal(Exception):
-    """A request that fails; `code` is the error code of the NAK."""
+class RequestFailed(Exception):
+    """A request has failed; `code` is the error code of the NAK."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -132,21 +132,21 @@ class FtpService:
                 return
         try:
             if size > DATA_BYTES:
-                raise Refusal(INVALID_DATA_SIZE)
+                raise RequestFailed(INVALID_DATA_SIZE)
             request = _Request(offset, raw[HEADER.size : HEADER.size + size])
             if opcode == BURST:
                 self._begin_burst(session, message, reply_sequence, offset)
                 return
             operation = self._operations.get(opcode)
             if operation is None:
-                raise Refusal(UNKNOWN_OPCODE)
+                raise RequestFailed(UNKNOWN_OPCODE)
             if number != SESSION and opcode in (TERMINATE, READ):
-                raise Refusal(INVALID_SESSION)
+                raise RequestFailed(INVALID_SESSION)
             data, kind = operation(session, request), ACK
             if opcode in OPENING:
                 number = SESSION
-        except Refusal as refusal:
-            data, kind = self._error(session, refusal.code), NAK
+        except RequestFailed as failed:
+            data, kind = self._error(session, failed.code), NAK
         except OSError as error:
             data, kind = self._os_error(session, error), NAK
         self._reply(link, session, client, (reply_sequence, number, kind, opcode, 0, offset), data)
@@ -204,7 +204,7 @@ class FtpService:
 
     def _terminate(self, session: _Session, request: _Request) -> bytes:
         if session.path is None:
-            raise Refusal(INVALID_SESSION)
+            raise RequestFailed(INVALID_SESSION)
         return self._reset(session, request)
 
     @staticmethod
@@ -219,7 +219,7 @@ class FtpService:
     @staticmethod
     def _require_no_open_file(session: _Session) -> None:
         if session.path is not None:
-            raise Refusal(NO_SESSIONS)
+            raise RequestFailed(NO_SESSIONS)
 
     def _open_to_read(self, session: _Session, request: _Request) -> bytes:
         self._require_no_open_file(session)
@@ -241,7 +241,7 @@ class FtpService:
     # --- files and directories -------------------------------------------------------------------------
 
     def _list(self, session: _Session, request: _Request) -> bytes:
-        """Entries `F name TAB size` and `D name`; S for dot entries and for links to folders of the build."""
+        """Entries `F name TAB size` and `D name`; `S` (skip) for "." and "..", and for symbolic links."""
         path = request.text or "/"
         entries = [b"S\0", b"S\0"]
         for name, size in self._files.listing(path):
@@ -257,19 +257,19 @@ class FtpService:
                 break
             data += entry
         if not data:
-            raise Refusal(END_OF_FILE)
+            raise RequestFailed(END_OF_FILE)
         return data
 
     def _read(self, session: _Session, request: _Request) -> bytes:
         if session.path is None:
-            raise Refusal(INVALID_SESSION)
+            raise RequestFailed(INVALID_SESSION)
         if request.offset >= session.size:
-            raise Refusal(END_OF_FILE)
+            raise RequestFailed(END_OF_FILE)
         return self._files.read(session.path, request.offset, min(len(request.data), DATA_BYTES))
 
     def _write(self, session: _Session, request: _Request) -> bytes:
         if session.path is None:
-            raise Refusal(INVALID_SESSION)
+            raise RequestFailed(INVALID_SESSION)
         if not session.writable:
             raise OSError(errno.EBADF, "opened to read")
         self._files.write(session.path, request.offset, request.data)
@@ -286,14 +286,15 @@ class FtpService:
         try:
             content = self._files.read(request.text, 0, self._files.size(request.text))
         except FileNotFoundError:
-            raise Refusal(FAIL_ERRNO) from None  # as in PX4, the reply has the errno of the previous error
+            # As in PX4, the reply contains the errno of the previous error.
+            raise RequestFailed(FAIL_ERRNO) from None
         return struct.pack("<I", crc32(content))
 
     # --- bursts ----------------------------------------------------------------------------------------
 
     def _begin_burst(self, session: _Session, message: Message, sequence: int, offset: int) -> None:
         if session.path is None:
-            raise Refusal(INVALID_SESSION)
+            raise RequestFailed(INVALID_SESSION)
         if self._files.is_directory(session.path):
             raise OSError(errno.EISDIR, "a directory")
         session.burst = _Burst(message, sequence, offset)
@@ -304,12 +305,12 @@ class FtpService:
         kind, complete = ACK, 0
         try:
             if burst.offset >= session.size:
-                raise Refusal(END_OF_FILE)
+                raise RequestFailed(END_OF_FILE)
             data = self._files.read(session.path, burst.offset, DATA_BYTES)
             burst.sent += len(data)
             complete = int(burst.sent >= BURST_BYTES)
-        except Refusal as refusal:
-            data, kind = self._error(session, refusal.code), NAK
+        except RequestFailed as failed:
+            data, kind = self._error(session, failed.code), NAK
         except OSError as error:
             data, kind = self._os_error(session, error), NAK
         self._reply(

@@ -57,12 +57,12 @@ def check_item(kind: int, item: Mapping[str, Any], *, as_int: bool) -> int:
         return UNSUPPORTED_FRAME
     if not known:
         return UNSUPPORTED
-    return ERROR if is_misplaced(kind, item) else ACCEPTED
+    return ERROR if is_refused_silently(kind, item) else ACCEPTED
 
 
-def is_misplaced(kind: int, item: Mapping[str, Any]) -> bool:
-    """Whether an item is a fence or rally item in a mission, or has too few polygon vertices; PX4 refuses
-    both without a text."""
+def is_refused_silently(kind: int, item: Mapping[str, Any]) -> bool:
+    """Whether PX4 refuses an item without a status text: a fence or rally item in a mission, or a polygon
+    with too few vertices."""
     command = item["command"]
     if kind == MISSION:
         return command in _FENCE_ITEMS or command == _RALLY_POINT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.mavlink.context import Context
 
-EVERY_S = 3.33
+INTERVAL_S = 3.33
 """PX4 streams the message at 0.3 Hz after the first external mode was registered."""
 SEQUENCES = 256
 
@@ -15,14 +15,14 @@ class ModesMonitor:
     def __init__(self, context: Context) -> None:
         self._context = context
         self._external = context.autopilot.commander.external
-        self._runs = False
+        self._started = False
         self._external.on_mode_list_change = self._start
 
     def _start(self) -> None:
-        if not self._runs:
-            self._runs = True
+        if not self._started:
+            self._started = True
             self._send()
 
     def _send(self) -> None:
         self._context.broadcast("AVAILABLE_MODES_MONITOR", seq=self._external.mode_list_seq % SEQUENCES)
-        self._context.call_later(EVERY_S, self._send)
+        self._context.call_later(INTERVAL_S, self._send)

@@ -24,6 +24,7 @@ class OwnCommandService:
         self._context = context
         self._commands = commands
         self._generations: dict[int, int] = {}
+        """Count of the repeated commands by command number; a newer command ends the earlier repetitions."""
         context.autopilot.own_commands.add_listener(self._send)
 
     def _send(self, command: OwnCommand) -> None:

@@ -1,5 +1,8 @@
-"""The parameter protocol as in PX4: integers as bytes of a float, the hash first, no reply to invalid
-requests."""
+"""The parameter protocol as in PX4.
+
+PARAM_VALUE contains the bytes of an integer in its float field. A requested list starts with `_HASH_CHECK`.
+An invalid request gets no reply.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +98,7 @@ class ParamService:
             return
         problem = self._context.view.simulation.reload_parameters(self._context.view.row)
         if problem is not None:
-            self._context.autopilot.announcer.text(4, f"{name} stored, not used: {problem}"[:200])
+            self._context.autopilot.announcer.text(4, f"{name} stored but not applied: {problem}"[:200])
         if self._parameters.change is Change.RESET:
             self._unsaved.discard(name)
         else:
