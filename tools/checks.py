@@ -1,8 +1,8 @@
-"""Runs all checks except the tests, two at a time: style, imports, types, and the page's checks.
+"""Runs all checks except the Python tests, two at a time: style, imports, types, and the page's checks.
 
-`python -m tools.checks` runs all, `python -m tools.checks lint` the checks of that group. A check
-that passes prints its time, a check that fails prints its whole output. Checks run at a low priority, so that
-they do not slow down tests that run at the same time.
+`python -m tools.checks` runs all groups, `python -m tools.checks lint` only the group `lint`. A check that
+passes prints its time, a check that fails prints its whole output. Checks run at a low priority, so that they
+do not slow down tests that run at the same time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 from tools import build_page
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-AT_ONCE = 2
+PARALLEL_CHECKS = 2
 PRIORITY = 10
 """Added to the niceness of the checks."""
 
@@ -42,13 +42,13 @@ class Outcome:
     duration_s: float
 
 
-def _python(name: str, tool: str, *arguments: str) -> Check:
-    """A tool of the environment that runs these checks."""
+def _tool(name: str, tool: str, *arguments: str) -> Check:
+    """A check by a tool of this Python environment."""
     return Check(name, (str(Path(sys.executable).parent / tool), *arguments))
 
 
 def _page(script: str) -> Check:
-    """A script of the page's package.json."""
+    """A check by a script of the page's package.json."""
     command = (sys.executable, "-m", "tools.build_page", "npm", "run", "--silent", script)
     return Check(f"page {script}", command)
 
@@ -56,14 +56,14 @@ def _page(script: str) -> Check:
 STYLE = (
     _page("lint:code"),
     _page("lint:format"),
-    _python("imports", "lint-imports"),
-    _python("format", "ruff", "format", "--check", "."),
-    _python("style", "ruff", "check", "."),
+    _tool("imports", "lint-imports"),
+    _tool("format", "ruff", "format", "--check", "."),
+    _tool("style", "ruff", "check", "."),
 )
-LINT = (_python("types", "pyright"), _page("check:types"), *STYLE)
-"""The longest check first, so that the others run on the other processor meanwhile."""
+LINT = (_tool("types", "pyright"), _page("check:types"), *STYLE)
+"""The longest check is first, so that the second processor runs all others meanwhile."""
 PAGE = (_page("check:svelte"), _page("test"))
-"""svelte-check also finds errors of types in TypeScript."""
+"""svelte-check also finds type errors in TypeScript."""
 GROUPS = {"lint": LINT, "page": PAGE, "style": STYLE}
 ALL = ("lint", "page")
 
@@ -84,8 +84,8 @@ def run(check: Check) -> Outcome:
 
 
 def run_all(checks: Iterable[Check]) -> bool:
-    """Runs checks `AT_ONCE` at a time and prints each result; returns whether all passed."""
-    with ThreadPoolExecutor(AT_ONCE) as pool:
+    """Runs checks `PARALLEL_CHECKS` at a time and prints each result; returns whether all passed."""
+    with ThreadPoolExecutor(PARALLEL_CHECKS) as pool:
         outcomes = [pool.submit(run, check) for check in checks]
         passed = True
         for future in as_completed(outcomes):

@@ -1,7 +1,7 @@
 """Finds the Chromium for the browser tests, or prints how to install it.
 
-Debian's chromium is used if it is installed; as root it is installed without asking, for CI machines.
-Otherwise Playwright's own build is downloaded.
+The tests use an installed Chromium or Chrome. Without one, this tool installs Debian's chromium if it runs as
+root (CI machines); otherwise it downloads Playwright's Chromium.
 """
 
 from __future__ import annotations
@@ -11,15 +11,16 @@ import shutil
 import subprocess
 import sys
 
-DEBIAN_NAMES = ("chromium", "chromium-browser", "google-chrome")
+EXECUTABLES = ("chromium", "chromium-browser", "google-chrome")
 
 
 def installed_chromium() -> str | None:
-    """The path of the machine's own Chromium, if there is one."""
-    return next((path for name in DEBIAN_NAMES if (path := shutil.which(name))), None)
+    """The path of the installed Chromium or Chrome; None: not installed."""
+    return next((path for name in EXECUTABLES if (path := shutil.which(name))), None)
 
 
 def main() -> int:
+    """Returns 0 if a Chromium is installed, otherwise 1."""
     if installed_chromium():
         return 0
     if shutil.which("apt-get") and os.geteuid() == 0:
@@ -28,7 +29,7 @@ def main() -> int:
             subprocess.run(["apt-get", *step], stdout=subprocess.DEVNULL, check=False)
         if installed_chromium():
             return 0
-    print("fetching Playwright's Chromium for the browser tests …", file=sys.stderr)
+    print("downloading Playwright's Chromium for the browser tests …", file=sys.stderr)
     if (
         subprocess.run([sys.executable, "-m", "playwright", "install", "chromium"], check=False).returncode
         == 0

@@ -23,7 +23,7 @@ class Home:
     yaw_ned_rad: float = 0.0
     set_at_us: int = 0
     manual: bool = False
-    """Whether a command has set home."""
+    """Whether a command has set home (`manual_home`); such a home is not updated automatically."""
 
     @property
     def valid(self) -> bool:
@@ -39,7 +39,7 @@ class HomeUpdater:
         self.home = home
 
     def set(self, lat_deg: float, lon_deg: float, alt_amsl_m: float, yaw_deg: float = math.nan) -> None:
-        """Sets home to a commanded position, which is not updated automatically."""
+        """Sets home to a commanded position."""
         origin_lat, origin_lon, origin_alt = self._view.origin
         n, e = to_local(lat_deg, lon_deg, origin_lat, origin_lon)  # type: ignore[arg-type]
         home = self.home

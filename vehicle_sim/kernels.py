@@ -17,8 +17,9 @@ A NumPy call takes a microsecond even for few vehicles, and a step would need hu
 - Module constants are compiled in; values that change are arguments.
 
 Compiled code is cached in a folder named after a hash of the sources of all kernels. A change in one file
-recompiles all kernels, because the compiler does not detect changed formulas of other files. Of processes
-that start together, one compiles each kernel. Without a writable folder every process compiles all kernels.
+recompiles all kernels, because the compiler does not detect changed formulas of other files. If processes
+start together, one of them compiles a kernel and the others load the result. Without a writable folder
+every process compiles all kernels.
 """
 
 from __future__ import annotations

@@ -45,14 +45,14 @@ class VehiclePorts:
 
 
 class SimServer:
-    """Vehicles with their sockets; create `fleet` without links."""
+    """A fleet with its sockets; the server adds the links, so `fleet` must have none."""
 
     def __init__(
         self, fleet: VehicleSim, *, first_instance: int, ports: Ports, bind: str, gcs_host: str
     ) -> None:
         self.fleet = fleet
         self._selector = selectors.DefaultSelector()
-        """Selects readable sockets, because few vehicles of a large fleet receive messages."""
+        """Selects the readable sockets; in a large fleet few vehicles receive messages at a time."""
         self._registered: dict[UdpTransport | TcpServer, socket.socket] = {}
         self.vehicles = [
             self._open(row, first_instance + row, ports, bind, gcs_host) for row in range(len(fleet.nodes))
@@ -62,7 +62,7 @@ class SimServer:
         self.behind_s = 0.0
         """Total real time by which the simulation has fallen behind."""
 
-    def _open(self, row: int, n: int, ports: Ports, bind: str, gcs_host: str) -> VehiclePorts:
+    def _open(self, row: int, instance: int, ports: Ports, bind: str, gcs_host: str) -> VehiclePorts:
         vehicle = VehiclePorts()
 
         def attempt(name: str, make: Callable[[], UdpTransport | TcpServer]) -> None:
@@ -73,21 +73,21 @@ class SimServer:
                 return
             self._register(row, name, vehicle.transports[name])
             if name != "tcp":
-                remote = ports.gcs_remote if name == "gcs" else ports.api_remote + n
+                remote = ports.gcs_remote if name == "gcs" else ports.api_remote + instance
                 self.fleet.add_link(row, name, name).ports = (vehicle.transports[name].port, remote)
 
         if ports.gcs_remote:
-            local = ports.gcs_local + n if ports.gcs_local else 0
+            local = ports.gcs_local + instance if ports.gcs_local else 0
             attempt("gcs", lambda: UdpTransport(bind, local, (gcs_host, ports.gcs_remote)))
         if ports.api_remote:
-            local_api = ports.api_local + n if ports.api_local else 0
-            attempt("api", lambda: UdpTransport(bind, local_api, (gcs_host, ports.api_remote + n)))
+            local_api = ports.api_local + instance if ports.api_local else 0
+            attempt("api", lambda: UdpTransport(bind, local_api, (gcs_host, ports.api_remote + instance)))
         if ports.tcp:
             attempt(
                 "tcp",
                 lambda: TcpServer(
                     bind,
-                    ports.tcp + n,
+                    ports.tcp + instance,
                     lambda: self._on_tcp_connect(row, vehicle),
                     lambda: self._on_tcp_disconnect(row, vehicle),
                 ),
@@ -111,8 +111,7 @@ class SimServer:
         self._register(row, "tcp", vehicle.transports["tcp"])
 
     def stop_when_readable(self, descriptor: int) -> None:
-        """Makes `run` return when this descriptor becomes readable, because the parent process has
-        ended."""
+        """Makes `run` return when this descriptor becomes readable: the parent process has ended."""
         self._selector.register(descriptor, selectors.EVENT_READ, None)
 
     def stop(self) -> None:

@@ -115,7 +115,7 @@ class DdsPort:
         self._waitset.attach(ReadCondition(reader, mask))
 
     def publish(self, topic: str, data: bytes) -> None:
-        """Sends a message; a message that DDS rejects is lost, as best effort allows."""
+        """Sends a message; drops a message that DDS rejects."""
         sample_type, writer = self._writers[topic]
         try:
             writer.write(sample_type.from_bytes(data))

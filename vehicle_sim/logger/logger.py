@@ -54,8 +54,8 @@ class Logger:
     Args:
         autopilot: the autopilot to log.
         states: state topics of the autopilot.
-        files: the vehicle's files, which receive the log.
-        recorders: sample the array topics; None: the vehicle never logs.
+        files: the vehicle's files, in which the log is written.
+        recorders: recorders that sample the array topics; None: the vehicle never logs.
         free_space: returns the free bytes on a folder's disk.
     """
 

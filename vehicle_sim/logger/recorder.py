@@ -1,4 +1,4 @@
-"""Samples the array topics of all logging vehicles: one copy per array and step, encoded in blocks.
+"""Samples the array topics of all vehicles that log.
 
 A step costs one small copy per array. NumPy encodes forty samples of all vehicles together, so that logging
 takes about one per cent of the simulation's computing time.

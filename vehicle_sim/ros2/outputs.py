@@ -62,7 +62,7 @@ class _ArrayReader:
 
 
 class _Schedule:
-    """Time of the next publication of an output, and the vehicle's state at the last publication."""
+    """Time of the next publication of an output, and the value whose change causes a publication."""
 
     def __init__(self, output: Output) -> None:
         self.output = output

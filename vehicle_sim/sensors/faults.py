@@ -1,4 +1,4 @@
-"""Sensor faults that PX4's simulation cannot inject: stuck sensors and measurement offsets.
+"""Sensor faults that PX4's SIH cannot simulate: stuck sensors and measurement offsets.
 
 A stuck sensor repeats its last sample; offsets are added to the measurements.
 """

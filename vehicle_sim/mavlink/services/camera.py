@@ -40,7 +40,11 @@ MIB = 1024.0**2
 UNKNOWN_INT32 = 0x7FFFFFFF
 VENDOR, MODEL = b"Simulated", b"Simulated camera"
 FIRMWARE = 1
-REQUEST_MESSAGE = 512
+REQUEST_MESSAGE, REQUEST_CAMERA_INFORMATION, REQUEST_CAMERA_SETTINGS = 512, 521, 522
+REQUEST_STORAGE_INFORMATION, STORAGE_FORMAT, REQUEST_CAMERA_CAPTURE_STATUS = 525, 526, 527
+RESET_CAMERA_SETTINGS, SET_CAMERA_MODE, SET_CAMERA_ZOOM = 529, 530, 531
+IMAGE_START_CAPTURE, IMAGE_STOP_CAPTURE, REQUEST_CAMERA_IMAGE_CAPTURE = 2000, 2001, 2002
+"""MAV_CMD."""
 
 
 class CameraService:
@@ -51,17 +55,17 @@ class CameraService:
         self._last_sequence = 0
         self._commands: dict[int, Callable[[Message | _AutopilotParameters, Link | None], int]] = {
             REQUEST_MESSAGE: lambda m, link: self._request(m, link),
-            521: lambda m, link: self._send("CAMERA_INFORMATION", link),
-            522: lambda m, link: self._send("CAMERA_SETTINGS", link),
-            525: lambda m, link: self._send("STORAGE_INFORMATION", link),
-            526: self._format,
-            527: lambda m, link: self._send("CAMERA_CAPTURE_STATUS", link),
-            529: self._reset,
-            530: self._set_mode,
-            531: self._set_zoom,
-            2000: self._start,
-            2001: self._stop,
-            2002: lambda m, link: self._resend_capture(m.param1, link),
+            REQUEST_CAMERA_INFORMATION: lambda m, link: self._send("CAMERA_INFORMATION", link),
+            REQUEST_CAMERA_SETTINGS: lambda m, link: self._send("CAMERA_SETTINGS", link),
+            REQUEST_STORAGE_INFORMATION: lambda m, link: self._send("STORAGE_INFORMATION", link),
+            STORAGE_FORMAT: self._format,
+            REQUEST_CAMERA_CAPTURE_STATUS: lambda m, link: self._send("CAMERA_CAPTURE_STATUS", link),
+            RESET_CAMERA_SETTINGS: self._reset,
+            SET_CAMERA_MODE: self._set_mode,
+            SET_CAMERA_ZOOM: self._set_zoom,
+            IMAGE_START_CAPTURE: self._start,
+            IMAGE_STOP_CAPTURE: self._stop,
+            REQUEST_CAMERA_IMAGE_CAPTURE: lambda m, link: self._resend_capture(m.param1, link),
         }
         self._messages: dict[str, Callable[[], dict[str, Any]]] = {
             "CAMERA_INFORMATION": self._information,

@@ -20,7 +20,7 @@ from gcs_server.client import (
     plans,
 )
 from gcs_server.client.portal import LoopThread, iterate
-from tools.build_sync_client import CLASSES, LEFT_OUT
+from tools.build_sync_client import CLASSES, EXCLUDED_METHODS
 
 MODULES = {
     "Gcs": aio,
@@ -46,7 +46,7 @@ def test_every_call_exists_in_both_clients_with_the_same_arguments(name):
     kind = getattr(MODULES.get(name, offboard), name)
     blocking_class = getattr(client, f"Sync{name}")
     for method_name, method in public(kind).items():
-        if method_name not in LEFT_OUT:
+        if method_name not in EXCLUDED_METHODS:
             blocking_parameters = inspect.signature(getattr(blocking_class, method_name)).parameters
             assert list(blocking_parameters) == list(inspect.signature(method).parameters), method_name
             assert not inspect.iscoroutinefunction(getattr(blocking_class, method_name))
