@@ -34,7 +34,7 @@ def read_yaml(path: Path) -> Fields:
 
 
 def parse_yaml(text: str, source: str) -> Fields:
-    """The mapping in a text; `source` names it in errors.
+    """The mapping in a text; error texts contain `source`.
 
     Raises:
         FileProblem: the text is not YAML, or not a mapping.
@@ -102,8 +102,7 @@ class Fields:
         return int(value)
 
     def numbers(self, key: str, count: int | None, expected: str) -> tuple[float, ...]:
-        """A list such as [1, 2, 3] (count None: any length except zero); `expected` describes it in
-        errors."""
+        """A list such as [1, 2, 3] (count None: any length except zero); error texts contain `expected`."""
         values = self._value(self._required(key, expected))
         valid = isinstance(values, list) and values and (count is None or len(values) == count)
         valid = valid and all(_is_number(v) for v in values)

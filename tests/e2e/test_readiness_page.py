@@ -30,7 +30,7 @@ def test_the_reasons_against_arming_and_against_each_mode_are_shown(station: Sta
         expect(panel).to_contain_text("Texts: the vehicle’s own.")
         row = {name: panel.get_by_role("row", name=name) for name in ("Offboard", "Hold", "Position slow")}
         expect(row["Offboard"]).to_contain_text("No offboard setpoints received.")
-        expect(row["Position slow"]).to_contain_text("No manual control.")
+        expect(row["Position slow"]).to_contain_text("No manual control input.")
         expect(row["Hold"].get_by_text("yes")).to_have_count(2)
         expect(panel.get_by_role("listitem").filter(has_text="No offboard setpoints")).to_contain_text(
             "Start an offboard stream"

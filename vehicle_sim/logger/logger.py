@@ -17,7 +17,7 @@ from vehicle_sim.logger import ulog
 from vehicle_sim.logger.recorder import Recorder, Recorders
 from vehicle_sim.parameters import Parameters, ParameterValue
 from vehicle_sim.storage.files import VehicleFiles
-from vehicle_sim.topics.layout import Layout
+from vehicle_sim.topics.layout import TopicLayout
 from vehicle_sim.topics.states import States
 
 FOLDER: Final = "log"
@@ -317,7 +317,7 @@ class Logger:
 
 
 @cache
-def _formats(layouts: tuple[Layout, ...]) -> bytes:
+def _formats(layouts: tuple[TopicLayout, ...]) -> bytes:
     return b"".join({layout.name: ulog.topic_format(layout) for layout in layouts}.values())
 
 

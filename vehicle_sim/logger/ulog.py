@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 
-from vehicle_sim.topics.layout import TYPES, Layout
+from vehicle_sim.topics.layout import TYPES, TopicLayout
 
 MAGIC = b"ULog\x01\x12\x35"
 VERSION = 1
@@ -67,12 +67,12 @@ def logged_text(severity: int, time_us: int, text: str) -> bytes:
     return message("L", struct.pack("<BQ", ord("0") + severity, time_us) + text.encode("utf-8"))
 
 
-def topic_format(layout: Layout) -> bytes:
+def topic_format(layout: TopicLayout) -> bytes:
     """The format message: names and types of a topic's fields."""
     text = "".join(f"{f.type}{f'[{f.length}]' if f.length else ''} {f.name};" for f in layout.fields)
     return message("F", f"{layout.name}:{text}".encode("ascii"))
 
 
-def subscription(layout: Layout) -> bytes:
+def subscription(layout: TopicLayout) -> bytes:
     """The subscription message: the id that the topic's data messages carry."""
     return message("A", struct.pack("<BH", layout.multi_id, layout.msg_id) + layout.name.encode("ascii"))

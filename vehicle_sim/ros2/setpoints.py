@@ -1,4 +1,4 @@
-"""Setpoints and sticks from ROS 2: converts their messages to inputs of the autopilot."""
+"""Converts ROS 2 messages with setpoints and stick positions to inputs of the autopilot."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class Console:
         """Whether a command is still running."""
         return self._running is not None
 
-    def type(self, text: str) -> str:
+    def receive_text(self, text: str) -> str:
         """Processes typed characters; returns the output."""
         output = ""
         for character in text:

@@ -9,7 +9,7 @@ from typing import Any
 
 from vehicle_sim.shell.console import Arguments, Command, CommandFailed, Output, Usage
 from vehicle_sim.topics.arrays import ARRAY_TOPICS, ArrayTopic, current_values
-from vehicle_sim.topics.layout import Field, Layout
+from vehicle_sim.topics.layout import Field, TopicLayout
 from vehicle_sim.topics.states import States, StateTopic
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -25,7 +25,7 @@ MAX_SAMPLES = 10_000
 class _Sample:
     """A topic's newest sample."""
 
-    layout: Layout
+    layout: TopicLayout
     period_us: int
     values: Mapping[str, Any]
     time_us: int

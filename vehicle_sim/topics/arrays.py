@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vehicle_sim.frames import yaw_of
 from vehicle_sim.geodesy import to_global
 from vehicle_sim.simulation import Simulation
-from vehicle_sim.topics.layout import Layout
+from vehicle_sim.topics.layout import TopicLayout
 
 Source = Callable[[Simulation], NDArray[Any]]
 NAN = math.nan
@@ -35,7 +35,7 @@ GYRO_ID, ACCEL_ID, MAG_ID, BARO_ID, GPS_ID = 1310988, 1310988, 197388, 6620172, 
 class ArrayTopic:
     """One topic of all vehicles."""
 
-    layout: Layout
+    layout: TopicLayout
     periods: Mapping[int, Period]
     """Period for each bit of the profile; if several bits are selected, the shortest period applies."""
     sources: Mapping[str, Source | float] = field(default_factory=dict)
@@ -174,7 +174,7 @@ def _topics() -> list[ArrayTopic]:
     topics: list[ArrayTopic] = []
 
     def add(name: str, declaration: str, periods: dict[int, Period], **sources: Source | float) -> None:
-        layout = Layout(name, declaration, len(topics))
+        layout = TopicLayout(name, declaration, len(topics))
         topics.append(ArrayTopic(layout, periods, sources, "timestamp_sample" in declaration))
 
     add("vehicle_attitude", _ATTITUDE, {DEFAULT: 50, REPLAY: 4, HIGH_RATE: 4},

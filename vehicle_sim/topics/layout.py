@@ -37,7 +37,7 @@ def _fields(declaration: str) -> tuple[Field, ...]:
     return tuple(fields)
 
 
-class Layout:
+class TopicLayout:
     """Layout of one topic; `pack` and `blank` create the data messages of a log (ULog type D).
 
     Args:

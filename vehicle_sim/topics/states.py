@@ -20,7 +20,7 @@ from vehicle_sim.autopilot.takeoff import TakeoffState
 from vehicle_sim.external_modes.slots import Controllers
 from vehicle_sim.topics import failsafe_flags
 from vehicle_sim.topics.arrays import ARRAY_TOPICS
-from vehicle_sim.topics.layout import Layout
+from vehicle_sim.topics.layout import TopicLayout
 
 Values = Mapping[str, Any]
 NAN = math.nan
@@ -43,7 +43,7 @@ _TAKEOFF = {
 class StateTopic:
     """One topic of one vehicle."""
 
-    layout: Layout
+    layout: TopicLayout
     every_ms: int
     """Period; 0: the topic is written only when it changes."""
     read: Callable[[], Values]
@@ -86,7 +86,7 @@ class States:
         self._mode = self._commander.active
         self._listeners: list[Callable[[bytes], None]] = []
         self.topics = tuple(self._create_topics())
-        self._event = Layout(
+        self._event = TopicLayout(
             "event",
             f"uint32_t id;uint16_t event_sequence;uint8_t[{EVENT_ARGUMENTS}] arguments;uint8_t log_levels",
             len(ARRAY_TOPICS) + len(self.topics),
@@ -98,7 +98,7 @@ class States:
         autopilot.announcer.add_listener(self._record_times)
 
     @property
-    def layouts(self) -> tuple[Layout, ...]:
+    def layouts(self) -> tuple[TopicLayout, ...]:
         """Layouts of all state topics and of events."""
         return (*(topic.layout for topic in self.topics), self._event)
 
@@ -150,7 +150,7 @@ class States:
 
         def add(name: str, every_ms: int, read: Callable[[], Values], declaration: str,
                 key: Callable[[], object] | None = None) -> None:  # fmt: skip
-            layout = Layout(name, declaration, len(ARRAY_TOPICS) + len(topics))
+            layout = TopicLayout(name, declaration, len(ARRAY_TOPICS) + len(topics))
             topics.append(StateTopic(layout, every_ms, read, key))
 
         commander, detector = self._commander, self._autopilot.land_detector

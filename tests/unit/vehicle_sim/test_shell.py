@@ -189,7 +189,7 @@ def test_gimbal_commands_set_control_and_angles(terminal):
     assert gimbal.actual.pitch_rad == pytest.approx(math.radians(-30), abs=0.02)
     assert "pitch: -30.0 deg" in terminal.output_of("gimbal status")
     assert "already running" in terminal.output_of("gimbal start")
-    assert "lie within 0 to 255" in terminal.output_of("gimbal primary-control 999 1")
+    assert "component ids are 0 to 255" in terminal.output_of("gimbal primary-control 999 1")
 
 
 def test_with_mnt_mode_in_disabled_the_gimbal_does_not_run():
@@ -289,7 +289,7 @@ def test_status_commands_show_the_state_of_modules(ready_terminal):
     ),
 )  # fmt: skip
 def test_any_line_ends_with_a_prompt(console, name, rest):
-    shown = console.type(" ".join([name, *rest]).replace("\n", " ") + "\n")
+    shown = console.receive_text(" ".join([name, *rest]).replace("\n", " ") + "\n")
     assert shown.endswith(PROMPT) or console.busy
     console._running = None
 

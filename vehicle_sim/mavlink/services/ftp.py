@@ -31,7 +31,7 @@ OPENING = frozenset({OPEN_RO, CREATE, OPEN_WO})
 FAIL_ERRNO, INVALID_DATA_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE, UNKNOWN_OPCODE = 2, 3, 4, 5, 6, 7
 FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 8, 9, 10
 BURST_BYTES = 40_000
-"""A burst ends after this many bytes; the client requests the next one."""
+"""A burst ends after this many bytes; the client requests the next burst."""
 BURST_MESSAGES_PER_STEP = 5
 """The recorded PX4 sent 1,100 burst messages per second."""
 

@@ -97,7 +97,7 @@ class LogService:
             self._transfers[link.name] = _Transfer(number, path, message.ofs, end)
 
     def erase(self, link: Link, message: Message) -> None:
-        """Deletes every log; a log that is being written stays open, and is lost when it ends."""
+        """Deletes every log file, also the file of a running log; the running log continues, but is lost."""
         if self._context.addresses_autopilot(message):
             self._listings.clear()
             self._transfers.clear()

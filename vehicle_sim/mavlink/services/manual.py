@@ -1,4 +1,4 @@
-"""Passes MANUAL_CONTROL to the sticks."""
+"""Passes MANUAL_CONTROL to the autopilot's stick input."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class ManualService:
         self.handlers = {"MANUAL_CONTROL": self.manual}
 
     def manual(self, link: Link, m: Message) -> None:
-        """Updates the sticks, and notifies the arming checks."""
+        """Updates the stick input, and notifies the arming checks."""
         autopilot = self._context.autopilot
         if m.target == self._context.system_id and autopilot.sticks.receive(m.x, m.y, m.z, m.r):
             autopilot.commander.checks.manual_control_at_s = self._context.view.time_s

@@ -31,7 +31,7 @@ class Terminal(Protocol):
         """Whether a command is still running."""
         ...
 
-    def type(self, text: str) -> str:
+    def receive_text(self, text: str) -> str:
         """Processes typed characters; returns the output."""
         ...
 
@@ -78,7 +78,7 @@ class ShellService:
                 session = self._sessions[link.name] = _Session(self.console(), message.sender)
             session.client = message.sender
             text = bytes(message.data[:count]).decode("utf-8", "replace")
-            self._queue_output(session, session.console.type(text))
+            self._queue_output(session, session.console.receive_text(text))
         if not message.flags & RESPOND:
             self._sessions.pop(link.name, None)
 
