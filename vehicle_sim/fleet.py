@@ -97,7 +97,7 @@ class VehicleSim:
         self.loggers: list[Logger] = []
         self._states: list[States] = []
         self._bridges: dict[int, Bridge] = {}
-        """ROS 2 side of the vehicles that have one, by row."""
+        """ROS 2 bridges of the vehicles that have a ROS 2 port, by row."""
         self.nodes: list[Node] = []
         for row, (autopilot, vehicle_files) in enumerate(zip(self.autopilots, self.files, strict=True)):
             states = States(autopilot, first_instance + row + 1)

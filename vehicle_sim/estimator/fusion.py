@@ -22,8 +22,8 @@ BAD_ACCEL_RESETS_AFTER_S = 0.5
 _BAD_ACCEL_HOLD_S = 3.0
 _COUNTERS = ("vxy_reset_counter", "vz_reset_counter", "xy_reset_counter", "z_reset_counter")
 _FAULT_SIGMA, _CONFIRMATION_SIGMA = 3.0, 1.0
-"""Innovations in standard deviations. Above the first, a source indicates a fault; above the second, a source
-of the other kind confirms it."""
+"""Innovations in standard deviations: one source indicates a fault above the first value, and a source of the
+other kind confirms the fault above the second value."""
 
 
 @dataclass(slots=True)

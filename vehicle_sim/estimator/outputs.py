@@ -1,4 +1,4 @@
-"""An estimate without any information, for a whole fleet or for one vehicle that restarts."""
+"""Initial estimates: of a whole fleet, or of one vehicle that restarts."""
 
 from __future__ import annotations
 

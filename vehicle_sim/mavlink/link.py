@@ -93,7 +93,7 @@ class Link:
         return self._intervals_us.get(msg_id, 0)
 
     def set_interval(self, msg_id: int, interval_us: int, now_us: int) -> None:
-        """Streams a message at this interval; 0 or less stops it."""
+        """Streams a message at this interval; 0 or less stops the stream."""
         self._generation += 1
         self._generations[msg_id] = self._generation
         if interval_us <= 0:

@@ -108,7 +108,7 @@ class Node:
         self._streamers[HEARTBEAT] = send_heartbeats
 
     def open_console(self, console: Callable[[], Terminal]) -> None:
-        """Gives ground stations access to the vehicle's console; `console` creates one for each link."""
+        """Gives ground stations access to the vehicle's console; `console` creates one session per link."""
         self._shell.console = console
 
     def add_link(self, link: Link) -> None:

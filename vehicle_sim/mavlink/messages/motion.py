@@ -190,7 +190,7 @@ class MotionMessages(MessageGroup):
         return _TARGET_ATTITUDE(self._view.time_boot_ms(), *q, *rates, float(thrust), 0)
 
     def hil_state_quaternion(self) -> bytes:
-        """Contains the true state, as PX4's simulator also sends it."""
+        """Contains the true state, as in PX4's SIH."""
         simulation, i = self._view.simulation, self._view.row
         truth, home = simulation.truth, simulation.home
         north, east, down = truth.position_ned_m[i].tolist()

@@ -102,7 +102,7 @@ class SensorMessages(MessageGroup):
         )[1]  # fmt: skip
 
     def distance_forward(self) -> bytes | None:
-        """Contains the forward sensor, if the world has one."""
+        """Contains the forward sensor; None if the world has no forward lidar."""
         view, lidars = self._view, self._view.simulation.world.lidars
         if not lidars.forward:
             return None

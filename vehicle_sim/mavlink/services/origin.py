@@ -1,4 +1,4 @@
-"""The origin of the local frame: sent when it becomes known, and set by SET_GPS_GLOBAL_ORIGIN."""
+"""The origin of the local frame: sent when first known, and set by SET_GPS_GLOBAL_ORIGIN."""
 
 from __future__ import annotations
 
