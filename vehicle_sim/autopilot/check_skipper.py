@@ -64,7 +64,7 @@ class CheckSkipper:
             or now_s < checks.position_usable_at_s
             or not (self._baro_fresh[row] and self._mag_fresh[row])
             or self._failsafe.decision is not NO_FAILSAFE
-            or self._failsafe.is_early(now_s - armed_at_s)
+            or self._failsafe.in_early_takeoff(now_s - armed_at_s)
         ):
             return None
         return (

@@ -1,4 +1,4 @@
-"""PX4's failsafe state machine: selects one action from all current demands; time is an input."""
+"""PX4's failsafe state machine: selects one action from those of all failure conditions; time is an input."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ class Cause(IntEnum):
     BATTERY_EMERGENCY = 5
 
 
-class Clear(Enum):
-    """When a failsafe action ends."""
+class ClearCondition(Enum):
+    """When a failsafe action ends (PX4's ClearCondition)."""
 
-    WHEN_GONE = "when the failure condition is gone"
+    WHEN_CONDITION_CLEARS = "when the failure condition is gone"
     ON_MODE_CHANGE = "after the failure condition is gone, when the operator changes the mode"
     NEVER = "never"
 
 
-class Takeover(Enum):
-    """Whether a mode change by the operator ends an action whose cause still exists."""
+class UserTakeover(Enum):
+    """Whether a mode change by the operator ends an action whose cause still exists (PX4's UserTakeoverAllowed)."""
 
     AUTO = "yes, and the action is delayed for a takeover"
     ALWAYS = "yes, without a delay"
@@ -54,18 +54,19 @@ class Takeover(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Demand:
-    """A failure condition and the action that it requires."""
+class ActionOptions:
+    """The action that a failure condition requires (PX4's ActionOptions)."""
 
     name: str
+    """Name of the failure condition."""
     action: Action
     cause: Cause = Cause.GENERIC
-    clear: Clear = Clear.WHEN_GONE
-    takeover: Takeover = Takeover.AUTO
+    clear: ClearCondition = ClearCondition.WHEN_CONDITION_CLEARS
+    takeover: UserTakeover = UserTakeover.AUTO
     deferrable: bool = False
     """Whether an external mode or executor may defer the action. Recorded on PX4 for a lost ground station;
-    in PX4's source also lost sticks and a low battery, but no geofence, wind, flight time or attitude
-    failure."""
+    in PX4's source also lost manual control and a low battery, but no geofence, wind, flight time or
+    attitude failure."""
 
 
 ACTION_MODES: dict[Action, NavState] = {
@@ -79,8 +80,8 @@ ACTION_MODES: dict[Action, NavState] = {
     Action.TERMINATE: NavState.TERMINATION,
 }
 _NOT_DELAYED = (Action.HOLD, Action.DISARM, Action.TERMINATE)
-_LADDER = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
-"""An action that cannot run is replaced by the next one."""
+_FALLBACK_ORDER = (Action.HOLD, Action.RTL, Action.LAND, Action.DESCEND)
+"""An action that cannot run is replaced by the next action that can."""
 _NO_NAMES: frozenset[str] = frozenset()
 _LANDING = (NavState.LAND, NavState.PRECISION_LAND)
 
@@ -96,17 +97,17 @@ class Decision:
 
 
 NO_FAILSAFE = Decision()
-"""The decision if no failure condition exists and no earlier condition has a lasting effect."""
+"""The decision if no failure condition exists and no action is latched."""
 DEFER_DEFAULT_S = 30.0
 DEFERRAL_DISABLED, DEFERRAL_ENABLED, FAILSAFE_DEFERRED = 0, 1, 2
 """`failsafe_defer_state`; FAILSAFE_DEFERRED: a failsafe would act without the deferral."""
 
 
 class Failsafe:
-    """The failsafe state of one vehicle: active demands, takeover by the operator, remaining delay."""
+    """The failsafe state of one vehicle: active conditions, takeover by the operator, delay."""
 
     def __init__(self) -> None:
-        self._active: dict[str, Demand] = {}
+        self._active: dict[str, ActionOptions] = {}
         self._current_names: frozenset[str] = frozenset()
         self._taken_over = False
         self._acts_at_s: float | None = None
@@ -141,13 +142,13 @@ class Failsafe:
         self._taken_over, self._acts_at_s, self._decision = False, None, Decision()
 
     def on_mode_change(self) -> None:
-        """Called when the operator changes the mode; ends the action if its demand allows a takeover."""
-        worst = self._worst()
-        if worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
+        """Called when the operator changes the mode; ends an action that allows a takeover."""
+        worst = self._most_severe()
+        if worst.action > Action.WARN and worst.takeover is not UserTakeover.NEVER:
             self._taken_over = True
         ended = [
-            name for name, demand in self._active.items()
-            if name not in self._current_names and demand.clear is Clear.ON_MODE_CHANGE
+            name for name, options in self._active.items()
+            if name not in self._current_names and options.clear is ClearCondition.ON_MODE_CHANGE
         ]  # fmt: skip
         for name in ended:
             del self._active[name]
@@ -155,14 +156,14 @@ class Failsafe:
     def update(
         self,
         now_s: float,
-        demands: Sequence[Demand],
+        actions: Sequence[ActionOptions],
         *,
         intended: NavState,
         can_run: Callable[[NavState], bool],
         delay_s: float,
     ) -> Decision:
-        """Updates the decision; call at 50 Hz while armed."""
-        if not demands and not self._active:  # the usual case
+        """Updates the decision; call it at each check while armed (10 Hz; 50 Hz while a failsafe acts)."""
+        if not actions and not self._active:  # the usual case
             self._deferred_since_s = None
             self._taken_over, self._current_names, self._acts_at_s, self._decision = (
                 False,
@@ -171,23 +172,23 @@ class Failsafe:
                 NO_FAILSAFE,
             )
             return NO_FAILSAFE
-        self._remember(demands)
+        self._update_active(actions)
         self._update_deferral(now_s)
-        worst = self._worst()
-        if self._taken_over and worst.action > Action.WARN and worst.takeover is not Takeover.NEVER:
-            worst = Demand("taken over", Action.NONE)
+        worst = self._most_severe()
+        if self._taken_over and worst.action > Action.WARN and worst.takeover is not UserTakeover.NEVER:
+            worst = ActionOptions("taken over", Action.NONE)
         self._decision = self._decide(now_s, worst, intended, can_run, delay_s)
         return self._decision
 
-    def _remember(self, demands: Sequence[Demand]) -> None:
-        now = {demand.name: demand for demand in demands if demand.action is not Action.NONE}
-        for name, demand in now.items():
+    def _update_active(self, actions: Sequence[ActionOptions]) -> None:
+        now = {options.name: options for options in actions if options.action is not Action.NONE}
+        for name, options in now.items():
             before = self._active[name].action if name in self._current_names else Action.NONE
-            if demand.action > max(before, Action.WARN):
+            if options.action > max(before, Action.WARN):
                 self._taken_over = False
-            self._active[name] = demand
+            self._active[name] = options
         for name in [name for name in self._active if name not in now]:
-            if self._active[name].clear is Clear.WHEN_GONE:
+            if self._active[name].clear is ClearCondition.WHEN_CONDITION_CLEARS:
                 del self._active[name]
         if not self._active:
             self._taken_over = False
@@ -203,14 +204,14 @@ class Failsafe:
         elif since_s is None:
             self._deferred_since_s = now_s
 
-    def _worst(self) -> Demand:
+    def _most_severe(self) -> ActionOptions:
         acting = [each for each in self._active.values() if not (self._defers and each.deferrable)]
-        return max(acting, key=lambda demand: demand.action, default=Demand("none", Action.NONE))
+        return max(acting, key=lambda options: options.action, default=ActionOptions("none", Action.NONE))
 
     def _decide(
         self,
         now_s: float,
-        worst: Demand,
+        worst: ActionOptions,
         intended: NavState,
         can_run: Callable[[NavState], bool],
         delay_s: float,
@@ -221,7 +222,7 @@ class Failsafe:
             return Decision(action, worst.cause)
         if self._acts_at_s is None:
             self._acts_at_s = now_s + max(0.0, delay_s)
-        waits = now_s < self._acts_at_s and worst.takeover is Takeover.AUTO and action not in _NOT_DELAYED
+        waits = now_s < self._acts_at_s and worst.takeover is UserTakeover.AUTO and action not in _NOT_DELAYED
         chosen = _runnable(Action.HOLD if waits else action, can_run)
         if intended in _LANDING and chosen in (Action.HOLD, Action.RTL) and can_run(intended):
             return Decision(Action.WARN, worst.cause)
@@ -231,9 +232,9 @@ class Failsafe:
 
 
 def _runnable(action: Action, can_run: Callable[[NavState], bool]) -> Action:
-    if action not in _LADDER:
+    if action not in _FALLBACK_ORDER:
         return action
-    for each in _LADDER[_LADDER.index(action) :]:
+    for each in _FALLBACK_ORDER[_FALLBACK_ORDER.index(action) :]:
         if each is Action.DESCEND or can_run(ACTION_MODES[each]):
             return each
     return Action.DESCEND

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.checks import Checks
-from vehicle_sim.autopilot.demands import RC_IN_DISABLED, Conditions, flight_demands, ground_demands
-from vehicle_sim.autopilot.failsafe import Action, Cause, Decision, Demand, Failsafe
+from vehicle_sim.autopilot.failsafe import Action, ActionOptions, Cause, Decision, Failsafe
+from vehicle_sim.autopilot.failsafe_actions import RC_IN_DISABLED, Conditions, flight_actions, ground_actions
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.modes import MODES, NavState
 from vehicle_sim.autopilot.monitors import EARLY_TAKEOFF_S, TERMINATION_DISABLED, Monitors
@@ -42,7 +42,7 @@ class FailsafeWatch:
         """`parameter_changes` at which the settings were read."""
         self._condition_values: tuple[object, ...] = ()
         self._conditions = Conditions(NavState.HOLD)
-        self._demands: list[Demand] = []
+        self._flight_actions: list[ActionOptions] = []
         self.decision = Decision()
 
     @property
@@ -50,8 +50,8 @@ class FailsafeWatch:
         """`failsafe_defer_state`: 0 disabled, 1 enabled, 2 enabled and a failsafe is deferred now."""
         return self._failsafe.deferral
 
-    def is_early(self, armed_for_s: float) -> bool:
-        """Whether an attitude failure counts as a failure during take-off."""
+    def in_early_takeoff(self, armed_for_s: float) -> bool:
+        """Whether an attitude failure disarms the vehicle, because it has just been armed."""
         return armed_for_s < self._view.parameter("COM_SPOOLUP_TIME") + EARLY_TAKEOFF_S
 
     def reset(self) -> None:
@@ -78,22 +78,22 @@ class FailsafeWatch:
         if values != self._condition_values:
             self._condition_values = values
             self._conditions = Conditions._make((*values, *self._settings))
-            self._demands = flight_demands(self._conditions)
-        active_demands = self._demands if may_act else ground_demands(self._conditions)
+            self._flight_actions = flight_actions(self._conditions)
+        active = self._flight_actions if may_act else ground_actions(self._conditions)
         before = self.decision
         self._failsafe.defer(overrides.defer_failsafes, overrides.defer_timeout_s)
         self.decision = self._failsafe.update(
             self._view.time_s,
-            active_demands,
+            active,
             intended=intended,
-            can_run=lambda mode: self._can_run(intended, mode),
+            can_run=self._can_run,
             delay_s=self._view.parameter("COM_FAIL_ACT_T"),
         )
         if self.decision is not before and self.decision != before:
             self._announce(before, self.decision, intended)
         return self.decision
 
-    def _can_run(self, intended: NavState, mode: NavState) -> bool:
+    def _can_run(self, mode: NavState) -> bool:
         return self._checks.position_usable or not MODES[mode].needs_position
 
     def _read_conditions(self, mode: NavState, armed_for_s: float) -> tuple[object, ...]:
@@ -117,7 +117,7 @@ class FailsafeWatch:
             monitors.wind_too_high,
             monitors.flight_time_over,
             monitors.attitude_failure,
-            self.is_early(armed_for_s),
+            self.in_early_takeoff(armed_for_s),
         )
 
     def _read_parameters(self) -> None:
@@ -160,10 +160,18 @@ class FailsafeWatch:
         if now.pending:
             text = f"Failsafe activated: entering Hold for {delay_s:.0f} seconds"
             if now.cause is Cause.GENERIC:
-                name, layout, values = "commander_failsafe_enter_generic_hold", "IBH", (int(delay_s),)
+                name, argument_format, values = (
+                    "commander_failsafe_enter_generic_hold",
+                    "IBH",
+                    (int(delay_s),),
+                )
             else:
-                name, layout, values = "commander_failsafe_enter_hold", "IBHB", (int(delay_s), now.cause)
-            announcer.announce(2, text, name, layout, custom, now.pending, *values)
+                name, argument_format, values = (
+                    "commander_failsafe_enter_hold",
+                    "IBHB",
+                    (int(delay_s), now.cause),
+                )
+            announcer.announce(2, text, name, argument_format, custom, now.pending, *values)
             return
         if now.action == before.action and not before.pending:
             return

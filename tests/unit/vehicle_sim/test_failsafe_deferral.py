@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from vehicle_sim.autopilot.demands import Conditions, flight_demands
-from vehicle_sim.autopilot.failsafe import Action, Clear, Demand, Failsafe
+from vehicle_sim.autopilot.failsafe import Action, ActionOptions, ClearCondition, Failsafe
+from vehicle_sim.autopilot.failsafe_actions import Conditions, flight_actions
 from vehicle_sim.autopilot.modes import NavState
 
-LOST_GCS = Demand("gcs", Action.LAND, clear=Clear.ON_MODE_CHANGE, deferrable=True)
-UNAVAILABLE_MODE = Demand("mode", Action.RTL)
+LOST_GCS = ActionOptions("gcs", Action.LAND, clear=ClearCondition.ON_MODE_CHANGE, deferrable=True)
+UNAVAILABLE_MODE = ActionOptions("mode", Action.RTL)
 
 
-def decide(machine: Failsafe, now_s: float, *demands: Demand) -> Action:
+def decide(machine: Failsafe, now_s: float, *actions: ActionOptions) -> Action:
     decision = machine.update(
-        now_s, demands, intended=NavState.EXTERNAL1, can_run=lambda mode: True, delay_s=0.0
+        now_s, actions, intended=NavState.EXTERNAL1, can_run=lambda mode: True, delay_s=0.0
     )
     return decision.action
 
@@ -75,7 +75,7 @@ ALL_CONDITIONS = Conditions(
 
 def test_only_lost_links_and_a_low_battery_are_deferred():
     found = {
-        each.name: each.deferrable for each in flight_demands(ALL_CONDITIONS) if each.action > Action.WARN
+        each.name: each.deferrable for each in flight_actions(ALL_CONDITIONS) if each.action > Action.WARN
     }
     assert {name for name, deferrable in found.items() if deferrable} == {"manual", "gcs", "battery"}
     assert {name for name, deferrable in found.items() if not deferrable} == {

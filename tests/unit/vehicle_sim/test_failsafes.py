@@ -7,15 +7,23 @@ import pytest
 from tests.unit.vehicle_sim.plan_station import TERMINATION, PlanStation
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import EVENT_NAMES, HOLD, LAND, RTL
-from vehicle_sim.autopilot.demands import Conditions, flight_demands
-from vehicle_sim.autopilot.failsafe import Action, Cause, Clear, Decision, Demand, Failsafe, Takeover
+from vehicle_sim.autopilot.failsafe import (
+    Action,
+    ActionOptions,
+    Cause,
+    ClearCondition,
+    Decision,
+    Failsafe,
+    UserTakeover,
+)
+from vehicle_sim.autopilot.failsafe_actions import Conditions, flight_actions
 from vehicle_sim.autopilot.modes import NavState
 
 pytestmark = pytest.mark.flight
 
-LOST_GCS = Demand("gcs", Action.RTL, Cause.GCS_LOSS, Clear.ON_MODE_CHANGE)
-LOW_BATTERY = Demand("battery", Action.WARN, Cause.BATTERY_LOW)
-EMPTY_BATTERY = Demand("battery", Action.LAND, Cause.BATTERY_EMERGENCY)
+LOST_GCS = ActionOptions("gcs", Action.RTL, Cause.GCS_LOSS, ClearCondition.ON_MODE_CHANGE)
+LOW_BATTERY = ActionOptions("battery", Action.WARN, Cause.BATTERY_LOW)
+EMPTY_BATTERY = ActionOptions("battery", Action.LAND, Cause.BATTERY_EMERGENCY)
 
 
 class Machine:
@@ -25,7 +33,7 @@ class Machine:
         self.failsafe, self.now_s, self.intended = Failsafe(), 0.0, NavState.HOLD
         self.runnable: frozenset[NavState] | None = None
 
-    def after(self, seconds: float, *active: Demand) -> Decision:
+    def after(self, seconds: float, *active: ActionOptions) -> Decision:
         self.now_s += seconds
         return self.failsafe.update(
             self.now_s, active, intended=self.intended, delay_s=5.0,
@@ -59,7 +67,9 @@ def test_a_takeover_lasts_until_a_new_condition() -> None:
     machine.failsafe.on_mode_change()
     assert machine.after(6.0, LOST_GCS).action is Action.NONE
     assert machine.after(0.1, LOST_GCS, EMPTY_BATTERY).action is Action.HOLD
-    attitude_failure = Demand("attitude", Action.TERMINATE, clear=Clear.NEVER, takeover=Takeover.NEVER)
+    attitude_failure = ActionOptions(
+        "attitude", Action.TERMINATE, clear=ClearCondition.NEVER, takeover=UserTakeover.NEVER
+    )
     assert machine.after(0.1, attitude_failure).action is Action.TERMINATE
     machine.failsafe.on_mode_change()
     assert machine.after(0.1).action is Action.TERMINATE
@@ -71,7 +81,7 @@ def test_an_action_that_cannot_run_is_replaced_and_a_landing_is_not_interrupted(
     assert machine.after(0.0, LOST_GCS).action is Action.DESCEND
     machine = Machine()
     machine.intended = NavState.LAND
-    assert machine.after(0.0, Demand("fence", Action.RTL)).action is Action.WARN
+    assert machine.after(0.0, ActionOptions("fence", Action.RTL)).action is Action.WARN
 
 
 @pytest.mark.parametrize(
@@ -103,18 +113,18 @@ def test_an_action_that_cannot_run_is_replaced_and_a_landing_is_not_interrupted(
     ],
 )
 def test_each_condition_triggers_the_action_of_its_parameter(conditions, action, cause) -> None:
-    found = flight_demands(Conditions(mode=NavState.HOLD, **conditions))
-    worst = max(found, key=lambda demand: demand.action, default=Demand("none", Action.NONE))
+    found = flight_actions(Conditions(mode=NavState.HOLD, **conditions))
+    worst = max(found, key=lambda options: options.action, default=ActionOptions("none", Action.NONE))
     assert (worst.action, worst.cause) == (action, cause)
 
 
 def test_after_a_lost_position_a_vehicle_with_sticks_switches_to_altitude_mode() -> None:
     lost = {"mode": NavState.POSITION, "position_lost": True}
-    assert flight_demands(Conditions(**lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE
+    assert flight_actions(Conditions(**lost, sticks=True))[0].action is Action.FALLBACK_ALTITUDE
     assert (
-        flight_demands(Conditions(**lost, sticks=True, position_loss_lands=True))[0].action is Action.DESCEND
+        flight_actions(Conditions(**lost, sticks=True, position_loss_lands=True))[0].action is Action.DESCEND
     )
-    assert flight_demands(Conditions(**lost))[0].action is Action.DESCEND
+    assert flight_actions(Conditions(**lost))[0].action is Action.DESCEND
 
 
 def flying(height_m: float = 3.0, *, sensor_noise: bool = False, **parameters: float) -> PlanStation:

@@ -1,0 +1,184 @@
+"""Failsafe action for each failure condition, from PX4's parameters; one pure function per condition."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from vehicle_sim.autopilot.failsafe import Action, ActionOptions, Cause, ClearCondition, UserTakeover
+from vehicle_sim.autopilot.modes import NavState
+
+_LINK_LOSS = {1: Action.HOLD, 2: Action.RTL, 3: Action.LAND, 5: Action.TERMINATE, 6: Action.DISARM}
+"""NAV_DLL_ACT and NAV_RCL_ACT."""
+_FENCE = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
+"""GF_ACTION."""
+_WIND = {1: Action.WARN, 2: Action.HOLD, 3: Action.RTL, 4: Action.TERMINATE, 5: Action.LAND}
+"""COM_WIND_MAX_ACT."""
+_BATTERY = {
+    1: (Action.RTL, Action.RTL), 2: (Action.LAND, Action.LAND), 3: (Action.RTL, Action.LAND),
+}  # fmt: skip
+"""COM_LOW_BAT_ACT: actions for a critical battery and for an emergency; 0: warning only."""
+_OFFBOARD = {
+    0: Action.FALLBACK_POSITION, 1: Action.FALLBACK_ALTITUDE, 2: Action.FALLBACK_STABILIZED, 3: Action.RTL,
+    4: Action.LAND, 5: Action.HOLD, 6: Action.TERMINATE, 7: Action.DISARM,
+}  # fmt: skip
+"""COM_OBL_RC_ACT."""
+_EXCEPT_MISSION, _EXCEPT_HOLD, _EXCEPT_OFFBOARD = 1, 2, 4
+"""Bits of COM_RCL_EXCEPT and COM_DLL_EXCEPT."""
+_HOLD_LIKE = frozenset(
+    {NavState.HOLD, NavState.TAKEOFF, NavState.LAND, NavState.RTL, NavState.DESCEND, NavState.FOLLOW,
+     NavState.PRECISION_LAND, NavState.ORBIT}
+)  # fmt: skip
+RC_IN_DISABLED = 4
+
+
+class Conditions(NamedTuple):
+    """Failure conditions of an armed vehicle, and the parameters that define the actions.
+
+    `FailsafeWatch` reads the conditions at each check, and the parameters when one of them changes.
+    """
+
+    mode: NavState
+    """The intended mode."""
+    offboard_lost: bool = False
+    position_lost: bool = False
+    """The mode requires a position, but the position estimate is invalid."""
+    external_cannot_run: bool = False
+    """The mode is external, and is unresponsive, reports that it cannot run, or lacks a requirement."""
+    sticks: bool = False
+    """The pilot controls the vehicle with sticks."""
+    manual_lost: bool = False
+    """Stick input was received since arming, but is lost now."""
+    gcs_lost: bool = False
+    battery_warning: int = 0
+    fence_breached: bool = False
+    wind_too_high: bool = False
+    flight_time_over: bool = False
+    attitude_failure: bool = False
+    just_armed: bool = False
+    """Within `monitors.EARLY_TAKEOFF_S` after spool-up."""
+    offboard_loss_action: int = 0
+    position_loss_lands: bool = False
+    """COM_POSCTL_NAVL: land instead of Altitude mode with sticks."""
+    manual_loss_action: int = 0
+    manual_loss_except: int = 0
+    gcs_loss_action: int = 0
+    gcs_loss_except: int = 0
+    low_battery_action: int = 0
+    fence_action: int = 0
+    wind_action: int = 0
+    may_terminate: bool = False
+    """CBRK_FLIGHTTERM is not set."""
+
+
+def flight_actions(conditions: Conditions) -> list[ActionOptions]:
+    """The actions that the current failure conditions require in flight."""
+    actions = [
+        *_links(conditions),
+        *_limits(conditions),
+        *battery_actions(conditions),
+        *_failures(conditions),
+    ]
+    fallback = _mode_fallback(conditions)
+    if fallback is not Action.NONE:
+        actions.append(ActionOptions("mode", fallback, takeover=UserTakeover.ALWAYS))
+    return actions
+
+
+def _latched(
+    name: str, action: Action, cause: Cause = Cause.GENERIC, *, deferrable: bool = False
+) -> ActionOptions:
+    """An action that lasts until the operator changes the mode. A termination lasts forever; a warning and a
+    disarming last while their condition exists."""
+    if action is Action.TERMINATE:
+        return ActionOptions(name, action, cause, ClearCondition.NEVER, UserTakeover.NEVER)
+    if action is Action.DISARM:
+        return ActionOptions(name, action, cause, takeover=UserTakeover.NEVER)
+    clear = ClearCondition.WHEN_CONDITION_CLEARS if action is Action.WARN else ClearCondition.ON_MODE_CHANGE
+    return ActionOptions(name, action, cause, clear, deferrable=deferrable)
+
+
+def _excepted(mode: NavState, bits: int) -> bool:
+    if mode is NavState.MISSION:
+        return bool(bits & _EXCEPT_MISSION)
+    if mode is NavState.OFFBOARD:
+        return bool(bits & _EXCEPT_OFFBOARD)
+    return mode in _HOLD_LIKE and bool(bits & _EXCEPT_HOLD)
+
+
+def _links(conditions: Conditions) -> list[ActionOptions]:
+    actions: list[ActionOptions] = []
+    if (
+        conditions.manual_lost
+        and conditions.manual_loss_action in _LINK_LOSS
+        and not _excepted(conditions.mode, conditions.manual_loss_except)
+    ):
+        actions.append(
+            _latched(
+                "manual",
+                _LINK_LOSS[conditions.manual_loss_action],
+                Cause.MANUAL_CONTROL_LOSS,
+                deferrable=True,
+            )
+        )
+    landing = conditions.mode in (NavState.LAND, NavState.PRECISION_LAND)
+    gcs_counts = not landing and not _excepted(conditions.mode, conditions.gcs_loss_except)
+    if conditions.gcs_lost and gcs_counts and conditions.gcs_loss_action in _LINK_LOSS:
+        actions.append(
+            _latched("gcs", _LINK_LOSS[conditions.gcs_loss_action], Cause.GCS_LOSS, deferrable=True)
+        )
+    return actions
+
+
+def _limits(conditions: Conditions) -> list[ActionOptions]:
+    actions: list[ActionOptions] = []
+    if conditions.fence_breached and conditions.fence_action in _FENCE:
+        actions.append(_latched("fence", _FENCE[conditions.fence_action]))
+    if conditions.wind_too_high and conditions.wind_action in _WIND:
+        actions.append(_latched("wind", _WIND[conditions.wind_action]))
+    if conditions.flight_time_over:
+        actions.append(ActionOptions("flight time", Action.RTL))
+    return actions
+
+
+def ground_actions(conditions: Conditions) -> list[ActionOptions]:
+    """The actions that are required while an armed vehicle has not taken off."""
+    actions = battery_actions(conditions)
+    if conditions.position_lost:
+        actions.append(ActionOptions("mode", _mode_fallback(conditions), takeover=UserTakeover.ALWAYS))
+    return actions
+
+
+def battery_actions(conditions: Conditions) -> list[ActionOptions]:
+    """The action that the battery level requires (COM_LOW_BAT_ACT)."""
+    if conditions.battery_warning <= 0:
+        return []
+    if conditions.battery_warning == 1:
+        return [ActionOptions("battery", Action.WARN, Cause.BATTERY_LOW)]
+    critical, emergency = _BATTERY.get(conditions.low_battery_action, (Action.WARN, Action.WARN))
+    if conditions.battery_warning == 2:
+        return [ActionOptions("battery", critical, Cause.BATTERY_CRITICAL, deferrable=True)]
+    return [ActionOptions("battery", emergency, Cause.BATTERY_EMERGENCY, deferrable=True)]
+
+
+def _failures(conditions: Conditions) -> list[ActionOptions]:
+    if not conditions.attitude_failure:
+        return []
+    action = Action.TERMINATE if conditions.may_terminate else Action.WARN
+    return [_latched("attitude", Action.DISARM if conditions.just_armed else action)]
+
+
+def _mode_fallback(conditions: Conditions) -> Action:
+    if conditions.mode is NavState.OFFBOARD and (conditions.offboard_lost or conditions.position_lost):
+        # Without a valid position, Offboard counts as lost, and Altitude mode replaces Position mode.
+        action = _OFFBOARD.get(conditions.offboard_loss_action, Action.FALLBACK_POSITION)
+        if action is Action.FALLBACK_POSITION and conditions.position_lost:
+            return Action.FALLBACK_ALTITUDE
+        return action
+    if conditions.external_cannot_run:
+        return Action.RTL
+    if not conditions.position_lost:
+        return Action.NONE
+    in_position_mode = conditions.mode in (NavState.POSITION, NavState.POSITION_SLOW)
+    if in_position_mode and conditions.sticks and not conditions.position_loss_lands:
+        return Action.FALLBACK_ALTITUDE
+    return Action.DESCEND
