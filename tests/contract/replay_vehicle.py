@@ -13,7 +13,7 @@ from typing import Any
 
 from tests.contract.recordings import TELEMETRY, value_of
 from vehicle_sim.autopilot.announcer import Announcer, Event, StatusText
-from vehicle_sim.autopilot.health import CheckResults, announce
+from vehicle_sim.autopilot.health import CheckResults, send_report
 from vehicle_sim.fleet import VehicleSim
 from vehicle_sim.mavlink.dialect import BY_NAME, pack
 from vehicle_sim.mavlink.framing import FrameParser, frame_v2
@@ -268,5 +268,5 @@ def _report_messages(report: CheckResults) -> list[Received]:
             sent.append(Received(0.0, "EVENT", values))
 
     announcer.add_listener(record)
-    announce(report, announcer)
+    send_report(report, announcer)
     return sent

@@ -1,12 +1,11 @@
 """Skips the checks of a steady flight while they would give the same result as last time.
 
-`Commander` checks at 10 Hz, and mostly nothing has changed since the last check. Report and failsafe are then
-unchanged, because they depend only on
+`Commander` runs the checks at 10 Hz, usually with the same inputs as last time. Their result depends only on
 
 - the values that are compared here,
-- commands, parameters and the commander's state, whose change ends the steady flight,
-- time, while a condition lasts (a sensor sends no data, the position was lost, a link was used). In that
-  case every check runs.
+- commands, parameters and the commander's state; a change of these ends the steady flight,
+- time, but only in some conditions: a sensor sends no data, the position was lost, a link was ever connected.
+  In these conditions no check is skipped.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ class CheckSkipper:
         """Makes the next checks run, because a full tick may change values that are not compared."""
         self._inputs = None
 
-    def remember(self, armed_at_s: float) -> None:
-        """Stores the inputs; called after checks in a steady tick."""
+    def store_inputs(self, armed_at_s: float) -> None:
+        """Stores the inputs of the checks that have just run in a steady tick."""
         self._inputs = self._read(armed_at_s)
 
     def skip_if_unchanged(self, armed_at_s: float) -> bool:
@@ -54,7 +53,7 @@ class CheckSkipper:
         return True
 
     def _read(self, armed_at_s: float) -> tuple[object, ...] | None:
-        """The inputs; None: a condition exists whose result also depends on time."""
+        """The inputs; None: the result also depends on time."""
         checks, simulation, row = self._checks, self._simulation, self._row
         estimate, now_s = simulation.estimates[row], simulation.time_s
         if (

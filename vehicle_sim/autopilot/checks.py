@@ -1,4 +1,4 @@
-"""Keeps the arming report up to date and announces it when it changes."""
+"""Runs the arming checks, and reports their results when they change."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from vehicle_sim.external_modes.registry import ExternalModes
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
-QUIET_AFTER_BOOT_S = 1.0
+FIRST_REPORT_AFTER_S = 1.0
+"""Time since boot before which no report is sent."""
 POSITION_RECOVERY_S = 1.0
 """A lost position must be valid for this long before modes may use it again."""
 GCS_TIMEOUT_S = 2.5
@@ -94,7 +95,7 @@ class Checks:
             self.has_mission,
             self.offboard.has_signal(),
             self.manual_control(),
-            view.choice("NAV_DLL_ACT") > 0 and not self.gcs_alive(),
+            view.choice("NAV_DLL_ACT") > 0 and not self.gcs_connected(),
             self.battery_warning,
             terminated,
             self.fence,
@@ -156,18 +157,19 @@ class Checks:
             or self.companion_heartbeat_at_s != never
         )
 
-    def gcs_alive(self) -> bool:
-        """Whether a ground station was connected within COM_DL_LOSS_T."""
+    def gcs_connected(self) -> bool:
+        """Whether a ground station is connected, or was connected within COM_DL_LOSS_T."""
         return self._view.time_s - self.gcs_heartbeat_at_s < GCS_TIMEOUT_S + self._view.choice(
             "COM_DL_LOSS_T"
         )
 
     def gcs_lost(self) -> bool:
         """Whether the connection to a ground station was lost."""
-        return math.isfinite(self.gcs_heartbeat_at_s) and not self.gcs_alive()
+        return math.isfinite(self.gcs_heartbeat_at_s) and not self.gcs_connected()
 
-    def watch_links(self, *, armed: bool) -> None:
-        """Reports loss and recovery of sensors, battery, sticks and the ground station."""
+    def report_losses(self, *, armed: bool) -> None:
+        """Reports loss and recovery of sensors, manual control, onboard computer and ground station, and the
+        battery level."""
         self._watch_sensors(armed)
         self._watch_battery()
         self._watch_sticks()
@@ -228,7 +230,7 @@ class Checks:
         inputs = self._read_inputs(mode, armed=armed, terminated=terminated)
         if inputs != self._inputs:
             self._inputs = inputs
-            self._current = health.examine(health.CheckInputs._make((*inputs, *self._settings)))
+            self._current = health.run_checks(health.CheckInputs._make((*inputs, *self._settings)))
         return self._current
 
     def run(self, mode: NavState, *, armed: bool, terminated: bool) -> None:
@@ -246,20 +248,20 @@ class Checks:
             self.announce(texts=False)
 
     def announce(self, *, texts: bool = True) -> None:
-        """Sends the report if boot has finished; with `texts` also status texts for new findings."""
+        """Sends the report after FIRST_REPORT_AFTER_S; with `texts` also status texts for new findings."""
         before = self._announced
-        if self._view.time_s <= QUIET_AFTER_BOOT_S:
+        if self._view.time_s <= FIRST_REPORT_AFTER_S:
             return
         self._announced, self._announced_at_s, self.has_unreported_change = (
             self.report,
             self._view.time_s,
             False,
         )
-        health.announce(self.report, self._announcer)
+        health.send_report(self.report, self._announcer)
         if not texts:
             return
-        new = {check.event for check in self.report.checks}
-        old = {check.event for check in before.checks} if before else set[str]()
+        new = {finding.event for finding in self.report.findings}
+        old = {finding.event for finding in before.findings} if before else set[str]()
         for event, text in BATTERY_TEXTS.items():
             if event in new - old:
                 self._announcer.text(0, text + "\t")

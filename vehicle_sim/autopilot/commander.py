@@ -226,7 +226,7 @@ class Commander:
             return True
         self._run_checks()
         if self.settled:
-            self._check_skipper.remember(self.armed_at_s)
+            self._check_skipper.store_inputs(self.armed_at_s)
             return True
         self._update_mode(self.landed)
         return False
@@ -244,7 +244,7 @@ class Commander:
 
     def _run_checks(self) -> None:
         self.checks.fence = self._navigator.fence.breached
-        self.checks.watch_links(armed=self.armed)
+        self.checks.report_losses(armed=self.armed)
         self._check()
         self._run_failsafe()
 

@@ -46,7 +46,10 @@ class ClearCondition(Enum):
 
 
 class UserTakeover(Enum):
-    """Whether a mode change by the operator ends an action whose cause still exists (PX4's UserTakeoverAllowed)."""
+    """Whether a mode change by the operator ends an action whose cause still exists.
+
+    PX4's UserTakeoverAllowed.
+    """
 
     AUTO = "yes, and the action is delayed for a takeover"
     ALWAYS = "yes, without a delay"

@@ -31,7 +31,7 @@ COMPONENT_ACCELEROMETER = 28
 COMPONENT_GYRO = 29
 COMPONENT_OPEN_DRONE_ID = 30
 WARNING = 4
-"""Log level: lower levels are errors, higher levels are notes that count as neither error nor warning."""
+"""Log level: lower levels are errors, higher levels are neither errors nor warnings."""
 GPS_PROBLEMS = {
     "fix": ("check_estimator_gps_fix_too_low", "Preflight: GPS fix too low"),
     "satellites": ("check_estimator_gps_num_sats_too_low", "Preflight: not enough GPS Satellites"),
@@ -60,9 +60,9 @@ REMOTE_PRESENT = 1 << COMPONENT_REMOTE
 
 
 class CheckInputs(NamedTuple):
-    """Inputs of the checks, compared 50 times a second: first values that change in flight, then parameters.
+    """Inputs of the checks, compared at each check: first values that change in flight, then parameters.
 
-    `Checks` computes the first part each tick, and the second part when a parameter changes.
+    `Checks` reads the values at each check, and the parameters when one of them changes.
     """
 
     mode: NavState
@@ -110,12 +110,12 @@ class CheckInputs(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
-    """One finding."""
+class Finding:
+    """A finding of the checks."""
 
     event: str
     modes: int
-    """Bit mask of the modes that the finding concerns, by `NavState`; the same for the next two masks."""
+    """Bit mask by `NavState` of the modes that the finding concerns; the next two masks are also by mode."""
     component: int
     blocks_arming: int = 0
     """Modes in which the finding prevents arming."""
@@ -137,7 +137,7 @@ class Check:
 class CheckResults:
     """The result of all checks."""
 
-    checks: tuple[Check, ...]
+    findings: tuple[Finding, ...]
     can_arm: int
     """Bit mask of the modes that allow arming."""
     can_run: int
@@ -155,31 +155,31 @@ class CheckResults:
         return bool(self.can_run >> mode & 1)
 
 
-def examine(inputs: CheckInputs) -> CheckResults:
-    """All findings in PX4's order."""
-    checks: list[Check] = []
+def run_checks(inputs: CheckInputs) -> CheckResults:
+    """Runs all checks; the findings are in PX4's order."""
+    findings: list[Finding] = []
     needs = inputs.external.requirements
 
     def add(event: str, modes: int, component: int, arming: int | None = None, running: int | None = None,
             text: str = "") -> None:  # fmt: skip
-        checks.append(
-            Check(event, modes, component, modes if arming is None else arming,
-                  modes if running is None else running, text)
+        findings.append(
+            Finding(event, modes, component, modes if arming is None else arming,
+                    modes if running is None else running, text)
         )  # fmt: skip
 
     def add_uncalibrated(sensor: str, component: int, text: str) -> None:
         if sensor in inputs.uncalibrated:
-            checks.append(
-                Check(f"check_{sensor}_not_calibrated", EVERY_MODE, component, EVERY_MODE, 0,
-                      f"Preflight Fail: {text} 0 uncalibrated", counts=(0,))
+            findings.append(
+                Finding(f"check_{sensor}_not_calibrated", EVERY_MODE, component, EVERY_MODE, 0,
+                        f"Preflight Fail: {text} 0 uncalibrated", counts=(0,))
             )  # fmt: skip
 
     add_uncalibrated("accel", COMPONENT_ACCELEROMETER, "Accel")
     for number in range(inputs.distance_sensors, inputs.distance_sensors_required):
         text = f"Preflight Fail: distance sensor {number} missing"
-        checks.append(
-            Check("check_distance_sensor_missing", EVERY_MODE, COMPONENT_DISTANCE_SENSOR, EVERY_MODE, 0, text,
-                  counts=(number,))
+        findings.append(
+            Finding("check_distance_sensor_missing", EVERY_MODE, COMPONENT_DISTANCE_SENSOR, EVERY_MODE, 0,
+                    text, counts=(number,))
         )  # fmt: skip
     add_uncalibrated("gyro", COMPONENT_GYRO, "Gyro")
     if inputs.compasses_required:
@@ -187,24 +187,26 @@ def examine(inputs: CheckInputs) -> CheckResults:
     if inputs.compasses_required > COMPASSES:
         counts = COMPASSES, inputs.compasses_required
         text = f"Preflight Fail: Found {counts[0]} compass (required: {counts[1]})"
-        checks.append(
-            Check("check_mag_sys_has_mag_missing", EVERY_MODE, COMPONENT_MAGNETOMETER, EVERY_MODE, 0, text,
-                  counts=counts)
+        findings.append(
+            Finding("check_mag_sys_has_mag_missing", EVERY_MODE, COMPONENT_MAGNETOMETER, EVERY_MODE, 0, text,
+                    counts=counts)
         )  # fmt: skip
     if inputs.optical_flow_required:
         add("check_optical_sensor_missing", EVERY_MODE, COMPONENT_OPTICAL_FLOW, running=0,
             text="Preflight Fail: optical flow sensor missing")  # fmt: skip
     if inputs.baro_timeout:
         text = "Preflight Fail: No valid data from Baro 0"
-        checks.append(
-            Check("check_baro_no_data", EVERY_MODE, COMPONENT_ABSOLUTE_PRESSURE, EVERY_MODE, 0, text,
-                  counts=(0,))
+        findings.append(
+            Finding("check_baro_no_data", EVERY_MODE, COMPONENT_ABSOLUTE_PRESSURE, EVERY_MODE, 0, text,
+                    counts=(0,))
         )  # fmt: skip
     if inputs.gps_problem:
         event, text = GPS_PROBLEMS[inputs.gps_problem]
-        checks.append(Check(event, _local_position(needs), COMPONENT_GPS, 0, 0, text, WARNING, warns=True))
-    checks += _detected_failures(inputs)
-    checks += _external(inputs)
+        findings.append(
+            Finding(event, _local_position(needs), COMPONENT_GPS, 0, 0, text, WARNING, warns=True)
+        )
+    findings += _detected_failures(inputs)
+    findings += _external(inputs)
     if needs.prevent_arming >> inputs.mode & 1 and not inputs.armed and not inputs.terminated:
         add("check_modes_cannot_takeoff", needs.prevent_arming, COMPONENT_SYSTEM, running=0)
     if is_external(inputs.mode) and not inputs.external.registered >> inputs.mode & 1:
@@ -230,14 +232,14 @@ def examine(inputs: CheckInputs) -> CheckResults:
         required = inputs.open_drone_id >= 2
         modes, severity = (EVERY_MODE, 2) if required else (0, 4)
         text = "Preflight Fail: Open Drone ID system missing"
-        checks.append(
-            Check("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
-                  warns=not required)
+        findings.append(
+            Finding("check_open_drone_id_missing", modes, COMPONENT_OPEN_DRONE_ID, modes, 0, text, severity,
+                    warns=not required)
         )  # fmt: skip
     if inputs.parachute_required:
         add("check_parachute_missing", EVERY_MODE, COMPONENT_PARACHUTE, running=0,
             text="Preflight Fail: parachute system missing")  # fmt: skip
-    checks += _limits(inputs)
+    findings += _limits(inputs)
     if inputs.battery_warning == 1:
         add("check_battery_low", EVERY_MODE, COMPONENT_BATTERY, 0, 0)
     elif inputs.battery_warning == 2:
@@ -246,12 +248,12 @@ def examine(inputs: CheckInputs) -> CheckResults:
         add("check_battery_emergency", EVERY_MODE, COMPONENT_BATTERY, running=0)
     can_arm = can_run = EVERY_MODE & ~needs.other
     can_arm &= ~inputs.external.not_armable
-    for check in checks:
-        can_arm &= ~check.blocks_arming
-        can_run &= ~check.blocks_running
+    for finding in findings:
+        can_arm &= ~finding.blocks_arming
+        can_run &= ~finding.blocks_running
     if not inputs.valid_attitude:
         can_arm = 0
-        # external modes
+        # External modes that need an attitude cannot run either.
         can_run &= ~((needs.attitude | needs.angular_velocity) & BUILT_IN_REQUIREMENTS.other)
     present = PRESENT | (REMOTE_PRESENT if inputs.manual_control else 0)
     if not inputs.gnss_used:
@@ -260,25 +262,25 @@ def examine(inputs: CheckInputs) -> CheckResults:
         present &= ~MAG_PRESENT
     if not inputs.logging:
         present &= ~LOGGING_PRESENT
-    return CheckResults(tuple(checks), can_arm, can_run, present, needs)
+    return CheckResults(tuple(findings), can_arm, can_run, present, needs)
 
 
 def _local_position(needs: Requirements) -> int:
     return needs.local_position | needs.local_position_relaxed
 
 
-def _external(inputs: CheckInputs) -> list[Check]:
+def _external(inputs: CheckInputs) -> list[Finding]:
     """Findings about external components."""
     external = inputs.external
-    checks = [
-        Check("", modes, COMPONENT_SYSTEM, external=event, warns=True) for modes, event in external.events
+    findings = [
+        Finding("", modes, COMPONENT_SYSTEM, external=event, warns=True) for modes, event in external.events
     ]
     if external.unresponsive:
-        checks.append(
-            Check("check_external_modes_unresponsive", external.unresponsive, COMPONENT_SYSTEM,
-                  external.unresponsive, external.unresponsive)
+        findings.append(
+            Finding("check_external_modes_unresponsive", external.unresponsive, COMPONENT_SYSTEM,
+                    external.unresponsive, external.unresponsive)
         )  # fmt: skip
-    return checks
+    return findings
 
 
 FENCE_EVENTS = {
@@ -292,12 +294,12 @@ FENCE_EVENTS = {
 }  # fmt: skip
 
 
-def _no_arming(event: str, component: int, text: str) -> Check:
+def _no_arming(event: str, component: int, text: str) -> Finding:
     """A finding that prevents arming in every mode, but does not affect a mode that is active."""
-    return Check(event, EVERY_MODE, component, EVERY_MODE, 0, text)
+    return Finding(event, EVERY_MODE, component, EVERY_MODE, 0, text)
 
 
-def _detected_failures(inputs: CheckInputs) -> list[Check]:
+def _detected_failures(inputs: CheckInputs) -> list[Finding]:
     """Findings of the failure detector."""
     failures: list[tuple[str, int, str]] = []
     if inputs.roll_failure:
@@ -309,47 +311,49 @@ def _detected_failures(inputs: CheckInputs) -> list[Check]:
     return [_no_arming(*each) for each in failures]
 
 
-def _limits(inputs: CheckInputs) -> list[Check]:
+def _limits(inputs: CheckInputs) -> list[Finding]:
     """Findings about exceeded limits: fence, flight time, wind."""
-    checks = [_no_arming(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
+    findings = [_no_arming(FENCE_EVENTS[breach][0], COMPONENT_SYSTEM, FENCE_EVENTS[breach][1])
               for breach in Breach if breach in inputs.fence]  # fmt: skip
     if inputs.flight_time_over:
-        checks.append(_no_arming("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached"))
+        findings.append(
+            _no_arming("check_flight_time_limit", COMPONENT_SYSTEM, "Maximum flight time reached")
+        )
     if inputs.wind_too_high:
-        checks.append(
-            Check(
+        findings.append(
+            Finding(
                 "check_wind_too_high", EVERY_MODE, COMPONENT_SYSTEM, EVERY_MODE, 0, argument=inputs.wind_m_s
             )
         )
-    return checks
+    return findings
 
 
-def announce(report: CheckResults, announcer: Announcer) -> None:
+def send_report(report: CheckResults, announcer: Announcer) -> None:
     """Sends the report as PX4 does: summary, one event per finding, health summary."""
     errors = warnings = unhealthy = 0
-    for check in report.checks:
-        if check.external is not None:
+    for finding in report.findings:
+        if finding.external is not None:
             continue
-        level = WARNING if check.warns else EVENTS[check.event][1] & 0x0F
-        if check.event in HEALTH_EVENTS:
-            unhealthy |= 1 << check.component
+        level = WARNING if finding.warns else EVENTS[finding.event][1] & 0x0F
+        if finding.event in HEALTH_EVENTS:
+            unhealthy |= 1 << finding.component
         elif level < WARNING:
-            errors |= 1 << check.component
+            errors |= 1 << finding.component
         elif level == WARNING:
-            warnings |= 1 << check.component
-        if check.text:
-            announcer.text(check.severity, check.text)
+            warnings |= 1 << finding.component
+        if finding.text:
+            announcer.text(finding.severity, finding.text)
     announcer.event(
         "commander_arming_check_summary", "BIIII", 0, errors, warnings, report.can_arm, report.can_run
     )
-    for check in report.checks:
-        modes = check.modes & EVERY_MODE
-        if check.external is not None:
-            event_id, log_levels, arguments = check.external
+    for finding in report.findings:
+        modes = finding.modes & EVERY_MODE
+        if finding.external is not None:
+            event_id, log_levels, arguments = finding.external
             announcer.external_event(event_id, log_levels, struct.pack("<I", modes) + arguments[4:])
-        elif check.argument is None:
-            layout = "IB" + "B" * len(check.counts)
-            announcer.event(check.event, layout, modes, check.component, *check.counts)
+        elif finding.argument is None:
+            layout = "IB" + "B" * len(finding.counts)
+            announcer.event(finding.event, layout, modes, finding.component, *finding.counts)
         else:
-            announcer.event(check.event, "IBf", modes, check.component, check.argument)
+            announcer.event(finding.event, "IBf", modes, finding.component, finding.argument)
     announcer.event("commander_health_summary", "BIII", 0, report.present, unhealthy, 0)

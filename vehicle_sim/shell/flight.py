@@ -72,13 +72,13 @@ class CommanderCommand:
     def _check(self, arguments: Arguments) -> str:
         commander = self._commander
         commander.run_checks()
-        failed_checks = [
-            (error if check.severity <= 3 else warning)("health_and_arming_checks", check.text or check.event)
-            for check in commander.report.checks
-            if check.blocks_arming >> commander.intended & 1 or check.blocks_running >> commander.intended & 1
+        findings = [
+            (error if each.severity <= 3 else warning)("health_and_arming_checks", each.text or each.event)
+            for each in commander.report.findings
+            if each.blocks_arming >> commander.intended & 1 or each.blocks_running >> commander.intended & 1
         ]
         ready = commander.report.armable(commander.intended)
-        return "".join(failed_checks) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
+        return "".join(findings) + info("commander", f"Preflight check: {'OK' if ready else 'FAILED'}")
 
     def _arm(self, arguments: Arguments) -> str:
         if not self._commander.arm(Reason.INTERNAL_COMMAND):

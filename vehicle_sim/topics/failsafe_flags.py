@@ -37,7 +37,7 @@ def fault_flags(view: VehicleView, commander: Commander, home: Home) -> dict[str
         "offboard_control_signal_lost": not commander.offboard.has_signal(),
         "home_position_invalid": not home.valid,
         "manual_control_signal_lost": not checks.manual_control(),
-        "gcs_connection_lost": not checks.gcs_alive(),
+        "gcs_connection_lost": not checks.gcs_connected(),
         "battery_warning": checks.battery_warning,
         "geofence_breached": bool(checks.fence),
         "wind_limit_exceeded": monitors.wind_too_high,

@@ -251,7 +251,7 @@ class States:
             "executor_in_charge": c.external.executor_in_charge,
             "failsafe_defer_state": c.failsafe_watch.deferral,
             "vehicle_type": ROTARY_WING, "failsafe": c.in_failsafe,
-            "gcs_connection_lost": not c.checks.gcs_alive(), "system_type": QUADROTOR,
+            "gcs_connection_lost": not c.checks.gcs_connected(), "system_type": QUADROTOR,
             "system_id": self._system_id, "component_id": 1, "safety_button_available": True,
             "safety_off": True, "power_input_valid": True, "calibration_enabled": c.calibrating,
             "pre_flight_checks_pass": c.report.armable(c.active),

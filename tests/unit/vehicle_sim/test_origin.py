@@ -28,7 +28,9 @@ def test_without_gps_an_origin_can_be_set_but_the_position_stays_invalid():
     assert set_origin(station) == [(LAT, LON, ALT)]
     station.run(3.0)
     assert not station.sim.autopilots[0].view.estimate.valid_position
-    assert "check_modes_local_pos" in {c.event for c in station.sim.autopilots[0].commander.report.checks}
+    assert "check_modes_local_pos" in {
+        finding.event for finding in station.sim.autopilots[0].commander.report.findings
+    }
 
 
 def test_vision_with_an_origin_gives_a_global_position():
