@@ -1,4 +1,4 @@
-"""Status texts and events of a vehicle; each link sends them in this order.
+"""Status texts and events of a vehicle; each link sends them in the order of their publication.
 
 Event ids, names and log levels are those of PX4's build. If PX4 sends a status text together with an event,
 the text ends with a tab.
@@ -174,7 +174,7 @@ class Event:
 
 
 FIRST_SEQUENCE = 0xFFFF - 9
-"""First sequence number of PX4's events, so that the wrap to 0 happens soon."""
+"""First sequence number of PX4's events; it wraps to 0 soon after boot."""
 
 
 class Announcer:

@@ -8,7 +8,7 @@ from enum import IntEnum
 from vehicle_sim.autopilot.health import CheckResults
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.sticks import Sticks
-from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES
+from vehicle_sim.autopilot.tasks.manual import ATTITUDE_RATE_MODES, STICK_MODES
 from vehicle_sim.vehicle_view import VehicleView
 
 THROTTLE_ABOVE_CENTRE, THROTTLE_LOW = 0.2, -0.8
@@ -47,38 +47,38 @@ def arming_denial(
     if calibrating:
         return "calibrating", "calibrating"
     if mode in STICK_MODES and sticks.valid:
-        if mode in DIRECT_MODES and not sticks.raw.throttle < THROTTLE_LOW:
+        if mode in ATTITUDE_RATE_MODES and not sticks.raw.throttle < THROTTLE_LOW:
             return "throttle is not down", "throttle_high"
-        if mode not in DIRECT_MODES and sticks.raw.throttle > THROTTLE_ABOVE_CENTRE:
+        if mode not in ATTITUDE_RATE_MODES and sticks.raw.throttle > THROTTLE_ABOVE_CENTRE:
             return "throttle is above its centre", "throttle_center"
     if not report.armable(mode):
         return "Resolve system health failures first", "resolve_failures"
     return None
 
 
-def auto_disarm_after_s(view: VehicleView, *, flew: bool) -> float:
+def auto_disarm_after_s(view: VehicleView, *, took_off: bool) -> float:
     """Time after which a vehicle on the ground disarms automatically; infinite: it stays armed.
 
     Args:
         view: the vehicle.
-        flew: whether the vehicle has taken off since arming; if so, the time counts from the landing,
+        took_off: whether the vehicle has taken off since arming; then the time counts from the landing,
             otherwise from arming.
     """
-    wait_s = view.parameter("COM_DISARM_LAND" if flew else "COM_DISARM_PRFLT")
+    wait_s = view.parameter("COM_DISARM_LAND" if took_off else "COM_DISARM_PRFLT")
     if wait_s <= 0.0:
         return math.inf
-    return wait_s if flew else wait_s + view.parameter("COM_SPOOLUP_TIME")
+    return wait_s if took_off else wait_s + view.parameter("COM_SPOOLUP_TIME")
 
 
-class FlightCount:
-    """COM_FLIGHT_UUID and LND_FLIGHT_T_*: number of flights, and total flight time."""
+class FlightStatistics:
+    """Number of flights (COM_FLIGHT_UUID) and total flight time (LND_FLIGHT_T_*)."""
 
     def __init__(self, view: VehicleView) -> None:
         self._view = view
         self._took_off_at_s = math.nan
 
     def on_takeoff(self) -> None:
-        """Called at a take-off; only the first one after arming counts."""
+        """Called at a take-off; only the first take-off after arming counts."""
         if math.isnan(self._took_off_at_s):
             self._took_off_at_s = self._view.time_s
 

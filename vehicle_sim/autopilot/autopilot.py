@@ -8,19 +8,19 @@ from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.commander import Commander
 from vehicle_sim.autopilot.control_mode import ControlMode
 from vehicle_sim.autopilot.goto import Goto, GotoControl
-from vehicle_sim.autopilot.land_detector import LandDetector, LandingThresholds, Motion
+from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, LandingThresholds
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.navigator import MODES_WITH_WAYPOINT, Navigator
 from vehicle_sim.autopilot.offboard import Offboard, Setpoint, SetpointKind, kind_for_controllers
 from vehicle_sim.autopilot.own_commands import OwnCommands
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.plans import Plans
-from vehicle_sim.autopilot.row import SetpointRow, float_view
-from vehicle_sim.autopilot.steady_ground import ground_task, is_grounded
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter, float_view
+from vehicle_sim.autopilot.steady_ground import ground_task, is_on_ground_or_ramping
 from vehicle_sim.autopilot.steady_task import STREAM, SteadyLimits, SteadyTask
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.autopilot.takeoff import TILT_LIMIT_RISE_RAD_S, TakeoffRamp, TakeoffState
-from vehicle_sim.autopilot.tasks.manual import DIRECT_MODES, STICK_MODES, Manual
+from vehicle_sim.autopilot.tasks.manual import ATTITUDE_RATE_MODES, STICK_MODES, StickTasks
 from vehicle_sim.autopilot.tick_arrays import DOWN, RAMP, SETPOINT_DOWN, TILT, TickArrays
 from vehicle_sim.control.setpoints import ControlLevel
 from vehicle_sim.external_modes.registry import is_external
@@ -44,25 +44,26 @@ class Autopilot:
     def __init__(self, view: VehicleView, arrays: TickArrays) -> None:
         self.view, self.row = view, view.row
         self.announcer = Announcer(view.time_boot_ms)
-        self._row = SetpointRow(view)
+        self._setpoints = SetpointWriter(view)
         self.home = Home()
         self.offboard = Offboard(view, self.announcer)
         self.plans = Plans()
         self.own_commands = OwnCommands()
         self.navigator = Navigator(
-            view, self.announcer, self._row, self.home, self.plans, self.own_commands, arrays
+            view, self.announcer, self._setpoints, self.home, self.plans, self.own_commands, arrays
         )
         self.sticks = Sticks(view)
         self.commander = Commander(
-            view, self.announcer, self._row, self.navigator, self.offboard, self.own_commands, self.sticks
-        )
-        self._manual = Manual(view, self._row, self.sticks, self.home)
+            view, self.announcer, self._setpoints, self.navigator, self.offboard, self.own_commands,
+            self.sticks,
+        )  # fmt: skip
+        self._stick_tasks = StickTasks(view, self._setpoints, self.sticks, self.home)
         self.takeoff = TakeoffRamp(float_view(arrays.motion[view.row, RAMP:]))
         self.land_detector = LandDetector(arrays.detector[view.row], arrays.detector_limits[view.row])
         self.gimbal = Gimbal(view, lambda: self.waypoint)
         self._control_mode = ControlMode()
-        self._goto = GotoControl(view, self._row)
-        # Memory views, because NumPy takes three times as long; `_thrusts` contains all vehicles.
+        self._goto = GotoControl(view, self._setpoints)
+        # Memory views, because NumPy takes three times as long; the last two contain all vehicles.
         self._motion = float_view(arrays.motion[view.row])
         self._thrusts = float_view(view.simulation.target.thrust)
         self._hover_thrusts = float_view(view.simulation.target.hover_thrust)
@@ -86,9 +87,9 @@ class Autopilot:
 
     def update_after_detection(self) -> None:
         """Runs the part of a tick after the land detector."""
-        self._row.set_in_air(not self.land_detector.landed)
+        self._setpoints.set_in_air(not self.land_detector.landed)
         self.commander.update(landed=self.land_detector.landed)
-        self._fly()
+        self._run_flight_tasks()
 
     def update_steady(self) -> bool:
         """Runs a tick of a steady flight, in which `SteadyTicks` computes land detector and trajectory.
@@ -100,12 +101,12 @@ class Autopilot:
             if self.commander.active is NavState.OFFBOARD:
                 self._publish_level()
                 self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
-                self._steer_offboard()
+                self._write_offboard_setpoint()
             if not self.gimbal.at_rest:
                 self.gimbal.update(TICK_S)
             self.ran_full_tick = False
             return True
-        self._fly()
+        self._run_flight_tasks()
         return False
 
     def stays_steady(self) -> bool:
@@ -131,9 +132,9 @@ class Autopilot:
         overridden = self._goto.goal or self.offboard.has_topics or self.sticks.moved
         if overridden or commander.external.has_modes or not commander.settled:
             return None
-        if is_grounded(self.takeoff, detector):
+        if is_on_ground_or_ramping(self.takeoff, detector):
             return ground_task(self.view, commander, self.navigator, self.takeoff, detector)
-        if not commander.flew:
+        if not commander.took_off:
             return None
         if commander.active is NavState.OFFBOARD:
             levels = {self.offboard.level, self._control_mode.level}
@@ -150,10 +151,10 @@ class Autopilot:
             self.navigator.commanded_state(active),
         )  # fmt: skip
 
-    def _fly(self) -> None:
-        self._ramp()
-        self._steer()
-        self._fly_goto()
+    def _run_flight_tasks(self) -> None:
+        self._update_takeoff()
+        self._write_setpoints()
+        self._run_goto()
         self.gimbal.update(TICK_S)
 
     @property
@@ -183,21 +184,21 @@ class Autopilot:
         return float(lat), float(lon), waypoint[2]
 
     @property
-    def flies_attitude(self) -> bool:
-        """Whether the current setpoint is an attitude of SET_ATTITUDE_TARGET."""
+    def has_attitude_setpoint(self) -> bool:
+        """Whether Offboard is active and the newest setpoint is an attitude (SET_ATTITUDE_TARGET)."""
         commander, offboard = self.commander, self.offboard
         is_attitude = offboard.setpoint.kind is SetpointKind.ATTITUDE or offboard.invalid_attitude is not None
         return commander.armed and commander.active is NavState.OFFBOARD and is_attitude
 
     def _detect_landing(self) -> None:
-        estimate, i, direct = self.view.estimate, self.view.row, self._row.below_trajectory
-        thrust = self._thrusts[i] if self.takeoff.may_thrust or direct else 0.0
+        estimate, i, direct = self.view.estimate, self.view.row, self._setpoints.below_trajectory
+        thrust = self._thrusts[i] if self.takeoff.ramp_started or direct else 0.0
         estimates_hover = self.takeoff.flying and not direct and self.view.choice("MPC_USE_HTE") != 0
         # An unknown horizontal velocity does not prevent the detection of a landing.
         vn, ve, vd = estimate.velocity_ned_m_s
         previous_down_m, down_m = self._motion[DOWN], estimate.position_ned_m[2]
         self._motion[DOWN] = down_m
-        motion = Motion(
+        inputs = DetectorInputs(
             self.commander.armed,
             thrust,
             self._hover_thrusts[i],
@@ -210,7 +211,7 @@ class Autopilot:
             not direct,
             self._motion[SETPOINT_DOWN],
         )
-        self.land_detector.update(self.view.time_s, motion, self._limits())
+        self.land_detector.update(self.view.time_s, inputs, self._limits())
 
     def _limits(self) -> LandingThresholds:
         if self._landing_limits is None:
@@ -233,12 +234,12 @@ class Autopilot:
             self.announcer.text(6, "Pilot took over using sticks\t")
             commander.set_mode(NavState.POSITION)
 
-    def _ramp(self) -> None:
+    def _update_takeoff(self) -> None:
         if self.takeoff.flying and self.commander.armed and not self.land_detector.landed:
             return
         parameter, active = self.view.parameter, self.commander.active
         if self._flies_by_sticks:
-            climbs = self._manual.wants_to_climb()
+            climbs = self._stick_tasks.wants_to_climb()
         elif self.follows_external_setpoints:
             climbs = self.offboard.wants_to_climb(self.view.estimate.position_ned_m[2])
         else:
@@ -255,15 +256,15 @@ class Autopilot:
             velocity_gain=parameter("MPC_Z_VEL_P_ACC"),
         )
 
-    def _steer(self) -> None:
+    def _write_setpoints(self) -> None:
         commander, takeoff = self.commander, self.takeoff
         if not commander.armed or commander.active is NavState.TERMINATION:
-            self._row.idle()
+            self._setpoints.disable_controllers()
             return
         uses_external, level = self.follows_external_setpoints, self._publish_level()
         direct = uses_external and level is not ControlLevel.TRAJECTORY
-        on_ground = not takeoff.may_thrust or (takeoff.flying and self.land_detector.ground_contact)
-        self._row.set_limits(
+        on_ground = not takeoff.ramp_started or (takeoff.flying and self.land_detector.ground_contact)
+        self._setpoints.set_limits(
             ramping=takeoff.state is TakeoffState.RAMPUP,
             landed=self.land_detector.landed or on_ground,
             climb_limit_m_s=takeoff.climb_limit_m_s,
@@ -273,27 +274,27 @@ class Autopilot:
         )
         if uses_external:
             self._motion[SETPOINT_DOWN] = self.offboard.setpoint.velocity_ned_m_s[2]
-        if self._flies_by_sticks and commander.active in DIRECT_MODES:
-            self._manual.run(commander.active)
+        if self._flies_by_sticks and commander.active in ATTITUDE_RATE_MODES:
+            self._stick_tasks.run(commander.active)
         elif direct:
             if self.offboard.level is not ControlLevel.TRAJECTORY:
-                self._steer_offboard()
+                self._write_offboard_setpoint()
         elif on_ground:
             # PX4 presses the vehicle down before the take-off ramp and after ground contact.
-            self._row.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
+            self._setpoints.trajectory(acceleration_ned_m_s2=(0.0, 0.0, 100.0))
         elif self._flies_by_sticks:
-            self._manual.run(commander.active)
-            self._motion[SETPOINT_DOWN] = self._row.setpoint_down_m_s
+            self._stick_tasks.run(commander.active)
+            self._motion[SETPOINT_DOWN] = self._setpoints.setpoint_down_m_s
         elif uses_external:
             if self.offboard.level is ControlLevel.TRAJECTORY:
-                self._steer_offboard()
-        elif not self._manual.stop_until_input(commander.active):
+                self._write_offboard_setpoint()
+        elif not self._stick_tasks.stop_until_input(commander.active):
             self.navigator.run(commander.active)
-            self._motion[SETPOINT_DOWN] = self._row.setpoint_down_m_s
+            self._motion[SETPOINT_DOWN] = self._setpoints.setpoint_down_m_s
             return
         if not uses_external:
-            # keep the trajectory at the vehicle while the vehicle cannot follow
-            self.navigator.path.idle()
+            # The vehicle does not follow the trajectory, so the trajectory stays at the vehicle.
+            self.navigator.path.stay_at_vehicle()
 
     def _publish_level(self) -> ControlLevel:
         commander = self.commander
@@ -301,15 +302,15 @@ class Autopilot:
         return self._control_mode.update(self.view.time_s, self.offboard.level, key)
 
     def _descent_limit_m_s(self) -> float:
-        """Maximum descent speed: in automatic modes faster than the trajectory, so that the vehicle can catch
-        up; NaN: no limit here."""
+        """Maximum descent speed: in automatic modes faster than the trajectory, so that a vehicle that lags
+        reaches the trajectory again; NaN: the controllers use MPC_Z_VEL_MAX_DN."""
         if self.commander.active not in MODES_WITH_WAYPOINT:
             return math.nan
         parameter = self.view.parameter
         return max(parameter("MPC_Z_VEL_MAX_DN"), AUTO_DESCENT_MARGIN * parameter("MPC_Z_V_AUTO_DN"))
 
-    def take_setpoint(self, setpoint: Setpoint) -> None:
-        """Applies a setpoint of PX4's internal topics in any mode: the controllers use the newest setpoint.
+    def apply_topic_setpoint(self, setpoint: Setpoint) -> None:
+        """Applies a setpoint of a uORB topic in any mode: the controllers use the newest setpoint.
 
         A mode with its own setpoints overwrites this setpoint within a tick; motors, thrust and torque within
         4 ms. In PX4 a mode runs directly before the position controller, so a trajectory setpoint that is
@@ -322,21 +323,21 @@ class Autopilot:
         uses_external = self.follows_external_setpoints
         if uses_external and level is self._control_mode.level and level is self.offboard.level:
             if level is not ControlLevel.TRAJECTORY:
-                self._steer_offboard()
+                self._write_offboard_setpoint()
         elif setpoint.kind in (SetpointKind.ATTITUDE, SetpointKind.RATES):
-            self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+            self._setpoints.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
         elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
-            self._row.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
-        elif not (uses_external or self._row.below_trajectory) and self.view.simulation.setpoints_applied:
+            self._setpoints.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
+        elif not (uses_external or self._setpoints.below_trajectory) and self.view.simulation.setpoints_applied:
             self._write_trajectory(setpoint)
 
-    def take_goto(self, goto: Goto) -> None:
+    def receive_goto(self, goto: Goto) -> None:
         """Handles GotoSetpoint, which overrides every mode that controls the position."""
         self._goto.receive(goto)
 
-    def _fly_goto(self) -> None:
+    def _run_goto(self) -> None:
         flying = self.commander.armed and self.takeoff.flying and not self.commander.terminated
-        if flying and not self._row.below_trajectory:
+        if flying and not self._setpoints.below_trajectory:
             self._goto.fly()
 
     def _tilt_limit_rad(self) -> float:
@@ -353,41 +354,40 @@ class Autopilot:
         return self._motion[TILT] if self._motion[TILT] < high else math.nan
 
     def _apply_immediately(self) -> None:
-        """Applies a new attitude, rate or motor setpoint at once, even while the position controller is
-        still active."""
+        """Applies an attitude, rate or motor setpoint at once, even if the position controller is active."""
         commander, setpoint = self.commander, self.offboard.setpoint
         if commander.active is not NavState.OFFBOARD or not commander.armed:
             return
         if self._control_mode.level is not ControlLevel.TRAJECTORY:
-            self._steer_offboard()
+            self._write_offboard_setpoint()
         elif setpoint.kind in (SetpointKind.ATTITUDE, SetpointKind.RATES) and self.takeoff.flying:
-            self._row.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
+            self._setpoints.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
 
-    def _steer_offboard(self) -> None:
+    def _write_offboard_setpoint(self) -> None:
         setpoint = self.offboard.setpoint
         if self.offboard.invalid:
             self.navigator.descend()
         elif self.offboard.awaits_setpoint:
             self._keep_outputs()
         elif setpoint.kind is SetpointKind.ATTITUDE and setpoint.q_ned_frd is not None:
-            self._row.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
+            self._setpoints.attitude(setpoint.q_ned_frd, setpoint.thrust, setpoint.yaw_rate_ned_rad_s)
         elif setpoint.kind is SetpointKind.RATES:
-            self._row.rates(setpoint.rates_frd_rad_s, setpoint.thrust)
+            self._setpoints.rates(setpoint.rates_frd_rad_s, setpoint.thrust)
         elif setpoint.kind is SetpointKind.THRUST_TORQUE:
-            self._row.thrust_torque(setpoint.thrust, setpoint.torque_frd)
+            self._setpoints.thrust_torque(setpoint.thrust, setpoint.torque_frd)
         elif setpoint.kind is SetpointKind.ACTUATORS:
-            self._row.motors(setpoint.motors)
+            self._setpoints.motors(setpoint.motors)
         else:
             self._write_trajectory(setpoint)
 
     def _keep_outputs(self) -> None:
         """Keeps the last outputs of the outer controllers until a setpoint of this level is received."""
         if self.offboard.level is ControlLevel.MOTORS:
-            self._row.freeze_motors()
+            self._setpoints.freeze_motors()
 
     def _write_trajectory(self, setpoint: Setpoint) -> None:
         if setpoint.is_complete:
-            self._row.trajectory(
+            self._setpoints.trajectory(
                 setpoint.position_ned_m,
                 setpoint.velocity_ned_m_s,
                 setpoint.acceleration_ned_m_s2,
@@ -395,4 +395,4 @@ class Autopilot:
                 setpoint.yaw_rate_ned_rad_s,
             )
         else:
-            self._row.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))
+            self._setpoints.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))

@@ -14,7 +14,7 @@ from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import NO_FAILSAFE
 from vehicle_sim.autopilot.failsafe_watch import FailsafeWatch
 from vehicle_sim.autopilot.fence_watch import FenceWatch
-from vehicle_sim.autopilot.row import bool_view
+from vehicle_sim.autopilot.setpoint_writer import bool_view
 from vehicle_sim.vehicle_view import VehicleView
 
 

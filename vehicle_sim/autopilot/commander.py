@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vehicle_sim.autopilot import health
 from vehicle_sim.autopilot.announcer import Announcer
-from vehicle_sim.autopilot.arming import REASONS, FlightCount, Reason, arming_denial, auto_disarm_after_s
+from vehicle_sim.autopilot.arming import REASONS, FlightStatistics, Reason, arming_denial, auto_disarm_after_s
 from vehicle_sim.autopilot.check_skipper import CheckSkipper
 from vehicle_sim.autopilot.checks import Checks
 from vehicle_sim.autopilot.failsafe import ACTION_MODES, Action, Decision
@@ -16,7 +16,7 @@ from vehicle_sim.autopilot.monitors import Monitors
 from vehicle_sim.autopilot.navigator import Navigator
 from vehicle_sim.autopilot.offboard import Offboard
 from vehicle_sim.autopilot.own_commands import PARACHUTE, RETURN, SET_HOME, OwnCommands
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.autopilot.sticks import Sticks
 from vehicle_sim.external_modes.registry import ExternalModes, is_external
 from vehicle_sim.home import HomeUpdater
@@ -33,7 +33,7 @@ class Commander:
         self,
         view: VehicleView,
         announcer: Announcer,
-        row: SetpointRow,
+        setpoints: SetpointWriter,
         navigator: Navigator,
         offboard: Offboard,
         commands: OwnCommands,
@@ -41,9 +41,9 @@ class Commander:
     ) -> None:
         self._view = view
         self._sticks = sticks
-        self._flights = FlightCount(view)
+        self._flight_statistics = FlightStatistics(view)
         self._announcer = announcer
-        self._row = row
+        self._setpoints = setpoints
         self._navigator = navigator
         self.offboard = offboard
         self.home = HomeUpdater(view, navigator.home)
@@ -53,7 +53,7 @@ class Commander:
         self.armed = False
         self.intended = self.active = NavState.HOLD
         self._selected = NavState.HOLD
-        """The selected mode, which `active` equals unless an external mode replaces it."""
+        """The mode that a command or a failsafe has selected; an external mode can replace it in `active`."""
         self.landed = True
         self.terminated = self.calibrating = False
         self._mode_was_chosen = False
@@ -69,7 +69,7 @@ class Commander:
         """The last requested mode that allows arming; restored at disarming."""
         self.armed_at_s = 0.0
         self.landed_at_s = 0.0
-        self.flew = False
+        self.took_off = False
         self._ticks = 0
         self._checked_state: tuple[object, ...] = ()
         """The commander's state at the last check."""
@@ -87,9 +87,9 @@ class Commander:
             return False
         self.armed = True
         self.armed_at_s = self._view.time_s
-        self.flew = False
+        self.took_off = False
         self.failsafe_watch.reset()
-        self._row.set_armed(True)
+        self._setpoints.set_armed(True)
         self.home.on_arming_or_takeoff()
         self._announcer.announce(6, f"Armed by {REASONS[reason]}", "commander_armed_by", "B", reason)
         self._navigator.enter(self.active, self.active, in_air=False)
@@ -103,11 +103,11 @@ class Commander:
             self._announcer.announce(2, "Disarming denied: not landed", "commander_disarm_denied_not_landed")
             return False
         self.armed = False
-        self._row.set_armed(False)
-        self._row.idle()
+        self._setpoints.set_armed(False)
+        self._setpoints.disable_controllers()
         self._announcer.announce(6, f"Disarmed by {REASONS[reason]}", "commander_disarmed_by", "B", reason)
         self.failsafe_watch.reset()
-        self._flights.on_disarming()
+        self._flight_statistics.on_disarming()
         self.intended = self._mode_after_disarming
         self._activate(self.intended)
         return True
@@ -296,8 +296,8 @@ class Commander:
             if self.armed:
                 self._announcer.announce(6, "Landing detected", "commander_landing_detected")
         elif self.armed:
-            self.flew = True
-            self._flights.on_takeoff()
+            self.took_off = True
+            self._flight_statistics.on_takeoff()
             self._announcer.announce(6, "Takeoff detected", "commander_takeoff_detected")
             self.home.on_arming_or_takeoff()
 
@@ -315,12 +315,12 @@ class Commander:
         if self.terminated or not self.armed:
             return
         externally_commanded = self.intended is NavState.OFFBOARD or is_external(self.intended)
-        grounded = self.landed and not self.flew and not externally_commanded
+        may_act = not self.landed or self.took_off or externally_commanded
         before = self.failsafe
         decision = self.failsafe_watch.update(
             self.intended,
             armed_for_s=self._view.time_s - self.armed_at_s,
-            may_act=not grounded or self.monitors.attitude_failure,
+            may_act=may_act or self.monitors.attitude_failure,
             overrides=self.external.overrides(self.active),
         )
         if decision is before or decision == before:
@@ -380,15 +380,15 @@ class Commander:
         if self.external.overrides(self.active).disable_auto_disarm:
             self.landed_at_s = now_s
             return
-        if self.flew and self.active is NavState.MISSION and not self._navigator.mission.finished:
+        if self.took_off and self.active is NavState.MISSION and not self._navigator.mission.finished:
             return
-        since_s = self.landed_at_s if self.flew else self.armed_at_s
-        if now_s - since_s >= auto_disarm_after_s(self._view, flew=self.flew):
-            self.disarm(Reason.LANDING if self.flew else Reason.PREFLIGHT)
+        since_s = self.landed_at_s if self.took_off else self.armed_at_s
+        if now_s - since_s >= auto_disarm_after_s(self._view, took_off=self.took_off):
+            self.disarm(Reason.LANDING if self.took_off else Reason.PREFLIGHT)
 
     def landed_state(self) -> LandedState:
         """MAV_LANDED_STATE as EXTENDED_SYS_STATE reports it."""
-        return LandedState.ON_GROUND if self.landed else self._navigator.state_in_air(self.active)
+        return LandedState.ON_GROUND if self.landed else self._navigator.landed_state_in_air(self.active)
 
     def custom_mode(self) -> int:
         """HEARTBEAT.custom_mode."""

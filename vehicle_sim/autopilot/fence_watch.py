@@ -35,13 +35,13 @@ class FenceWatch:
         return self._view.parameter("GF_MAX_HOR_DIST"), self._view.parameter("GF_MAX_VER_DIST")
 
     @property
-    def active(self) -> bool:
+    def enabled(self) -> bool:
         """Whether GF_ACTION is not 0 (none)."""
         return self._view.choice("GF_ACTION") != 0
 
     def allows(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> bool:
-        """Whether the fence allows a position as the target of a command."""
-        return not self.active or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
+        """Whether a command may have this position as its target."""
+        return not self.enabled or not breaches(self.zones, self.cylinder(), lat_deg, lon_deg, alt_amsl_m)
 
     def update(self) -> None:
         """Reads a changed fence, and checks the position; call at each tick."""
@@ -59,7 +59,7 @@ class FenceWatch:
         self.checked_at_s, estimate = now_s, self._view.estimate
         if not estimate.valid_position or not math.isfinite(estimate.lat_deg):
             return
-        if not self.active or not (self.zones or any(self.limits())):
+        if not self.enabled or not (self.zones or any(self.limits())):
             self.breached = frozenset()
             return
         lat, lon, alt = self._position_to_check()

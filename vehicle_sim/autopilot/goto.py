@@ -1,4 +1,4 @@
-"""GotoSetpoint: smooth flight to a position in any mode, as PX4's position controller flies it."""
+"""GotoSetpoint: smooth flight to a position in any mode, as PX4's position controller does."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ import math
 from dataclasses import dataclass
 
 from vehicle_sim.autopilot.path import Path
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
 EXPIRES_S = 0.5
-"""The flight to the position ends this long after the last message."""
+"""The goto ends this long after the last message."""
 
 
 @dataclass(frozen=True, slots=True)
 class Goto:
-    """One message; NaN: the heading is not changed, or the speed of the parameters is used."""
+    """One message. NaN heading: the heading does not change; NaN speed: the limit of the parameters."""
 
     position_ned_m: Vector
     heading_ned_rad: float = math.nan
-    horizontal_m_s: float = math.nan
-    vertical_m_s: float = math.nan
+    max_horizontal_m_s: float = math.nan
+    max_vertical_m_s: float = math.nan
 
 
 class GotoControl:
     """Flies one vehicle to the position of the newest message."""
 
-    def __init__(self, view: VehicleView, row: SetpointRow) -> None:
+    def __init__(self, view: VehicleView, setpoints: SetpointWriter) -> None:
         self._view = view
-        self._path = Path(view, row)
+        self._path = Path(view, setpoints)
         self.goal: Goto | None = None
         """The newest message; None: no message, or the last one has expired."""
         self._received_at_s = -math.inf
-        self._flies = False
+        self._active = False
 
     def receive(self, goal: Goto) -> None:
         """Stores a message; a message without a position is ignored."""
@@ -45,16 +45,16 @@ class GotoControl:
         if goal is None:
             return
         if self._view.time_s - self._received_at_s > EXPIRES_S:
-            self.goal, self._flies = None, False
+            self.goal, self._active = None, False
             return
         path = self._path
-        if not self._flies:
+        if not self._active:
             path.restart(in_air=True)
-            self._flies = True
+            self._active = True
         path.follow_resets()
         path.target_ned_m = goal.position_ned_m
-        path.cruise_m_s = goal.horizontal_m_s
-        path.climb_m_s = path.descent_m_s = goal.vertical_m_s
+        path.cruise_m_s = goal.max_horizontal_m_s
+        path.climb_m_s = path.descent_m_s = goal.max_vertical_m_s
         if math.isfinite(goal.heading_ned_rad):
             path.yaw_target_rad = goal.heading_ned_rad
         path.fly_to_target()

@@ -30,7 +30,7 @@ class LandedState(IntEnum):
 
 
 LOW_THRUST = 0.3
-"""Low thrust is below this fraction between minimum and hover thrust (MPC_THR_HOVER)."""
+"""Limit of low thrust, as a fraction between minimum thrust and hover thrust (MPC_THR_HOVER)."""
 LOW_THRUST_KNOWN_HOVER = 0.6
 """The same fraction if the hover thrust is estimated."""
 MINIMUM_THRUST = 0.1
@@ -44,8 +44,8 @@ NO_HEIGHT_S = 8.0
 """Without an altitude estimate, minimum thrust for this long counts as a landing."""
 
 
-class Motion(NamedTuple):
-    """Inputs of the detector."""
+class DetectorInputs(NamedTuple):
+    """Inputs of the land detector."""
 
     armed: bool
     thrust: float
@@ -55,7 +55,7 @@ class Motion(NamedTuple):
     """Whether the hover thrust is estimated."""
     velocity_ned_m_s: tuple[float, float, float]
     down_by_position_m_s: float
-    """Vertical velocity as the change of the position; noisier, but without the bias of the velocity
+    """Derivative of the estimated position (PX4's z_deriv): noisier, but without the bias of the velocity
     estimate."""
     vertical_known: bool
     rates_frd_rad_s: tuple[float, float, float]
@@ -139,7 +139,7 @@ class LandDetector:
         numbers = self._numbers
         return numbers[CONTACT] + 2.0 * numbers[MAYBE] + 4.0 * numbers[LANDED]
 
-    def update(self, now_s: float, motion: Motion, limits: LandingThresholds) -> None:
+    def update(self, now_s: float, inputs: DetectorInputs, limits: LandingThresholds) -> None:
         """Updates the state; call at 50 Hz."""
         if limits is not self._limits:
             self._limits = limits
@@ -147,13 +147,13 @@ class LandDetector:
                 limits.climb_max_m_s, limits.horizontal_max_m_s, limits.rotation_max_rad_s, limits.trigger_s,
                 limits.thrust_min, limits.manual_thrust_min,
             )  # fmt: skip
-        vn, ve, vd = motion.velocity_ned_m_s
-        roll_rate, pitch_rate, _ = motion.rates_frd_rad_s
+        vn, ve, vd = inputs.velocity_ned_m_s
+        roll_rate, pitch_rate, _ = inputs.rates_frd_rad_s
         detect(
-            self._state, self._limit_numbers, now_s, motion.armed, motion.thrust, motion.hover_thrust,
-            motion.hover_thrust_known, vn, ve, vd, motion.down_by_position_m_s, motion.vertical_known,
-            roll_rate, pitch_rate, motion.height_above_ground_m, motion.climb_rate_controlled,
-            motion.setpoint_down_m_s,
+            self._state, self._limit_numbers, now_s, inputs.armed, inputs.thrust, inputs.hover_thrust,
+            inputs.hover_thrust_known, vn, ve, vd, inputs.down_by_position_m_s, inputs.vertical_known,
+            roll_rate, pitch_rate, inputs.height_above_ground_m, inputs.climb_rate_controlled,
+            inputs.setpoint_down_m_s,
         )  # fmt: skip
 
 
@@ -185,7 +185,7 @@ def detect(
     hover_known: bool, vn: float, ve: float, vd: float, down_by_position: float, vertical_known: bool,
     roll_rate: float, pitch_rate: float, height_m: float, climb_rate_controlled: bool, setpoint_down: float,
 ) -> None:  # fmt: skip
-    """One tick of one vehicle's detector; the arguments are those of `Motion`."""
+    """One tick of one vehicle's detector; the arguments are those of `DetectorInputs`."""
     unseen = math.isnan(height_m)
     if not unseen:
         state[_SEES_GROUND] = 1.0
@@ -193,10 +193,10 @@ def detect(
     stage_s = limits[_TRIGGER] / 3.0 * factor
     slack = LANDED_SLACK if state[LANDED] != 0.0 else 1.0
 
-    slowest = min(abs(vd), abs(down_by_position))
+    vertical_m_s = min(abs(vd), abs(down_by_position))
     moves = (
         not vertical_known
-        or slowest >= limits[_CLIMB_MAX] * slack
+        or vertical_m_s >= limits[_CLIMB_MAX] * slack
         or math.hypot(vn, ve) > limits[_HORIZONTAL_MAX]
     )
     fraction = LOW_THRUST_KNOWN_HOVER if hover_known else LOW_THRUST
@@ -211,10 +211,10 @@ def detect(
     min_thrust = limits[_MANUAL_THRUST_MIN] + 0.01
     if climb_rate_controlled:
         min_thrust = _thrust_level(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
-    idle = thrust <= min_thrust
+    at_min_thrust = thrust <= min_thrust
     if armed:
-        _debounce(state, _AT_MIN_THRUST, now_s, idle, NO_HEIGHT_S)
+        _debounce(state, _AT_MIN_THRUST, now_s, at_min_thrust, NO_HEIGHT_S)
     rotates = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * slack
     supported = state[CONTACT] != 0.0 if vertical_known else state[_AT_MIN_THRUST] != 0.0
-    _debounce(state, MAYBE, now_s, not armed or (idle and not rotates and supported), stage_s)
+    _debounce(state, MAYBE, now_s, not armed or (at_min_thrust and not rotates and supported), stage_s)
     _debounce(state, LANDED, now_s, not armed or state[MAYBE] != 0.0, stage_s)

@@ -1,7 +1,7 @@
 """Monitors of the commander in flight: wind, flight time and attitude.
 
-Only the attitude shows a stopped motor. PX4 can also detect failed motors by reports of the speed controllers
-(FD_ACT_EN), but neither the simulated nor the recorded vehicle has such reports.
+A stopped motor is detected only by the attitude failure that it causes. PX4 can also detect it by ESC
+telemetry (FD_ACT_EN), but neither the simulated nor the recorded vehicle has ESC telemetry.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from vehicle_sim.frames import rotation_matrix
 from vehicle_sim.vehicle_view import VehicleView
 
 TERMINATION_DISABLED = 121212
-"""CBRK_FLIGHTTERM's key."""
+"""Value of CBRK_FLIGHTTERM that disables flight termination."""
 EARLY_TAKEOFF_S = 3.0
+"""Default of COM_LKDOWN_TKO: within this time after spool-up, an attitude failure disarms the vehicle."""
 WIND_TIME_CONSTANT_S = 4.0
 WIND_WARNING_EVERY_S = 60.0
 AIR_DENSITY_KG_M3 = 1.225

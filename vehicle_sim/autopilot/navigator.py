@@ -1,4 +1,4 @@
-"""Runs the flight task of the active mode; flies to the targets of go-to commands itself."""
+"""Runs the flight task of the active mode, and flies to the targets of DO_REPOSITION."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.fence_watch import FenceWatch
 from vehicle_sim.autopilot.land_detector import LandedState
-from vehicle_sim.autopilot.mission.executor import Mission
+from vehicle_sim.autopilot.mission.mission import Mission
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.own_commands import CHANGE_SPEED, OwnCommands
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.plans import Plans
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.autopilot.steady_task import SteadyTask
 from vehicle_sim.autopilot.tasks.climb import Climb
 from vehicle_sim.autopilot.tasks.descent import Descent
@@ -43,7 +43,7 @@ class Navigator:
         self,
         view: VehicleView,
         announcer: Announcer,
-        row: SetpointRow,
+        setpoints: SetpointWriter,
         home: Home,
         plans: Plans,
         commands: OwnCommands,
@@ -51,15 +51,15 @@ class Navigator:
     ) -> None:
         self._view = view
         self._announcer = announcer
-        self._row = row
+        self._setpoints = setpoints
         self._commands = commands
         self.home = home
-        self.path = Path(view, row, arrays)
+        self.path = Path(view, setpoints, arrays)
         self._climb = Climb(view, announcer, self.path, home)
         self._descent = Descent(view, self.path)
         self._return = ReturnHome(view, announcer, self.path, home, self._descent, plans, commands)
-        self._orbit = Orbit(view, announcer, self.path, row)
-        self.follow = Follow(view, self.path, row, home)
+        self._orbit = Orbit(view, announcer, self.path, setpoints)
+        self.follow = Follow(view, self.path, setpoints, home)
         self.fence = FenceWatch(view, announcer, home, plans)
         self.mission = Mission(
             view, announcer, self.path, home, plans, self.fence, commands, self._climb, self._descent
@@ -88,7 +88,7 @@ class Navigator:
         """Handles DO_REPOSITION. NaN position: the position of the current target; NaN altitude: the current
         one.
 
-        With only NaN the vehicle stops.
+        If all values are NaN, the vehicle stops.
         """
         if not (is_position(lat_deg, lon_deg) or math.isfinite(alt_amsl_m) or math.isfinite(yaw_ned_rad)):
             self.stop_at(math.nan)
@@ -179,7 +179,7 @@ class Navigator:
         return (north + vn * ahead_s, east + ve * ahead_s, down)
 
     def waypoint(self, mode: NavState) -> tuple[float, float, float] | None:
-        """Target of the mode: north, east [m] and altitude AMSL [m]; None: no target.
+        """Target of the mode: north and east [m, local frame], altitude AMSL [m]; None: no target.
 
         A landing at the current position has the altitude 0, as in PX4.
         """
@@ -200,7 +200,7 @@ class Navigator:
         """Whether a return descends to land at its destination."""
         return self._return.landing
 
-    def state_in_air(self, mode: NavState) -> LandedState:
+    def landed_state_in_air(self, mode: NavState) -> LandedState:
         """MAV_LANDED_STATE of a vehicle in the air."""
         if mode is NavState.TAKEOFF or (mode is NavState.MISSION and self.mission.taking_off):
             return LandedState.TAKEOFF
@@ -277,9 +277,9 @@ class Navigator:
         return self.path.commanded_state()
 
     def descend(self) -> None:
-        """Descends level at landing speed; for modes that need sticks or a position that is missing."""
+        """Descends with level attitude at MPC_LAND_SPEED; for modes that lack stick input or a position."""
         speed = self._view.parameter("MPC_LAND_SPEED")
-        self._row.trajectory(
+        self._setpoints.trajectory(
             velocity_ned_m_s=(math.nan, math.nan, speed),
             acceleration_ned_m_s2=(0.0, 0.0, math.nan),
             yaw_ned_rad=self.path.yaw_target_rad,

@@ -19,7 +19,7 @@ class OwnCommand:
     number: int
     parameters: tuple[float, ...]
     repeated: bool
-    """Whether the command is sent again until it is acknowledged; nothing acknowledges it."""
+    """Whether PX4 repeats the command until it is acknowledged; the simulator never acknowledges it."""
 
 
 class OwnCommands:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from vehicle_sim.autopilot.announcer import Announcer
@@ -60,7 +61,7 @@ class ParameterLimits:
                 self._report(limit.text, limit.event, highest)
         low, high = value("MPC_THR_MIN"), value("MPC_THR_MAX")
         hover = value("MPC_THR_HOVER")
-        if low <= high and not low <= hover <= high and hover == hover:
+        if low <= high and not low <= hover <= high and not math.isnan(hover):
             limited = max(low, min(high, hover))
             self._parameters.set("MPC_THR_HOVER", limited)
             self._report(

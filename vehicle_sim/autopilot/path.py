@@ -8,11 +8,11 @@ from __future__ import annotations
 import math
 
 from vehicle_sim.autopilot.resets import EstimateResets
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.autopilot.smoothing import Smoothing, SpeedLimits, WaypointTriplet
 from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
 from vehicle_sim.autopilot.tick_arrays import TickArrays
-from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, fly
+from vehicle_sim.autopilot.trajectory import ACCELERATION, POSITION, VELOCITY, YawRamp, advance_axis
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.vehicle_view import Vector, VehicleView
 
@@ -32,15 +32,17 @@ class Path:
 
     Args:
         view: the vehicle.
-        row: receives the setpoints.
+        setpoints: receives the setpoints.
         arrays: arrays of all vehicles; None: new arrays for this vehicle alone.
     """
 
-    def __init__(self, view: VehicleView, row: SetpointRow, arrays: TickArrays | None = None) -> None:
+    def __init__(
+        self, view: VehicleView, setpoints: SetpointWriter, arrays: TickArrays | None = None
+    ) -> None:
         index = 0 if arrays is None else view.row
         arrays = arrays or TickArrays.for_count(1)
         self._view = view
-        self._row = row
+        self._setpoints = setpoints
         self._smoothing = Smoothing(
             view, arrays.axes[index], arrays.settings[index], arrays.triplet[index],
             arrays.before_turn_m_s[index],
@@ -50,7 +52,7 @@ class Path:
         self._triplet: WaypointTriplet | None = None
         """The waypoints to `target_ned_m`, starting at the vehicle's position when the target was set."""
         self.target_ned_m: tuple[float | None, float | None, float | None] = (None, None, None)
-        """None: not set yet; the vehicle stops first."""
+        """None: not set; the axis brakes, and its target is then the position where it stops."""
         self.face_target = False
         """Whether the nose points to the target while the target is farther away than NAV_ACC_RAD."""
         self.cruise_m_s = math.nan
@@ -60,7 +62,7 @@ class Path:
         self._resets = EstimateResets(view, arrays.last_heading_rad[index])
 
     def follow_resets(self) -> None:
-        """Shifts the trajectory by a reset of the estimate, so that the vehicle does not follow the jump."""
+        """Shifts the trajectory by a reset of the estimate, so that the reset does not move the vehicle."""
         reset = self._resets.take()
         if reset is None:
             return
@@ -86,7 +88,7 @@ class Path:
         self._smoothing.begin()
         self._resets.discard()
         self._triplet = None
-        last = self._row.last_trajectory() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
+        last = self._setpoints.last_trajectory() if continue_setpoint and in_air else ((math.nan,) * 3,) * 3
         for k, axis in enumerate((self.x, self.y, self.z)):
             position, velocity, acceleration = (vector[k] for vector in last)
             axis.reset(
@@ -100,8 +102,8 @@ class Path:
         self.face_target = False
         self.target_ned_m = (None, None, None)
 
-    def idle(self) -> None:
-        """Keeps the trajectory at the vehicle's position while the vehicle is on the ground."""
+    def stay_at_vehicle(self) -> None:
+        """Sets the trajectory to the vehicle's position; for vehicles on the ground and in stick modes."""
         x, y, z = self._view.estimate.position_ned_m
         self._resets.discard()
         self.x.reset(x)
@@ -150,7 +152,10 @@ class Path:
             self.face(north, east)
 
     def fly_to_target(self) -> None:
-        """Advances all axes by one tick towards the target; an axis without a target stops first."""
+        """Advances all axes by one tick towards the target.
+
+        An axis without a target brakes; its target is then the position where it stops.
+        """
         self._face_target()
         north, east, down = self.target_ned_m
         if north is not None and east is not None and down is not None:
@@ -204,7 +209,7 @@ class Path:
 
     def advance_vertical_speed(self, velocity_m_s: float, tick_s: float = TICK_S) -> None:
         """Advances the vertical axis by one tick towards a vertical speed (down is positive)."""
-        fly(self.z.row, tick_s)
+        advance_axis(self.z.row, tick_s)
         self._smoothing.plan_vertical(velocity_m_s)
 
     def turn(self) -> None:
@@ -253,7 +258,7 @@ class Path:
         self.turn()
         x, y, z = self.x.values, self.y.values, self.z.values
         yaw_rad = self.yaw.yaw_ned_rad if self._controls_heading else math.nan
-        self._row.trajectory(
+        self._setpoints.trajectory(
             (x[POSITION], y[POSITION], z[POSITION]),
             (x[VELOCITY], y[VELOCITY], z[VELOCITY]),
             (x[ACCELERATION], y[ACCELERATION], z[ACCELERATION]),

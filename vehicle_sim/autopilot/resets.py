@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from vehicle_sim.autopilot.row import float_view
+from vehicle_sim.autopilot.setpoint_writer import float_view
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.state import FloatArray
 from vehicle_sim.vehicle_view import VehicleView

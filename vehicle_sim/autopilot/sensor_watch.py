@@ -22,7 +22,7 @@ class SensorWatch:
         self._gnss_used = False
 
     def update(self, *, armed: bool) -> None:
-        """Updates the checks at each tick; GNSS is reported only while armed."""
+        """Call it before each arming check; the use of GNSS is reported only while armed."""
         view, i = self._view, self._view.row
         now_s, sensors = view.time_s, view.simulation.sensors
         for name, fresh, stale in (

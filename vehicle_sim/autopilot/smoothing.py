@@ -1,9 +1,9 @@
 """Speed and direction of the trajectory from waypoint to waypoint (PX4's position smoothing).
 
-The speed falls with the remaining distance, so that jerk and acceleration limits allow the stop or the corner
-speed. While the trajectory turns, it does not accelerate, and it aims at the line to the target instead of at
-the target. Altitude and horizontal position are reached together. If the vehicle lags, the trajectory's time
-runs more slowly.
+The speed decreases with the remaining distance, so that the vehicle can stop, or reach the corner speed,
+within the jerk and acceleration limits. While the trajectory turns, it does not accelerate, and its direction
+is to the L1 point on the line to the target instead of to the target. Altitude and horizontal position are
+reached together. If the vehicle lags, the trajectory's time is stretched.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vehicle_sim.autopilot.trajectory import (
     POSITION,
     VELOCITY,
     Axis,
-    fly,
+    advance_axis,
     max_speed_for_distance,
     plan,
     synchronise,
@@ -29,6 +29,7 @@ ALIGNED = 0.98
 TURNING_SPEED_M_S = 0.2
 L1_MIN_M = 5.0
 SLOW_M_S = 0.5
+"""Below this speed a component of the velocity is clipped without slowing the other component down."""
 SETTINGS = (
     "MPC_XY_CRUISE", "MPC_XY_VEL_MAX", "MPC_Z_V_AUTO_UP", "MPC_Z_V_AUTO_DN", "MPC_ACC_HOR", "MPC_ACC_UP_MAX",
     "MPC_ACC_DOWN_MAX", "MPC_JERK_AUTO", "MPC_XY_ERR_MAX", "MPC_XY_TRAJ_P", "NAV_MC_ALT_RAD",
@@ -160,9 +161,9 @@ class Smoothing:
 
 
 @formula
-def _time_factor(axes: Rows, settings: Column, x: float, y: float) -> float:
-    """Time factor of the trajectory, below 1 if the vehicle lags behind the trajectory; 1 if the vehicle is
-    ahead, because the trajectory would otherwise stop before its target."""
+def _time_stretch(axes: Rows, settings: Column, x: float, y: float) -> float:
+    """Factor on the trajectory's time: below 1 if the vehicle lags behind the trajectory. It is 1 if the
+    vehicle is ahead, because the trajectory would otherwise stop before its target."""
     behind_n, behind_e = axes[_X, POSITION] - x, axes[_Y, POSITION] - y
     if behind_n * axes[_X, VELOCITY] + behind_e * axes[_Y, VELOCITY] < 0.0:
         return 1.0
@@ -174,7 +175,8 @@ def _clamped(speed_m_s: float, limit_m_s: float) -> tuple[float, float]:
     """A component of the velocity within its limit, and the factor by which the other component must slow
     down.
 
-    Slow components are only clipped, so that a small altitude error does not slow the horizontal flight.
+    Components below SLOW_M_S are only clipped, so that a small altitude error does not slow the horizontal
+    flight.
     """
     if speed_m_s <= limit_m_s:
         return speed_m_s, 1.0
@@ -221,8 +223,8 @@ def _turning(axes: Rows, triplet: Column) -> bool:
 
 
 @formula
-def _aim_point(axes: Rows, triplet: Column) -> tuple[float, float]:
-    """Point to aim at while turning: on the line to the target, at the L1 radius from the trajectory.
+def _l1_point(axes: Rows, triplet: Column) -> tuple[float, float]:
+    """Direction point while turning: on the line to the target, at the L1 radius from the trajectory.
 
     Past the target, the point is the target itself.
     """
@@ -243,15 +245,15 @@ def _aim_point(axes: Rows, triplet: Column) -> tuple[float, float]:
 
 
 @formula
-def _horizontal_aim(
+def _speed_and_direction(
     axes: Rows, settings: Column, triplet: Column, before_turn_m_s: Column, cruise_m_s: float
 ) -> tuple[float, float, float]:
-    """The horizontal speed, and the distances north and east to the point to aim at."""
+    """The horizontal speed, and the distances north and east to the target or L1 point."""
     speed = _horizontal_speed(axes, settings, triplet, cruise_m_s)
     aim_n, aim_e = triplet[TARGET], triplet[TARGET + 1]
     if _turning(axes, triplet):
         speed = min(speed, before_turn_m_s[0])
-        aim_n, aim_e = _aim_point(axes, triplet)
+        aim_n, aim_e = _l1_point(axes, triplet)
     else:
         before_turn_m_s[0] = speed
     return speed, aim_n - axes[_X, POSITION], aim_e - axes[_Y, POSITION]
@@ -291,12 +293,12 @@ def fly_horizontal(
     has_triplet: bool, cruise_m_s: float,
 ) -> float:  # fmt: skip
     """Advances north and east by one tick; returns by how much the trajectory time advanced [s]."""
-    advanced_s = dt_s * _time_factor(axes, settings, x, y)
-    fly(axes[_X], advanced_s)
-    fly(axes[_Y], advanced_s)
+    advanced_s = dt_s * _time_stretch(axes, settings, x, y)
+    advance_axis(axes[_X], advanced_s)
+    advance_axis(axes[_Y], advanced_s)
     north = east = 0.0
     if has_triplet:
-        speed, dn, de = _horizontal_aim(axes, settings, triplet, before_turn_m_s, cruise_m_s)
+        speed, dn, de = _speed_and_direction(axes, settings, triplet, before_turn_m_s, cruise_m_s)
         length = math.hypot(dn, de)
         if length > 1e-6:
             north, east = speed * dn / length, speed * de / length
@@ -311,7 +313,7 @@ def _velocity_towards(
     climb_m_s: float, descent_m_s: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Velocity setpoint along the waypoints, NED."""
-    horizontal, dn, de = _horizontal_aim(axes, settings, triplet, before_turn_m_s, cruise_m_s)
+    horizontal, dn, de = _speed_and_direction(axes, settings, triplet, before_turn_m_s, cruise_m_s)
     dd = triplet[TARGET + 2] - axes[_Z, POSITION]
     vertical = _vertical_speed(settings, dd, climb_m_s, descent_m_s)
     flat, length = math.hypot(dn, de), math.sqrt(dn * dn + de * de + dd * dd)
@@ -330,9 +332,9 @@ def fly_triplet(
     cruise_m_s: float, climb_m_s: float, descent_m_s: float,
 ) -> None:  # fmt: skip
     """Advances all axes of one vehicle by one tick along its waypoints."""
-    advanced_s = dt_s * _time_factor(axes, settings, x, y)
+    advanced_s = dt_s * _time_stretch(axes, settings, x, y)
     for k in range(3):
-        fly(axes[k], advanced_s)
+        advance_axis(axes[k], advanced_s)
     north, east, down = _velocity_towards(
         axes, settings, triplet, before_turn_m_s, cruise_m_s, climb_m_s, descent_m_s
     )

@@ -1,10 +1,10 @@
 """Ticks of all autopilots; compiled loops run the ticks of vehicles in steady flight.
 
-Most ticks decide nothing: an armed vehicle climbs, descends, flies a leg, follows a stream of trajectory
-setpoints or is pressed to the ground; no failsafe acts, no command has arrived, and no item is finished.
-The compiled loops compute such ticks for all these vehicles together, with the same formulas and results as
-`Autopilot.update`. Geofence and the checks of the commander run at their own rates. A tick that may decide
-something runs in `Autopilot.update`.
+In most ticks the state of the autopilot does not change: an armed vehicle climbs, descends, flies a leg,
+follows trajectory setpoints or is pressed to the ground; no failsafe acts, no command is received, and no
+mission item ends. The compiled loops compute these "steady" ticks for all such vehicles together, with the
+same formulas and results as `Autopilot.update`. The geofence and the arming checks run at their own rates. A
+tick that may change the state runs in `Autopilot.update` (a "full" tick).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from vehicle_sim.autopilot.trajectory import (
     YAW,
     YAW_RATE,
     YAW_TARGET,
-    fly,
+    advance_axis,
     follow_heading,
     max_speed_for_distance,
     plan,
@@ -40,8 +40,8 @@ from vehicle_sim.simulation import Simulation
 from vehicle_sim.state import angles_of
 
 (
-    _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _TOWARDS_NORTH, _TOWARDS_EAST, _TOWARDS_MIN,
-    _ABOVE_AMSL, _ABOVE_DOWN, _ARRIVES_NORTH, _ARRIVES_EAST, _ARRIVES_WITHIN, _WAITS_SINCE, _WAITS_FOR,
+    _MOTION, _CRUISE, _CLIMB, _DESCENT, _TARGET_DOWN, _FACE_NORTH, _FACE_EAST, _FACE_MIN_DISTANCE,
+    _END_ALT_AMSL, _END_DOWN, _END_NORTH, _END_EAST, _END_RADIUS, _WAIT_START, _WAIT_DURATION,
     _TAKEOFF, _DETECTED, _HOME_DOWN, _ORIGIN_ALT, _TASK_SIZE,
 ) = range(20)  # fmt: skip
 """Columns of the tasks: `SteadyTask`, then the home position (down) and the origin altitude of that task."""
@@ -57,7 +57,7 @@ _IS_PRESSED = int(Motion.PRESSED)
 _FLIGHT, _RAMPUP = int(TakeoffState.FLIGHT), int(TakeoffState.RAMPUP)
 _TRAJECTORY = int(ControlLevel.TRAJECTORY)
 _NEAR_M = 1e-6
-"""A vehicle this near to a threshold gets a full tick, in which `Autopilot.update` compares exactly."""
+"""A vehicle this close to a threshold gets a full tick, in which `Autopilot.update` compares exactly."""
 
 
 class SteadyTicks:
@@ -141,14 +141,14 @@ class SteadyTicks:
 
 
 @formula
-def _ended(task: Column, now_s: float, position: Column, alt_amsl_m: float) -> bool:
+def _may_have_ended(task: Column, now_s: float, position: Column, alt_amsl_m: float) -> bool:
     """Whether the motion may have ended."""
-    distance_m = math.hypot(task[_ARRIVES_NORTH] - position[0], task[_ARRIVES_EAST] - position[1])
+    distance_m = math.hypot(task[_END_NORTH] - position[0], task[_END_EAST] - position[1])
     return (
-        alt_amsl_m > task[_ABOVE_AMSL] - _NEAR_M
-        or position[2] <= task[_ABOVE_DOWN] + _NEAR_M
-        or distance_m <= task[_ARRIVES_WITHIN] + _NEAR_M
-        or now_s - task[_WAITS_SINCE] >= task[_WAITS_FOR]
+        alt_amsl_m > task[_END_ALT_AMSL] - _NEAR_M
+        or position[2] <= task[_END_DOWN] + _NEAR_M
+        or distance_m <= task[_END_RADIUS] + _NEAR_M
+        or now_s - task[_WAIT_START] >= task[_WAIT_DURATION]
     )
 
 
@@ -166,7 +166,7 @@ def _ramp_ends(task: Column, limits: Column, motion: Column) -> bool:
 
 
 @formula
-def _upright(limits: Column, q_ned_frd: Column) -> bool:
+def _attitude_within_limits(limits: Column, q_ned_frd: Column) -> bool:
     roll, pitch, _ = angles_of(q_ned_frd)
     degrees = 180.0 / math.pi
     roll_fails = abs(roll * degrees) > limits[_ROLL_FAILURE] - _NEAR_M
@@ -202,8 +202,8 @@ def _detect(
             and landing_stages(detector[r]) == tasks[r, _DETECTED]
             and not _ramp_ends(tasks[r], limits[r], motion[r])
             and not _was_reset(counts[r], resets, heading_resets, r)
-            and _upright(limits[r], q_ned_frd[r])
-            and not _ended(tasks[r], now_s, position[r], alt_amsl_m[r])
+            and _attitude_within_limits(limits[r], q_ned_frd[r])
+            and not _may_have_ended(tasks[r], now_s, position[r], alt_amsl_m[r])
         )
 
 
@@ -221,7 +221,7 @@ def _climb(
     if low:
         axis[POSITION] = position[2]
     remaining_m = task[_TARGET_DOWN] - axis[POSITION]
-    fly(axis, tick_s)
+    advance_axis(axis, tick_s)
     max_speed, acceleration = settings[_UP_SPEED], settings[_UP_ACCELERATION]
     if remaining_m > 0.0:
         max_speed, acceleration = settings[_DOWN_SPEED], settings[_DOWN_ACCELERATION]
@@ -261,13 +261,13 @@ def _descend(
     tick_s = fly_horizontal(
         axes, settings, triplet, before_turn_m_s, TICK_S, position[0], position[1], True, task[_CRUISE]
     )
-    fly(axes[2], tick_s)
+    advance_axis(axes[2], tick_s)
     plan_vertical(axes[2], settings, _land_speed(limits, settings, position[2], range_m))
 
 
 @formula
-def _press(axes: Rows, position: Column) -> None:
-    """One tick of `Path.idle`."""
+def _press_to_ground(axes: Rows, position: Column) -> None:
+    """One tick of `Path.stay_at_vehicle`."""
     for k in range(3):
         axes[k, :] = 0.0
         axes[k, POSITION] = position[k]
@@ -275,10 +275,10 @@ def _press(axes: Rows, position: Column) -> None:
 
 
 @formula
-def _limit(
+def _update_limits(
     task: Column, limits: Column, motion: Column, r: int, tilt_limit: Column, climb_limit_m_s: Column
 ) -> None:
-    """The limits of a tick: the tilt limit rises in flight, the climb rate limit during the take-off ramp."""
+    """Updates the limits: the tilt limit increases in flight, the climb rate limit in the take-off ramp."""
     if task[_TAKEOFF] == _FLIGHT:
         motion[TILT] += TILT_LIMIT_RISE_RAD_S * TICK_S
         tilt_limit[r] = motion[TILT] if motion[TILT] < limits[_TILT_MAX] else math.nan
@@ -290,9 +290,9 @@ def _limit(
 @formula
 def _face(task: Column, axes: Rows, yaw: Column) -> None:
     """Sets the heading target towards the point of the task."""
-    north = task[_TOWARDS_NORTH] - axes[0, POSITION]
-    east = task[_TOWARDS_EAST] - axes[1, POSITION]
-    if math.hypot(north, east) > task[_TOWARDS_MIN]:
+    north = task[_FACE_NORTH] - axes[0, POSITION]
+    east = task[_FACE_EAST] - axes[1, POSITION]
+    if math.hypot(north, east) > task[_FACE_MIN_DISTANCE]:
         yaw[YAW_TARGET] = math.atan2(east, north)
 
 
@@ -308,13 +308,13 @@ def _fly(
     written."""
     for row in rows:
         r = int(row)
-        _limit(tasks[r], limits[r], motion[r], r, tilt_limit, climb_limit_m_s)
+        _update_limits(tasks[r], limits[r], motion[r], r, tilt_limit, climb_limit_m_s)
         kind = tasks[r, _MOTION]
         if kind == _IS_STREAM:
             continue
         last_heading_rad[r, 0] = angles_of(q_ned_frd[r])[2]
         if kind == _IS_PRESSED:
-            _press(axes[r], position[r])
+            _press_to_ground(axes[r], position[r])
             continue
         if kind == _IS_CLIMB:
             _climb(tasks[r], limits[r], axes[r], settings[r], triplet[r], before_turn_m_s[r], position[r])

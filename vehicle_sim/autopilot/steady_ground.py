@@ -1,4 +1,4 @@
-"""Steady motions of an armed vehicle on the ground and in its take-off ramp."""
+"""Steady tasks of an armed vehicle on the ground and in its take-off ramp."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def ground_task(
         task = navigator.steady_task(mode) if view.parameter("MPC_TKO_RAMP_T") > TICK_S else None
     elif mode is NavState.TAKEOFF and state is TakeoffState.SPOOLUP:
         task = PRESSED._replace(
-            waits_since_s=takeoff.armed_at_s, waits_for_s=view.parameter("COM_SPOOLUP_TIME")
+            wait_start_s=takeoff.armed_at_s, wait_duration_s=view.parameter("COM_SPOOLUP_TIME")
         )
     elif mode in LANDING_MODES and (has_contact or state is TakeoffState.READY):
         task = PRESSED
@@ -39,12 +39,12 @@ def ground_task(
         return None
     task = task._replace(takeoff=state, landing_stages=detector.stages)
     if commander.landed and state is not TakeoffState.SPOOLUP:  # the task ends before disarming
-        since_s = commander.landed_at_s if commander.flew else commander.armed_at_s
-        wait_s = auto_disarm_after_s(view, flew=commander.flew)
-        task = task._replace(waits_since_s=since_s, waits_for_s=wait_s)
+        since_s = commander.landed_at_s if commander.took_off else commander.armed_at_s
+        wait_s = auto_disarm_after_s(view, took_off=commander.took_off)
+        task = task._replace(wait_start_s=since_s, wait_duration_s=wait_s)
     return task
 
 
-def is_grounded(takeoff: TakeoffRamp, detector: LandDetector) -> bool:
+def is_on_ground_or_ramping(takeoff: TakeoffRamp, detector: LandDetector) -> bool:
     """Whether the vehicle is on the ground or in its take-off ramp."""
     return not takeoff.flying or detector.stages != 0.0

@@ -33,22 +33,22 @@ class SteadyTask(NamedTuple):
     descent_m_s: float
     target_down_m: float = math.nan
     """Target of a climb or descent, down in the local frame; NaN: a descent without a target altitude."""
-    towards_north_m: float = 0.0
-    """The nose points to this position while the trajectory is farther away than `towards_min_m`."""
-    towards_east_m: float = 0.0
-    towards_min_m: float = math.inf
+    face_north_m: float = 0.0
+    """The nose points to this position while the trajectory is farther away than `face_min_distance_m`."""
+    face_east_m: float = 0.0
+    face_min_distance_m: float = math.inf
     """Infinite: the heading does not change."""
-    ends_above_amsl_m: float = math.inf
+    end_alt_amsl_m: float = math.inf
     """The climb ends above this estimated altitude."""
-    ends_above_down_m: float = -math.inf
+    end_down_m: float = -math.inf
     """The climb ends when the position down is at or below this value, so at or above this altitude."""
-    arrives_north_m: float = 0.0
-    """The leg ends within `arrives_within_m` of this point."""
-    arrives_east_m: float = 0.0
-    arrives_within_m: float = -1.0
-    waits_since_s: float = math.inf
-    """The mission item ends `waits_for_s` after this time."""
-    waits_for_s: float = 0.0
+    end_north_m: float = 0.0
+    """The leg ends within `end_radius_m` of this point."""
+    end_east_m: float = 0.0
+    end_radius_m: float = -1.0
+    wait_start_s: float = math.inf
+    """The motion ends `wait_duration_s` after this time: end of a hold, of the spool-up, or disarming."""
+    wait_duration_s: float = 0.0
     takeoff: TakeoffState = TakeoffState.FLIGHT
     """A change of the take-off state ends the motion; so does the end of the take-off ramp."""
     landing_stages: float = 0.0

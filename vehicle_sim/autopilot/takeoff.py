@@ -1,5 +1,5 @@
-"""The take-off state: motor spool-up, then a ramp of the allowed climb rate from zero thrust to the full
-rate."""
+"""The take-off state: motor spool-up, then a ramp of the allowed climb rate, from the rate that gives zero
+thrust to the full rate."""
 
 from __future__ import annotations
 
@@ -90,6 +90,6 @@ class TakeoffRamp:
         return self.state is TakeoffState.FLIGHT
 
     @property
-    def may_thrust(self) -> bool:
-        """Whether the ramp has started; before that the controllers get no setpoint."""
+    def ramp_started(self) -> bool:
+        """Whether the ramp has started; before that the vehicle is pressed to the ground."""
         return self.state >= TakeoffState.RAMPUP

@@ -49,7 +49,7 @@ def _move(axis: Column, dt_s: float, jerk: float) -> None:
 
 
 @formula
-def _within_limit(axis: Column, first_s: float) -> float:
+def _limited_first_s(axis: Column, first_s: float) -> float:
     a, jerk, limit = axis[ACCELERATION], axis[JERK], axis[ACCELERATION_LIMIT]
     peak = a + jerk * first_s
     if abs(peak) > limit:
@@ -78,7 +78,7 @@ def plan(axis: Column, velocity_m_s: float, acceleration_limit_m_s2: float, jerk
     axis[JERK], axis[ACCELERATION_LIMIT], axis[CHANGE] = jerk, acceleration_limit_m_s2, change
     square = 0.5 * a * a + change * jerk
     root = math.sqrt(square) if square > 0.0 else 0.0
-    first_s = _within_limit(axis, max((root - abs(a) * math.copysign(1.0, a * jerk)) / abs(jerk), 0.0))
+    first_s = _limited_first_s(axis, max((root - abs(a) * math.copysign(1.0, a * jerk)) / abs(jerk), 0.0))
     last_s = max(a / jerk + first_s, 0.0)
     axis[FIRST], axis[MIDDLE], axis[LAST] = first_s, _middle_s(axis, first_s, last_s), last_s
     axis[PLANNED] = 1.0
@@ -98,13 +98,13 @@ def _stretch(axis: Column, total_s: float) -> None:
             first_s = sooner
         elif 2.0 * later + a / jerk <= total_s + 1e-9:
             first_s = later
-    first_s = _within_limit(axis, first_s)
+    first_s = _limited_first_s(axis, first_s)
     last_s = max(0.0, a / jerk + first_s)
     axis[FIRST], axis[MIDDLE], axis[LAST] = first_s, max(0.0, total_s - first_s - last_s), last_s
 
 
 @kernel
-def fly(axis: Column, dt_s: float) -> None:
+def advance_axis(axis: Column, dt_s: float) -> None:
     """Advances along the plan; after its end the velocity is constant."""
     remaining_s = dt_s
     for part in range(3):

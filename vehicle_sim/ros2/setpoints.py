@@ -63,7 +63,7 @@ class SetpointInputs:
         # A setpoint with only NaN is valid too: the position controller then keeps the velocity at zero.
         kind = SetpointKind.ACCELERATION if kind is SetpointKind.NONE else kind
         (yaw_rad, yaw_rate_rad_s, _) = _limited((v["yaw"], v["yawspeed"], 0.0))
-        self._autopilot.take_setpoint(
+        self._autopilot.apply_topic_setpoint(
             Setpoint(kind, position, velocity, acceleration, yaw_rad, yaw_rate_rad_s)
         )
 
@@ -73,7 +73,7 @@ class SetpointInputs:
         if not (math.isfinite(norm) and norm > 1e-6):
             return
         yaw_rate_rad_s = v["yaw_sp_move_rate"]
-        self._autopilot.take_setpoint(
+        self._autopilot.apply_topic_setpoint(
             Setpoint(
                 SetpointKind.ATTITUDE, q_ned_frd=(w / norm, x / norm, y / norm, z / norm),
                 thrust=collective_thrust(v["thrust_body"]),
@@ -86,7 +86,7 @@ class SetpointInputs:
             max(-MAX_RATE_RAD_S, min(MAX_RATE_RAD_S, v[axis])) if math.isfinite(v[axis]) else 0.0
             for axis in ("roll", "pitch", "yaw")
         )
-        self._autopilot.take_setpoint(
+        self._autopilot.apply_topic_setpoint(
             Setpoint(
                 SetpointKind.RATES,
                 rates_frd_rad_s=(roll, pitch, yaw),
@@ -99,13 +99,13 @@ class SetpointInputs:
         self._thrust_frd = v["xyz"]
 
     def _torque(self, v: Values) -> None:
-        self._autopilot.take_setpoint(thrust_torque_setpoint(self._thrust_frd, v["xyz"]))
+        self._autopilot.apply_topic_setpoint(thrust_torque_setpoint(self._thrust_frd, v["xyz"]))
 
     def _motors(self, v: Values) -> None:
-        self._autopilot.take_setpoint(motor_setpoint(v["control"][:ROTOR_COUNT]))
+        self._autopilot.apply_topic_setpoint(motor_setpoint(v["control"][:ROTOR_COUNT]))
 
     def _goto(self, v: Values) -> None:
-        self._autopilot.take_goto(
+        self._autopilot.receive_goto(
             Goto(
                 _limited(v["position"]),
                 v["heading"] if v["flag_control_heading"] else math.nan,

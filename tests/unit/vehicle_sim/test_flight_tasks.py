@@ -10,7 +10,7 @@ from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.path import TICK_S, Path
 from vehicle_sim.autopilot.sticks import Deflection
 from vehicle_sim.autopilot.tasks.climb import Climb
-from vehicle_sim.autopilot.tasks.manual import Manual
+from vehicle_sim.autopilot.tasks.manual import StickTasks
 from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import ControlLevel, Simulation
 
@@ -53,7 +53,7 @@ def climb_speeds(seconds, **parameters):
     path = Path(view, row)
     climb = Climb(view, SimpleNamespace(), path, HOME)
     path.restart(in_air=False)
-    path.idle()
+    path.stay_at_vehicle()
     climb.begin(520.0)
     speeds = []
     for _ in range(round(seconds / TICK_S)):
@@ -109,7 +109,7 @@ def test_a_heading_reset_also_resets_the_yaw_setpoint():
 def test_centred_sticks_hold_position_altitude_and_heading_across_estimator_resets():
     view, row = View(), Row()
     sticks = SimpleNamespace(raw=Deflection(), shaped=Deflection, valid=True)
-    manual = Manual(view, row, sticks, HOME)
+    manual = StickTasks(view, row, sticks, HOME)
     manual.run(NavState.POSITION)
     assert row.position == (0.0, 0.0, 0.0)
     view.estimate.position_ned_m, view.estimate.yaw_ned_rad = (30.0, 31.0, 32.0), 1.3

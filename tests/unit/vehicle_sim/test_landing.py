@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.unit.vehicle_sim.sim_station import BOTH, LAND, NAN, OFFBOARD, Station
-from vehicle_sim.autopilot.land_detector import LandDetector, LandingThresholds, Motion
+from vehicle_sim.autopilot.land_detector import DetectorInputs, LandDetector, LandingThresholds
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.tasks.descent import Descent
 from vehicle_sim.estimator.terrain import VALID_FOR_S, VALID_FROM_GROUND_S, Terrain
@@ -17,7 +17,7 @@ from vehicle_sim.parameters import Parameters
 pytestmark = pytest.mark.flight
 
 LIMITS = LandingThresholds(0.25, 1.5, math.radians(20.0), 1.0, 0.12, 0.08)
-FLYING = Motion(
+FLYING = DetectorInputs(
     armed=True, thrust=0.49, hover_thrust=0.49, hover_thrust_known=True, velocity_ned_m_s=(0.0, 0.0, 0.0),
     down_by_position_m_s=0.0, vertical_known=True, rates_frd_rad_s=(0.0, 0.0, 0.0), height_above_ground_m=0.5,
     climb_rate_controlled=True, setpoint_down_m_s=0.7,
@@ -33,13 +33,13 @@ class DetectorRun:
         self.detector = LandDetector()
         self.now_s = 0.0
 
-    def feed(self, motion: Motion, for_s: float = TICK_S) -> LandDetector:
+    def feed(self, motion: DetectorInputs, for_s: float = TICK_S) -> LandDetector:
         for _ in range(round(for_s / TICK_S)):
             self.now_s += TICK_S
             self.detector.update(self.now_s, motion, LIMITS)
         return self.detector
 
-    def until_landed(self, motion: Motion, at_most_s: float = 10.0) -> float:
+    def until_landed(self, motion: DetectorInputs, at_most_s: float = 10.0) -> float:
         start_s = self.now_s
         while not self.feed(motion).landed and self.now_s - start_s < at_most_s:
             pass

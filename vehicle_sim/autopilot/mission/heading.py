@@ -26,7 +26,7 @@ class Heading:
         """North and east of the region of interest."""
 
     def reset(self) -> None:
-        """Clears the item's heading; as in PX4, a region of interest is kept."""
+        """Clears the item's heading and keeps a region of interest, as PX4 does."""
         self.item_yaw_rad = math.nan
 
     def handle_item(self, item: Item, command_parameters: tuple[float, ...]) -> None:
@@ -73,9 +73,10 @@ class Heading:
         return self._path.yaw_target_rad
 
     def fixed_target(self, target_ned_m: Vector, acceptance_m: float) -> tuple[float, float, float] | None:
-        """A fixed point to which the nose is turned: north [m], east [m], and the distance [m] within which
-        the vehicle keeps its heading (infinite: it always keeps its heading). None: the heading depends on
-        the motion.
+        """The fixed point that the nose faces: north [m], east [m], minimum distance [m].
+
+        Closer than the minimum distance, the vehicle keeps its heading (infinite: it always keeps it). None:
+        the heading depends on the motion, so no fixed point exists.
         """
         mode = self._view.choice("MPC_YAW_MODE")
         if self._roi_ne_m is not None:

@@ -1,4 +1,4 @@
-"""Mission, fence and rally items of the autopilot, from the uploaded fields."""
+"""Items of uploaded missions, geofences and rally points, and their MAV_CMD numbers."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ SUPPORTED = POSITIONS | GIMBAL_ITEMS | TRIGGER_ITEMS | frozenset(
     {RETURN, DELAY, JUMP, CHANGE_SPEED, SET_HOME, GATE, LAND_START, 183, SET_ACTUATOR, 200, 203, 211, 260,
      CAMERA_MODE, 531, 532, PICTURES_START, PICTURES_STOP, 2500, 2501, VTOL_TRANSITION, 42600}
 )  # fmt: skip
-"""Items that the feasibility check accepts for a multicopter; upload or check refuses all other
-items."""
+"""Items that the feasibility check accepts for a multicopter. PX4 rejects all other items, either at the
+upload or in the feasibility check."""
 
 GLOBAL_FRAMES = frozenset({0, 5})
 RELATIVE_FRAMES = frozenset({3, 6})

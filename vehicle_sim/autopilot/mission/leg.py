@@ -1,4 +1,4 @@
-"""A leg of a mission or a return: from the previous target to the current one, considering the next."""
+"""A leg of a mission or a return, from the previous to the current target."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ class Leg:
         return self._triplet.acceptance_m
 
     def set(self, target_ned_m: Vector, next_ned_m: Vector | None, acceptance_m: float) -> None:
-        """Starts a leg from the last target to a new one; without a next target the vehicle stops at the new
-        one."""
+        """Starts a leg from the last target to a new target, where the vehicle stops if there is no next."""
         self._triplet = WaypointTriplet(self._triplet.target_ned_m, target_ned_m, next_ned_m, acceptance_m)
         self._path.target_ned_m = target_ned_m
 
@@ -42,7 +41,7 @@ class Leg:
         position_ned_m = self._path.position_ned_m
         self._triplet = WaypointTriplet(position_ned_m, position_ned_m, None, self._triplet.acceptance_m)
 
-    def steady_task(self, heading: Heading, arrived_at_s: float | None, waits_s: float) -> SteadyTask | None:
+    def steady_task(self, heading: Heading, arrived_at_s: float | None, hold_s: float) -> SteadyTask | None:
         """The leg until arrival, or after arrival until the end of the wait; None: the heading depends on the
         motion."""
         path, (north_m, east_m, _) = self._path, self.target_ned_m
@@ -51,13 +50,11 @@ class Leg:
             return None
         task = SteadyTask(
             Motion.LEG, path.cruise_m_s, path.climb_m_s, path.descent_m_s,
-            towards_north_m=point[0], towards_east_m=point[1], towards_min_m=point[2],
+            face_north_m=point[0], face_east_m=point[1], face_min_distance_m=point[2],
         )  # fmt: skip
         if arrived_at_s is not None:
-            return task._replace(waits_since_s=arrived_at_s, waits_for_s=waits_s)
-        return task._replace(
-            arrives_north_m=north_m, arrives_east_m=east_m, arrives_within_m=self.acceptance_m
-        )
+            return task._replace(wait_start_s=arrived_at_s, wait_duration_s=hold_s)
+        return task._replace(end_north_m=north_m, end_east_m=east_m, end_radius_m=self.acceptance_m)
 
     def fly(self) -> None:
         """Runs one tick along the leg."""

@@ -44,8 +44,8 @@ class Replay:
         """Called when the mission is started or continued.
 
         Returns:
-            Index of the item to fly: `current`. If the camera was triggering when the vehicle left the
-            mission: the last position item before the item that was current then, so that no picture is lost.
+            Index of the item to fly: usually `current`. If the camera was triggering when the vehicle left
+            the mission: the last position item before `left_at_seq`, so that no picture of this leg is lost.
         """
         earlier, left_at_seq = items[:current], self.left_at_seq
         self.left_at_seq = None

@@ -7,7 +7,7 @@ import math
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.path import Path
 from vehicle_sim.autopilot.steady_task import Motion, SteadyTask
-from vehicle_sim.autopilot.trajectory import fly, max_speed_for_distance, plan
+from vehicle_sim.autopilot.trajectory import advance_axis, max_speed_for_distance, plan
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -55,7 +55,7 @@ class Climb:
         return down is not None and down < self._view.estimate.position_ned_m[2] - MIN_CLIMB_M
 
     def begin(self, alt_amsl_m: float) -> None:
-        """Sets a vertical climb to an altitude; also used by a mission before its first item."""
+        """Sets the target above the current position; a mission also uses this before its first item."""
         north, east, _ = self._view.estimate.position_ned_m
         self._path.target_ned_m = (north, east, self._view.origin[2] - alt_amsl_m)
 
@@ -66,7 +66,7 @@ class Climb:
         return math.nan if down is None else self._view.origin[2] - down
 
     def steady_task(
-        self, *, ends_above_amsl_m: float = math.inf, altitude_radius_m: float = math.nan
+        self, *, end_alt_amsl_m: float = math.inf, altitude_radius_m: float = math.nan
     ) -> SteadyTask | None:
         """The climb until an altitude AMSL, or until the altitude error is within the radius; None: no target
         yet."""
@@ -74,8 +74,8 @@ class Climb:
         if task is None or math.isnan(task.target_down_m):
             return None
         if not math.isnan(altitude_radius_m):
-            task = task._replace(ends_above_down_m=task.target_down_m + altitude_radius_m)
-        return task._replace(ends_above_amsl_m=ends_above_amsl_m)
+            task = task._replace(end_down_m=task.target_down_m + altitude_radius_m)
+        return task._replace(end_alt_amsl_m=end_alt_amsl_m)
 
     def run(self) -> None:
         """Runs one tick of the climb.
@@ -91,7 +91,7 @@ class Climb:
         if low:
             path.z.position_m = z
         remaining_m = 0.0 if down is None else down - path.z.position_m
-        fly(path.z.row, tick_s)
+        advance_axis(path.z.row, tick_s)
         max_speed, acceleration = parameter("MPC_Z_V_AUTO_UP"), parameter("MPC_ACC_UP_MAX")
         if remaining_m > 0.0:
             max_speed, acceleration = parameter("MPC_Z_V_AUTO_DN"), parameter("MPC_ACC_DOWN_MAX")

@@ -24,7 +24,7 @@ class DestinationKind(Enum):
 
     HOME = "home"
     RALLY = "rally"
-    LANDING = "landing"
+    MISSION_LANDING = "mission landing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,10 @@ class DestinationChooser:
         route = tuple(self._local_position(item) for item in items[start : land + 1] if item.is_position)
         yaw = items[land].yaw_rad()
         return Destination(
-            DestinationKind.LANDING, route[0], yaw if math.isfinite(yaw) else self._home.yaw_ned_rad, route
+            DestinationKind.MISSION_LANDING,
+            route[0],
+            yaw if math.isfinite(yaw) else self._home.yaw_ned_rad,
+            route,
         )
 
     def _along_mission(
@@ -116,7 +119,9 @@ class DestinationChooser:
             return landing
         if kind == FEWEST_WAYPOINTS and len(back) < len(forward) - 1:
             return reverse
-        return Destination(DestinationKind.LANDING, forward[-1], landing.yaw_ned_rad, forward, climbs=False)
+        return Destination(
+            DestinationKind.MISSION_LANDING, forward[-1], landing.yaw_ned_rad, forward, climbs=False
+        )
 
     def _local_position(self, item: Item) -> Vector:
         origin_lat, origin_lon, origin_alt = self._view.origin

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 
 from vehicle_sim.autopilot.path import TICK_S, Path
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.frames import wrap_angle
 from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.home import Home
@@ -21,7 +21,7 @@ from vehicle_sim.vehicle_view import VehicleView
 LOST_AFTER_S = 3.0
 """The target is lost after this time without a message."""
 MIN_COURSE_SPEED_M_S = 1.0
-"""Below this speed the target's last course is kept."""
+"""Below this speed of the target its last course is kept."""
 MIN_HEIGHT_M = 1.0
 """Below this height above ground the vehicle stops and climbs."""
 CLIMB_FROM_GROUND_M_S = 0.5
@@ -30,7 +30,7 @@ MAX_ALTITUDE_ERROR_M = 3.0
 """With a larger altitude error, the vehicle does not move horizontally."""
 ABOVE_HOME, ABOVE_TERRAIN, ABOVE_TARGET = range(3)
 """Values of FLW_TGT_ALT_M."""
-_NONE = (math.nan, math.nan, math.nan)
+NAN3 = (math.nan, math.nan, math.nan)
 YAW_FROM_M = 1.0
 
 
@@ -38,7 +38,7 @@ YAW_FROM_M = 1.0
 class TargetMessage:
     """The newest FOLLOW_TARGET."""
 
-    at_s: float
+    received_at_s: float
     lat_deg: float
     lon_deg: float
     alt_amsl_m: float
@@ -63,8 +63,8 @@ class _Filtered:
 class Follow:
     """The flight task of mode Follow Target."""
 
-    def __init__(self, view: VehicleView, path: Path, row: SetpointRow, home: Home) -> None:
-        self._view, self._path, self._row, self._home = view, path, row, home
+    def __init__(self, view: VehicleView, path: Path, setpoints: SetpointWriter, home: Home) -> None:
+        self._view, self._path, self._setpoints, self._home = view, path, setpoints, home
         self._message: TargetMessage | None = None
         self._target: tuple[_Filtered, _Filtered, _Filtered] | None = None
         self._course_rad = math.nan
@@ -87,7 +87,7 @@ class Follow:
     @property
     def has_target(self) -> bool:
         """Whether a message was received within LOST_AFTER_S."""
-        return self._message is not None and self._view.time_s - self._message.at_s < LOST_AFTER_S
+        return self._message is not None and self._view.time_s - self._message.received_at_s < LOST_AFTER_S
 
     def run(self) -> None:
         """Runs one tick: follows the target, or keeps the position while there is no target."""
@@ -107,21 +107,21 @@ class Follow:
             north.position_m + distance_m * to_vehicle[0],
             east.position_m + distance_m * to_vehicle[1],
         )
-        velocity = (
+        velocity_ne_m_s = (
             north.velocity_m_s - angle_rate_rad_s * distance_m * to_vehicle[1],
             east.velocity_m_s + angle_rate_rad_s * distance_m * to_vehicle[0],
         )
         self._face(north.position_m, east.position_m)
         yaw = self._path.yaw
         current_n, current_e, current_d = self._view.estimate.position_ned_m
-        goal = self._goal_down_m(down.position_m)
+        goal_down_m = self._goal_down_m(down.position_m)
         if self._above_ground_m < MIN_HEIGHT_M:
-            position, speed = (math.nan, math.nan, current_d), (0.0, 0.0, -CLIMB_FROM_GROUND_M_S)
-        elif abs(goal - current_d) >= MAX_ALTITUDE_ERROR_M:
-            position, speed = (current_n, current_e, goal), (0.0, 0.0, math.nan)
+            position, velocity = (math.nan, math.nan, current_d), (0.0, 0.0, -CLIMB_FROM_GROUND_M_S)
+        elif abs(goal_down_m - current_d) >= MAX_ALTITUDE_ERROR_M:
+            position, velocity = (current_n, current_e, goal_down_m), (0.0, 0.0, math.nan)
         else:
-            position, speed = (*goal_ne_m, goal), (*velocity, math.nan)
-        self._row.trajectory(position, speed, _NONE, yaw.yaw_ned_rad, yaw.rate_rad_s)
+            position, velocity = (*goal_ne_m, goal_down_m), (*velocity_ne_m_s, math.nan)
+        self._setpoints.trajectory(position, velocity, NAN3, yaw.yaw_ned_rad, yaw.rate_rad_s)
 
     @property
     def _above_ground_m(self) -> float:
@@ -144,7 +144,7 @@ class Follow:
         """Current target position, extrapolated from its last message."""
         lat, lon, alt = self._view.origin
         n, e = to_local(message.lat_deg, message.lon_deg, lat, lon)  # type: ignore[arg-type]
-        age_s = self._view.time_s - message.at_s
+        age_s = self._view.time_s - message.received_at_s
         now = [
             position + age_s * speed
             for position, speed in zip(
@@ -168,7 +168,7 @@ class Follow:
             self._course_rad = math.atan2(east.velocity_m_s, north.velocity_m_s)
 
     def _step_angle(self, distance_m: float) -> float:
-        """Turns the angle towards the desired angle; a target that never moved keeps its angle."""
+        """Turns the angle towards the desired angle; it is kept until the target has moved."""
         if math.isnan(self._course_rad):
             return 0.0
         desired_rad = self._course_rad + math.radians(self._view.parameter("FLW_TGT_FA"))

@@ -10,16 +10,16 @@ import numpy as np
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.autopilot.path import TICK_S
 from vehicle_sim.autopilot.resets import EstimateResets
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.autopilot.sticks import Sticks
-from vehicle_sim.autopilot.trajectory import Axis, fly, plan
+from vehicle_sim.autopilot.trajectory import Axis, advance_axis, plan
 from vehicle_sim.frames import GRAVITY_M_S2, wrap_angle
 from vehicle_sim.home import Home
 from vehicle_sim.vehicle_view import VehicleView
 
-DIRECT_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
+ATTITUDE_RATE_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
 """Modes that control attitude or rates, also on the ground; a multicopter flies Manual as Stabilized."""
-STICK_MODES = DIRECT_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
+STICK_MODES = ATTITUDE_RATE_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
 
 TAKEOFF_THROTTLE = 0.3
 """A throttle this far above the middle takes off a vehicle on the ground."""
@@ -30,13 +30,13 @@ DRAG_ACCELERATION_FACTOR = 2.0
 STANDSTILL_M_S = 0.01
 
 
-class Manual:
-    """The flight tasks of one vehicle's stick modes."""
+class StickTasks:
+    """The flight tasks of the modes that the pilot flies by sticks."""
 
-    def __init__(self, view: VehicleView, row: SetpointRow, sticks: Sticks, home: Home) -> None:
+    def __init__(self, view: VehicleView, setpoints: SetpointWriter, sticks: Sticks, home: Home) -> None:
         self._view = view
         self._home = home
-        self._row = row
+        self._setpoints = setpoints
         self._sticks = sticks
         self._mode: NavState | None = None
         self._velocity_m_s = (0.0, 0.0)
@@ -63,8 +63,8 @@ class Manual:
         self._begin(mode)
         if mode is NavState.ACRO:
             thrust = 0.5 * (self._sticks.raw.throttle + 1.0)
-            self._row.rates(self._sticks.acro_rates_rad_s(), thrust)
-        elif mode in DIRECT_MODES:
+            self._setpoints.rates(self._sticks.acro_rates_rad_s(), thrust)
+        elif mode in ATTITUDE_RATE_MODES:
             self._stabilize()
         else:
             self._fly(mode)
@@ -78,10 +78,10 @@ class Manual:
             False if this mode had no stick input before, or if it controls attitude or rates directly.
         """
         now_s = self._view.time_s
-        if mode in DIRECT_MODES or mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
+        if mode in ATTITUDE_RATE_MODES or mode is not self._mode or now_s - self._ran_at_s > 2.5 * TICK_S:
             return False
         self._ran_at_s = now_s
-        self._row.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))
+        self._setpoints.trajectory(velocity_ned_m_s=(0.0, 0.0, 0.0))
         return True
 
     def _begin(self, mode: NavState) -> None:
@@ -98,7 +98,7 @@ class Manual:
         self._follow_resets()
 
     def _follow_resets(self) -> None:
-        """Shifts the setpoints by a reset of the estimate, so that the vehicle does not follow the jump."""
+        """Shifts the setpoints by a reset of the estimate, so that the reset does not move the vehicle."""
         reset = self._resets.take()
         if reset is None:
             return
@@ -118,7 +118,7 @@ class Manual:
             self._yaw_rad = wrap_angle(self._yaw_rad + reset.heading_rad)
 
     def _stabilize(self) -> None:
-        """Attitude from the right stick, heading from a yaw rate, thrust from the throttle."""
+        """Tilt from the roll and pitch sticks, heading from the yaw rate, thrust from the throttle."""
         parameter, raw = self._view.parameter, self._sticks.raw
         limit = math.radians(parameter("MPC_MAN_TILT_MAX"))
         roll, pitch = raw.right * limit, -raw.forward * limit
@@ -132,7 +132,7 @@ class Manual:
             yaw_rad = self._view.estimate.yaw_ned_rad
         c, s = math.cos(0.5 * yaw_rad), math.sin(0.5 * yaw_rad)
         hover = float(self._view.simulation.target.hover_thrust[self._view.row])
-        self._row.attitude(
+        self._setpoints.attitude(
             (c * qw, c * qx - s * qy, c * qy + s * qx, s * qw), self._sticks.thrust(hover), yaw_rate
         )
 
@@ -144,7 +144,7 @@ class Manual:
             max_acceleration_m_s2 = GRAVITY_M_S2 * math.tan(
                 math.radians(self._view.parameter("MPC_MAN_TILT_MAX"))
             )
-            self._row.trajectory(
+            self._setpoints.trajectory(
                 (math.nan, math.nan, z), (math.nan, math.nan, vz), (north * max_acceleration_m_s2, east *
                 max_acceleration_m_s2, math.nan), yaw_rad, yaw_rate,
             )  # fmt: skip
@@ -152,7 +152,7 @@ class Manual:
         kept_position = self._horizontal(mode)
         n, e = kept_position if kept_position is not None else (math.nan, math.nan)
         (vn, ve), (an, ae) = self._velocity_m_s, self._acceleration_m_s2
-        self._row.trajectory((n, e, z), (vn, ve, vz), (an, ae, math.nan), yaw_rad, yaw_rate)
+        self._setpoints.trajectory((n, e, z), (vn, ve, vz), (an, ae, math.nan), yaw_rad, yaw_rate)
 
     # --- heading -------------------------------------------------------------------------------------------
 
@@ -178,7 +178,7 @@ class Manual:
         return c * forward - s * right, s * forward + c * right
 
     def _unit_stick(self) -> tuple[float, float]:
-        """The right stick, limited to length one."""
+        """Pitch and roll sticks (forward, right), limited to length one."""
         shaped = self._sticks.shaped()
         length = max(1.0, math.hypot(shaped.forward, shaped.right))
         return shaped.forward / length, shaped.right / length
@@ -248,7 +248,7 @@ class Manual:
         commanded_m_s = -throttle * (up if throttle > 0.0 else max(0.0, down))
         climbing = commanded_m_s < self._z.velocity_m_s
         limit = parameter("MPC_ACC_UP_MAX" if climbing else "MPC_ACC_DOWN_MAX")
-        fly(self._z.row, TICK_S)
+        advance_axis(self._z.row, TICK_S)
         plan(self._z.row, commanded_m_s, limit, parameter("MPC_JERK_MAX"))
         if throttle != 0.0 or abs(self._z.velocity_m_s) > STANDSTILL_M_S:
             self._kept_down_m = None

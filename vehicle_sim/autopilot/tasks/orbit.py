@@ -9,7 +9,7 @@ from enum import IntEnum
 
 from vehicle_sim.autopilot.announcer import Announcer
 from vehicle_sim.autopilot.path import TICK_S, Path
-from vehicle_sim.autopilot.row import SetpointRow
+from vehicle_sim.autopilot.setpoint_writer import SetpointWriter
 from vehicle_sim.geodesy import is_position, to_local
 from vehicle_sim.vehicle_view import VehicleView
 
@@ -47,11 +47,13 @@ class Circle:
 class Orbit:
     """The flight task of mode Orbit."""
 
-    def __init__(self, view: VehicleView, announcer: Announcer, path: Path, row: SetpointRow) -> None:
+    def __init__(
+        self, view: VehicleView, announcer: Announcer, path: Path, setpoints: SetpointWriter
+    ) -> None:
         self._view = view
         self._announcer = announcer
         self._path = path
-        self._row = row
+        self._setpoints = setpoints
         self._circle: Circle | None = None
         self._on_orbit = False
         self._speed_m_s = 0.0
@@ -147,7 +149,7 @@ class Orbit:
         self._path.y.reset(east)
         self._path.advance_vertical()
         yaw_rad, yaw_rate_rad_s = self._yaw(circle, math.atan2(ue, un))
-        self._row.trajectory(
+        self._setpoints.trajectory(
             (math.nan, math.nan, self._path.z.position_m),
             (un * radial_m_s - ue * speed, ue * radial_m_s + un * speed, self._path.z.velocity_m_s),
             (un * centripetal, ue * centripetal, math.nan),

@@ -85,7 +85,7 @@ class ReturnHome:
         self._set_phase(ReturnPhase.CLIMB)
         self._path.target_ned_m = (north, east, self._return_z_m)
         above = math.ceil(above_m)
-        if self._destination.kind is DestinationKind.LANDING:
+        if self._destination.kind is DestinationKind.MISSION_LANDING:
             amsl = round(self._view.origin[2] - self._return_z_m)
             self._announcer.announce(
                 6, f"RTL Mission Land: climb to {amsl} m", "rtl_mission_land_climb", "i", amsl
@@ -197,7 +197,7 @@ class ReturnHome:
             return
         if self._route:
             self._next_on_route()
-        elif self._destination.kind is DestinationKind.LANDING:
+        elif self._destination.kind is DestinationKind.MISSION_LANDING:
             self._path.yaw_target_rad = self._destination.yaw_ned_rad
             self._land()
         else:

@@ -183,7 +183,7 @@ class MotionMessages(MessageGroup):
         target, i = self._view.simulation.target, self._view.row
         q, rates, thrust = target.q_ned_frd[i].tolist(), target.rates_frd_rad_s[i].tolist(), target.thrust[i]
         offboard = self._autopilot.offboard
-        if self._autopilot.flies_attitude:
+        if self._autopilot.has_attitude_setpoint:
             thrust = offboard.reported_thrust
             if offboard.invalid_attitude is not None:
                 q, rates = offboard.invalid_attitude, (NAN, NAN, NAN)

@@ -77,9 +77,9 @@ class StateMessages(MessageGroup):
         """
         if not self._view.estimate.valid_attitude:
             return 0, 0, ALL_HEALTHY
-        with_findings = 0
+        failed = 0
         for finding in report.findings:
-            with_findings |= BIT_OF_COMPONENT.get(finding.component, 0)
+            failed |= BIT_OF_COMPONENT.get(finding.component, 0)
         present = ALWAYS_PRESENT
         for component, bit in BIT_IF_PRESENT.items():
             present |= bit if report.present & component else 0

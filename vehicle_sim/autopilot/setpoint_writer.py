@@ -31,8 +31,8 @@ def _int_view(row: IntArray) -> memoryview[int]:
     return row.data.cast("B").cast("q")
 
 
-class SetpointRow:
-    """Writes the input of one vehicle's controllers."""
+class SetpointWriter:
+    """Writes the setpoints of one vehicle's controllers."""
 
     def __init__(self, view: VehicleView) -> None:
         self._setpoints = view.simulation.setpoints
@@ -145,7 +145,7 @@ class SetpointRow:
         pulses = self._simulation.motors_us[self._i].tolist()
         self.motors(tuple((each - 1000.0) / 1000.0 if each >= 1000.0 else math.nan for each in pulses))
 
-    def idle(self) -> None:
+    def disable_controllers(self) -> None:
         """Disables all controllers; armed motors run at idle."""
         self._setpoints.clear(self._i)
         self._setpoints.level[self._i] = ControlLevel.DISARMED
@@ -168,7 +168,7 @@ class SetpointRow:
         min_thrust: float,
         tilt_limit_rad: float,
     ) -> None:
-        """Sets the limits of the position controller during take-off."""
+        """Sets the limits of the position controller for this tick."""
         i = self._i
         self._ramping[i] = ramping
         self._landed[i] = landed

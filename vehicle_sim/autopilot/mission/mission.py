@@ -384,7 +384,7 @@ class Mission:
         item = self._items[self.current]
         if self._phase is Phase.TAKEOFF:
             end_amsl_m = self._climb.goal_alt_amsl_m - self._altitude_acceptance(item)
-            return self._climb.steady_task(ends_above_amsl_m=end_amsl_m)
+            return self._climb.steady_task(end_alt_amsl_m=end_amsl_m)
         if self._phase is Phase.LAND:
             return self._descent.steady_task()
         if self._phase is Phase.NONE or item.command in (GATE, LOITER_UNLIMITED, RETURN):
