@@ -129,7 +129,7 @@ class Autopilot:
 
     def _steady_task(self) -> SteadyTask | None:
         commander, detector = self.commander, self.land_detector
-        overridden = self._goto.goal or self.offboard.has_topics or self.sticks.moved
+        overridden = self._goto.goal or self.offboard.has_topic_setpoints or self.sticks.moved
         if overridden or commander.external.has_modes or not commander.settled:
             return None
         if is_on_ground_or_ramping(self.takeoff, detector):
@@ -147,7 +147,7 @@ class Autopilot:
         return (
             commander.armed, commander.intended, active, commander.terminated, self.view.parameter_changes,
             self.plans.changes, home.set_at_us, home.position_ned_m, self.sticks.moved, self._goto.goal,
-            self.offboard.has_topics, self.offboard.level, commander.external.has_modes,
+            self.offboard.has_topic_setpoints, self.offboard.level, commander.external.has_modes,
             self.navigator.commanded_state(active),
         )  # fmt: skip
 
@@ -171,7 +171,7 @@ class Autopilot:
             return
         self.offboard.restore_kind()
         if active is not NavState.OFFBOARD:
-            self.offboard.clear_topics()
+            self.offboard.clear_topic_setpoints()
 
     @property
     def waypoint(self) -> tuple[float, float, float] | None:
@@ -316,7 +316,7 @@ class Autopilot:
         4 ms. In PX4 a mode runs directly before the position controller, so a trajectory setpoint that is
         received between two runs has no effect.
         """
-        self.offboard.store_topic(setpoint)
+        self.offboard.store_topic_setpoint(setpoint)
         commander, level = self.commander, setpoint.kind.level
         if not commander.armed or commander.terminated or not self.takeoff.flying:
             return

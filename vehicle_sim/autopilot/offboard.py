@@ -103,19 +103,19 @@ class Offboard:
         self._announcer = announcer
         self._received_at_s = -math.inf
         self._selected_kind: SetpointKind | None = None
-        """Kind selected by OffboardControlMode or an external mode; None: the stream uses MAVLink."""
+        """Kind that OffboardControlMode or an external mode selects; None: the kind of MAVLink setpoints."""
         self._offboard_kind: SetpointKind | None = None
         """Kind of the Offboard stream, saved while an external mode is active; None: no external mode is
         active."""
-        self._topics: dict[ControlLevel, Setpoint] = {}
-        """Newest setpoint of PX4's internal topics, by its level in the cascade."""
+        self._topic_setpoints: dict[ControlLevel, Setpoint] = {}
+        """Newest setpoint of the uORB setpoint topics, by its control level."""
         self.setpoint = Setpoint()
         self.invalid_attitude: tuple[float, float, float, float] | None = None
         """The newest attitude if it is invalid (zeros or NaN): PX4 reports it, but does not control it."""
         self.reported_thrust = math.nan
         """Thrust of the newest attitude or rates message; PX4 reports it without its sign."""
         self.invalid = False
-        """Whether the newest setpoint controls nothing; the vehicle then descends, attitude level."""
+        """Whether the newest setpoint is invalid; the vehicle then descends with level attitude."""
         self.on_setpoint: Callable[[], None] = _no_listener
         """Called at each attitude, rate, torque or motor setpoint, because these are applied immediately."""
 
@@ -124,7 +124,7 @@ class Offboard:
         loss_s = max(0.0, self._view.parameter("COM_OF_LOSS_T"))
         return self._view.time_s - self._received_at_s < loss_s
 
-    def control_mode(self, kind: SetpointKind) -> None:
+    def receive_control_mode(self, kind: SetpointKind) -> None:
         """Handles OffboardControlMode: keeps Offboard active, and selects the setpoints to use.
 
         Args:
@@ -150,40 +150,39 @@ class Offboard:
             self._selected_kind = kind
             self._apply_selection()
 
-    def store_topic(self, setpoint: Setpoint) -> None:
-        """Stores a setpoint of PX4's internal topics; Offboard uses it if OffboardControlMode selects this
-        level."""
-        self._topics[setpoint.kind.level] = setpoint
+    def store_topic_setpoint(self, setpoint: Setpoint) -> None:
+        """Stores a setpoint of a uORB topic; Offboard uses it if OffboardControlMode selects its level."""
+        self._topic_setpoints[setpoint.kind.level] = setpoint
         if self._selected_kind is not None:
             self._apply_selection()
 
     @property
-    def has_topics(self) -> bool:
-        """Whether topic setpoints were received since Offboard or an external mode became active."""
-        return bool(self._topics)
+    def has_topic_setpoints(self) -> bool:
+        """Whether setpoints of uORB topics were received since Offboard or an external mode became active."""
+        return bool(self._topic_setpoints)
 
-    def clear_topics(self) -> None:
-        """Called when another mode is active: deletes the setpoints of the topics."""
-        if self._topics:
-            self._topics.clear()
+    def clear_topic_setpoints(self) -> None:
+        """Called when another mode is active: deletes the setpoints of the uORB topics."""
+        if self._topic_setpoints:
+            self._topic_setpoints.clear()
             if self._selected_kind is not None:
                 self._apply_selection()
 
     def _apply_selection(self) -> None:
-        self.setpoint = self._topics.get(self.level, Setpoint())
+        self.setpoint = self._topic_setpoints.get(self.level, Setpoint())
         self.invalid, self.invalid_attitude = False, None
 
     @property
     def kind(self) -> SetpointKind:
-        """The highest-level quantity that is controlled in Offboard."""
+        """Kind of the setpoints that are used in Offboard."""
         return self.setpoint.kind if self._selected_kind is None else self._selected_kind
 
     @property
     def awaits_setpoint(self) -> bool:
-        """Whether the selected level still waits for a setpoint; the last outputs then stay in effect."""
+        """Whether no setpoint of the selected level was received yet; the last outputs then apply further."""
         return self._selected_kind is not None and self.setpoint.kind is SetpointKind.NONE
 
-    def local(
+    def receive_local_target(
         self, frame: int, mask: int, p: Vector, v: Vector, a: Vector, yaw_rad: float, yaw_rate_rad_s: float
     ) -> None:
         """Handles SET_POSITION_TARGET_LOCAL_NED."""
@@ -208,7 +207,7 @@ class Offboard:
         yaw = _yaw(mask, yaw_rad, yaw_rate_rad_s)
         self.trajectory(trajectory_setpoint(position, velocity, acceleration, *yaw), valid=valid, report=True)
 
-    def global_int(
+    def receive_global_target(
         self,
         frame: int,
         mask: int,
@@ -271,14 +270,14 @@ class Offboard:
         self.on_setpoint()
 
     def thrust_torque(self, thrust_frd: Vector, torque_frd: Vector) -> None:
-        """Takes thrust and torque setpoints, each -1..1 in FRD.
+        """Applies thrust and torque setpoints, each -1..1 in FRD.
 
         Rotors only lift, so only the upward part (-z) of the thrust has an effect; NaN counts as zero.
         """
-        self._take_direct(thrust_torque_setpoint(thrust_frd, torque_frd))
+        self._apply_direct_setpoint(thrust_torque_setpoint(thrust_frd, torque_frd))
 
     def actuators(self, motors: Sequence[float]) -> None:
-        """Takes up to `ROTOR_COUNT` motor signals, each -1..1.
+        """Applies up to `ROTOR_COUNT` motor signals, each -1..1.
 
         NaN, a missing value and a negative value (these motors do not reverse) disarm a motor.
 
@@ -287,9 +286,9 @@ class Offboard:
         """
         if len(motors) > ROTOR_COUNT:
             raise ValueError(f"{len(motors)} motor signals for {ROTOR_COUNT} motors; send one for each motor")
-        self._take_direct(motor_setpoint(motors))
+        self._apply_direct_setpoint(motor_setpoint(motors))
 
-    def _take_direct(self, setpoint: Setpoint) -> None:
+    def _apply_direct_setpoint(self, setpoint: Setpoint) -> None:
         self._received_at_s, self._selected_kind = self._view.time_s, None
         self.setpoint, self.invalid, self.invalid_attitude = setpoint, False, None
         self.on_setpoint()
@@ -300,7 +299,7 @@ class Offboard:
         return (c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
 
     def trajectory(self, setpoint: Setpoint, *, valid: bool = True, report: bool = False) -> None:
-        """Takes a setpoint of `trajectory_setpoint`.
+        """Applies a setpoint of `trajectory_setpoint`.
 
         Args:
             setpoint: invalid if it controls no quantity.
@@ -318,9 +317,8 @@ class Offboard:
 
     @property
     def level(self) -> ControlLevel:
-        """Control level of the newest setpoint."""
-        flagged = self._selected_kind
-        return (self.setpoint.kind if flagged is None else flagged).level
+        """Control level in Offboard."""
+        return self.kind.level
 
     def wants_to_climb(self, z_ned_m: float) -> bool:
         """Whether the setpoint requires a take-off."""

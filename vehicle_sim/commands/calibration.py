@@ -1,4 +1,4 @@
-"""PREFLIGHT_CALIBRATION as in PX4: texts, replies and results.
+"""PREFLIGHT_CALIBRATION as in PX4: status texts, acknowledgements and stored parameters.
 
 All calibrations use the readings of the simulated sensors (`readings.py`). A calibration by sides asks for
 each side of the vehicle in turn, and fails if the vehicle is not turned.
@@ -45,12 +45,12 @@ FAILURES_ALLOWED = 4
 """Number of failed attempts (side already measured, or no side detected) before the calibration fails."""
 RUNNING_AFTER_S = 0.6
 """A calibration counts as running until this time after its last text."""
-Action = Callable[[], None]
+Callback = Callable[[], None]
 FloatArray = NDArray[np.float64]
 Steps = Generator[float, None, None]
 """Steps of a calibration: each yielded value is the time to wait [s]; 0: until the next sample."""
-Check = Generator[float, None, bool]
-"""A part of a calibration; returns whether it succeeded."""
+PartialSteps = Generator[float, None, bool]
+"""Steps of a part of a calibration; returns whether it succeeded."""
 
 
 class CalibrationCommands:
@@ -68,12 +68,12 @@ class CalibrationCommands:
         self._running_name = ""
         self._measuring = False
         self._cancelled_by: Command | None = None
-        self._token = 0
-        """Counter of calibrations; delayed actions of an earlier calibration are dropped."""
+        self._calibration_number = 0
+        """Number of the current calibration; delayed callbacks of an earlier calibration are dropped."""
         self._means: dict[Side, FloatArray] = {}
         """Mean reading of each side [m/s²]."""
-        self._fields: list[FloatArray] = []
-        """Compass readings while the vehicle was turned [gauss]."""
+        self._field_readings: list[FloatArray] = []
+        """Compass readings during the rotation of the vehicle [gauss]."""
         self.commands: dict[int, Handler] = {
             CALIBRATION: self.calibrate,
             FIXED_MAG: self.fixed_mag,
@@ -114,16 +114,16 @@ class CalibrationCommands:
         heading_deg = c.p1 if math.isfinite(c.p1) else 0.0
         if self._running:
             return TEMPORARILY_REJECTED
-        self._token += 1
+        self._calibration_number += 1
         self._running = "mag quick"
         self._text(f"Assuming vehicle is facing heading {heading_deg:.1f} degrees")
-        self._run(self._learn_mag_quickly(math.radians(heading_deg)))
+        self._run(self._mag_quick_steps(math.radians(heading_deg)))
         return ACCEPTED
 
-    def _learn_mag_quickly(self, yaw_ned_rad: float) -> Steps:
+    def _mag_quick_steps(self, yaw_ned_rad: float) -> Steps:
         yield 0.02
         readings = self._readings
-        readings.store("CAL_MAG0_", "OFF", readings.mag() - readings.known_field(yaw_ned_rad))
+        readings.store("CAL_MAG0_", "OFF", readings.mag() - readings.expected_field(yaw_ned_rad))
         yield 0.05
         self._text("Mag quick calibration finished")
         yield RUNNING_AFTER_S
@@ -140,8 +140,8 @@ class CalibrationCommands:
 
     # --- the calibrations ------------------------------------------------------------------------------
 
-    def _begin(self, start: Action) -> int:
-        self._token += 1
+    def _begin(self, start: Callback) -> int:
+        self._calibration_number += 1
         start()
         return ACCEPTED
 
@@ -164,9 +164,9 @@ class CalibrationCommands:
         self._call_later(TEXT_INTERVAL_S, lambda: self._progress(0))
         for step in range(1, 11):
             self._call_later(0.02 + PROGRESS_S * step, lambda step=step: self._progress(10 * step))
-        self._run(self._learn_gyro())
+        self._run(self._gyro_steps())
 
-    def _learn_gyro(self) -> Steps:
+    def _gyro_steps(self) -> Steps:
         offset = yield from self._readings.mean(self._readings.gyro, GYRO_SAMPLES)
         yield 0.04
         self._readings.store("CAL_GYRO0_", "OFF", offset)
@@ -175,21 +175,21 @@ class CalibrationCommands:
 
     def _mag(self) -> None:
         self._start("mag")
-        self._fields.clear()
-        self._run(self._calibrate_sides("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate, self._learn_mag))
+        self._field_readings.clear()
+        self._run(self._calibrate_sides("mag", MAG_STILL_S, MAG_TOLERANCE, self._rotate, self._store_mag))
 
-    def _rotate(self, _side: Side) -> Check:
-        """Samples the field while the vehicle is turned on one side."""
+    def _rotate(self, _side: Side) -> PartialSteps:
+        """Samples the magnetic field while the vehicle rests on one side and is rotated."""
         self._text("[cal] Rotate vehicle")
         fields = yield from self._readings.fields_while_turning()
-        self._fields += fields
+        self._field_readings += fields
         if not fields:
             self._text("Failed: This calibration requires rotation.", CRITICAL)
         return bool(fields)
 
-    def _learn_mag(self) -> bool:
+    def _store_mag(self) -> bool:
         try:
-            offset = sphere_centre(np.array(self._fields))
+            offset = sphere_centre(np.array(self._field_readings))
         except np.linalg.LinAlgError:
             return False
         self._readings.store("CAL_MAG0_", "OFF", offset)
@@ -199,10 +199,10 @@ class CalibrationCommands:
         self._start("accel")
         self._means.clear()
         self._run(
-            self._calibrate_sides("accel", ACCEL_STILL_S, 1.0, self._measure_side, self._learn_accelerometer)
+            self._calibrate_sides("accel", ACCEL_STILL_S, 1.0, self._measure_side, self._store_accelerometer)
         )
 
-    def _measure_side(self, side: Side) -> Check:
+    def _measure_side(self, side: Side) -> PartialSteps:
         self._measuring = True
         self._text(f"[cal] Hold still, measuring {side.value} side")
         mean = yield from self._readings.mean(self._readings.accel, ACCEL_SAMPLES)
@@ -217,7 +217,7 @@ class CalibrationCommands:
         yield TEXT_INTERVAL_S
         return True
 
-    def _learn_accelerometer(self) -> bool:
+    def _store_accelerometer(self) -> bool:
         result = offset_and_scale(self._means)
         if result is None:
             return False
@@ -232,8 +232,8 @@ class CalibrationCommands:
         name: str,
         still_s: float,
         tolerance: float,
-        measure: Callable[[Side], Check],
-        learn: Callable[[], bool] = lambda: True,
+        measure: Callable[[Side], PartialSteps],
+        store_result: Callable[[], bool] = lambda: True,
     ) -> Steps:
         """A complete calibration by sides."""
         succeeded = yield from self._each_side(still_s, tolerance, measure)
@@ -244,13 +244,15 @@ class CalibrationCommands:
             self._text("[cal] calibration cancelled", CRITICAL)
             self._running = ""
             yield TEXT_INTERVAL_S
-        elif succeeded and learn():
+        elif succeeded and store_result():
             yield TEXT_INTERVAL_S
             self._succeed(name)
             return
         self._fail(name)
 
-    def _each_side(self, still_s: float, tolerance: float, measure: Callable[[Side], Check]) -> Check:
+    def _each_side(
+        self, still_s: float, tolerance: float, measure: Callable[[Side], PartialSteps]
+    ) -> PartialSteps:
         measured: list[Side] = []
         failures = 0
         while len(measured) < len(Side) and self._cancelled_by is None:
@@ -305,10 +307,10 @@ class CalibrationCommands:
 
     def _baro(self) -> None:
         self._start("baro")
-        self._run(self._learn_baro())
+        self._run(self._baro_steps())
 
-    def _learn_baro(self) -> Steps:
-        has_fix = yield from self._readings.learn_baro()
+    def _baro_steps(self) -> Steps:
+        has_fix = yield from self._readings.calibrate_baro()
         if has_fix:
             self._succeed("baro")
         else:
@@ -322,11 +324,11 @@ class CalibrationCommands:
         self._start("level")
         for step in range(6):
             self._call_later(TEXT_INTERVAL_S + PROGRESS_S * step, lambda step=step: self._progress(20 * step))
-        self._run(self._learn_level())
+        self._run(self._level_steps())
 
-    def _learn_level(self) -> Steps:
+    def _level_steps(self) -> Steps:
         yield TEXT_INTERVAL_S
-        problem = yield from self._readings.learn_level()
+        problem = yield from self._readings.calibrate_level()
         yield 0.03
         self._progress(100)
         yield TEXT_INTERVAL_S
@@ -336,9 +338,9 @@ class CalibrationCommands:
             self._succeed("level")
 
     def _accelerometer_quick(self) -> None:
-        self._run(self._learn_accelerometer_quickly())
+        self._run(self._accelerometer_quick_steps())
 
-    def _learn_accelerometer_quickly(self) -> Steps:
+    def _accelerometer_quick_steps(self) -> Steps:
         """Calibrates the accelerometer; assumes that the vehicle is level."""
         mean = yield from self._readings.mean(self._readings.accel, QUICK_SAMPLES)
         self._readings.store("CAL_ACC0_", "OFF", mean + np.array([0.0, 0.0, GRAVITY_M_S2]))
@@ -360,7 +362,7 @@ class CalibrationCommands:
             return TEMPORARILY_REJECTED
         if not running:
             return ACCEPTED
-        self._token += 1
+        self._calibration_number += 1
         self._running = ""
         if running == "rc":
             self._announcer.announce(INFO, "Calibration: Restoring RC input", "commander_calib_rc_on")
@@ -375,20 +377,20 @@ class CalibrationCommands:
     def _progress(self, percent: int) -> None:
         self._text(f"[cal] progress <{percent}>")
 
-    def _call_later(self, seconds: float, action: Action) -> None:
-        token = self._token
+    def _call_later(self, seconds: float, action: Callback) -> None:
+        number = self._calibration_number
 
         def run() -> None:
-            if token == self._token:
+            if number == self._calibration_number:
                 action()
 
         self._host.call_later(seconds, run)
 
     def _run(self, steps: Steps) -> None:
-        token = self._token
+        number = self._calibration_number
 
         def run_next() -> None:
-            if token != self._token:
+            if number != self._calibration_number:
                 return
             wait_s = next(steps, None)
             if wait_s is not None:

@@ -98,7 +98,7 @@ class FlightCommands:
             # An external position is used only during dead reckoning.
             EXTERNAL_POSITION: lambda c: TEMPORARILY_REJECTED,
             EXTERNAL_WIND: self._external_wind,
-            # PX4 accepts the mode on every vehicle; in it a multicopter keeps its position.
+            # PX4 accepts this mode on every vehicle; a multicopter then keeps its position.
             VTOL_TAKEOFF: lambda c: self._switch(NavState.VTOL_TAKEOFF),
         }
 
@@ -323,11 +323,11 @@ class FlightCommands:
 
     def _external_wind(self, c: Command) -> int:
         self._host.acknowledge(c, ACCEPTED)
-        return UNSUPPORTED  # recorded PX4 sends both acknowledgements
+        return UNSUPPORTED  # PX4 sends both acknowledgements (recorded)
 
 
 def _rounded(value: float) -> int:
-    """The nearest whole number, halves away from zero; 0 for NaN, as recorded on PX4."""
+    """The nearest integer, halves away from zero; 0 for NaN, as recorded on PX4."""
     if math.isnan(value):
         return 0
     return int(math.copysign(math.floor(min(abs(value), INT32_MAX) + 0.5), value))

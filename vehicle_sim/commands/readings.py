@@ -59,8 +59,8 @@ class Readings:
             "CAL_MAG0_", "OFF"
         )
 
-    def known_field(self, yaw_ned_rad: float) -> FloatArray:
-        """(3,) expected compass reading with this heading, at the estimated roll and pitch [gauss]."""
+    def expected_field(self, yaw_ned_rad: float) -> FloatArray:
+        """(3,) expected compass reading at this heading and the estimated roll and pitch [gauss]."""
         estimate = self._view.estimate
         matrix = board_matrix(estimate.roll_rad, estimate.pitch_rad, yaw_ned_rad)
         return matrix.T @ np.array(field_ned_gauss())
@@ -106,8 +106,8 @@ class Readings:
             store.set(f"{prefix}PRIO", PRIORITY)
         self._send_parameters([name for name in store.names if name.startswith(prefix)])
 
-    def learn_level(self) -> Generator[float, None, str]:
-        """Stores the mean attitude over LEVEL_S as level (SENS_BOARD_*_OFF); returns a problem, or ""."""
+    def calibrate_level(self) -> Generator[float, None, str]:
+        """Stores the mean attitude over LEVEL_S as level (SENS_BOARD_*_OFF); returns an error text, or ""."""
         view = self._view
         rolls, pitches = list[float](), list[float]()
         end_s = view.simulation.time_s + LEVEL_S
@@ -128,7 +128,7 @@ class Readings:
         self._send_parameters(("SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF"))
         return ""
 
-    def learn_baro(self) -> Generator[float, None, bool]:
+    def calibrate_baro(self) -> Generator[float, None, bool]:
         """Sets CAL_BARO0_OFF [Pa] so that the barometer matches GPS over three seconds; False: no fix."""
         view, sensors, i = self._view, self._view.simulation.sensors, self._view.row
         pressures_hpa, altitudes_m = list[float](), list[float]()

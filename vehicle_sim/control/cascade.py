@@ -45,7 +45,7 @@ class Cascade:
 
     A lower-level setpoint (attitude, rates, thrust and torque, or motors) that arrives while a vehicle is
     controlled at a higher level overrides the output of the higher controllers until they run again, as a
-    message on PX4's internal topics does: see `Setpoints.override_level`.
+    uORB message does in PX4: see `Setpoints.override_level`.
 
     Args:
         count: N.
@@ -144,10 +144,10 @@ class Cascade:
         self._any_direct = _update_groups(
             setpoints.level, setpoints.armed, setpoints.landed, setpoints.ramp_thrust, groups.level,
             groups.powered, groups.rates, groups.attitude, groups.trajectory, groups.reset_integral,
-            groups.grounded, self._thrust, target.rates_frd_rad_s,
+            groups.resets_hover, self._thrust, target.rates_frd_rad_s,
         )  # fmt: skip
         self._position.filter_velocity(estimate)
-        self._hover.reset(groups.grounded)
+        self._hover.reset(groups.resets_hover)
         self._position.update(
             groups.trajectory,
             groups.reset_integral,
@@ -167,7 +167,7 @@ class Cascade:
         )  # fmt: skip
         target.thrust[:] = self._thrust
         if self._steps % (OUTER_EVERY_STEPS * HOVER_EVERY_OUTER) == 0:
-            self._estimate_hover_thrust(groups.trajectory & ~groups.grounded, estimate)
+            self._estimate_hover_thrust(groups.trajectory & ~groups.resets_hover, estimate)
 
     def _estimate_hover_thrust(self, flying: BoolArray, estimate: EstimateState) -> None:
         if not any_of(flying):
@@ -203,8 +203,8 @@ class _Groups:
     """Vehicles that have just entered level TRAJECTORY, or that are on the ground before the take-off ramp.
     PX4 starts to integrate at the start of the ramp, while the vehicle is still on the ground. The integral
     then reduces the thrust, so that the vehicle lifts off only about 3 s after the start of the ramp."""
-    grounded: BoolArray
-    """Vehicles whose hover thrust cannot be estimated."""
+    resets_hover: BoolArray
+    """Vehicles that are not in flight: their hover thrust is reset to MPC_THR_HOVER."""
 
     @classmethod
     def for_count(cls, count: int) -> _Groups:
@@ -217,7 +217,7 @@ class _Groups:
 def _update_groups(
     requested_level: Integers, armed: Flags, landed: Flags, ramp: Flags, level: Integers,
     powered: Flags, rates: Flags, attitude: Flags, trajectory: Flags, reset_integral: Flags,
-    grounded: Flags, thrust: Column, target_rates: Rows,
+    resets_hover: Flags, thrust: Column, target_rates: Rows,
 ) -> bool:  # fmt: skip
     """Groups the vehicles; vehicles without a controller get zero thrust. Returns whether any vehicle is at
     level THRUST_TORQUE or MOTORS."""
@@ -228,7 +228,7 @@ def _update_groups(
         on_trajectory = current == _TRAJECTORY
         reset_integral[i] = on_trajectory and (not trajectory[i] or (landed[i] and not ramp[i]))
         trajectory[i] = on_trajectory
-        grounded[i] = not armed[i] or landed[i] or ramp[i]
+        resets_hover[i] = not armed[i] or landed[i] or ramp[i]
         if not powered[i]:
             thrust[i] = target_rates[i, 0] = target_rates[i, 1] = target_rates[i, 2] = 0.0
         any_direct = any_direct or (powered[i] and not rates[i])

@@ -67,9 +67,9 @@ class HoverThrust:
         self._range[i] = value("HTE_THR_RANGE")
         self._speed_limits[i] = value("HTE_VXY_THR"), value("HTE_VZ_THR")
 
-    def reset(self, grounded: BoolArray) -> None:
-        """Resets the estimate to MPC_THR_HOVER for the vehicles in `grounded` (N,)."""
-        _reset(grounded, self._default, self._start_variance, self.value, self._variance, self._noise)
+    def reset(self, rows: BoolArray) -> None:
+        """Resets the estimates of the vehicles in `rows` (N,) to MPC_THR_HOVER."""
+        _reset(rows, self._default, self._start_variance, self.value, self._variance, self._noise)
 
     def update(
         self,
@@ -95,11 +95,11 @@ class HoverThrust:
 
 @kernel
 def _reset(
-    grounded: Flags, default: Column, start_variance: Column, value: Column,
+    rows: Flags, default: Column, start_variance: Column, value: Column,
     variance: Column, noise: Column,
 ) -> None:  # fmt: skip
     for i in range(value.shape[0]):
-        if grounded[i]:
+        if rows[i]:
             value[i], variance[i], noise[i] = default[i], start_variance[i], _FIRST_ACCELERATION_VARIANCE
 
 

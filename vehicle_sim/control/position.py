@@ -92,9 +92,9 @@ class PositionControl:
         self, changed: BoolArray, old: FloatArray, new: FloatArray, target: TargetState
     ) -> None:
         """Shifts the vertical integral so that a new hover thrust (N,) does not change the thrust."""
-        demand = target.acceleration_ned_m_s2[:, 2]
-        demand = np.where(np.isnan(demand), 0.0, demand)
-        shift = (demand - GRAVITY_M_S2) * (old / new) + GRAVITY_M_S2 - demand
+        acceleration = target.acceleration_ned_m_s2[:, 2]
+        acceleration = np.where(np.isnan(acceleration), 0.0, acceleration)
+        shift = (acceleration - GRAVITY_M_S2) * (old / new) + GRAVITY_M_S2 - acceleration
         self.velocity_integral[:, 2] += np.where(changed, shift, 0.0)
 
     def update(
@@ -148,19 +148,19 @@ def _position_control(setpoint: FloatArray, position: FloatArray, gain: FloatArr
 
 @formula
 def _thrust_vector(
-    dn: float, de: float, dd: float, hover_thrust: float, decouple: bool, tilt_limit: float, lowest: float,
+    an: float, ae: float, ad: float, hover_thrust: float, decouple: bool, tilt_limit: float, lowest: float,
     highest: float, margin: float,
 ) -> tuple[Vector, Vector]:  # fmt: skip
     """The body's up axis and the thrust vector that give an acceleration against gravity.
 
     Vertical thrust has priority over horizontal thrust.
     """
-    up = GRAVITY_M_S2 if decouple else max(GRAVITY_M_S2 - dd, _TINY)
-    demand_length = _length(dn, de)
-    tilt = min(math.atan2(demand_length, up), tilt_limit)
-    per_demand = math.sin(tilt) / max(demand_length, _TINY)
-    zn, ze, zd = -dn * per_demand, -de * per_demand, math.cos(tilt)
-    collective = max(hover_thrust * (1.0 - dd / GRAVITY_M_S2) / zd, lowest)
+    up = GRAVITY_M_S2 if decouple else max(GRAVITY_M_S2 - ad, _TINY)
+    horizontal_m_s2 = _length(an, ae)
+    tilt = min(math.atan2(horizontal_m_s2, up), tilt_limit)
+    per_m_s2 = math.sin(tilt) / max(horizontal_m_s2, _TINY)
+    zn, ze, zd = -an * per_m_s2, -ae * per_m_s2, math.cos(tilt)
+    collective = max(hover_thrust * (1.0 - ad / GRAVITY_M_S2) / zd, lowest)
     tn, te, td = -zn * collective, -ze * collective, -zd * collective
     horizontal = _length(tn, te)
     reserved = min(horizontal, margin)
@@ -172,7 +172,7 @@ def _thrust_vector(
 
 @formula
 def _integrate(
-    dt_s: float, velocity_setpoint: FloatArray, velocity: FloatArray, demand_ne: tuple[float, float],
+    dt_s: float, velocity_setpoint: FloatArray, velocity: FloatArray, acceleration_ne: tuple[float, float],
     thrust: Vector, hover_thrust: float, lowest: float, highest: float, gain: FloatArray,
     integral_gain: FloatArray, integral: FloatArray,
 ) -> None:  # fmt: skip
@@ -185,10 +185,10 @@ def _integrate(
     if (thrust[2] >= -lowest and error_d >= 0.0) or (thrust[2] <= -highest and error_d <= 0.0):
         error_d = 0.0
     achieved_n, achieved_e = thrust[0] * GRAVITY_M_S2 / hover_thrust, thrust[1] * GRAVITY_M_S2 / hover_thrust
-    demand_n, demand_e = demand_ne
-    if demand_n * demand_n + demand_e * demand_e > achieved_n * achieved_n + achieved_e * achieved_e:
-        error_n -= (demand_n - achieved_n) * 2.0 / gain[0]
-        error_e -= (demand_e - achieved_e) * 2.0 / gain[0]
+    setpoint_n, setpoint_e = acceleration_ne
+    if setpoint_n * setpoint_n + setpoint_e * setpoint_e > achieved_n * achieved_n + achieved_e * achieved_e:
+        error_n -= (setpoint_n - achieved_n) * 2.0 / gain[0]
+        error_e -= (setpoint_e - achieved_e) * 2.0 / gain[0]
     integral[0] += error_n * integral_gain[0] * dt_s
     integral[1] += error_e * integral_gain[1] * dt_s
     integral[2] = constrain(integral[2] + error_d * integral_gain[2] * dt_s, -GRAVITY_M_S2, GRAVITY_M_S2)
@@ -309,20 +309,24 @@ def _control(
                 limit[_SPEED_XY],
             )
 
-        demand = target_acceleration[i]
+        acceleration = target_acceleration[i]
         for k in range(3):
             correction = velocity_p[i, k] * (velocity_setpoint[k] - velocity[i, k]) + integral[i, k] - (
                 velocity_d[i, k] * velocity_rate[i, k]
             )  # fmt: skip
             feed_forward = math.nan if k == 2 and ramp_thrust[i] else setpoint_acceleration[i, k]
-            demand[k] = _bounded(_sum(feed_forward, correction))
-        dn, de, dd = _zero_if_nan(demand[0]), _zero_if_nan(demand[1]), _zero_if_nan(demand[2])
+            acceleration[k] = _bounded(_sum(feed_forward, correction))
+        an, ae, ad = (
+            _zero_if_nan(acceleration[0]),
+            _zero_if_nan(acceleration[1]),
+            _zero_if_nan(acceleration[2]),
+        )
 
         (zn, ze, zd), (tn, te, td) = _thrust_vector(
-            dn, de, dd, hover, decouple[i], tilt, lowest, highest, limit[_THRUST_XY_MARGIN]
+            an, ae, ad, hover, decouple[i], tilt, lowest, highest, limit[_THRUST_XY_MARGIN]
         )
         _integrate(
-            dt_s, velocity_setpoint, velocity[i], (dn, de), (tn, te, td), hover, lowest, highest,
+            dt_s, velocity_setpoint, velocity[i], (an, ae), (tn, te, td), hover, lowest, highest,
             velocity_p[i], velocity_i[i], integral[i],
         )  # fmt: skip
         thrust[i] = math.sqrt(tn * tn + te * te + td * td)

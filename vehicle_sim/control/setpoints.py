@@ -119,7 +119,7 @@ class Setpoints:
         )
 
     def clear(self, i: int) -> None:
-        """Clears every setpoint of vehicle `i` when a mode starts; armed state and limits are kept."""
+        """Clears every setpoint of vehicle `i`; armed state and limits are kept."""
         for row in (self.position_ned_m, self.velocity_ned_m_s, self.acceleration_ned_m_s2):
             row[i] = np.nan
         self.yaw_ned_rad[i] = np.nan

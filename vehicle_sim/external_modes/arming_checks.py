@@ -1,7 +1,7 @@
 """Arming checks of external components: PX4 sends them a request about three times a second.
 
-Times are recorded from PX4 v1.16. One request is sent every 0.312 s of vehicle time. A component that leaves
-four requests in a row unanswered is unresponsive; a new component, one that leaves eleven.
+Times are recorded from PX4 v1.16. One request is sent every 0.312 s of vehicle time. A component is
+unresponsive after four unanswered requests in a row, or after eleven if it has never replied.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class ArmingCheck:
 
 @dataclass(frozen=True, slots=True)
 class ExternalHealth:
-    """What the external components report for arming checks and requirements."""
+    """Requirements and findings of all external components."""
 
     requirements: Requirements = BUILT_IN_REQUIREMENTS
     unresponsive: int = 0
@@ -126,7 +126,7 @@ class ArmingChecks:
         return number in self._checks and self._checks[number].unresponsive
 
     def receive(self, reply: ArmingCheckReply) -> None:
-        """Queues a reply; as on PX4, it stays in the queue while no check is registered."""
+        """Queues a reply; as in PX4, replies stay in the queue while no check is registered."""
         self._replies.append(reply)
 
     def update(self, now_us: int) -> int | None:

@@ -25,7 +25,7 @@ from vehicle_sim.external_modes.slots import (
 NAME_LENGTH = 24
 """Maximum length of a name; a longer name is cut."""
 AUTOPILOT = 0
-"""Id of the executor in charge while no external executor is."""
+"""Id of the autopilot, which is in charge if no external executor is in charge."""
 EXECUTOR_COMPONENT = 1000
 """The component id of executor N is EXECUTOR_COMPONENT + N."""
 NO_OVERRIDES, NO_CONTROLLERS = Overrides(), Controllers()
@@ -103,7 +103,7 @@ class ExternalModes:
         if request.mode:
             mode = ExternalMode(name, request.replaces)
             state = self._slots.add(mode)
-            self._announce()
+            self._count_list_change()
         if request.executor:
             executor = self._slots.modes[state].executor = self._executors.add(Executor(name))
         if request.arming_check:
@@ -121,7 +121,7 @@ class ExternalModes:
             or (request.executor and self._executors.is_full)
         )
 
-    def _announce(self) -> None:
+    def _count_list_change(self) -> None:
         self.mode_list_seq += 1
         self.on_mode_list_change()
 
@@ -130,7 +130,7 @@ class ExternalModes:
         if settable != self._settable:
             before, self._settable = self._settable, settable
             if before >= 0:
-                self._announce()
+                self._count_list_change()
 
     def unregister(self, name: str, arming_check: int, mode: int) -> bool:
         """Removes a component; returns whether its mode was removed. A mode with another name stays."""
@@ -161,7 +161,7 @@ class ExternalModes:
         return self._slots.modes.get(state)
 
     def health(self) -> ExternalHealth:
-        """What the external components report for arming checks and requirements."""
+        """Requirements and findings of all external components."""
         return self.checks.health()
 
     def replaced_mode(self, state: int) -> int:
@@ -193,7 +193,7 @@ class ExternalModes:
                 built_in &= ~(1 << mode.replaces)
         return built_in
 
-    def configure(self, state: int, controllers: Controllers) -> None:
+    def set_controllers(self, state: int, controllers: Controllers) -> None:
         """Sets the controllers of a mode; ignored for a mode that is not registered."""
         mode = self.mode(state)
         if mode is not None:
@@ -229,7 +229,7 @@ class ExternalModes:
         elif not self.commanded_by_executor:
             self._in_charge = AUTOPILOT
 
-    def override(self, overrides: Overrides, *, mode: int = NONE, executor: int = NONE) -> None:
+    def set_overrides(self, overrides: Overrides, *, mode: int = NONE, executor: int = NONE) -> None:
         """Sets the overrides of a mode or of an executor."""
         if mode in self._slots.modes:
             self._slots.modes[mode].overrides = overrides

@@ -74,7 +74,7 @@ class ModeSlots:
     """Registered modes by navigation state.
 
     Args:
-        hashes: for each slot the hash of the last mode's name; 0: never used. Stored over restarts.
+        hashes: for each slot the hash of the last mode's name; 0: never used. They are kept over restarts.
         store_hash: `store_hash(slot, value)` changes the hash of a slot.
     """
 
@@ -91,7 +91,7 @@ class ModeSlots:
         """Stores a mode; returns its navigation state.
 
         A known name gets its old slot; a new name gets the first free slot that was never used, otherwise the
-        first free slot. A second mode of the same name leaves the hash of its slot unchanged.
+        first free slot. A second mode of the same name gets its slot in the same way, and its hash is 0.
         """
         hashed = name_hash(mode.name)
         free = [n for n in range(LAST_MODE - FIRST_MODE + 1) if FIRST_MODE + n not in self.modes]

@@ -74,7 +74,7 @@ class Camera:
         self.captures: list[Capture] = []
         self.used_bytes = 0
         self.interval_s = 0.0
-        """Interval of the running series; 0: no series."""
+        """Interval of the running image sequence; 0: no sequence."""
         self._remaining = 0
         self._next_at_s = math.inf
 
@@ -97,7 +97,7 @@ class Camera:
 
     @property
     def free_bytes(self) -> int:
-        """Free space on the card."""
+        """Free space of the camera's storage."""
         return max(0, CAPACITY_BYTES - self.used_bytes)
 
     def reset_settings(self) -> None:
@@ -114,18 +114,18 @@ class Camera:
     # --- pictures --------------------------------------------------------------------------------------
 
     @property
-    def series_runs(self) -> bool:
-        """Whether a series is running."""
+    def sequence_runs(self) -> bool:
+        """Whether an image sequence is running."""
         return self._next_at_s < math.inf
 
     def start(self, interval_s: float, count: int) -> None:
-        """Starts a series with a picture now; count 0: the series runs until `stop`."""
+        """Starts an image sequence with a picture now; count 0: the sequence runs until `stop`."""
         self.interval_s = 0.0 if count == 1 else max(MIN_INTERVAL_S, interval_s)
         self._remaining = count if count > 0 else MAX_PICTURES
         self._next_at_s = self._view.time_s
 
     def stop(self) -> None:
-        """Ends the series."""
+        """Ends the image sequence."""
         self._next_at_s, self.interval_s, self._remaining = math.inf, 0.0, 0
 
     def step(self) -> Capture | None:
@@ -163,10 +163,11 @@ class Camera:
             self.used_bytes += len(data)
         except OSError:
             path = ""
-        home_m = self._home.alt_amsl_m if self._home.valid else math.nan
+        home_alt_amsl_m = self._home.alt_amsl_m if self._home.valid else math.nan
         capture = Capture(
             index, view.time_boot_ms(), view.time_unix_us(), position,
-            position.alt_amsl_m - home_m if position is not None else math.nan, self.orientation(), path,
+            position.alt_amsl_m - home_alt_amsl_m if position is not None else math.nan, self.orientation(),
+            path,
         )  # fmt: skip
         self.captures.append(capture)
         return capture

@@ -43,7 +43,7 @@ LOCKS = (Flag.ROLL_LOCK, Flag.PITCH_LOCK, Flag.YAW_LOCK)
 
 @dataclass(slots=True)
 class Angles:
-    """Roll and pitch relative to the horizon, yaw in the frame of the lock flag; radians."""
+    """Roll and pitch relative to the horizon; yaw relative to north with YAW_LOCK, else to the vehicle."""
 
     roll_rad: float = 0.0
     pitch_rad: float = 0.0
@@ -76,8 +76,8 @@ class Gimbal:
         self.rates = AngleRates()
         self._rate_setpoints: tuple[float, float] | None = None
         self._servo_inputs: tuple[float, ...] | None = None
-        """Inputs of the current servo angles, which are computed again only after a change; None: the angles
-        depend on the vehicle's attitude, and are computed in each update."""
+        """Inputs of the current servo angles, which are computed again only if an input changes; None: the
+        angles also depend on the vehicle's attitude, and are computed in each update."""
         self.at_rest = False
         """Whether `update` has no effect until a command, a parameter or the landed state changes."""
         self._roi: GlobalPosition | None = None

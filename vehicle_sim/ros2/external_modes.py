@@ -113,14 +113,14 @@ class ExternalModeTopics:
         while self._configurations:
             values = self._configurations.popleft()
             chosen = {name: values[flag] for flag, name in CONTROLLERS.items()}
-            self._external.configure(values["source_id"], Controllers(**chosen))
+            self._external.set_controllers(values["source_id"], Controllers(**chosen))
         while self._overrides:
             values = self._overrides.popleft()
             overrides = Overrides(
                 values["disable_auto_disarm"], values["defer_failsafes"], values["defer_failsafes_timeout_s"]
             )
             kind, source = values["source_type"], values["source_id"]
-            self._external.override(
+            self._external.set_overrides(
                 overrides,
                 mode=source if kind == MODE_SOURCE else NONE,
                 executor=source if kind == EXECUTOR_SOURCE else NONE,

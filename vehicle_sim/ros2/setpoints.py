@@ -55,7 +55,7 @@ class SetpointInputs:
 
     def _control_mode(self, v: Values) -> None:
         kind = next((kind for flag, kind in KINDS.items() if v[flag]), SetpointKind.NONE)
-        self._autopilot.offboard.control_mode(kind)
+        self._autopilot.offboard.receive_control_mode(kind)
 
     def _trajectory(self, v: Values) -> None:
         position, velocity, acceleration = (_limited(v[n]) for n in ("position", "velocity", "acceleration"))

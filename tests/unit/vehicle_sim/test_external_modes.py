@@ -247,8 +247,8 @@ def test_an_unregistered_executor_is_not_in_charge():
 def test_overrides_of_the_mode_and_of_the_executor_in_charge_apply():
     registry = Registry()
     registry.register_mode("A", executor=True)
-    registry.override(Overrides(disable_auto_disarm=True), mode=23)
-    registry.override(Overrides(defer_failsafes=True, defer_timeout_s=4), executor=1)
+    registry.set_overrides(Overrides(disable_auto_disarm=True), mode=23)
+    registry.set_overrides(Overrides(defer_failsafes=True, defer_timeout_s=4), executor=1)
     assert registry.overrides(23) == Overrides(disable_auto_disarm=True)
     registry.on_mode_change(23)
     assert registry.overrides(23) == Overrides(True, True, 4)
@@ -259,7 +259,7 @@ def test_a_mode_without_configuration_has_no_controllers():
     registry = Registry()
     registry.register_mode("A")
     assert registry.controllers(23) == Controllers()
-    registry.configure(23, Controllers(velocity=True))
+    registry.set_controllers(23, Controllers(velocity=True))
     assert registry.controllers(23).trajectory
 
 

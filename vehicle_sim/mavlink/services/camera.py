@@ -115,7 +115,7 @@ class CameraService:
 
     def step(self) -> None:
         """Takes the pictures that are due."""
-        if self._camera.series_runs:
+        if self._camera.sequence_runs:
             capture = self._camera.step()
             if capture is not None:
                 self._broadcast("CAMERA_IMAGE_CAPTURED", **self._captured(capture))
@@ -156,7 +156,7 @@ class CameraService:
             return DENIED
         if count == 1 and sequence > 0 and sequence == self._last_sequence:
             return ACCEPTED
-        if self._camera.series_runs or not self._camera.free_bytes:
+        if self._camera.sequence_runs or not self._camera.free_bytes:
             return TEMPORARILY_REJECTED
         self._last_sequence = sequence if count == 1 else 0
         self._camera.start(interval if count != 1 else 0.0, count)
@@ -189,7 +189,7 @@ class CameraService:
     def _format(self, m: Message | _AutopilotParameters, link: Link | None) -> int:
         if _to_int(m.param2) != 1 or _to_int(m.param1) not in (0, 1):
             return DENIED
-        if self._camera.series_runs:
+        if self._camera.sequence_runs:
             return TEMPORARILY_REJECTED
         self._camera.format_storage()
         self._broadcast("STORAGE_INFORMATION", **self._storage())
@@ -238,7 +238,7 @@ class CameraService:
         camera = self._camera
         return {
             "time_boot_ms": self._context.view.time_boot_ms(),
-            "image_status": (2 if camera.interval_s > 0.0 else 1) if camera.series_runs else 0,
+            "image_status": (2 if camera.interval_s > 0.0 else 1) if camera.sequence_runs else 0,
             "image_interval": camera.interval_s, "image_count": len(camera.captures),
             "available_capacity": camera.free_bytes / MIB,
         }  # fmt: skip

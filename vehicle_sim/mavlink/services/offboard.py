@@ -24,7 +24,7 @@ class OffboardService:
     def local(self, link: Link, m: Message) -> None:
         """Handles SET_POSITION_TARGET_LOCAL_NED."""
         if self._addresses_vehicle(m):
-            self._context.autopilot.offboard.local(
+            self._context.autopilot.offboard.receive_local_target(
                 m.coordinate_frame, m.type_mask, (m.x, m.y, m.z), (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz),
                 m.yaw, m.yaw_rate,
             )  # fmt: skip
@@ -32,7 +32,7 @@ class OffboardService:
     def global_int(self, link: Link, m: Message) -> None:
         """Handles SET_POSITION_TARGET_GLOBAL_INT."""
         if self._addresses_vehicle(m):
-            self._context.autopilot.offboard.global_int(
+            self._context.autopilot.offboard.receive_global_target(
                 m.coordinate_frame, m.type_mask, (m.lat_int / 1e7, m.lon_int / 1e7, m.alt),
                 self._context.autopilot.home.alt_amsl_m, (m.vx, m.vy, m.vz), (m.afx, m.afy, m.afz), m.yaw,
                 m.yaw_rate,
