@@ -17,7 +17,7 @@ class PlanStation(Station):
     def __init__(self, **station: Any) -> None:
         super().__init__(links=(("gcs", "gcs"),), **station)
 
-    def ready_to_arm(self) -> None:
+    def wait_until_ready_to_arm(self) -> None:
         """Waits until the vehicle can be armed."""
         self.run_until(lambda: self.ready, 15)
         self.run(1.0)
@@ -41,7 +41,7 @@ class PlanStation(Station):
             "param1": p[0], "param2": p[1], "param3": p[2], "param4": p[3],
         }  # fmt: skip
 
-    def action(self, command: int, *p: float) -> dict[str, Any]:
+    def command_item(self, command: int, *p: float) -> dict[str, Any]:
         """An item without a position."""
         return self.item(command, p=(*p, 0.0, 0.0, 0.0, 0.0)[:4], frame=2)
 
@@ -56,7 +56,7 @@ class PlanStation(Station):
         self.run(0.1)
         return self.received("MISSION_ACK", since_s=begin_s)[-1].type
 
-    def start(self) -> None:
+    def start_mission(self) -> None:
         self.command(300)
         self.run(0.1)
         assert self.acks(300)[-1] == 0

@@ -38,7 +38,7 @@ def hovering(kind: type[S], height_m: float, parameters: dict[str, float] | None
         station = _PREPARED[key] = kind(**fleet)
         station.run_until(lambda: station.ready, 15)
         station.run(1.0)
-        station.fly_to(height_m)
+        station.take_off_and_hover(height_m)
     copy = snapshot(_PREPARED[key])
     for name, value in (parameters or {}).items():
         copy.sim.simulation.parameters[0].set(name, value)

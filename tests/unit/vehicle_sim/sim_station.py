@@ -22,7 +22,7 @@ GCS, BOTH = (("gcs", "gcs"),), (("gcs", "gcs"), ("api", "api"))
 class Station:
     """Sends messages to vehicle 1 and records its messages with their times.
 
-    The offboard link carries half of all telemetry, so it exists only with `links=BOTH`.
+    The offboard link would double the telemetry of a test, so it exists only with `links=BOTH`.
     """
 
     def __init__(
@@ -153,8 +153,8 @@ class Station:
         status = self.last.get("SYS_STATUS")
         return status is not None and bool(status.onboard_control_sensors_health & 0x10000000)
 
-    def fly_to(self, height_m: float) -> None:
-        """Boots, arms, takes off and waits until the vehicle hovers."""
+    def take_off_and_hover(self, height_m: float) -> None:
+        """Waits until the vehicle can be armed, arms it, takes off and waits until the vehicle hovers."""
         self.run_until(lambda: self.ready, 15)
         self.command(400, 1)
         self.run(0.1)

@@ -61,7 +61,7 @@ def test_arming_is_denied_during_a_calibration(station):
 @pytest.mark.story
 def test_flight_counters_change_without_parameter_messages():
     station = Station(sensor_noise=False)
-    station.fly_to(3.0)
+    station.take_off_and_hover(3.0)
     value = station.sim.simulation.parameters[0].get
     assert value("COM_FLIGHT_UUID") == 0
     took_off_s, sent = station.now_s, len(station.received("PARAM_VALUE"))

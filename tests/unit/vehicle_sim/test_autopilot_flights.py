@@ -93,9 +93,9 @@ def simulated() -> dict[str, Curve]:
     for row, north, east, cruise, changes in GOTOS.values():
         autopilot = sim.autopilots[row]
         assert autopilot.commander.active is NavState.HOLD
-        navigator, body = autopilot.navigator, autopilot.view
-        lat0, lon0, _ = body.origin
-        x, y, _ = body.estimate.position_ned_m
+        navigator, view = autopilot.navigator, autopilot.view
+        lat0, lon0, _ = view.origin
+        x, y, _ = view.estimate.position_ned_m
         lat, lon = to_global(np.float64(x + north), np.float64(y + east), np.float64(lat0), np.float64(lon0))
         navigator.path.cruise_m_s = cruise
         navigator.goto(float(lat), float(lon), math.nan, math.nan)

@@ -30,9 +30,7 @@ def at_rest(side: Side, offset: float = 0.0) -> tuple[float, float, float]:
 
 
 class TurnedVehicle:
-    """A fake vehicle for calibrations, which the test turns: sensors, parameters, texts, time."""
-
-    own = (1, 1)
+    """A fake vehicle that the test turns: sensors, parameters, status texts, time."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
@@ -44,7 +42,6 @@ class TurnedVehicle:
         self._random = np.random.default_rng(5)
         announcer = SimpleNamespace(
             text=lambda severity, text: self.texts.append(text),
-            both=lambda severity, text, event: self.texts.append(text),
         )
         self.sensors = SimpleNamespace(
             accel_frd_m_s2=np.zeros((1, 3)), gyro_frd_rad_s=np.zeros((1, 3)), mag_frd_gauss=np.zeros((1, 3))

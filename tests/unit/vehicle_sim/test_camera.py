@@ -147,7 +147,7 @@ def test_commands_for_mode_zoom_format_and_reset_are_executed(station):
 @pytest.mark.story
 def test_pictures_have_the_attitude_of_the_gimbal():
     station = Station(camera=True, sensor_noise=False)
-    station.fly_to(15.0)
+    station.take_off_and_hover(15.0)
     station.command(1001, 255, 190)
     station.command(1000, -40, 0, NAN, NAN, 0)
     station.run(2.0)

@@ -18,12 +18,12 @@ STABILIZED, MANUAL = 0x70000, 0x10000
 
 
 @pytest.fixture
-def ground() -> PlanStation:
+def landed_station() -> PlanStation:
     return on_ground(PlanStation, 3.0, sensor_noise=False)
 
 
 @pytest.fixture
-def air() -> PlanStation:
+def hovering_station() -> PlanStation:
     return hovering(PlanStation, 8.0, sensor_noise=False)
 
 
@@ -50,140 +50,165 @@ def go_north(station: PlanStation, metres: float) -> None:
     ) == [ACCEPTED]
 
 
-def go_to_before_lift_off(ground, alt_home_m):
-    ground.command(ARM, 1)
-    ground.run(0.1)
-    ground.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, amsl(ground, 10.0))
-    ground.run(0.5)
-    target = ground.item(16, 40.0)
-    goal = (target["x"] / 1e7, target["y"] / 1e7, amsl(ground, alt_home_m))
-    assert acks_of(ground, REPOSITION, -1, 1, 0, NAN, *goal) == [ACCEPTED]
+def go_to_before_lift_off(landed_station, alt_home_m):
+    landed_station.command(ARM, 1)
+    landed_station.run(0.1)
+    landed_station.command(TAKEOFF_COMMAND, -1, 0, 0, NAN, NAN, NAN, amsl(landed_station, 10.0))
+    landed_station.run(0.5)
+    target = landed_station.item(16, 40.0)
+    goal = (target["x"] / 1e7, target["y"] / 1e7, amsl(landed_station, alt_home_m))
+    assert acks_of(landed_station, REPOSITION, -1, 1, 0, NAN, *goal) == [ACCEPTED]
 
 
-def test_a_go_to_before_lift_off_is_flown(ground):
-    go_to_before_lift_off(ground, 10.0)
-    ground.run_until(lambda: position_of(ground)[0] > 39.0, 40)
-    assert ground.height_m == pytest.approx(10.0, abs=0.6)
+def test_a_go_to_before_lift_off_is_flown(landed_station):
+    go_to_before_lift_off(landed_station, 10.0)
+    landed_station.run_until(lambda: position_of(landed_station)[0] > 39.0, 40)
+    assert landed_station.height_m == pytest.approx(10.0, abs=0.6)
 
 
-def test_a_go_to_before_lift_off_that_climbs_slower_than_0_3_m_s_stays_on_the_ground_as_px4_does(ground):
-    go_to_before_lift_off(ground, 2.0)
-    ground.run(4.0)
-    assert max(map(abs, position_of(ground))) < 0.1
+def test_a_go_to_before_lift_off_that_climbs_slower_than_0_3_m_s_stays_on_the_ground_as_px4_does(
+    landed_station,
+):
+    go_to_before_lift_off(landed_station, 2.0)
+    landed_station.run(4.0)
+    assert max(map(abs, position_of(landed_station))) < 0.1
 
 
-def test_a_mode_change_takes_effect_before_the_command_sent_after_it(air):
-    begin_s = air.now_s
-    air.command(SET_MODE, 1, 4, 3)
-    air.command(20)
-    air.run(0.3)
-    assert air.active_mode == RTL
-    assert [m.command for m in air.received("COMMAND_ACK", since_s=begin_s)] == [SET_MODE, SET_MODE, 20]
-    air.command(20)
-    air.command(SET_MODE, 1, 4, 3)
-    air.run(0.3)
-    assert air.active_mode == HOLD
+def test_a_mode_change_takes_effect_before_the_command_sent_after_it(hovering_station):
+    begin_s = hovering_station.now_s
+    hovering_station.command(SET_MODE, 1, 4, 3)
+    hovering_station.command(20)
+    hovering_station.run(0.3)
+    assert hovering_station.active_mode == RTL
+    assert [m.command for m in hovering_station.received("COMMAND_ACK", since_s=begin_s)] == [
+        SET_MODE,
+        SET_MODE,
+        20,
+    ]
+    hovering_station.command(20)
+    hovering_station.command(SET_MODE, 1, 4, 3)
+    hovering_station.run(0.3)
+    assert hovering_station.active_mode == HOLD
 
 
-def test_a_precision_landing_is_reported_as_landing(air):
-    begin_s = air.now_s
-    air.command(SET_MODE, 1, 4, 9)
-    air.run(1.0)
-    assert air.received("EXTENDED_SYS_STATE", since_s=begin_s)[-1].landed_state == 4
+def test_a_precision_landing_is_reported_as_landing(hovering_station):
+    begin_s = hovering_station.now_s
+    hovering_station.command(SET_MODE, 1, 4, 9)
+    hovering_station.run(1.0)
+    assert hovering_station.received("EXTENDED_SYS_STATE", since_s=begin_s)[-1].landed_state == 4
 
 
-def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(air):
-    go_north(air, 60.0)
-    air.run(4.0)
-    left_at_m = position_of(air)[0]
-    assert acks_of(air, CHANGE_ALTITUDE, amsl(air, 14.0)) == [ACCEPTED]
-    air.run(12.0)
-    assert air.height_m == pytest.approx(14.0, abs=0.5)
-    assert left_at_m < position_of(air)[0] < left_at_m + 12.0, "the vehicle did not stop"
-    assert air.active_mode == HOLD
+def test_a_change_of_altitude_ends_a_go_to_and_is_flown_at_the_current_position(hovering_station):
+    go_north(hovering_station, 60.0)
+    hovering_station.run(4.0)
+    north_at_command_m = position_of(hovering_station)[0]
+    assert acks_of(hovering_station, CHANGE_ALTITUDE, amsl(hovering_station, 14.0)) == [ACCEPTED]
+    hovering_station.run(12.0)
+    assert hovering_station.height_m == pytest.approx(14.0, abs=0.5)
+    assert north_at_command_m < position_of(hovering_station)[0] < north_at_command_m + 12.0, (
+        "the vehicle did not stop"
+    )
+    assert hovering_station.active_mode == HOLD
 
 
-def test_a_change_of_altitude_outside_the_fence_is_not_flown(air):
-    air.sim.set_parameter(0, "GF_MAX_VER_DIST", 12.0)
-    air.run(1.5)
-    requested_s = air.now_s
-    assert acks_of(air, CHANGE_ALTITUDE, amsl(air, 30.0)) == [ACCEPTED]
-    air.run(5.0)
-    assert air.height_m == pytest.approx(8.0, abs=0.5)
-    assert "navigator_change_altitude_outside_geofence" in air.events(requested_s)
+def test_a_change_of_altitude_outside_the_fence_is_not_flown(hovering_station):
+    hovering_station.sim.set_parameter(0, "GF_MAX_VER_DIST", 12.0)
+    hovering_station.run(1.5)
+    requested_s = hovering_station.now_s
+    assert acks_of(hovering_station, CHANGE_ALTITUDE, amsl(hovering_station, 30.0)) == [ACCEPTED]
+    hovering_station.run(5.0)
+    assert hovering_station.height_m == pytest.approx(8.0, abs=0.5)
+    assert "navigator_change_altitude_outside_geofence" in hovering_station.events(requested_s)
 
 
-def test_a_go_to_without_values_stops_the_vehicle(air):
-    go_north(air, 60.0)
-    air.run(4.0)
-    left_at_m = position_of(air)[0]
-    assert acks_of(air, REPOSITION, -1, 1, 0, NAN, NAN, NAN, NAN) == [ACCEPTED]
-    air.run(8.0)
-    assert left_at_m < position_of(air)[0] < left_at_m + 12.0
-    assert air.height_m == pytest.approx(8.0, abs=0.5)
+def test_a_go_to_without_values_stops_the_vehicle(hovering_station):
+    go_north(hovering_station, 60.0)
+    hovering_station.run(4.0)
+    north_at_command_m = position_of(hovering_station)[0]
+    assert acks_of(hovering_station, REPOSITION, -1, 1, 0, NAN, NAN, NAN, NAN) == [ACCEPTED]
+    hovering_station.run(8.0)
+    assert north_at_command_m < position_of(hovering_station)[0] < north_at_command_m + 12.0
+    assert hovering_station.height_m == pytest.approx(8.0, abs=0.5)
 
 
 @pytest.mark.story
-def test_a_go_to_with_only_an_altitude_keeps_the_previous_target_position(air):
-    go_north(air, 20.0)
-    air.run(1.0)
-    assert acks_of(air, REPOSITION, -1, 1, 0, NAN, NAN, NAN, amsl(air, 12.0)) == [ACCEPTED]
-    air.run(12.0)
-    assert position_of(air)[0] == pytest.approx(20.0, abs=1.0)
-    assert air.height_m == pytest.approx(12.0, abs=0.5)
-
-
-def test_a_go_to_outside_the_fence_ends_the_mission_and_holds(air):
-    air.upload([air.item(16, 60.0), air.item(16, 60.0, 30.0)])
-    assert acks_of(air, SET_MODE, 1, 4, 4)[-1] == ACCEPTED
-    air.run(3.0)
-    assert air.active_mode == MISSION_MODE
-    air.sim.set_parameter(0, "GF_MAX_HOR_DIST", 100.0)
-    air.run(0.5)
-    target, requested_s = air.item(16, 300.0), air.now_s
-    assert acks_of(air, REPOSITION, -1, 1, 0, NAN, target["x"] / 1e7, target["y"] / 1e7, amsl(air, 8.0)) == [
-        0
+def test_a_go_to_with_only_an_altitude_keeps_the_previous_target_position(hovering_station):
+    go_north(hovering_station, 20.0)
+    hovering_station.run(1.0)
+    assert acks_of(hovering_station, REPOSITION, -1, 1, 0, NAN, NAN, NAN, amsl(hovering_station, 12.0)) == [
+        ACCEPTED
     ]
-    assert "navigator_reposition_outside_geofence" in air.events(requested_s)
-    assert air.active_mode == HOLD
-    air.run(8.0)
-    assert position_of(air)[0] < 45.0
+    hovering_station.run(12.0)
+    assert position_of(hovering_station)[0] == pytest.approx(20.0, abs=1.0)
+    assert hovering_station.height_m == pytest.approx(12.0, abs=0.5)
 
 
-def test_a_go_to_in_hold_keeps_a_changed_speed_and_a_go_to_from_another_mode_does_not(air):
-    cruise = air.sim.autopilots[0].navigator.path
-    acks_of(air, CHANGE_SPEED, 1, 2.0, -1)
-    go_north(air, 5.0)
-    assert cruise.cruise_m_s == 2.0
-    air.send("MANUAL_CONTROL", target=1, x=0, y=0, z=500, r=0, buttons=0)
-    air.run(0.2)
-    assert acks_of(air, SET_MODE, 1, 3, 0)[-1] == ACCEPTED
-    go_north(air, 5.0)
-    assert math.isnan(cruise.cruise_m_s)
+def test_a_go_to_outside_the_fence_ends_the_mission_and_holds(hovering_station):
+    hovering_station.upload([hovering_station.item(16, 60.0), hovering_station.item(16, 60.0, 30.0)])
+    assert acks_of(hovering_station, SET_MODE, 1, 4, 4)[-1] == ACCEPTED
+    hovering_station.run(3.0)
+    assert hovering_station.active_mode == MISSION_MODE
+    hovering_station.sim.set_parameter(0, "GF_MAX_HOR_DIST", 100.0)
+    hovering_station.run(0.5)
+    target, requested_s = hovering_station.item(16, 300.0), hovering_station.now_s
+    assert acks_of(
+        hovering_station,
+        REPOSITION,
+        -1,
+        1,
+        0,
+        NAN,
+        target["x"] / 1e7,
+        target["y"] / 1e7,
+        amsl(hovering_station, 8.0),
+    ) == [0]
+    assert "navigator_reposition_outside_geofence" in hovering_station.events(requested_s)
+    assert hovering_station.active_mode == HOLD
+    hovering_station.run(8.0)
+    assert position_of(hovering_station)[0] < 45.0
 
 
-def test_the_landing_of_a_mission_can_be_commanded(air):
-    assert acks_of(air, GO_TO_LANDING) == [CANCELLED]
-    air.upload([air.item(16, 30.0), air.action(189), air.item(16, 5.0), air.item(21, 0.0, alt_home_m=0.0)])
-    assert acks_of(air, GO_TO_LANDING) == [ACCEPTED]
-    air.run(1.0)
-    assert air.active_mode == MISSION_MODE
-    assert air.sim.autopilots[0].navigator.mission.current >= 1
+def test_a_go_to_in_hold_keeps_a_changed_speed_and_a_go_to_from_another_mode_does_not(hovering_station):
+    path = hovering_station.sim.autopilots[0].navigator.path
+    acks_of(hovering_station, CHANGE_SPEED, 1, 2.0, -1)
+    go_north(hovering_station, 5.0)
+    assert path.cruise_m_s == 2.0
+    hovering_station.send("MANUAL_CONTROL", target=1, x=0, y=0, z=500, r=0, buttons=0)
+    hovering_station.run(0.2)
+    assert acks_of(hovering_station, SET_MODE, 1, 3, 0)[-1] == ACCEPTED
+    go_north(hovering_station, 5.0)
+    assert math.isnan(path.cruise_m_s)
+
+
+def test_the_landing_of_a_mission_can_be_commanded(hovering_station):
+    assert acks_of(hovering_station, GO_TO_LANDING) == [CANCELLED]
+    hovering_station.upload(
+        [
+            hovering_station.item(16, 30.0),
+            hovering_station.command_item(189),
+            hovering_station.item(16, 5.0),
+            hovering_station.item(21, 0.0, alt_home_m=0.0),
+        ]
+    )
+    assert acks_of(hovering_station, GO_TO_LANDING) == [ACCEPTED]
+    hovering_station.run(1.0)
+    assert hovering_station.active_mode == MISSION_MODE
+    assert hovering_station.sim.autopilots[0].navigator.mission.current >= 1
 
 
 @pytest.mark.parametrize(
     ("param1", "armed"), [(0.6, True), (1.4, True), (0.4, False), (-0.4, False), (NAN, False)]
 )
-def test_the_arming_parameter_is_rounded(ground, param1, armed):
-    assert acks_of(ground, ARM, param1) == [ACCEPTED]
-    assert ground.armed is armed
+def test_the_arming_parameter_is_rounded(landed_station, param1, armed):
+    assert acks_of(landed_station, ARM, param1) == [ACCEPTED]
+    assert landed_station.armed is armed
 
 
 @pytest.mark.parametrize("param1", [1.5, 2.0, -0.6, math.inf, -math.inf, 3e38])
-def test_an_unsupported_arming_parameter_is_reported_and_not_acknowledged(ground, param1):
-    requested_s = ground.now_s
-    assert acks_of(ground, ARM, param1) == []
-    assert "commander_unsupported_arm_disarm_param" in ground.events(requested_s)
+def test_an_unsupported_arming_parameter_is_reported_and_not_acknowledged(landed_station, param1):
+    requested_s = landed_station.now_s
+    assert acks_of(landed_station, ARM, param1) == []
+    assert "commander_unsupported_arm_disarm_param" in landed_station.events(requested_s)
 
 
 @pytest.mark.parametrize(
@@ -197,35 +222,37 @@ def test_an_unsupported_arming_parameter_is_reported_and_not_acknowledged(ground
         (16, HOLD),
     ],
 )
-def test_a_base_mode_alone_selects_a_mode(ground, base, mode):
-    assert acks_of(ground, SET_MODE, base, 0, 0)[-1] == ACCEPTED
-    assert ground.active_mode == mode
+def test_a_base_mode_alone_selects_a_mode(landed_station, base, mode):
+    assert acks_of(landed_station, SET_MODE, base, 0, 0)[-1] == ACCEPTED
+    assert landed_station.active_mode == mode
 
 
-def test_invalid_or_disabled_changes_of_home_are_denied(ground):
-    ground.sim.set_parameter(0, "COM_HOME_EN", 0)
-    assert acks_of(ground, SET_HOME, 1) == [DENIED]
-    ground.sim.set_parameter(0, "COM_HOME_EN", 1)
-    assert acks_of(ground, SET_HOME, 0.7) == [ACCEPTED]
-    assert acks_of(ground, SET_HOME, 0, 0, 0, NAN, NAN, 8.5, 490.0) == [DENIED]
+def test_invalid_or_disabled_changes_of_home_are_denied(landed_station):
+    landed_station.sim.set_parameter(0, "COM_HOME_EN", 0)
+    assert acks_of(landed_station, SET_HOME, 1) == [DENIED]
+    landed_station.sim.set_parameter(0, "COM_HOME_EN", 1)
+    assert acks_of(landed_station, SET_HOME, 0.7) == [ACCEPTED]
+    assert acks_of(landed_station, SET_HOME, 0, 0, 0, NAN, NAN, 8.5, 490.0) == [DENIED]
 
 
-def test_a_commanded_home_is_kept_when_the_vehicle_arms_and_takes_off(ground):
-    target = ground.item(16, 40.0)
+def test_a_commanded_home_is_kept_when_the_vehicle_arms_and_takes_off(landed_station):
+    target = landed_station.item(16, 40.0)
     target_deg = (target["x"] / 1e7, target["y"] / 1e7)
-    assert acks_of(ground, SET_HOME, 0, 0, 0, NAN, *target_deg, amsl(ground, 0.0)) == [ACCEPTED]
-    ground.fly_to(4.0)
-    home = ground.sim.autopilots[0].home
+    assert acks_of(landed_station, SET_HOME, 0, 0, 0, NAN, *target_deg, amsl(landed_station, 0.0)) == [
+        ACCEPTED
+    ]
+    landed_station.take_off_and_hover(4.0)
+    home = landed_station.sim.autopilots[0].home
     assert (home.lat_deg, home.lon_deg) == pytest.approx(target_deg, abs=5e-6)  # precision of a float
-    assert acks_of(ground, SET_HOME, 1) == [ACCEPTED], "home was not moved by a new command"
+    assert acks_of(landed_station, SET_HOME, 1) == [ACCEPTED], "home was not moved by a new command"
     assert home.lat_deg != pytest.approx(target_deg[0], abs=1e-4)
 
 
-def test_with_com_home_en_off_home_is_not_set_automatically(ground):
-    home = ground.sim.autopilots[0].home
+def test_with_com_home_en_off_home_is_not_set_automatically(landed_station):
+    home = landed_station.sim.autopilots[0].home
     set_at_us = home.set_at_us
-    ground.sim.set_parameter(0, "COM_HOME_EN", 0)
-    ground.fly_to(4.0)
+    landed_station.sim.set_parameter(0, "COM_HOME_EN", 0)
+    landed_station.take_off_and_hover(4.0)
     assert home.set_at_us == set_at_us
 
 
@@ -233,63 +260,65 @@ def test_with_com_home_en_off_home_is_not_set_automatically(ground):
     ("output", "acks"),
     [(1, [ACCEPTED]), (12, [ACCEPTED]), (13, []), (33, [ACCEPTED]), (41, []), (1101, [ACCEPTED])],
 )
-def test_an_actuator_test_of_an_unknown_output_is_not_acknowledged(ground, output, acks):
-    assert acks_of(ground, ACTUATOR_TEST, 0.0, 1.0, 0, 0, output) == acks
+def test_an_actuator_test_of_an_unknown_output_is_not_acknowledged(landed_station, output, acks):
+    assert acks_of(landed_station, ACTUATOR_TEST, 0.0, 1.0, 0, 0, output) == acks
 
 
-def test_actuator_tests_can_be_disabled(ground):
-    ground.sim.set_parameter(0, "COM_MOT_TEST_EN", 0)
-    assert acks_of(ground, ACTUATOR_TEST, 0.0, 1.0, 0, 0, 1) == [DENIED]
+def test_actuator_tests_can_be_disabled(landed_station):
+    landed_station.sim.set_parameter(0, "COM_MOT_TEST_EN", 0)
+    assert acks_of(landed_station, ACTUATOR_TEST, 0.0, 1.0, 0, 0, 1) == [DENIED]
 
 
-def test_controlling_the_high_latency_link_fails(ground):
-    requested_s = ground.now_s
-    assert acks_of(ground, HIGH_LATENCY, 1) == [FAILED]
-    assert "commander_ctrl_high_latency_failed" in ground.events(requested_s)
+def test_controlling_the_high_latency_link_fails(landed_station):
+    requested_s = landed_station.now_s
+    assert acks_of(landed_station, HIGH_LATENCY, 1) == [FAILED]
+    assert "commander_ctrl_high_latency_failed" in landed_station.events(requested_s)
 
 
-def test_an_orbit_without_a_position_is_refused(air):
-    air.sim.simulation.set_gps_enabled(0, False)
-    air.run(9.0)
-    requested_s = air.now_s
-    assert acks_of(air, ORBIT, 10, 2, 0, NAN, NAN, NAN, NAN) == [TEMPORARILY_REJECTED]
-    assert "Orbit refused" in air.texts(requested_s)
+def test_an_orbit_without_a_position_is_refused(hovering_station):
+    hovering_station.sim.simulation.set_gps_enabled(0, False)
+    hovering_station.run(9.0)
+    requested_s = hovering_station.now_s
+    assert acks_of(hovering_station, ORBIT, 10, 2, 0, NAN, NAN, NAN, NAN) == [TEMPORARILY_REJECTED]
+    assert "Orbit refused" in hovering_station.texts(requested_s)
 
 
 @pytest.mark.story
 def test_a_take_off_to_an_altitude_below_the_vehicle_stays_on_the_ground_and_is_disarmed(
-    ground: PlanStation,
+    landed_station: PlanStation,
 ) -> None:
     """This is the effect of a height above ground that is sent as an altitude above sea level."""
-    ground.command(400, 1)
-    ground.run(0.1)
-    ground.command(22, -1, 0, 0, NAN, NAN, NAN, 7.0)
-    ground.run(8.0)
-    assert ground.acks(22) == [0]
-    assert "Already higher than takeoff altitude\t" in ground.texts()
-    assert ground.active_mode == TAKEOFF
-    assert ground.height_m < 0.2
-    ground.run(3.5)
-    assert not ground.armed
-    assert ground.texts()[-1].startswith("Disarmed by auto preflight disarming")
+    landed_station.command(400, 1)
+    landed_station.run(0.1)
+    landed_station.command(22, -1, 0, 0, NAN, NAN, NAN, 7.0)
+    landed_station.run(8.0)
+    assert landed_station.acks(22) == [0]
+    assert "Already higher than takeoff altitude\t" in landed_station.texts()
+    assert landed_station.active_mode == TAKEOFF
+    assert landed_station.height_m < 0.2
+    landed_station.run(3.5)
+    assert not landed_station.armed
+    assert landed_station.texts()[-1].startswith("Disarmed by auto preflight disarming")
 
 
 @pytest.mark.story
-def test_a_take_off_climbs_to_an_altitude_below_its_default(ground: PlanStation) -> None:
-    ground.command(400, 1)
-    ground.run(0.1)
-    ground.command(22, -1, 0, 0, NAN, NAN, NAN, ground.sim.autopilots[0].home.alt_amsl_m + 1.2)
-    ground.run(12.0)
-    assert ground.active_mode == HOLD
-    assert ground.height_m == pytest.approx(1.2, abs=0.3)
+def test_a_take_off_climbs_to_an_altitude_below_its_default(landed_station: PlanStation) -> None:
+    landed_station.command(400, 1)
+    landed_station.run(0.1)
+    landed_station.command(
+        22, -1, 0, 0, NAN, NAN, NAN, landed_station.sim.autopilots[0].home.alt_amsl_m + 1.2
+    )
+    landed_station.run(12.0)
+    assert landed_station.active_mode == HOLD
+    assert landed_station.height_m == pytest.approx(1.2, abs=0.3)
 
 
 def test_return_directly_after_hold_is_flown_and_both_commands_are_acknowledged_twice(
-    air: PlanStation,
+    hovering_station: PlanStation,
 ) -> None:
-    requested_s = air.now_s
-    air.command(SET_MODE, 1, 4, 3)
-    air.command(SET_MODE, 1, 4, 5)
-    air.run(1.5)
-    assert air.active_mode == RTL
-    assert air.acks(SET_MODE, requested_s) == [ACCEPTED] * 4
+    requested_s = hovering_station.now_s
+    hovering_station.command(SET_MODE, 1, 4, 3)
+    hovering_station.command(SET_MODE, 1, 4, 5)
+    hovering_station.run(1.5)
+    assert hovering_station.active_mode == RTL
+    assert hovering_station.acks(SET_MODE, requested_s) == [ACCEPTED] * 4

@@ -44,14 +44,14 @@ def set_parameter(sim, row, name, value):
     sim.reload_parameters(row)
 
 
-LOST, FEW, SILENT, HEALTHY = range(4)
+NO_FIX, FEW_SATELLITES, NO_GPS_DATA, HEALTHY = range(4)
 
 
 def test_without_gps_an_estimate_reports_its_drift_and_is_invalid_after_five_seconds():
     sim = hovering(4)
-    set_parameter(sim, LOST, "SIM_GPS_USED", 3)
-    set_parameter(sim, FEW, "SIM_GPS_USED", 4)
-    sim.set_driver(SILENT, Driver.GPS, False)
+    set_parameter(sim, NO_FIX, "SIM_GPS_USED", 3)
+    set_parameter(sim, FEW_SATELLITES, "SIM_GPS_USED", 4)
+    sim.set_driver(NO_GPS_DATA, Driver.GPS, False)
     run(sim, 1.4)
     assert sim.fusion.dead_reckoning.tolist() == [True, True, True, False]
     assert sim.sensors.gps_fix_type.tolist()[:2] == [0, 3], "four satellites give a fix that is refused"
@@ -66,33 +66,33 @@ def test_without_gps_an_estimate_reports_its_drift_and_is_invalid_after_five_sec
     assert sim.fusion.gnss_pos.tolist() == [False, False, False, True]
     assert sim.estimate.valid_altitude.all(), "the barometer did not keep the altitude valid"
     resets = sim.fusion.xy_reset_counter.copy()
-    set_parameter(sim, LOST, "SIM_GPS_USED", 10)
+    set_parameter(sim, NO_FIX, "SIM_GPS_USED", 10)
     run(sim, 0.9)
-    assert not sim.estimate.valid_position[LOST]
+    assert not sim.estimate.valid_position[NO_FIX]
     run(sim, 0.5)
-    assert sim.estimate.valid_position[LOST]
+    assert sim.estimate.valid_position[NO_FIX]
     assert (sim.fusion.xy_reset_counter - resets).tolist() == [1, 0, 0, 0]
-    assert np.abs(sim.estimate.position_ned_m[LOST] - sim.truth.position_ned_m[LOST])[:2].max() < 1.5
+    assert np.abs(sim.estimate.position_ned_m[NO_FIX] - sim.truth.position_ned_m[NO_FIX])[:2].max() < 1.5
 
 
-ACCEPTED, REFUSED, COMPASS, STRONG = range(4)
+SMALL_BARO_STEP, LARGE_BARO_STEP, MAG_OFFSET_Y, MAG_OFFSET_X = range(4)
 
 
 def test_gates_accept_small_steps_and_reject_large_steps():
     sim = hovering(4)
-    set_parameter(sim, ACCEPTED, "SIM_BARO_OFF_P", 120.0)
-    set_parameter(sim, REFUSED, "SIM_BARO_OFF_P", 1200.0)
-    set_parameter(sim, COMPASS, "SIM_MAG_OFFSET_Y", 0.4)
-    set_parameter(sim, STRONG, "SIM_MAG_OFFSET_X", 0.4)
+    set_parameter(sim, SMALL_BARO_STEP, "SIM_BARO_OFF_P", 120.0)
+    set_parameter(sim, LARGE_BARO_STEP, "SIM_BARO_OFF_P", 1200.0)
+    set_parameter(sim, MAG_OFFSET_Y, "SIM_MAG_OFFSET_Y", 0.4)
+    set_parameter(sim, MAG_OFFSET_X, "SIM_MAG_OFFSET_X", 0.4)
     heading = sim.estimate.heading_rad.copy()
     run(sim, 0.5)
     assert sim.fusion.mag_heading_consistent.tolist() == [True, True, False, True]
     assert sim.fusion.mag_field_disturbed.tolist() == [False, False, False, True]
     assert sim.fusion.mag_3d.tolist() == [True, True, False, False]
     run(sim, 4.0)
-    low_m = sim.estimate.position_ned_m[:, 2] - sim.truth.position_ned_m[:, 2]
-    assert 1.0 < low_m[ACCEPTED] < 4.0
-    assert abs(low_m[REFUSED]) < 1.5
+    error_down_m = sim.estimate.position_ned_m[:, 2] - sim.truth.position_ned_m[:, 2]
+    assert 1.0 < error_down_m[SMALL_BARO_STEP] < 4.0
+    assert abs(error_down_m[LARGE_BARO_STEP]) < 1.5
     assert not sim.fusion.baro_fault.any()
     run(sim, 1.0)
     assert sim.fusion.baro_fault.tolist() == [False, True, False, False]
@@ -147,9 +147,7 @@ def test_a_reset_shifts_the_outputs_and_the_filter_by_the_same_step():
     ("axis", "gauss", "starts", "turns"),
     [("X", 0.2, True, True), ("Y", 0.2, True, False), ("X", 0.4, False, False), ("Y", 0.4, False, False)],
 )
-def test_a_refused_compass_stops_and_starts_again_inside_the_gate_of_reset_variances(
-    axis, gauss, starts, turns
-):
+def test_the_fusion_of_a_compass_stops_and_starts_again_if_its_offset_is_small(axis, gauss, starts, turns):
     sim = hovering(3)
     for row in range(3):
         set_parameter(sim, row, f"SIM_MAG_OFFSET_{axis}", gauss)
@@ -192,7 +190,9 @@ def test_a_stale_sensor_is_reported_once_and_again_after_it_has_recovered(name):
         view.time_s += 1.0
         getattr(sensors, f"{name}_fresh")[0], getattr(sensors, f"{name}_stale")[0] = not stale, stale
         watch.update(armed=True)
-        assert not watch.timed_out(name), "a sensor that repeats one value was taken for silent"
+        assert not watch.timed_out(name), (
+            "a sensor that repeats one value was counted as a sensor without data"
+        )
     assert texts == [f"{name.upper()} #0 failed:  STALE!\t"] * 2
 
 
@@ -228,19 +228,19 @@ def test_the_same_seed_gives_the_same_estimate_under_a_fault():
     assert estimates[0] == estimates[1]
 
 
-IN_THE_SUITE = ("gps_lost_offboard_vel", "baro_stuck_hold", "mag_y_02_hold", "battery_empty_cmd")
+COMPARED_FAULTS = ("gps_lost_offboard_vel", "baro_stuck_hold", "mag_y_02_hold", "battery_empty_cmd")
 
 
 @pytest.mark.flight
 def test_flights_with_faults_match_the_recordings():
-    for comparison in faults.compare_all([fault_recordings.load_reduced(name) for name in IN_THE_SUITE]):
+    for comparison in faults.compare_all([fault_recordings.load_reduced(name) for name in COMPARED_FAULTS]):
         assert not comparison.late, (comparison.name, comparison.late)
         # The direction of a drift is random, so a few values lie outside the range of PX4's two runs.
         assert len(comparison.off) <= 0.1 * comparison.numbers, (comparison.name, comparison.off)
 
 
 def test_the_reduced_recordings_match_the_full_recordings(shared):
-    for name in IN_THE_SUITE:
+    for name in COMPARED_FAULTS:
         assert fault_recordings.load_reduced(name) == fault_recordings.load(name)
 
 

@@ -193,8 +193,8 @@ def test_wind_is_estimated_and_too_strong_wind_triggers_a_landing() -> None:
     drag = {"EKF2_DRAG_CTRL": 1, "EKF2_MCOEF": 1.0, "EKF2_BCOEF_X": 0.0, "EKF2_BCOEF_Y": 0.0}
     wind = drag | {"COM_WIND_WARN": 2.0, "COM_WIND_MAX": 4.0, "COM_WIND_MAX_ACT": 5}
     station = PlanStation(parameters=wind | {"COM_FAIL_ACT_T": 1.0}, sensor_noise=False)  # read at boot
-    station.ready_to_arm()
-    station.fly_to(3.0)
+    station.wait_until_ready_to_arm()
+    station.take_off_and_hover(3.0)
     monitors = station.sim.autopilots[0].commander.monitors
     assert monitors.wind_m_s < 0.5
     station.sim.simulation.set_wind([0.0, -6.0, 0.0])
@@ -280,7 +280,7 @@ SENSORS_AND_OTHERS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 102, 103, 104, 105)
 
 def test_injected_failures_get_the_recorded_results_for_every_unit_and_kind() -> None:
     station = PlanStation(sensor_noise=False)
-    station.ready_to_arm()
+    station.wait_until_ready_to_arm()
 
     def acks(unit: int) -> list[int]:
         requested_s = station.now_s

@@ -121,7 +121,7 @@ def test_the_vehicle_returns_to_the_nearest_rally_point() -> None:
 
 def test_rally_points_in_an_unsupported_frame_are_reported() -> None:
     station = PlanStation(sensor_noise=False)
-    station.ready_to_arm()
+    station.wait_until_ready_to_arm()
     station.upload([station.item(5100, 10, 0, 10, frame=6)], kind=2)
     station.run(1.0)
     assert station.texts()[-1] == "RTL: unsupported MAV_FRAME\t"
@@ -138,7 +138,7 @@ def test_a_return_may_end_in_flight_and_may_follow_the_mission_back() -> None:
             station.item(17, 12, 8, 3),
         ]
     )
-    station.start()
+    station.start_mission()
     station.run_until(lambda: station.mission.current == 3, 25)
     station.run(1.5)
     station.command(20)

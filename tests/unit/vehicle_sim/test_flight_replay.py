@@ -49,32 +49,36 @@ def test_every_recorded_flight_has_its_manoeuvre(shared):
 
 
 def test_recorded_streams_are_expanded_to_single_messages(shared):
-    sends = list(flight_recordings.load("vel_x_1").messages())
-    assert len(sends) == 30 * 6 + 30 * 6
-    assert sends[1][0] - sends[0][0] == pytest.approx(1.0 / 30.0)
+    messages = list(flight_recordings.load("vel_x_1").messages())
+    assert len(messages) == 30 * 6 + 30 * 6
+    assert messages[1][0] - messages[0][0] == pytest.approx(1.0 / 30.0)
     circle = list(flight_recordings.load("circle_r5_v3_posvel").messages())
     assert circle[-1][0] == pytest.approx(24.84, abs=0.01), "time on the vehicle's clock"
 
 
 def test_ros2_setpoints_become_messages(shared):
-    """One message for each OffboardControlMode, with the setpoint valid then; motors do not use MAVLink."""
+    """Each OffboardControlMode becomes one message with the newest setpoint; motors do not use MAVLink."""
 
-    def sends(name):
+    def messages_of(name):
         recording = ros2_recordings.load(name, "vel_x_1")
         return [(t_s, message, fields) for t_s, message, fields in recording.messages() if t_s < 3.0]
 
-    velocity = sends("vel_x2")
+    velocity = messages_of("vel_x2")
     assert {message for _, message, _ in velocity} == {"SET_POSITION_TARGET_LOCAL_NED"}
     assert len(velocity) == 59, "20 Hz from 0.099 s on"
     assert velocity[-1][2] == pytest.approx(velocity[-1][2] | {"type_mask": 0b100111000111, "vx": 2.0})
-    assert sends("vel_x1_z_nan")[-1][2]["type_mask"] == 0b100111100111
-    motors = [fields for _, message, fields in sends("motors_one_nan") if message == "actuators"]
+    assert messages_of("vel_x1_z_nan")[-1][2]["type_mask"] == 0b100111100111
+    motors = [fields for _, message, fields in messages_of("motors_one_nan") if message == "actuators"]
     assert len(motors) == 37
     assert motors[0]["motors"] == pytest.approx([0.49, 0.49, 0.49, math.nan], nan_ok=True)
-    attitude = [fields for _, message, fields in sends("att_roll10") if message == "SET_ATTITUDE_TARGET"]
+    attitude = [
+        fields for _, message, fields in messages_of("att_roll10") if message == "SET_ATTITUDE_TARGET"
+    ]
     assert attitude[60]["q"] == pytest.approx([0.996, 0.087, 0.0, 0.0], abs=1e-3)
     assert {fields["thrust"] for fields in attitude} == {0.49}
-    commands = [fields for _, message, fields in sends("takeoff_hold_land") if message == "COMMAND_LONG"]
+    commands = [
+        fields for _, message, fields in messages_of("takeoff_hold_land") if message == "COMMAND_LONG"
+    ]
     assert [fields["command"] for fields in commands] == [400, 22]
     assert math.isnan(commands[1]["param7"])
 

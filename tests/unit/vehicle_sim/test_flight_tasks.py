@@ -15,17 +15,14 @@ from vehicle_sim.parameters import Parameters
 from vehicle_sim.simulation import ControlLevel, Simulation
 
 
-class Row:
-    """Keeps the last written setpoint."""
+class SetpointRecorder:
+    """Stores the last written setpoint; replaces `SetpointWriter`."""
 
     def trajectory(self, position=None, velocity=None, acceleration=None, yaw=math.nan, rate=math.nan):
         self.position, self.velocity, self.yaw = position, velocity, yaw
 
-    def asked(self):
-        return ((math.nan,) * 3,) * 3
 
-
-class View:
+class FakeView:
     """A fake vehicle whose estimate is set by the test."""
 
     def __init__(self, **parameters):
@@ -49,8 +46,8 @@ HOME = SimpleNamespace(position_ned_m=(0.0, 0.0, 0.0))
 
 def climb_speeds(seconds, **parameters):
     """Vertical velocity setpoints of a take-off while the vehicle is still on the ground."""
-    view, row = View(**parameters), Row()
-    path = Path(view, row)
+    view, setpoints = FakeView(**parameters), SetpointRecorder()
+    path = Path(view, setpoints)
     climb = Climb(view, SimpleNamespace(), path, HOME)
     path.restart(in_air=False)
     path.stay_at_vehicle()
@@ -58,7 +55,7 @@ def climb_speeds(seconds, **parameters):
     speeds = []
     for _ in range(round(seconds / TICK_S)):
         climb.run()
-        speeds.append(row.velocity[2])
+        speeds.append(setpoints.velocity[2])
     return np.array(speeds)
 
 
@@ -76,16 +73,16 @@ def test_a_takeoff_ramp_begins_with_a_descent_setpoint_and_climbs_with_the_accel
 
 
 def test_without_a_good_heading_yaw_is_not_controlled_and_afterwards_the_current_yaw_is_kept():
-    view, row = View(), Row()
-    path = Path(view, row)
+    view, setpoints = FakeView(), SetpointRecorder()
+    path = Path(view, setpoints)
     path.restart(in_air=True)
     view.fusion.heading_good_for_control[0] = False
     view.estimate.yaw_ned_rad = -0.2
     path.write()
-    assert math.isnan(row.yaw)
+    assert math.isnan(setpoints.yaw)
     view.fusion.heading_good_for_control[0] = True
     path.write()
-    assert row.yaw == pytest.approx(-0.2)
+    assert setpoints.yaw == pytest.approx(-0.2)
     path.yaw_target_rad = 1.0
     view.fusion.heading_good_for_control[0] = False
     path.write()
@@ -93,8 +90,8 @@ def test_without_a_good_heading_yaw_is_not_controlled_and_afterwards_the_current
 
 
 def test_a_heading_reset_also_resets_the_yaw_setpoint():
-    view, row = View(), Row()
-    path = Path(view, row)
+    view, setpoints = FakeView(), SetpointRecorder()
+    path = Path(view, setpoints)
     path.restart(in_air=True)
     path.follow_resets()
     path.write()
@@ -103,25 +100,25 @@ def test_a_heading_reset_also_resets_the_yaw_setpoint():
     path.follow_resets()
     assert path.yaw.yaw_ned_rad == pytest.approx(2.3)
     path.write()
-    assert row.yaw == pytest.approx(2.3 - math.radians(view.parameter("MPC_YAWRAUTO_MAX")) * TICK_S)
+    assert setpoints.yaw == pytest.approx(2.3 - math.radians(view.parameter("MPC_YAWRAUTO_MAX")) * TICK_S)
 
 
 def test_centred_sticks_hold_position_altitude_and_heading_across_estimator_resets():
-    view, row = View(), Row()
+    view, setpoints = FakeView(), SetpointRecorder()
     sticks = SimpleNamespace(raw=Deflection(), shaped=Deflection, valid=True)
-    manual = StickTasks(view, row, sticks, HOME)
-    manual.run(NavState.POSITION)
-    assert row.position == (0.0, 0.0, 0.0)
+    stick_tasks = StickTasks(view, setpoints, sticks, HOME)
+    stick_tasks.run(NavState.POSITION)
+    assert setpoints.position == (0.0, 0.0, 0.0)
     view.estimate.position_ned_m, view.estimate.yaw_ned_rad = (30.0, 31.0, 32.0), 1.3
-    manual.run(NavState.POSITION)
-    assert row.position == (0.0, 0.0, 0.0)
-    assert row.yaw == pytest.approx(0.3)
+    stick_tasks.run(NavState.POSITION)
+    assert setpoints.position == (0.0, 0.0, 0.0)
+    assert setpoints.yaw == pytest.approx(0.3)
     view.estimate.position_ned_m, view.estimate.yaw_ned_rad = (40.0, 41.0, 42.0), 2.3
     view.fusion.resets[2:] += 1
     view.fusion.heading_reset_counter[0] += 1
-    manual.run(NavState.POSITION)
-    assert row.position == (40.0, 41.0, 42.0)
-    assert row.yaw == pytest.approx(1.3)
+    stick_tasks.run(NavState.POSITION)
+    assert setpoints.position == (40.0, 41.0, 42.0)
+    assert setpoints.yaw == pytest.approx(1.3)
 
 
 def test_a_descent_limit_of_a_vehicle_replaces_the_default():

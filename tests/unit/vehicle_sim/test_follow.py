@@ -15,7 +15,7 @@ M_PER_DEG = 111_195.0
 @pytest.mark.story
 def test_a_vehicle_follows_and_faces_a_moving_target_and_holds_when_the_target_is_lost() -> None:
     station = Station(parameters={"FLW_TGT_DST": 8.0, "FLW_TGT_HT": 9.0})
-    station.fly_to(10.0)
+    station.take_off_and_hover(10.0)
     home = station.sim.simulation.home
     estimate = station.sim.simulation.estimate
     start_s = station.now_s
@@ -69,7 +69,7 @@ class Beacon(Station):
 
 def test_a_following_vehicle_climbs_before_it_moves_horizontally() -> None:
     station = Beacon(60.0, 0.0, FLW_TGT_HT=16.0)
-    station.fly_to(5.0)
+    station.take_off_and_hover(5.0)
     station.command(176, 1, 4, 8)
     station.follow(0.4)
     station.run_until(lambda: station.height_m > 12.5, 20, lambda: station.follow(0.02))
@@ -82,7 +82,7 @@ def test_a_following_vehicle_climbs_before_it_moves_horizontally() -> None:
 @pytest.mark.story
 def test_a_vehicle_whose_target_is_below_the_ground_stays_above_the_ground() -> None:
     station = Beacon(20.0, -30.0, FLW_TGT_ALT_M=2, FLW_TGT_HT=8.0)
-    station.fly_to(5.0)
+    station.take_off_and_hover(5.0)
     station.command(176, 1, 4, 8)
     station.follow(12.0)
     for _ in range(20):

@@ -1,4 +1,4 @@
-"""The simulator continues with any input: garbage, damaged frames, extreme values, floods."""
+"""The simulator keeps working with any input: garbage, damaged frames, extreme values, floods."""
 
 import os
 import random
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.flight
 
 SEEDS = int(os.environ.get("FUZZ_SEEDS", "1"))
 """Number of seeds; more with `make test-clients`."""
-ODD_FLOATS = (
+EXTREME_FLOATS = (
     0.0,
     -0.0,
     1.0,
@@ -37,7 +37,7 @@ LIMITS = {"b": (-128, 127), "B": (0, 255), "h": (-(2**15), 2**15 - 1), "H": (0, 
 LIMITS |= {"i": (-(2**31), 2**31 - 1), "I": (0, 2**32 - 1), "q": (-(2**63), 2**63 - 1), "Q": (0, 2**64 - 1)}
 
 
-def odd_payload(layout: Layout, rng: random.Random) -> bytes:
+def extreme_payload(layout: Layout, rng: random.Random) -> bytes:
     """A payload with values at and beyond the limits of its fields, usually addressed to the vehicle."""
     letters = layout.packer.format.lstrip("<")
     flat, kinds, count = [], [], ""
@@ -49,7 +49,7 @@ def odd_payload(layout: Layout, rng: random.Random) -> bytes:
         if letter == "s":
             flat.append(rng.randbytes(int(count or 1)))
         else:
-            flat += [_odd(letter, rng) for _ in range(int(count or 1))]
+            flat += [_extreme(letter, rng) for _ in range(int(count or 1))]
         count = ""
     index = 0
     for name, length, is_text in layout.slots:
@@ -91,14 +91,14 @@ COMMANDS = (
 COMMANDS += (420, 500, 510, 511, 512, 521, 526, 530, 531, 1000, 1001, 2000, 2001, 2002, 42429, 43004, 65535)
 
 
-def _odd(letter: str, rng: random.Random) -> float:
+def _extreme(letter: str, rng: random.Random) -> float:
     if letter in "fd":
-        return rng.choice((*ODD_FLOATS, rng.uniform(-1e3, 1e3), float(rng.randrange(0, 600))))
+        return rng.choice((*EXTREME_FLOATS, rng.uniform(-1e3, 1e3), float(rng.randrange(0, 600))))
     low, high = LIMITS[letter]
     return rng.choice((low, high, max(low, min(high, 0)), max(low, min(high, 1)), rng.randint(low, high)))
 
 
-def still_works(sim: VehicleSim) -> bool:
+def is_working(sim: VehicleSim) -> bool:
     """Whether the vehicle's state is finite, and the simulator still streams telemetry and replies to
     requests."""
     truth = sim.simulation.truth
@@ -118,7 +118,7 @@ def still_works(sim: VehicleSim) -> bool:
 @pytest.fixture(scope="module")
 def station() -> Station:
     station = Station(camera=True, links=BOTH)
-    station.fly_to(5.0)
+    station.take_off_and_hover(5.0)
     return station
 
 
@@ -166,14 +166,14 @@ def test_the_simulator_works_after_extreme_values_in_every_message(seed: int) ->
     for _ in range(3):
         rng.shuffle(layouts)
         for n, layout in enumerate(layouts):
-            payload = odd_payload(layout, rng)
+            payload = extreme_payload(layout, rng)
             if rng.random() < 0.2:
                 payload = payload[: rng.randrange(1, len(payload) + 1)]
             sender = rng.choice(((255, 190), (1, 1), (1, 191), (0, 0), (254, 1)))
             sim.feed(0, rng.choice(("gcs", "api")), frame_v2(layout, payload, n & 0xFF, *sender))
             if n % 10 == 0:
                 sim.step(0.02)
-    assert still_works(sim)
+    assert is_working(sim)
 
 
 SERVICES = (
@@ -192,14 +192,14 @@ SERVICES = (
 def test_the_simulator_works_after_extreme_values_to_every_service_in_flight(seed: int) -> None:
     rng = random.Random(1000 + seed)
     station = Station(camera=True, seed=seed)
-    station.fly_to(5.0)
+    station.take_off_and_hover(5.0)
     sim = station.sim
     for n in range(500):
         layout = BY_NAME[rng.choice(SERVICES)]
-        sim.feed(0, "gcs", frame_v2(layout, odd_payload(layout, rng), n & 0xFF, 255, 190))
+        sim.feed(0, "gcs", frame_v2(layout, extreme_payload(layout, rng), n & 0xFF, 255, 190))
         if n % 5 == 0:
             sim.step(0.02)
-    assert still_works(sim)
+    assert is_working(sim)
 
 
 @pytest.mark.story
@@ -213,4 +213,4 @@ def test_a_flood_takes_limited_memory_and_the_simulator_works_afterwards() -> No
         sim.step(0.02)
     link = sim.nodes[0].context.links[0]
     assert link._outbox_bytes < 4_100_000
-    assert still_works(sim)
+    assert is_working(sim)

@@ -26,8 +26,8 @@ def take_control(station: Station) -> None:
     station.run(0.1)
 
 
-def test_a_gimbal_program_takes_control_moves_the_gimbal_and_releases_control() -> None:
-    """The program streams roll 90°, pitch 90° and zero, with locked yaw."""
+def test_a_client_takes_control_moves_the_gimbal_and_releases_control() -> None:
+    """The client streams roll 90°, pitch 90° and zero, with yaw lock."""
     station = Station(parameters={"MNT_RANGE_ROLL": 180.0, "MNT_RANGE_PITCH": 180.0})
     take_control(station)
     assert station.acks(1001) == [0]
@@ -196,11 +196,11 @@ def test_a_disabled_gimbal_sends_nothing() -> None:
 @pytest.mark.story
 def test_the_gimbal_points_at_the_next_waypoint_and_ahead_without_a_waypoint() -> None:
     station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": 2})
-    station.ready_to_arm()
+    station.wait_until_ready_to_arm()
     station.command(196)
     station.run(1)
     assert q_pitch(station) == pytest.approx(0.0, abs=1e-6), "the gimbal does not point ahead"
-    station.fly_to(10.0)
+    station.take_off_and_hover(10.0)
     item = station.item(192, 40.0, 0.0)
     station.command(
         192, -1, 1, 0, NAN, item["x"] / 1e7, item["y"] / 1e7, station.sim.autopilots[0].home.alt_amsl_m + 4
@@ -220,7 +220,7 @@ def test_the_gimbal_points_at_the_next_waypoint_and_ahead_without_a_waypoint() -
 @pytest.mark.parametrize(("output", "lock_flags"), [(0, 28), (2, 12)])
 def test_a_neutral_gimbal_points_ahead_of_the_vehicle_with_any_lock(output: int, lock_flags: int) -> None:
     station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_OUT": output})
-    station.ready_to_arm()
+    station.wait_until_ready_to_arm()
     take_control(station)
     station.command(1000, -20, 90, NAN, NAN, 28)
     station.run(2)

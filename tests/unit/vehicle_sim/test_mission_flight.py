@@ -27,7 +27,7 @@ def test_a_mission_along_a_box_is_flown_as_recorded(shared: Path) -> None:
     rows = np.array([[math.nan if v is None else v for v in row] for row in recording["rows"]], dtype=float)
 
     station = PlanStation(sensor_noise=False)
-    station.ready_to_arm()
+    station.wait_until_ready_to_arm()
     items = [dict(item) for item in recording["stimulus"][0]["items"]]
     first = station.item(22)
     north0, east0 = items[0]["x"], items[0]["y"]

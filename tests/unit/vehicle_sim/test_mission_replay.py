@@ -66,11 +66,11 @@ def test_a_mission_left_while_pictures_are_taken_continues_at_the_previous_waypo
 @pytest.mark.flight
 def test_a_mission_that_starts_at_a_later_item_uses_the_settings_of_the_items_before_it():
     station = PlanStation(parameters={"MIS_TAKEOFF_ALT": 2.5}, sensor_noise=False)
-    station.ready_to_arm()
+    station.wait_until_ready_to_arm()
     station.upload([
-        station.item(TAKEOFF, alt_home_m=8), station.action(SPEED, 1, 3.0, -1),
-        station.action(PITCH_YAW, -90, 0),
-        station.action(DISTANCE, 10), station.item(WAYPOINT, 4, 0, 3), station.item(WAYPOINT, 40, 0, 3),
+        station.item(TAKEOFF, alt_home_m=8), station.command_item(SPEED, 1, 3.0, -1),
+        station.command_item(PITCH_YAW, -90, 0),
+        station.command_item(DISTANCE, 10), station.item(WAYPOINT, 4, 0, 3), station.item(WAYPOINT, 40, 0, 3),
     ])  # fmt: skip
     station.command(300, 4)
     station.run(0.1)

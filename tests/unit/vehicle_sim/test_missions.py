@@ -16,7 +16,7 @@ ROI, ROI_NONE, LOITER_UNLIMITED = 195, 197, 17
 @pytest.fixture
 def station() -> PlanStation:
     station = PlanStation(parameters={"MIS_TAKEOFF_ALT": 2.5}, sensor_noise=False)
-    station.ready_to_arm()
+    station.wait_until_ready_to_arm()
     return station
 
 
@@ -24,13 +24,13 @@ def station() -> PlanStation:
 def test_a_mission_with_pause_speed_and_landing_is_flown_to_its_end(station: PlanStation) -> None:
     plan = [
         station.item(TAKEOFF, alt_home_m=4),
-        station.action(SPEED, 1, 3.0, -1),
+        station.command_item(SPEED, 1, 3.0, -1),
         station.item(WAYPOINT, 8, 0, 4, p=(1.0, 0, 0, NAN)),
         station.item(WAYPOINT, 8, 8, 4, p=(0, 0, 0, 180.0)),
         station.item(LAND, 2, 8, 0),
     ]
     assert station.upload(plan) == 0
-    station.start()
+    station.start_mission()
     assert station.texts()[:3] == [
         "Armed by mission start\t", "Executing Mission\t", "Climb to 4.0 meters above home\t",
     ]  # fmt: skip
@@ -88,7 +88,7 @@ def test_a_mission_can_be_started_directly_after_its_upload(station: PlanStation
 
 def test_after_the_last_waypoint_the_vehicle_holds_at_this_waypoint(station: PlanStation) -> None:
     station.upload([station.item(TAKEOFF, alt_home_m=4), station.item(WAYPOINT, 6, 0, 4)])
-    station.start()
+    station.start_mission()
     station.run_until(lambda: station.active_mode == HOLD, 25)
     assert station.texts()[-1] == "Mission finished, loitering\t"
     station.run(3)
@@ -100,11 +100,11 @@ def test_after_the_last_waypoint_the_vehicle_holds_at_this_waypoint(station: Pla
 def test_jumps_repeat_and_delays_wait(station: PlanStation) -> None:
     station.upload([
         station.item(TAKEOFF, alt_home_m=3), station.item(WAYPOINT, 3, 0, 3, p=(0, 0.7, 0, NAN)),
-        station.item(WAYPOINT, 0, 0, 3, p=(0, 0.7, 0, NAN)), station.action(JUMP, 1, 1),
-        station.action(DELAY, 2.0),
+        station.item(WAYPOINT, 0, 0, 3, p=(0, 0.7, 0, NAN)), station.command_item(JUMP, 1, 1),
+        station.command_item(DELAY, 2.0),
         station.item(LOITER_UNLIMITED, 3, 0, 3),
     ])  # fmt: skip
-    station.start()
+    station.start_mission()
     station.run_until(lambda: station.mission.current == 4, 40)
     assert station.reached() == [0, 1, 2, 1, 2]
     began_s = station.now_s
@@ -124,9 +124,9 @@ def test_a_region_of_interest_turns_the_vehicle_and_a_return_item_ends_the_missi
 ) -> None:
     station.upload([
         station.item(TAKEOFF, alt_home_m=3), station.item(ROI, 4, -8, 0), station.item(WAYPOINT, 8, 0, 3),
-        station.action(ROI_NONE), station.action(RETURN),
+        station.command_item(ROI_NONE), station.command_item(RETURN),
     ])  # fmt: skip
-    station.start()
+    station.start_mission()
     station.run_until(lambda: station.mission.current == 2, 12)
     station.run(4.0)
     north, east = station.position_ne_m
@@ -142,7 +142,7 @@ def test_an_infeasible_mission_is_stored_and_its_start_refused(station: PlanStat
     cases = {
         "navigator_mis_takeoff_not_first": [station.item(WAYPOINT, 5), station.item(TAKEOFF)],
         "navigator_mis_vtol_items": [station.item(TAKEOFF), station.item(85, 5)],
-        "navigator_mis_unsup_cmd": [station.item(TAKEOFF), station.action(112, 5)],
+        "navigator_mis_unsup_cmd": [station.item(TAKEOFF), station.command_item(112, 5)],
         "navigator_mis_takeoff_too_low": [station.item(TAKEOFF, alt_home_m=1)],
     }
     for event, plan in cases.items():
@@ -169,7 +169,7 @@ def test_a_mission_uploaded_in_flight_starts_at_once_and_clearing_it_ends_in_hol
     station: PlanStation,
 ) -> None:
     station.upload([station.item(TAKEOFF, alt_home_m=3), station.item(LOITER_UNLIMITED, 3, 0, 3)])
-    station.start()
+    station.start_mission()
     station.run_until(lambda: station.mission.current == 1, 12)
     station.upload([station.item(WAYPOINT, 0, 5, 3), station.item(LOITER_UNLIMITED, 0, 5, 3)])
     assert (station.mission.current, station.active_mode) == (0, MISSION_MODE), (
@@ -187,7 +187,7 @@ def test_a_mission_uploaded_in_flight_starts_at_once_and_clearing_it_ends_in_hol
 @pytest.mark.story
 def test_a_vehicle_put_into_hold_while_accelerating_overshoots_and_flies_back(station: PlanStation) -> None:
     assert station.upload([station.item(TAKEOFF, alt_home_m=4), station.item(WAYPOINT, 60, 0, 4)]) == 0
-    station.start()
+    station.start_mission()
     station.run_until(lambda: station.position_ne_m[0] > 0.3, 20)
     station.command(176, 1, 4, 3)
     farthest_m = 0.0

@@ -23,8 +23,8 @@ def set_origin(station, lat=LAT, lon=LON, alt=ALT, **extra):
 def test_without_gps_an_origin_can_be_set_but_the_position_stays_invalid():
     station = Station(parameters={"EKF2_GPS_CTRL": 0})
     station.run(6.0)
-    estimate = station.sim.autopilots[0].view
-    assert not estimate.origin[0] > 0, "no origin was set"
+    view = station.sim.autopilots[0].view
+    assert not view.origin[0] > 0, "no origin was set"
     assert set_origin(station) == [(LAT, LON, ALT)]
     station.run(3.0)
     assert not station.sim.autopilots[0].view.estimate.valid_position

@@ -1,4 +1,4 @@
-"""External modes over ROS 2 are registered, armed, flown, lost and replaced by messages only."""
+"""External modes over ROS 2: registration, arming, flight, loss and replacement, by messages only."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_a_mode_that_stops_replying_is_replaced_by_return_until_it_replies_again
 
 
 @pytest.mark.story
-def test_a_mode_that_cannot_run_is_left_at_once_and_cannot_be_selected_again():
+def test_the_vehicle_returns_if_a_mode_cannot_run_and_the_mode_cannot_be_selected_again():
     component = Component()
     component.fly()
     component.can_run = False
@@ -125,7 +125,7 @@ def test_a_mode_that_cannot_run_is_left_at_once_and_cannot_be_selected_again():
 
 
 @pytest.mark.story
-def test_an_unregistered_mode_is_left_in_flight():
+def test_the_vehicle_returns_if_its_mode_is_unregistered_in_flight():
     component = Component()
     component.fly()
     component.vehicle.send(UNREGISTER, name="Mine", mode_id=MODE, mode_executor_id=-1)

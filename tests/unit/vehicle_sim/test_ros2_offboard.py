@@ -52,85 +52,87 @@ def switch_to_offboard(vehicle: Ros2Vehicle, *stream) -> None:
 
 
 @pytest.fixture
-def air() -> Ros2Vehicle:
+def hovering_vehicle() -> Ros2Vehicle:
     vehicle = Ros2Vehicle()
     vehicle.hover()
     return vehicle
 
 
 @pytest.mark.flight
-def test_every_setpoint_type_is_flown_as_selected_by_the_flag(air):
-    switch_to_offboard(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
+def test_every_setpoint_type_is_flown_as_selected_by_the_flag(hovering_vehicle):
+    switch_to_offboard(hovering_vehicle, flags("position"), trajectory((0.0, 0.0, -2.5)))
     for name, (level, setpoints) in KINDS.items():
-        air.stream(0.6, 100.0, flags(name), *setpoints)
-        assert air.sim.simulation.setpoints.level[0] == level, name
-        assert -3.2 < air.position_ned_m[2] < -1.8, name
-        assert status(air) == (OFFBOARD_MODE, False)
+        hovering_vehicle.stream(0.6, 100.0, flags(name), *setpoints)
+        assert hovering_vehicle.sim.simulation.setpoints.level[0] == level, name
+        assert -3.2 < hovering_vehicle.position_ned_m[2] < -1.8, name
+        assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
     # A setpoint of another level than the flag's changes nothing.
-    air.stream(2.0, 50.0, flags("position"), trajectory((0.0, 0.0, -2.5)))
-    air.stream(1.0, 50.0, flags("position"), *KINDS["direct_actuator"][1])
-    assert air.sim.simulation.setpoints.level[0] == ControlLevel.TRAJECTORY
-    assert air.position_ned_m[2] == pytest.approx(-2.5, abs=0.3)
+    hovering_vehicle.stream(2.0, 50.0, flags("position"), trajectory((0.0, 0.0, -2.5)))
+    hovering_vehicle.stream(1.0, 50.0, flags("position"), *KINDS["direct_actuator"][1])
+    assert hovering_vehicle.sim.simulation.setpoints.level[0] == ControlLevel.TRAJECTORY
+    assert hovering_vehicle.position_ned_m[2] == pytest.approx(-2.5, abs=0.3)
 
 
 @pytest.mark.story
 @pytest.mark.flight
-def test_only_offboard_control_mode_keeps_the_vehicle_in_offboard(air):
-    switch_to_offboard(air, flags("position"), trajectory((1.0, 0.0, -2.5)))
-    air.stream(5.0, 10.0, flags("position"))
-    assert status(air) == (OFFBOARD_MODE, False)
-    assert air.position_ned_m[0] == pytest.approx(1.0, abs=0.3)
-    air.stream(0.8, 10.0, trajectory((1.0, 0.0, -2.5)))
-    assert status(air) == (OFFBOARD_MODE, False)
-    air.stream(0.5, 10.0, trajectory((1.0, 0.0, -2.5)))
-    assert status(air) == (POSITION_MODE, True)
-    air.stream(0.5, 10.0, flags("position"))
-    assert status(air) == (OFFBOARD_MODE, False)
+def test_only_offboard_control_mode_keeps_the_vehicle_in_offboard(hovering_vehicle):
+    switch_to_offboard(hovering_vehicle, flags("position"), trajectory((1.0, 0.0, -2.5)))
+    hovering_vehicle.stream(5.0, 10.0, flags("position"))
+    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+    assert hovering_vehicle.position_ned_m[0] == pytest.approx(1.0, abs=0.3)
+    hovering_vehicle.stream(0.8, 10.0, trajectory((1.0, 0.0, -2.5)))
+    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+    hovering_vehicle.stream(0.5, 10.0, trajectory((1.0, 0.0, -2.5)))
+    assert status(hovering_vehicle) == (POSITION_MODE, True)
+    hovering_vehicle.stream(0.5, 10.0, flags("position"))
+    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
 
 
 @pytest.mark.flight
-def test_without_any_flag_the_signal_is_lost_at_once(air):
-    switch_to_offboard(air, flags("position"), trajectory((0.0, 0.0, -2.5)))
-    air.stream(0.3, 20.0, (CONTROL_MODE, {}))
-    assert status(air) == (POSITION_MODE, True)
+def test_without_any_flag_the_signal_is_lost_at_once(hovering_vehicle):
+    switch_to_offboard(hovering_vehicle, flags("position"), trajectory((0.0, 0.0, -2.5)))
+    hovering_vehicle.stream(0.3, 20.0, (CONTROL_MODE, {}))
+    assert status(hovering_vehicle) == (POSITION_MODE, True)
 
 
 @pytest.mark.story
 @pytest.mark.flight
-def test_invalid_setpoints_do_not_replace_the_last_valid_setpoint(air):
+def test_invalid_setpoints_do_not_replace_the_last_valid_setpoint(hovering_vehicle):
     level = (ATTITUDE, {"q_d": [1.0, 0.0, 0.0, 0.0], "thrust_body": HOVER})
-    switch_to_offboard(air, flags("attitude"), level)
+    switch_to_offboard(hovering_vehicle, flags("attitude"), level)
     for broken in ([NAN, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]):
-        air.stream(0.3, 50.0, flags("attitude"), (ATTITUDE, {"q_d": broken, "thrust_body": HOVER}))
-    assert air.sim.simulation.setpoints.thrust[0] == pytest.approx(0.49)
-    air.stream(3.0, 20.0, flags("position"), trajectory())
-    assert status(air) == (OFFBOARD_MODE, False)
-    assert math.dist(air.position_ned_m, (0.0, 0.0, -2.5)) < 1.0
+        hovering_vehicle.stream(
+            0.3, 50.0, flags("attitude"), (ATTITUDE, {"q_d": broken, "thrust_body": HOVER})
+        )
+    assert hovering_vehicle.sim.simulation.setpoints.thrust[0] == pytest.approx(0.49)
+    hovering_vehicle.stream(3.0, 20.0, flags("position"), trajectory())
+    assert status(hovering_vehicle) == (OFFBOARD_MODE, False)
+    assert math.dist(hovering_vehicle.position_ned_m, (0.0, 0.0, -2.5)) < 1.0
 
 
 @pytest.mark.flight
-def test_a_goto_setpoint_is_flown_in_hold_until_its_messages_stop(air):
+def test_a_goto_setpoint_is_flown_in_hold_until_its_messages_stop(hovering_vehicle):
     goal = {"position": [0.0, 5.0, -2.5], "flag_set_max_horizontal_speed": True, "max_horizontal_speed": 4.0}
-    air.stream(8.0, 30.0, (GOTO, goal))
-    assert status(air) == (HOLD_MODE, False)
-    assert air.position_ned_m[1] == pytest.approx(5.0, abs=0.4)
-    air.stream(0.1, 30.0, (GOTO, {"position": NAN3}))
-    air.run(5.0)
-    assert air.position_ned_m[1] == pytest.approx(0.0, abs=0.5)
+    hovering_vehicle.stream(8.0, 30.0, (GOTO, goal))
+    assert status(hovering_vehicle) == (HOLD_MODE, False)
+    assert hovering_vehicle.position_ned_m[1] == pytest.approx(5.0, abs=0.4)
+    hovering_vehicle.stream(0.1, 30.0, (GOTO, {"position": NAN3}))
+    hovering_vehicle.run(5.0)
+    assert hovering_vehicle.position_ned_m[1] == pytest.approx(0.0, abs=0.5)
 
 
 @pytest.mark.story
 @pytest.mark.flight
-def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(air):
+def test_trajectory_setpoints_move_a_vehicle_in_hold_more_at_higher_rates(hovering_vehicle):
     moved_m = []
     for hz in (10.06, 50.3):  # no multiples of the mode's rate, so that the overwritten setpoints vary
-        air.stream(6.4, hz, trajectory((5.0, 0.0, -2.5)))
-        moved_m.append(air.position_ned_m[0])
-        assert status(air) == (HOLD_MODE, False)
-        air.run(4.0)
+        hovering_vehicle.stream(6.4, hz, trajectory((5.0, 0.0, -2.5)))
+        moved_m.append(hovering_vehicle.position_ned_m[0])
+        assert status(hovering_vehicle) == (HOLD_MODE, False)
+        hovering_vehicle.run(4.0)
     assert 0.1 < moved_m[0] < 0.8
     assert 1.0 < moved_m[1] < 2.5  # PX4 overwrites two thirds of the setpoints before it uses them
-    assert abs(air.position_ned_m[0]) < 0.5
+    assert abs(hovering_vehicle.position_ned_m[0]) < 0.5
 
 
 def test_setpoints_do_not_move_a_disarmed_vehicle_and_are_not_flown_after_arming():

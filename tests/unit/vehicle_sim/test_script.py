@@ -35,7 +35,7 @@ def test_an_event_when_airborne_occurs_after_the_take_off():
     )
     station.run(15)
     assert station.sim.simulation.battery.remaining[0] == 1.0, "the event occurred on the ground"
-    station.fly_to(5.0)
+    station.take_off_and_hover(5.0)
     station.run(6.0)
     assert station.sim.simulation.battery.remaining[0] <= 0.4
     assert not station.sim.simulation.truth.on_ground[0]

@@ -26,7 +26,7 @@ def continue_flight(station: Station) -> str:
 @pytest.mark.parametrize("fleet", [{"links": BOTH, "camera": True}, {}], ids=["both", "gcs"])
 def test_copies_continue_like_the_original(fleet: dict[str, Any]) -> None:
     original = Station(seed=4, **fleet)
-    original.fly_to(3.0)
+    original.take_off_and_hover(3.0)
     first, second = snapshot(original), snapshot(original)
     log_of_copy = continue_flight(first)
     assert continue_flight(original) == log_of_copy, "the flight of a copy changed the original"

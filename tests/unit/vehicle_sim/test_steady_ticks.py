@@ -144,12 +144,12 @@ def test_spool_up_ramp_and_ground_contact_until_the_disarming_are_flown_by_stead
     """The other ticks are full: before arming, after disarming, and while the vehicle brakes for the
     landing."""
 
-    def set_quick(sim: VehicleSim) -> None:
+    def set_fast_landing(sim: VehicleSim) -> None:
         for name, value in {"MPC_LAND_SPEED": 2.0, "MPC_LAND_CRWL": 1.5}.items():
             sim.set_parameter(0, name, value)
 
     script: Script = {
-        0.5: set_quick,
+        0.5: set_fast_landing,
         1.0: for_each_autopilot(take_off),
         6.5: for_each_autopilot(lambda autopilot: autopilot.commander.set_mode(NavState.LAND)),
     }
@@ -232,14 +232,15 @@ FAILURES: Script = {
     15.5: lambda sim: sim.simulation.set_battery_remaining(3, 0.05),
     19.5: lambda sim: sim.simulation.set_gps_enabled(4, True),
 }
-"""A lost station, a fence, a silent magnetometer, an empty battery and a lost GNSS, each of one vehicle."""
+"""A lost ground station, a geofence breach, a magnetometer without data, an empty battery and a lost GNSS;
+each affects one vehicle."""
 REPORTS = (
     "commander_gcs_lost", "exceeding maximum altitude", "MAG #0 failed", "commander_failsafe_enter_low_bat",
     "commander_failsafe_enter_hold", "commander_failsafe_enter_autopilot_disengaged",
 )  # fmt: skip
 
 
-def test_checks_are_skipped_only_while_they_would_find_nothing_new(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_checks_are_skipped_only_while_their_results_do_not_change(monkeypatch: pytest.MonkeyPatch) -> None:
     skipped: list[bool] = []
     skip_if_unchanged = CheckSkipper.skip_if_unchanged
 

@@ -82,7 +82,7 @@ class JoystickStation(Station):
 @pytest.fixture(scope="module")
 def flying_station():
     station = JoystickStation()
-    station.fly_to(10.0)
+    station.take_off_and_hover(10.0)
     return station
 
 

@@ -132,7 +132,7 @@ def test_distant_obstacles_do_not_change_a_flight():
 @pytest.mark.story
 def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
     station = Station(world=load_world("obstacle-box"), links=BOTH)
-    station.fly_to(2.5)
+    station.take_off_and_hover(2.5)
     box_north = float(station.sim.simulation.truth.position_ned_m[0, 0])
     ahead = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 0][-1]
     down = [m for m in station.received("DISTANCE_SENSOR", via="api") if m.orientation == 25][-1]
@@ -159,7 +159,7 @@ def test_the_box_is_measured_and_a_collision_with_it_stops_the_motors():
 
 def test_without_a_world_there_is_one_lidar_that_points_down():
     station = Station(links=BOTH)
-    station.fly_to(8.0)
+    station.take_off_and_hover(8.0)
     messages = station.received("DISTANCE_SENSOR", via="api")
     assert {m.orientation for m in messages} == {25}
     assert messages[-1].current_distance == pytest.approx(station.height_m * 100, abs=15)

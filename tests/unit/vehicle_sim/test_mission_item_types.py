@@ -1,4 +1,4 @@
-"""Upload from a station that supports only one type of mission item, and message intervals."""
+"""Upload from a ground station that supports only one type of mission item; intervals of messages."""
 
 from __future__ import annotations
 

@@ -15,10 +15,10 @@ _READY: list[PlanStation] = []
 
 @pytest.fixture
 def station() -> PlanStation:
-    """Booted once; each test gets a copy."""
+    """A station whose vehicle can be armed; it boots once, and each test gets a copy."""
     if not _READY:
         station = PlanStation(sensor_noise=False, parameters={"MNT_MODE_IN": 4})
-        station.ready_to_arm()
+        station.wait_until_ready_to_arm()
         _READY.append(station)
     return snapshot(_READY[0])
 
@@ -68,14 +68,14 @@ def test_a_multicopter_on_the_ground_accepts_the_vtol_takeoff_mode(station: Plan
 @pytest.mark.parametrize("command", [183, 531])
 def test_an_unknown_item_is_refused_when_it_is_uploaded(station: PlanStation, command: int) -> None:
     begin_s = station.now_s
-    plan = [station.item(22), station.item(16, 10.0), station.action(command, 1, 1500)]
+    plan = [station.item(22), station.item(16, 10.0), station.command_item(command, 1, 1500)]
     assert station.upload(plan) == UNSUPPORTED_ITEM
     assert "IGN MISSION_ITEM: Invalid item\t" in station.texts(begin_s)
 
 
 def test_a_mission_with_a_vtol_transition_is_stored_and_reported(station: PlanStation) -> None:
     begin_s = station.now_s
-    assert station.upload([station.item(22), station.action(3000, 4), station.item(16, 20.0)]) == 0
+    assert station.upload([station.item(22), station.command_item(3000, 4), station.item(16, 20.0)]) == 0
     station.run(0.2)
     events = [EVENT_NAMES[m.values["id"]] for m in station.received("EVENT", since_s=begin_s)]
     assert "navigator_mis_vtol_items" in events

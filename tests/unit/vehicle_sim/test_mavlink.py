@@ -244,7 +244,7 @@ def test_every_streamed_message_is_known_to_the_dialect() -> None:
 def test_extreme_values_in_commands_and_setpoints_do_not_end_the_simulation() -> None:
     """A ground station sends extreme values in all numbers while the vehicle flies."""
     station = Station()
-    station.fly_to(4)
+    station.take_off_and_hover(4)
     rng = random.Random(2)
     values = (0.0, 1.0, -1.0, 2.0, -3.0, 300.0, 1e30, -1e30, math.inf, -math.inf, math.nan, 47.4, 8.5)
     numbers = [20, 21, 22, 23, 34, 35, 176, 178, 179, 185, 186, 192, 195, 197, 201, 205, 211, 245, 246, 262,
