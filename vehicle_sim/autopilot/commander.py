@@ -208,8 +208,7 @@ class Commander:
         self._update_landed(landed)
         if not self.armed:
             self.home.update_disarmed()
-        navigator = self._navigator
-        navigator.watch()
+        self._navigator.check_fence_and_rally_points()
         self._load_plans()
         self.monitors.update(armed=self.armed, landed=landed)
         if self._check_is_due():

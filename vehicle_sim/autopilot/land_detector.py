@@ -39,8 +39,10 @@ LANDED_SLACK = 2.5
 DESCENT_MARGIN = 1.1
 """A setpoint faster than this factor times LNDMC_Z_VEL_MAX counts as a descent."""
 NEAR_GROUND_M = 1.0
-UNSEEN_GROUND_FACTOR = 3.0
-NO_HEIGHT_S = 8.0
+"""A larger height above ground prevents ground contact."""
+NO_RANGE_FACTOR = 3.0
+"""Factor on the duration of each stage while the range finder does not measure the ground."""
+NO_ALTITUDE_S = 8.0
 """Without an altitude estimate, minimum thrust for this long counts as a landing."""
 
 
@@ -91,7 +93,7 @@ class LandingThresholds:
         )
 
 
-CONTACT, MAYBE, LANDED, _AT_MIN_THRUST, _SEES_GROUND = 0, 2, 4, 6, 8
+CONTACT, MAYBE, LANDED, _AT_MIN_THRUST, _HAD_RANGE = 0, 2, 4, 6, 8
 """Indices of the state. Each condition has two numbers: 1 if it has been true for long enough, and the time
 since which it is true [s]. The last number is 1 after the first range measurement; a missing range slows the
 detection only after that."""
@@ -186,10 +188,10 @@ def detect(
     roll_rate: float, pitch_rate: float, height_m: float, climb_rate_controlled: bool, setpoint_down: float,
 ) -> None:  # fmt: skip
     """One tick of one vehicle's detector; the arguments are those of `DetectorInputs`."""
-    unseen = math.isnan(height_m)
-    if not unseen:
-        state[_SEES_GROUND] = 1.0
-    factor = UNSEEN_GROUND_FACTOR if unseen and state[_SEES_GROUND] != 0.0 else 1.0
+    no_range = math.isnan(height_m)
+    if not no_range:
+        state[_HAD_RANGE] = 1.0
+    factor = NO_RANGE_FACTOR if no_range and state[_HAD_RANGE] != 0.0 else 1.0
     stage_s = limits[_TRIGGER] / 3.0 * factor
     slack = LANDED_SLACK if state[LANDED] != 0.0 else 1.0
 
@@ -213,7 +215,7 @@ def detect(
         min_thrust = _thrust_level(limits[_THRUST_MIN], hover_thrust, MINIMUM_THRUST)
     at_min_thrust = thrust <= min_thrust
     if armed:
-        _debounce(state, _AT_MIN_THRUST, now_s, at_min_thrust, NO_HEIGHT_S)
+        _debounce(state, _AT_MIN_THRUST, now_s, at_min_thrust, NO_ALTITUDE_S)
     rotates = math.hypot(roll_rate, pitch_rate) > limits[_ROTATION_MAX] * slack
     supported = state[CONTACT] != 0.0 if vertical_known else state[_AT_MIN_THRUST] != 0.0
     _debounce(state, MAYBE, now_s, not armed or (at_min_thrust and not rotates and supported), stage_s)

@@ -110,7 +110,7 @@ MODES: dict[NavState, Mode] = {
 }  # fmt: skip
 """Every mode; AVAILABLE_MODES has the numbers that were recorded on PX4."""
 
-LISTED: tuple[Mode, ...] = tuple(
+LISTED_MODES: tuple[Mode, ...] = tuple(
     sorted((mode for mode in MODES.values() if mode.index), key=lambda mode: mode.index)
 )
 

@@ -164,8 +164,8 @@ class Navigator:
         elif mode is NavState.RTL and landed:
             self._return.check_landing()
 
-    def watch(self) -> None:
-        """Checks geofence and rally points, which apply in every mode."""
+    def check_fence_and_rally_points(self) -> None:
+        """Checks the geofence, and rally points after an upload; called at each tick in every mode."""
         self.fence.update()
         self._return.check_rally_points()
 

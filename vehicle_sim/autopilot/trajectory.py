@@ -19,8 +19,8 @@ POSITION, VELOCITY, ACCELERATION, JERK, ACCELERATION_LIMIT, CHANGE, FIRST, MIDDL
 )
 """The numbers of an axis: position [m], velocity [m/s], acceleration [m/s²], signed jerk of the first part
 [m/s³] (the last part has the opposite jerk), limit of the acceleration, planned change of velocity [m/s],
-durations of the three parts [s], and whether a plan exists since the reset. Without a plan the acceleration
-is kept."""
+durations of the three parts [s] (PX4's T1, T2, T3), and whether a plan exists since the reset. Without a plan
+the acceleration is kept."""
 
 _NEGLIGIBLE = 1e-6
 """Smaller accelerations [m/s²] and velocity changes [m/s] count as zero."""

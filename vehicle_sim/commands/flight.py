@@ -89,7 +89,7 @@ class FlightCommands:
             SET_HOME: self._set_home,
             TERMINATE: self._terminate,
             MISSION_START: self._mission_start,
-            RUN_PREARM_CHECKS: self._checks,
+            RUN_PREARM_CHECKS: self._run_prearm_checks,
             STORAGE: self._storage,
             REBOOT: lambda c: ACCEPTED if c.p1 == 0.0 else DENIED,
             ACTUATOR_TEST: self._actuator_test,
@@ -120,9 +120,6 @@ class FlightCommands:
         return ACCEPTED if self._commander.arm(reason) else TEMPORARILY_REJECTED
 
     def _set_mode(self, c: Command) -> int:
-        return self._switch_by_numbers(c)
-
-    def _switch_by_numbers(self, c: Command) -> int:
         base = int(c.p1) & 0xFF if math.isfinite(c.p1) else 0
         if not base & CUSTOM_FLAG:
             mode = _mode_from_flags(base)
@@ -290,7 +287,7 @@ class FlightCommands:
         )
         return FAILED
 
-    def _checks(self, c: Command) -> int:
+    def _run_prearm_checks(self, c: Command) -> int:
         self._commander.run_checks()
         return ACCEPTED
 

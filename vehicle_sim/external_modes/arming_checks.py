@@ -111,19 +111,19 @@ class ArmingChecks:
         return len(self._checks) >= SLOTS
 
     def add(self, mode: int, replaces: int) -> int:
-        """Registers a check in the first free slot; returns its id."""
-        number = next(number for number in range(SLOTS) if number not in self._checks)
-        self._checks[number] = ArmingCheck(mode, replaces)
-        return number
+        """Registers a check in the first free slot; returns its registration id."""
+        registration_id = next(free for free in range(SLOTS) if free not in self._checks)
+        self._checks[registration_id] = ArmingCheck(mode, replaces)
+        return registration_id
 
-    def remove(self, number: int, mode: int) -> None:
+    def remove(self, registration_id: int, mode: int) -> None:
         """Removes a check if it is registered for this mode."""
-        if number in self._checks and self._checks[number].mode == mode:
-            del self._checks[number]
+        if registration_id in self._checks and self._checks[registration_id].mode == mode:
+            del self._checks[registration_id]
 
-    def is_unresponsive(self, number: int) -> bool:
+    def is_unresponsive(self, registration_id: int) -> bool:
         """Whether the component of this check is unresponsive."""
-        return number in self._checks and self._checks[number].unresponsive
+        return registration_id in self._checks and self._checks[registration_id].unresponsive
 
     def receive(self, reply: ArmingCheckReply) -> None:
         """Queues a reply; as in PX4, replies stay in the queue while no check is registered."""
@@ -156,9 +156,10 @@ class ArmingChecks:
                 check.store_reply(reply)
 
     def _count_missing(self) -> None:
-        for number in [number for number in self._checks if number not in self._answered]:
-            if self._checks[number].count_miss() and self._checks[number].mode == NONE:
-                del self._checks[number]
+        for registration_id, check in list(self._checks.items()):
+            missing = registration_id not in self._answered
+            if missing and check.count_miss() and check.mode == NONE:
+                del self._checks[registration_id]
 
     def health(self) -> ExternalHealth:
         """The state of all checks."""

@@ -95,7 +95,7 @@ class ExternalModes:
     # --- registration ----------------------------------------------------------------------------------
 
     def register(self, request: Registration) -> RegistrationReply:
-        """Registers arming check, mode and executor of a component, or nothing."""
+        """Registers all parts of a component (arming check, mode, executor), or none of them."""
         if not request.is_consistent or not self._has_free_slots(request):
             return RegistrationReply()
         name = request.name[:NAME_LENGTH]

@@ -20,6 +20,7 @@ from vehicle_sim.vehicle_view import VehicleView
 ATTITUDE_RATE_MODES = frozenset({NavState.MANUAL, NavState.STABILIZED, NavState.ACRO})
 """Modes that control attitude or rates, also on the ground; a multicopter flies Manual as Stabilized."""
 STICK_MODES = ATTITUDE_RATE_MODES | {NavState.POSITION, NavState.POSITION_SLOW, NavState.ALTITUDE}
+"""Modes that the pilot flies by sticks."""
 
 TAKEOFF_THROTTLE = 0.3
 """A throttle this far above the middle takes off a vehicle on the ground."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from vehicle_sim.autopilot.modes import LISTED, Mode
+from vehicle_sim.autopilot.modes import LISTED_MODES, Mode
 from vehicle_sim.commands.command import ACCEPTED, DENIED, FAILED, Command
 from vehicle_sim.mavlink.context import Context
 from vehicle_sim.mavlink.dialect import BY_NAME, LAYOUTS
@@ -163,11 +163,11 @@ class RequestService:
 
     def _available_modes(self, link: Link, command: Command) -> bool:
         index = int(command.p2) if math.isfinite(command.p2) else 0
-        modes = [mode for mode in LISTED if index in (0, mode.index)]
+        modes = [mode for mode in LISTED_MODES if index in (0, mode.index)]
         for mode in modes:
             properties, name = self._properties_and_name(mode)
             link.send(
-                "AVAILABLE_MODES", number_modes=len(LISTED), mode_index=mode.index,
+                "AVAILABLE_MODES", number_modes=len(LISTED_MODES), mode_index=mode.index,
                 standard_mode=mode.standard_mode, custom_mode=mode.custom_mode, properties=properties,
                 mode_name=name,
             )  # fmt: skip
