@@ -52,8 +52,8 @@ def plan_room(page: Page) -> Locator:
 
 
 def steps_of(room: Locator) -> Locator:
-    """The entries of the list of steps."""
-    return room.get_by_role("listbox", name="Steps").get_by_role("option")
+    """The entries of the list of items (waypoint plan) or steps (offboard mission)."""
+    return room.get_by_role("listbox", name=re.compile("^(Items|Steps)$")).get_by_role("option")
 
 
 def on_map(page: Page, fraction: tuple[float, float]) -> tuple[float, float]:

@@ -44,7 +44,7 @@ def plan(setup: PictureSetup) -> None:
     setup.drone.request("POST", "/params/refresh", {"wait": True})
     room = open_room(page, "Zoom out")
     room.get_by_label("Name of the plan").fill("Field survey")
-    add = room.get_by_role("button", name="Add step")
+    add = room.get_by_role("button", name="Add item")
     choose(add, "Survey")
     click(page, FIELD)
     room.get_by_label("Altitude", exact=True).fill("25")

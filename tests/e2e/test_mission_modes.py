@@ -92,14 +92,14 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
         expect(modes).to_contain_text("from 0 (never) to 120")
         deferral.fill("20")
         register.click()
-        expect(modes).to_contain_text("Starts when the mode is selected in flight")
+        expect(modes).to_contain_text("The mission starts when this mode is selected in flight")
         assert NAME in vehicle.other_station.mode_names()
         assert vehicle.modes()["modes"][0]["defer_failsafes_s"] == 20
         assert violations_in_both_themes(page) == []
         modes.get_by_role("button", name=f"Start {NAME}…").click()
         hold_space(page)
         expect(page.locator(".pill b")).to_have_text(NAME)
-        expect(modes).to_contain_text("selected")
+        expect(modes).to_contain_text("Selected")
         expect(modes.get_by_role("button", name=f"Remove {NAME}")).to_have_count(0)
         vehicle.until_mission("done")
         modes.get_by_role("button", name=f"Remove {NAME}").click()

@@ -306,7 +306,7 @@ def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, s
             page.mouse.click(*on_map(page, point))
             page.wait_for_timeout(400)  # two quick clicks are a double click
         page.keyboard.press("Escape")
-        choose(room.get_by_role("button", name="Add step"), "Obstacle")
+        choose(room.get_by_role("button", name="Add item"), "Obstacle")
         for point in ((0.48, 0.45), (0.53, 0.45), (0.53, 0.55), (0.48, 0.55)):
             page.mouse.click(*on_map(page, point))
             page.wait_for_timeout(400)

@@ -48,7 +48,7 @@ MAP = "Map from above. Arrows move the crosshair, Enter opens the menu for its p
 def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station: Station) -> None:
     with open_page(browser, station.url, scene=False) as page:
         room = plan_room(page)
-        choose(room.get_by_role("button", name="Add step"), "Survey")
+        choose(room.get_by_role("button", name="Add item"), "Survey")
         for point in FIELD:
             page.mouse.click(*on_map(page, point))
         expect(room.get_by_text("4 corners")).to_be_visible()
@@ -175,7 +175,7 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
         expect(steps.filter(has_text="Waypoint")).to_have_count(2)
         keyboard.press("Escape")
         for letters, title in (("", "Take off"), ("ret", "Return")):
-            tab_to(page, "Add step")
+            tab_to(page, "Add item")
             keyboard.press("Enter")
             expect(page.get_by_role("menuitem").first).to_be_focused()
             keyboard.type(letters)
@@ -214,7 +214,7 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
     with open_page(browser, station.url, scene=False, size=(1024, 768)) as page:
         room = plan_room(page)
         keyboard = page.keyboard
-        tab_to(page, "Add step")
+        tab_to(page, "Add item")
         keyboard.press("Enter")
         expect(page.get_by_role("menuitem").first).to_be_focused()
         keyboard.type("surv")
@@ -293,7 +293,7 @@ def drag_by_touch(page: Page) -> None:
     """Drags a waypoint by touch."""
     room = page.get_by_role("region", name="Plan view")
     x, y = on_map(page, (0.4, 0.35))
-    choose(room.get_by_role("button", name="Add step"), "Waypoint")
+    choose(room.get_by_role("button", name="Add item"), "Waypoint")
     page.mouse.click(x, y)
     latitude = page.get_by_role("group", name="Selection").get_by_label("Latitude")
     page.keyboard.press("Escape")

@@ -53,7 +53,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
         run_dry_run(page, room, longest_s=400)
         for role in VEHICLES:
             expect(dry_run_region).to_contain_text(
-                re.compile(rf"{role}, 2 simulated flights: within \d+\.\d m")
+                re.compile(rf"{role}, 2 simulated flights: 95 % within \d+\.\d m")
             )
         expect(dry_run_region).to_contain_text(
             re.compile(r"Smallest separation of lead and left in all flights: \d+\.\d m")

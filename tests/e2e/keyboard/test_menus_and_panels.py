@@ -15,14 +15,14 @@ from tests.e2e.keyboard.confirmation import await_command, refuse_commands
 pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
-def add_step(page: Page) -> Locator:
+def add_item(page: Page) -> Locator:
     """The button of the menu in the plan room."""
-    return page.get_by_role("button", name="Add step")
+    return page.get_by_role("button", name="Add item")
 
 
 def opened_menu(page: Page) -> Locator:
-    """The menu of "Add step", opened by keyboard."""
-    add_step(page).press("ArrowDown")
+    """The menu of "Add item", opened by keyboard."""
+    add_item(page).press("ArrowDown")
     menu = page.get_by_role("menu")
     expect(menu.get_by_role("menuitem").first).to_be_focused()
     return menu
@@ -78,11 +78,11 @@ def test_keys_in_an_open_menu_select_its_entries_and_request_no_flight_command(
             page.keyboard.press(key)
             expect(menu.get_by_role("menuitem", name=title, exact=True)).to_be_focused()
         expect(page.get_by_role("alertdialog")).to_have_count(0)
-        steps = page.get_by_role("listbox", name="Steps").get_by_role("option")
+        items = page.get_by_role("listbox", name="Items").get_by_role("option")
         page.keyboard.press("Enter")
-        expect(steps.filter(has_text="Take off")).to_have_count(1)
+        expect(items.filter(has_text="Take off")).to_have_count(1)
         expect(menu).to_be_hidden()
-        expect(add_step(page)).to_be_focused()
+        expect(add_item(page)).to_be_focused()
 
 
 def test_keys_in_an_open_list_select_its_entries_and_request_no_flight_command(
@@ -136,7 +136,7 @@ def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus
 ) -> None:
     with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        for room, button, open_overlay in (("w", add_step, opened_menu), ("p", setpoint_type, opened_list)):
+        for room, button, open_overlay in (("w", add_item, opened_menu), ("p", setpoint_type, opened_list)):
             page.keyboard.press(room)
             checks = open_checks(page)
             check_escape(page, open_overlay(page), button(page), checks)

@@ -145,7 +145,7 @@ export class PlanApi {
    * @param tolerance_m largest deviation of a leg from its height above ground; the server adds waypoints to keep
    * within it. Null: the server adds no waypoints.
    */
-  followGround(plan: Plan, tolerance_m: number | null): Promise<Outcome<ResolvedPlan>> {
+  resolveTerrain(plan: Plan, tolerance_m: number | null): Promise<Outcome<ResolvedPlan>> {
     return fromApi(this.api.post('/plans/ground', { body: { plan: toApi(plan), tolerance_m } }));
   }
 

@@ -75,7 +75,7 @@ export function remove(document: Document, ids: readonly string[]): Document {
 
 /** Inserts a point at a midpoint. @returns null: the id is not that of a midpoint. */
 export function insertAt(document: Document, id: string, at: GeoPosition, frame: Frame): { document: Document; id: string } | null {
-  const between = missionPicture.betweenOf(id);
+  const between = missionPicture.pointInsertionOf(id);
   if (between !== null && isMission(document)) {
     const inserted = offboard.insertPoint(document, between.place, between.index, at, frame);
     return inserted === null ? null : { document: inserted.mission, id: inserted.id };
@@ -108,7 +108,7 @@ export function insertAll(document: Document, added: Document, selected: readonl
 }
 
 export function isInsertion(id: string): boolean {
-  return insertionOf(id) !== null || missionPicture.betweenOf(id) !== null;
+  return insertionOf(id) !== null || missionPicture.pointInsertionOf(id) !== null;
 }
 
 /** The newest flight that the server has compiled from a mission. */
@@ -158,8 +158,11 @@ export function exists(document: Document, id: string, frame: Frame): boolean {
   return positionIn(document, id, frame) !== null;
 }
 
-/** The part to select after a deletion: the part that is now at the position of the deleted part in the list. */
-export function neighbourOf(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
+/**
+ * The parts of a mission to select after a deletion: the step or point that now has the id of a deleted one, or else the
+ * trajectory point before. Empty for a waypoint plan.
+ */
+export function selectionAfterDelete(before: Document, after: Document, ids: readonly string[], frame: Frame): string[] {
   if (!isMission(before) || !isMission(after)) return [];
   const remaining = ids.find((id) => exists(after, id, frame));
   if (remaining !== undefined) return [remaining];

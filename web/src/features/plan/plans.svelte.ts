@@ -5,7 +5,7 @@ import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import type { Area, Check, Format, ResolvedPlan, ImportedFile, PlanApi, PlanVersion } from './api';
 import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './dry-run/conditions';
-import { EMPTY, type PlannedHome } from './document/document';
+import { EMPTY_PLAN, type PlannedHome } from './document/document';
 import type { Draft, PlanEditor } from './editor/editor.svelte';
 import { homeOf, type Document } from './document-kinds';
 import type { Downloaded } from './flight/plan-transfer.svelte';
@@ -75,6 +75,7 @@ export class Plans {
   }
 
   readonly current: SavedPlan | null = $derived.by(() => this.savedPlans[this.editor.draft.documentId] ?? null);
+  /** The edited plan has no unsaved changes; also true for a new plan without content. */
   readonly saved: boolean = $derived.by(() => {
     const { plan, name } = this.editor.draft;
     if (this.current === null && isMission(plan)) return plan.steps.length === 0 && roleNames(plan).length === 0;
@@ -101,7 +102,7 @@ export class Plans {
   /** Converts the edited waypoint plan to an offboard mission; undo restores the plan. */
   async convert(vehicle: string | null): Promise<boolean> {
     const { name } = this.editor.draft;
-    const response = await this.call(this.api.convert(this.editor.plan, nameOf(name), vehicle));
+    const response = await this.whileBusy(this.api.convert(this.editor.plan, nameOf(name), vehicle));
     if (!response.ok) {
       this.showProblem('The offboard mission was not created.', response.problem);
       return false;
@@ -119,13 +120,13 @@ export class Plans {
   }
 
   async open(id: string): Promise<boolean> {
-    const response = await this.call(this.api.open(id));
+    const response = await this.whileBusy(this.api.open(id));
     if (!response.ok) {
       this.showProblem('The plan could not be opened.', response.problem);
       return false;
     }
     const { name, version, plan } = response.value;
-    const complete = isMission(plan) ? plan : { ...EMPTY, ...plan };
+    const complete = isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan };
     this.setSaved(this.editor.replace(name, complete), { id, version, name, plan: complete });
     this.notice = null;
     return true;
@@ -133,7 +134,7 @@ export class Plans {
 
   /** The saved versions of a plan, newest first; null: they were not read, see `notice`. */
   async versions(id: string): Promise<readonly PlanVersion[] | null> {
-    const response = await this.call(this.api.versions(id));
+    const response = await this.whileBusy(this.api.versions(id));
     if (response.ok) return response.value.versions;
     this.showProblem('The versions of the plan could not be read.', response.problem);
     return null;
@@ -141,13 +142,18 @@ export class Plans {
 
   /** Opens an older version without saving it. Saving then adds a new version after the newest one. */
   async openVersion({ id, version, changed_by }: PlanVersion, newest: PlanVersion): Promise<boolean> {
-    const response = await this.call(this.api.open(id, version));
+    const response = await this.whileBusy(this.api.open(id, version));
     if (!response.ok) {
       this.showProblem(`Version ${version} could not be opened.`, response.problem);
       return false;
     }
     const { name, plan } = response.value;
-    this.setSaved(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY, ...plan }), { id, version: newest.version, name, plan: { ...EMPTY } });
+    this.setSaved(this.editor.replace(name, isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan }), {
+      id,
+      version: newest.version,
+      name,
+      plan: { ...EMPTY_PLAN },
+    });
     const text = `Version ${version} of ${newest.version}, saved by ${changed_by}. If you save it, it becomes version ${newest.version + 1}.`;
     this.notice = { tone: 'caution', text, older: true };
     return true;
@@ -158,7 +164,7 @@ export class Plans {
     const draft = this.editor.draft;
     const base = asNew ? null : this.current;
     const name = nameOf(draft.name);
-    const response = await this.call(base === null ? this.api.create(name, draft.plan) : this.api.save(base.id, name, draft.plan, base.version));
+    const response = await this.whileBusy(base === null ? this.api.create(name, draft.plan) : this.api.save(base.id, name, draft.plan, base.version));
     if (!response.ok) {
       const conflict = response.problem.code === 'conflict';
       this.showProblem(conflict ? '' : 'Not saved.', response.problem, conflict);
@@ -169,7 +175,7 @@ export class Plans {
   }
 
   async delete(plan: PlanVersion): Promise<void> {
-    const response = await this.call(this.api.delete(plan.id, plan.version));
+    const response = await this.whileBusy(this.api.delete(plan.id, plan.version));
     if (!response.ok) return this.showProblem('Not deleted.', response.problem);
     for (const [documentId, saved] of Object.entries(this.savedPlans)) if (saved.id === plan.id) this.removeSaved(Number(documentId));
     await this.refresh();
@@ -180,7 +186,7 @@ export class Plans {
    * points.
    */
   async import(file: File, altitude_m: number | null = null): Promise<boolean> {
-    const response = await this.call(this.api.import(file, altitude_m));
+    const response = await this.whileBusy(this.api.import(file, altitude_m));
     if (!response.ok) {
       const needsAltitude = altitude_m === null && response.problem.detail.includes('altitude');
       this.showProblem(`“${file.name}” was not imported.`, response.problem);
@@ -194,7 +200,7 @@ export class Plans {
   /** Makes a step of the mission fly the trajectory in a CSV or NumPy file, as one change. */
   async importTable(file: File, node: StepNode): Promise<boolean> {
     const [draft, mission] = [this.editor.draft, this.editor.mission];
-    const response = await this.call(this.api.importTable(file));
+    const response = await this.whileBusy(this.api.importTable(file));
     const failure = `“${file.name}” was not imported.`;
     if (!response.ok) {
       this.showProblem(failure, response.problem);
@@ -215,14 +221,14 @@ export class Plans {
 
   /** Opens the vehicle's plan as a new plan; undo restores the previously edited plan. */
   openFromVehicle(vehicleName: string, { plan, plan_name, notes }: Downloaded, home: PlannedHome | null): void {
-    this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY, ...plan, planned_home: plan.planned_home ?? home });
+    this.editor.replace(plan_name?.name ?? `From ${vehicleName}`, { ...EMPTY_PLAN, ...plan, planned_home: plan.planned_home ?? home });
     const text = [`Opened the plan of ${vehicleName}. It is not saved on the server yet.`, ...notes].join(' ');
     this.notice = { tone: notes.length > 0 ? 'caution' : 'ok', text };
   }
 
   /** @returns the file; null: the server did not write the file, see `notice`. */
   async export(format: Format): Promise<Blob | null> {
-    const response = await this.call(this.api.export(this.editor.document, format));
+    const response = await this.whileBusy(this.api.export(this.editor.document, format));
     if (!response.ok) {
       this.showProblem('Not exported.', response.problem);
       return null;
@@ -237,9 +243,9 @@ export class Plans {
    * @param tolerance_m largest deviation of a leg from its height above ground; the server adds waypoints to keep
    * within it. Null: the server adds no waypoints.
    */
-  async followGround(tolerance_m: number | null): Promise<boolean> {
+  async resolveTerrain(tolerance_m: number | null): Promise<boolean> {
     const { draft, plan } = this.editor;
-    const response = await this.call(this.api.followGround(plan, tolerance_m));
+    const response = await this.whileBusy(this.api.resolveTerrain(plan, tolerance_m));
     if (!response.ok) {
       this.showProblem('The altitudes were not computed.', response.problem);
       return false;
@@ -268,7 +274,7 @@ export class Plans {
 
   /** Makes the server read the vehicle's parameters, and checks the plan again. */
   async readParameters(vehicle: string): Promise<void> {
-    const response = await this.call(this.api.readParameters(vehicle));
+    const response = await this.whileBusy(this.api.readParameters(vehicle));
     if (!response.ok) return this.showProblem('The parameters were not read.', response.problem);
     await this.runCheck();
   }
@@ -293,14 +299,14 @@ export class Plans {
     const plan = event['plan'] as PlanVersion | undefined;
     const isOwn = event['client_key'] === ownKey;
     if (isOwn || plan === undefined || plan.id !== this.current?.id) return;
-    const who = String(event['client']);
+    const client = String(event['client']);
     if (event['action'] === 'deleted') {
       this.removeSaved(this.editor.draft.documentId);
-      this.notice = { tone: 'caution', text: `${who} deleted this plan. Save your version to keep it as a new plan.` };
+      this.notice = { tone: 'caution', text: `${client} deleted this plan. Save your version to keep it as a new plan.` };
     } else
       this.notice = {
         tone: 'caution',
-        text: `${who} saved version ${plan.version} of this plan. Your version is based on version ${this.current.version}.`,
+        text: `${client} saved version ${plan.version} of this plan. Your version is based on version ${this.current.version}.`,
         conflict: true,
       };
   }
@@ -321,9 +327,9 @@ export class Plans {
       this.conditions = { ...DEFAULT_CONDITIONS, ...conditions };
       const stored = JSON.parse(this.memory.getItem(DRAFT_KEY) ?? 'null') as StoredDraft | null;
       if (stored === null || !(isMission(stored.plan) ? Array.isArray(stored.plan.steps) : Array.isArray(stored.plan.items))) return;
-      const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY, ...stored.plan };
+      const plan = isMission(stored.plan) ? stored.plan : { ...EMPTY_PLAN, ...stored.plan };
       const documentId = this.editor.load(stored.name, plan);
-      if (stored.kept !== null) this.setSaved(documentId, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY });
+      if (stored.kept !== null) this.setSaved(documentId, { ...stored.kept, name: stored.name, plan: stored.saved ? plan : EMPTY_PLAN });
     } catch {
       this.memory.removeItem(DRAFT_KEY);
       this.memory.removeItem(CONDITIONS_KEY);
@@ -331,7 +337,7 @@ export class Plans {
   }
 
   private openImported(name: string, { plan, notes, areas }: ImportedFile): void {
-    this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY, ...plan });
+    this.editor.replace(isMission(plan) ? plan.name : name, isMission(plan) ? plan : { ...EMPTY_PLAN, ...plan });
     this.notice = notes.length > 0 || areas.length > 0 ? { tone: 'caution', text: notes.join(' ') || 'The file contains areas.', areas } : null;
   }
 
@@ -344,7 +350,7 @@ export class Plans {
   }
 
   /** Sets `busy` during a request. */
-  private async call<T>(request: Promise<Outcome<T>>): Promise<Outcome<T>> {
+  private async whileBusy<T>(request: Promise<Outcome<T>>): Promise<Outcome<T>> {
     this.busy = true;
     const response = await request;
     this.busy = false;
@@ -367,7 +373,7 @@ function groundNotice({ resolved, unknown, added, notes }: ResolvedPlan): Notice
       : [`${unknown} ${unknown === 1 ? 'altitude is' : 'altitudes are'} still unknown. Put elevation files of this area into the server’s data folder.`];
   const waypoints = added === 0 ? '' : `, ${added} ${added === 1 ? 'waypoint' : 'waypoints'} added`;
   const text = [
-    `${resolved} ${resolved === 1 ? 'altitude' : 'altitudes'} above the ground computed from elevation data${waypoints}.`,
+    `AMSL altitudes of ${resolved} ${resolved === 1 ? 'point' : 'points'} above terrain computed from elevation data${waypoints}.`,
     ...missing,
     ...notes,
   ].join(' ');

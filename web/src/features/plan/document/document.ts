@@ -45,7 +45,7 @@ export type Plan = Readonly<Required<Omit<Schemas['Plan'], 'items' | 'fence' | '
     readonly rally_points: readonly RallyPoint[];
   };
 
-export const EMPTY: Plan = {
+export const EMPTY_PLAN: Plan = {
   format: 'offboard-gcs-plan',
   version: 1,
   planned_home: null,

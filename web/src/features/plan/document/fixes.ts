@@ -44,10 +44,10 @@ export function fixOf(plan: Plan, finding: Finding, home: PlannedHome | null): F
       return row === null ? null : { text: 'Set the vehicle’s default speed', plan: setItem(plan, row, { speed_m_s: VEHICLE_DEFAULT_SPEED }) };
     case 'endurance_endless': {
       const endless = plan.items.findIndex(({ kind, repeat }) => kind === 'jump' && Number(repeat) < 0);
-      return endless < 0 ? null : { text: `Repeat item ${endless + 1} once`, plan: setItem(plan, endless, { repeat: 1 }) };
+      return endless < 0 ? null : { text: `Set the repeats of item ${endless + 1} to 1`, plan: setItem(plan, endless, { repeat: 1 }) };
     }
     case 'jump_endless':
-      return item?.kind === 'jump' && row !== null ? { text: 'Repeat once', plan: setItem(plan, row, { repeat: 1 }) } : null;
+      return item?.kind === 'jump' && row !== null ? { text: 'Set the repeats to 1', plan: setItem(plan, row, { repeat: 1 }) } : null;
     case 'items_never_reached': {
       const after = row === null ? [] : plan.items.flatMap((_, i) => (i > row ? [`item:${i}`] : []));
       return row === null || after.length === 0 ? null : { text: `Delete the items after item ${row + 1}`, plan: remove(plan, after) };

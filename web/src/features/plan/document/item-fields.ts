@@ -52,7 +52,7 @@ const WHOLE_ID = { min: 0, max: 255, whole: true };
 const camera = field(0, 'Camera (0: all)', WHOLE_ID);
 const gimbal = field(0, 'Gimbal (0: all)', WHOLE_ID);
 const stream = field(0, 'Video stream (0: all)', WHOLE_ID);
-const shutter = field(0, 'Shutter time (0: the camera’s)', { min: -1 });
+const shutter = field(0, 'Shutter time (0: set by the camera)', { min: -1 });
 const hold = (initial: number) => field(initial, 'Hold for', { min: 0 });
 const yaw = field(null, 'Yaw from north', { placeholder: 'chosen by the autopilot' });
 const ANGLE = { min: -360, max: 360 };
@@ -86,9 +86,9 @@ const WINCH_ACTIONS = {
   8: 'abandon line',
   9: 'load payload',
 };
-const OWNER = { '-2': 'the vehicle', '-1': 'unchanged', 0: 'not controlled' };
-const SYSTEMS = { ...OWNER, 1: 'system 1', 255: 'ground station (255)' };
-const COMPONENTS = { ...OWNER, 1: 'autopilot (1)', 190: 'ground station (190)', 191: 'onboard computer (191)' };
+const GIMBAL_CONTROL = { '-2': 'the vehicle', '-1': 'unchanged', 0: 'not controlled' };
+const SYSTEMS = { ...GIMBAL_CONTROL, 1: 'system 1', 255: 'ground station (255)' };
+const COMPONENTS = { ...GIMBAL_CONTROL, 1: 'autopilot (1)', 190: 'ground station (190)', 191: 'onboard computer (191)' };
 /** Sums of GIMBAL_MANAGER_FLAGS: 4 roll lock, 8 pitch lock, 16 yaw lock. */
 const GIMBAL_FLAGS = { 0: 'vehicle', 12: 'vehicle heading, horizon', 16: 'north', 28: 'north, horizon' };
 
@@ -114,13 +114,13 @@ export const ITEM_FIELDS: { readonly [K in SimpleKind]: { readonly [F in OwnFiel
   gate: { geometry: hidden(0), use_altitude: hidden(0) },
   return_home: {},
   delay: {
-    delay_s: field(5, 'Wait for', { min: -1 }),
+    delay_s: field(5, 'Wait for (−1: until a UTC time)', { min: -1 }),
     hour_utc: field(0, 'Until, hour (UTC)', { min: -1, max: 23, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
     minute_utc: field(0, 'Until, minute (UTC)', { min: -1, max: 59, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
     second_utc: field(0, 'Until, second (UTC)', { min: -1, max: 59, whole: true, when: (item) => Number(item['delay_s']) < 0 }),
   },
   jump: {
-    target_index: field(0, 'From item', { min: 1, max: 100_001, whole: true }),
+    target_index: field(0, 'Target item', { min: 1, max: 100_001, whole: true }),
     repeat: field(1, 'Repeats (−1: endless)', { min: -1, max: 65_535, whole: true }),
   },
   change_speed: {

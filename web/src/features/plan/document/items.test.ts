@@ -90,7 +90,7 @@ describe('the fields of an item', () => {
   it('appear only if they apply', () => {
     expect(labels({ ...added('winch'), action: 1 })).toEqual(['Winch []', 'Action []', 'Line out (negative: in) [m]', 'Rate out (negative: in) [m/s]']);
     expect(labels({ ...added('winch'), action: 4 })).toEqual(['Winch []', 'Action []']);
-    expect(labels(added('delay'))).toEqual(['Wait for [s]']);
+    expect(labels(added('delay'))).toEqual(['Wait for (−1: until a UTC time) [s]']);
     expect(labels({ ...added('delay'), delay_s: -1 })).toHaveLength(4);
     expect(labels(added('set_home'))).toEqual([]);
     expect(labels({ ...added('set_home'), use_current: 0 })).toEqual(['New home []']);

@@ -17,10 +17,10 @@ const TITLES: Readonly<Record<ItemKind, string>> = {
   return_home: 'Return',
   photo_start: 'Take photos',
   photo_stop: 'Stop taking photos',
-  trigger_distance: 'Photo every …',
-  trigger_interval: 'Time between photos',
+  trigger_distance: 'Photos by distance',
+  trigger_interval: 'Set photo interval',
   trigger_control: 'Camera trigger',
-  oblique_survey: 'Oblique photos every …',
+  oblique_survey: 'Oblique photos by distance',
   video_start: 'Start video',
   video_stop: 'Stop video',
   camera_mode: 'Camera mode',
@@ -36,7 +36,7 @@ const TITLES: Readonly<Record<ItemKind, string>> = {
   set_actuator: 'Set actuators',
   set_servo: 'Set servo',
   delay: 'Wait',
-  jump: 'Repeat from',
+  jump: 'Jump',
   set_home: 'Set home at the vehicle’s position',
   land_start: 'Landing sequence start',
   roi: 'Region of interest (older command)',
@@ -88,13 +88,13 @@ export function detailOf(item: Item): string {
   if (item.kind === 'complex') parts.push(`${item.items?.length ?? 0} items, made by another program`);
   if (item.kind === 'jump')
     parts.push(
-      `item ${(numberIn(item, 'target_index') ?? 0) + 1}`,
+      `to item ${(numberIn(item, 'target_index') ?? 0) + 1}`,
       numberIn(item, 'repeat') === -1 ? 'endless' : item['repeat'] === 1 ? 'once' : `${String(item['repeat'])} times`,
     );
   if (item.kind === 'takeoff' || item.kind === 'land') return parts.join(' · ');
   parts.push(...(DETAILS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
-  add('delay_s', (s) => (s < 0 ? 'until a time of day' : `${fixed(s, 0)} s`));
+  add('delay_s', (s) => (s < 0 ? 'until a UTC time' : `${fixed(s, 0)} s`));
   add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
   add('distance_m', (m) => `${fixed(m, 1)} m`);
   add('interval_s', (s) => `every ${fixed(s, 1)} s`);

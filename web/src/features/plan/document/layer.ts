@@ -55,7 +55,7 @@ export function picture(plan: Plan, selected: ReadonlySet<string>, sketch: Sketc
   return { points, lines: [...fences, ...pathLines(plan, withAltitude, ground), ...sketchLines(sketch)], areas, solids, ground };
 }
 
-/** @returns a function that adds a point; a point with an `altitudeText` can be raised. */
+/** @returns a function that adds a point. The altitude of a point can be changed only if the point has an `altitudeText`. */
 export function pointAdder(points: LayerPoint[], selected: ReadonlySet<string>) {
   return (id: string, at: LayerPosition, mark: LayerPoint['mark'], tone: Tone, text = '', altitudeText?: string): void => {
     const position = { lat_deg: at.lat_deg, lon_deg: at.lon_deg, ...(at.alt_amsl_m === undefined ? {} : { alt_amsl_m: at.alt_amsl_m }) };
@@ -95,7 +95,7 @@ export function fencePicture(
   return { points, lines: [...fences, ...walls], areas: areas(plan, sketch), solids };
 }
 
-/** The colour of a limit for an inclusion zone, of a forbidden area for an exclusion zone. */
+/** An inclusion zone has the colour of a limit, an exclusion zone the colour of a forbidden area. */
 function toneOf(zone: FenceZone): Tone {
   return zone.inclusion ? 'caution' : 'danger';
 }

@@ -19,8 +19,8 @@ export interface TreeEntry {
   readonly step?: string;
   /** Nesting depth. */
   readonly depth?: number;
-  /** Heading of the list of steps that begins with this entry: `then`, `otherwise`, or the called mission. */
-  readonly heading?: string;
+  /** Heading of the list of steps that begins with this entry: `then`, `otherwise`, the name of a called list, or a role. */
+  readonly listHeading?: string;
   /** Duration and number of photos of a step. */
   readonly durationText?: string;
 }

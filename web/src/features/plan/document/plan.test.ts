@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
-import { EMPTY, positionOf, type Item, type Plan } from './document';
+import { EMPTY_PLAN, positionOf, type Item, type Plan } from './document';
 import { insertItem, movePoint, remove, reorder, raisePoint } from './edit';
 import { parseNumber } from './fields';
 import { fixOf, type Finding } from './fixes';
@@ -13,7 +13,7 @@ import { treeOf } from './list-entries';
 const HOME = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
 const at = (north_m: number, east_m = 0) => positionAt(HOME, { north_m, east_m });
 const waypoint = (north_m: number, value_m = 30): Item => newItem('waypoint', at(north_m), { value_m, reference: 'home' });
-const planOf = (...items: Item[]): Plan => ({ ...EMPTY, planned_home: HOME, items });
+const planOf = (...items: Item[]): Plan => ({ ...EMPTY_PLAN, planned_home: HOME, items });
 const fenced: Plan = { ...planOf(waypoint(10)), fence: [{ shape: 'polygon', inclusion: true, polygon: [at(-50, -50), at(50, -50), at(50, 50), at(-50, 50)] }] };
 
 describe('history', () => {

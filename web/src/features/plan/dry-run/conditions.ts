@@ -13,9 +13,9 @@ export interface Conditions {
   readonly gusts_m_s: number;
   /** 100: the mass of the simulated airframe. */
   readonly mass_percent: number;
-  /** 100: the full capacity. */
+  /** Scale of the battery's capacity; 100: the capacity of the simulator's model. */
   readonly battery_percent: number;
-  /** 100: the usual sensor noise. */
+  /** 100: the sensor noise of the simulator's model. */
   readonly noise_percent: number;
   /** Number of Monte Carlo flights; 0: one flight under exactly these conditions. */
   readonly flights: number;
@@ -73,7 +73,7 @@ export const ROWS: readonly ConditionRow[] = [
   { name: 'mass_percent', label: 'Mass scale', unit: '%', min: 30, max: 300, step: 5 },
   { name: 'battery_percent', label: 'Battery capacity scale', unit: '%', min: 5, max: 300, step: 5 },
   { name: 'noise_percent', label: 'Sensor noise scale', unit: '%', min: 0, max: 1000, step: 10 },
-  { name: 'flights', label: 'Flights with varied conditions', unit: '', min: 0, max: 200, step: 10 },
+  { name: 'flights', label: 'Flights with varied conditions (0: none)', unit: '', min: 0, max: 200, step: 10 },
   { name: 'hover_power_w', label: 'Hover power', unit: 'W', min: 1, max: 1e6, step: 10, optional: true },
   { name: 'battery_wh', label: 'Battery capacity', unit: 'Wh', min: 1, max: 1e6, step: 5, optional: true },
   { name: 'mass_kg', label: 'Mass with battery and load', unit: 'kg', min: 0.01, max: 1e4, step: 0.1, optional: true },
@@ -113,7 +113,7 @@ export function powerOf({ hover_power_w, battery_wh, mass_kg, reserve_percent }:
 }
 
 /** The conditions in the format of the API's dry run. */
-export function asDryRun(conditions: Conditions) {
+export function toDryRunRequest(conditions: Conditions) {
   const { flights, hover_power_w, battery_wh } = conditions;
   return {
     conditions: {
@@ -141,9 +141,9 @@ export function conditionsText(conditions: Conditions): string {
   const parts: string[] = [];
   const { wind_m_s, from_deg, gusts_m_s, mass_percent, battery_percent, noise_percent, flights } = conditions;
   if (wind_m_s > 0) parts.push(`wind ${wind_m_s} m/s from ${from_deg}°`);
-  if (gusts_m_s > 0) parts.push(`gusts ${gusts_m_s} m/s`);
+  if (gusts_m_s > 0) parts.push(`gusts ${gusts_m_s} m/s (one sigma)`);
   if (mass_percent !== 100) parts.push(`mass ${mass_percent} %`);
-  if (battery_percent !== 100) parts.push(`battery ${battery_percent} %`);
+  if (battery_percent !== 100) parts.push(`battery capacity ${battery_percent} %`);
   if (noise_percent !== 100) parts.push(`sensor noise ${noise_percent} %`);
   if (flights > 0) parts.push(`${flights} flights`);
   return parts.length === 0 ? '' : `Conditions: ${parts.join(', ')}.`;

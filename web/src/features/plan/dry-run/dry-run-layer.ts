@@ -12,7 +12,7 @@ type Vector = readonly number[];
 type SimulatedFlight = DryRunView['nominal'];
 type MonteCarlo = NonNullable<DryRunView['monte_carlo']>;
 
-export interface Ghost extends GeoPosition {
+export interface SimulatedVehicle extends GeoPosition {
   /** Altitude above the start. */
   readonly up_m: number;
   readonly speed_m_s: number;
@@ -42,7 +42,7 @@ function monteCarloByRole({ monte_carlo, together }: DryRunView): (readonly [str
 }
 
 /** The simulated vehicle at a time, interpolated between the samples; null if it did not take off. */
-export function ghostAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): Ghost | null {
+export function simulatedVehicleAt({ nominal }: Pick<DryRunView, 'nominal'>, t_s: number): SimulatedVehicle | null {
   const { path, origin } = nominal;
   const last = (path?.t_s.length ?? 0) - 1;
   if (path === null || last < 0) return null;
@@ -73,16 +73,16 @@ function yaw_deg([w = 1, x = 0, y = 0, z = 0]: Vector): number {
 }
 
 /** The ground that the camera sees, up to a maximum length; empty if the camera points almost straight down. */
-function cameraViewRing(ghost: Ghost): GeoPosition[] {
-  const slope = Math.tan(-ghost.camera_pitch_deg / DEG);
-  const far_m = slope > 1e-3 ? Math.max(0, ghost.up_m) / slope : VIEW_LENGTH_M.max;
+function cameraViewRing(simulated: SimulatedVehicle): GeoPosition[] {
+  const slope = Math.tan(-simulated.camera_pitch_deg / DEG);
+  const far_m = slope > 1e-3 ? Math.max(0, simulated.up_m) / slope : VIEW_LENGTH_M.max;
   if (far_m < VIEW_LENGTH_M.min) return [];
   const length_m = Math.min(VIEW_LENGTH_M.max, far_m);
   const edge = (turn_deg: number): GeoPosition => {
-    const angle = (ghost.camera_yaw_deg + turn_deg) / DEG;
-    return positionAt(ghost, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
+    const angle = (simulated.camera_yaw_deg + turn_deg) / DEG;
+    return positionAt(simulated, { north_m: length_m * Math.cos(angle), east_m: length_m * Math.sin(angle) });
   };
-  return [{ lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
+  return [{ lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg }, edge(-HALF_VIEW_DEG), edge(0), edge(HALF_VIEW_DEG)];
 }
 
 /**
@@ -132,17 +132,17 @@ export function dryRunPicture(view: DryRunView): LayerPicture {
 }
 
 /** The simulated vehicles at a time, and the ground that their cameras see. */
-export function ghostPicture(view: DryRunView, t_s: number): LayerPicture | null {
-  const ghosts = nominalFlights(view).flatMap((nominal) => ghostAt({ nominal }, t_s) ?? []);
-  if (ghosts.length === 0) return null;
+export function simulatedVehiclePicture(view: DryRunView, t_s: number): LayerPicture | null {
+  const vehicles = nominalFlights(view).flatMap((nominal) => simulatedVehicleAt({ nominal }, t_s) ?? []);
+  if (vehicles.length === 0) return null;
   return {
     lines: [],
-    areas: ghosts
+    areas: vehicles
       .map(cameraViewRing)
       .filter((ring) => ring.length > 2)
       .map((ring) => ({ ring, tone: 'target' })),
-    points: ghosts.map(({ lat_deg, lon_deg, yaw_deg: yaw }, i) => ({
-      id: i === 0 ? 'ghost' : `ghost ${i}`,
+    points: vehicles.map(({ lat_deg, lon_deg, yaw_deg: yaw }, i) => ({
+      id: i === 0 ? 'simulated vehicle' : `simulated vehicle ${i}`,
       lat_deg,
       lon_deg,
       mark: 'vehicle',
@@ -160,8 +160,8 @@ export function findingPosition(
   { position_ned_m, t_s }: Pick<SimulatedFlight['findings'][number], 'position_ned_m' | 't_s'>,
 ): GeoPosition | null {
   if (position_ned_m !== null) return positionAt(view.nominal.origin, { north_m: position_ned_m[0], east_m: position_ned_m[1] });
-  const ghost = t_s === null ? null : ghostAt(view, t_s);
-  return ghost === null ? null : { lat_deg: ghost.lat_deg, lon_deg: ghost.lon_deg };
+  const simulated = t_s === null ? null : simulatedVehicleAt(view, t_s);
+  return simulated === null ? null : { lat_deg: simulated.lat_deg, lon_deg: simulated.lon_deg };
 }
 
 const percent = (fraction: number | null): string => (fraction === null ? 'not known' : `${fixed(100 * fraction, 0)} %`);
@@ -170,7 +170,8 @@ const percent = (fraction: number | null): string => (fraction === null ? 'not k
 export function resultLines(view: DryRunView): string[] {
   const { nominal, together } = view;
   const length = metres(nominal.length_m);
-  const battery = `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}`;
+  const isBatteryKnown = nominal.battery_start_share !== null || nominal.battery_end_share !== null;
+  const battery = isBatteryKnown ? `battery ${percent(nominal.battery_start_share)} → ${percent(nominal.battery_end_share)}` : 'battery not known';
   const lines = [`${nominal.finished ? 'Dry run' : 'Dry run not completed'}: ${duration(nominal.duration_s)}, ${length.text} ${length.unit}, ${battery}.`];
   if (nominal.fence_distance_m !== null) lines.push(`Distance to the geofence: at least ${fixed(nominal.fence_distance_m, 1)} m.`);
   for (const { roles, distance_m, t_s } of together?.closest ?? [])
@@ -178,14 +179,15 @@ export function resultLines(view: DryRunView): string[] {
   for (const [role, monteCarlo] of monteCarloByRole(view)) lines.push(monteCarloText(role, monteCarlo));
   for (const { roles, distance_m, nearer_than_minimum: near } of together?.monte_carlo?.closest ?? [])
     lines.push(
-      `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${near.count} ${near.count === 1 ? 'flight' : 'flights'} they came closer than the minimum (estimated probability at most ${percent(near.upper)}).`,
+      `Smallest separation of ${roles.join(' and ')} in all flights: ${fixed(distance_m.least, 1)} m. In ${near.count} ${near.count === 1 ? 'flight' : 'flights'} they came closer than the minimum separation (estimated probability: at most ${percent(near.upper)}).`,
     );
   return lines;
 }
 
 function monteCarloText(role: string | null, monteCarlo: MonteCarlo): string {
-  const parts = [`within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path (95 %)`];
-  if (monteCarlo.duration_s !== null) parts.push(`flight time ${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)} (5 to 95 %)`);
-  if (monteCarlo.battery_end_share !== null) parts.push(`battery at the end at least ${percent(monteCarlo.battery_end_share.p5)} (95 %)`);
-  return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} simulated flights: ${parts.join(', ')}.`;
+  const parts = [`95 % within ${fixed(Math.max(0, ...(monteCarlo.corridor?.horizontal_m.p95 ?? [])), 1)} m of the path`];
+  if (monteCarlo.duration_s !== null)
+    parts.push(`flight time ${duration(monteCarlo.duration_s.p5)} to ${duration(monteCarlo.duration_s.p95)} (5th to 95th percentile)`);
+  if (monteCarlo.battery_end_share !== null) parts.push(`95 % with at least ${percent(monteCarlo.battery_end_share.p5)} battery at the end`);
+  return `${role === null ? '' : `${role}, `}${monteCarlo.flights.length} simulated flights: ${parts.join('; ')}.`;
 }

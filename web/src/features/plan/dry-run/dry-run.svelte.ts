@@ -5,7 +5,7 @@ import type { Problem } from '../../../api/problems';
 import type { components } from '../../../api/schema';
 import type { WireEvent } from '../../../live/wire';
 import { toApi } from '../api';
-import { asDryRun, type Conditions } from './conditions';
+import { toDryRunRequest, type Conditions } from './conditions';
 import type { Document } from '../document-kinds';
 
 type Schemas = components['schemas'];
@@ -36,13 +36,13 @@ export class DryRun {
   }
 
   /**
-   * With a vehicle the dry run uses this vehicle's parameters, position and battery charge, without a vehicle the
-   * planned start position. A mission with roles has a vehicle for each role, or none.
+   * Starts a dry run. With a vehicle, the dry run uses its parameters, position and battery charge. Without a vehicle,
+   * it begins at the planned start position. A mission with roles has a vehicle for each role, or none.
    */
   async start(document: Document, vehicles: DryRunVehicles, conditions: Conditions): Promise<void> {
     this.problem = null;
     this.requestedDocument = document;
-    const response = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...vehicles, ...asDryRun(conditions) } });
+    const response = await this.api.post('/dry_runs', { body: { plan: toApi(document), ...vehicles, ...toDryRunRequest(conditions) } });
     if (!response.ok) this.problem = response.problem;
     else if (this.operation?.id !== response.value.id) this.operation = response.value;
   }

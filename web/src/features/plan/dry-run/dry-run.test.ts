@@ -2,10 +2,10 @@ import schema from '../../../api/schema.d.ts?raw';
 import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
-import { EMPTY } from '../document/document';
-import { asDryRun, DEFAULT_CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
+import { EMPTY_PLAN } from '../document/document';
+import { toDryRunRequest, DEFAULT_CONDITIONS, powerOf, ROWS, windOf, withCondition, type ConditionRow } from './conditions';
 import { DryRun, type DryRunView } from './dry-run.svelte';
-import { dryRunPicture, findingPosition, ghostAt, ghostPicture, resultLines } from './dry-run-layer';
+import { dryRunPicture, findingPosition, simulatedVehicleAt, simulatedVehiclePicture, resultLines } from './dry-run-layer';
 import { plotShape, timeAfterKey, QUANTITIES, traceOf, valueAt, type Trace } from './dry-run-trace';
 
 const ORIGIN = { lat_deg: 47.4, lon_deg: 8.5, alt_amsl_m: 480 };
@@ -87,12 +87,12 @@ const MONTE_CARLO_TOGETHER = {
 
 describe('a dry run', () => {
   it('interpolates the vehicle’s position between samples, and clamps it at both ends', () => {
-    const ghost = ghostAt(VIEW, 15);
-    expect(groundDistance_m(ghost ?? ORIGIN, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeLessThan(0.01);
-    expect(ghost).toMatchObject({ up_m: 10, speed_m_s: 5, step: 'step 2' });
-    expect(ghostAt(VIEW, 99)).toMatchObject({ up_m: 10, step: '' });
-    expect(ghostAt(VIEW, -1)).toMatchObject({ up_m: 0, step: 'step 1' });
-    expect(ghostAt({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+    const simulated = simulatedVehicleAt(VIEW, 15);
+    expect(groundDistance_m(simulated ?? ORIGIN, positionAt(ORIGIN, { north_m: 50, east_m: 0 }))).toBeLessThan(0.01);
+    expect(simulated).toMatchObject({ up_m: 10, speed_m_s: 5, step: 'step 2' });
+    expect(simulatedVehicleAt(VIEW, 99)).toMatchObject({ up_m: 10, step: '' });
+    expect(simulatedVehicleAt(VIEW, -1)).toMatchObject({ up_m: 0, step: 'step 1' });
+    expect(simulatedVehicleAt({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
   });
 
   it('draws the path and the corridor of many flights', () => {
@@ -119,13 +119,13 @@ describe('a dry run', () => {
   });
 
   it('draws the vehicle with its heading, and the ground that its camera sees', () => {
-    const layer = ghostPicture(VIEW, 10);
-    expect(layer?.points).toMatchObject([{ id: 'ghost', mark: 'vehicle', yaw_deg: expect.closeTo(90) }]);
+    const layer = simulatedVehiclePicture(VIEW, 10);
+    expect(layer?.points).toMatchObject([{ id: 'simulated vehicle', mark: 'vehicle', yaw_deg: expect.closeTo(90) }]);
     const ahead = layer?.areas[0]?.ring[2] ?? ORIGIN;
     expect(groundDistance_m(ahead, positionAt(ORIGIN, { north_m: -10, east_m: 0 }))).toBeLessThan(0.01);
-    expect(ghostPicture(VIEW, 20)?.areas).toEqual([]);
-    expect(ghostPicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
-    expect(ghostPicture(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['ghost', 'ghost 1']);
+    expect(simulatedVehiclePicture(VIEW, 20)?.areas).toEqual([]);
+    expect(simulatedVehiclePicture({ nominal: { ...VIEW.nominal, path: null } } as DryRunView, 1)).toBeNull();
+    expect(simulatedVehiclePicture(TOGETHER, 10)?.points.map(({ id }) => id)).toEqual(['simulated vehicle', 'simulated vehicle 1']);
     expect(dryRunPicture(TOGETHER).lines).toHaveLength(2);
   });
 
@@ -162,12 +162,12 @@ describe('a dry run', () => {
     expect(resultLines(VIEW)).toEqual(['Dry run: 01:05, 120 m, battery 100 % → 81 %.']);
     expect(resultLines(TOGETHER)[1]).toBe('lead and left stay at least 9.0 m apart; they are closest after 01:05.');
     expect(resultLines(MONTE_CARLO)[1]).toBe(
-      '2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %), battery at the end at least 70 % (95 %).',
+      '2 simulated flights: 95 % within 2.0 m of the path; flight time 01:00 to 01:10 (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
     );
     expect(resultLines(MONTE_CARLO_TOGETHER).slice(2)).toEqual([
-      'lead, 2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %), battery at the end at least 70 % (95 %).',
-      'left, 2 simulated flights: within 2.0 m of the path (95 %), flight time 01:00 to 01:10 (5 to 95 %).',
-      'Smallest separation of lead and left in all flights: 6.2 m. In 0 flights they came closer than the minimum (estimated probability at most 16 %).',
+      'lead, 2 simulated flights: 95 % within 2.0 m of the path; flight time 01:00 to 01:10 (5th to 95th percentile); 95 % with at least 70 % battery at the end.',
+      'left, 2 simulated flights: 95 % within 2.0 m of the path; flight time 01:00 to 01:10 (5th to 95th percentile).',
+      'Smallest separation of lead and left in all flights: 6.2 m. In 0 flights they came closer than the minimum separation (estimated probability: at most 16 %).',
     ]);
   });
 
@@ -177,10 +177,15 @@ describe('a dry run', () => {
 
   it('sends mass, battery and endurance as entered', () => {
     const stated = { ...DEFAULT_CONDITIONS, mass_percent: 110, battery_percent: 90, flights: 20, hover_power_w: 200, battery_wh: 100, reserve_percent: 30 };
-    expect(asDryRun(stated)).toMatchObject({ conditions: { mass_scale: 1.1, battery_scale: 0.9 }, flights: 20, endurance_s: 1800, battery_reserve: 0.3 });
-    expect(asDryRun(DEFAULT_CONDITIONS)).toMatchObject({ flights: null, endurance_s: null, conditions: { sensor_noise: 1 } });
+    expect(toDryRunRequest(stated)).toMatchObject({
+      conditions: { mass_scale: 1.1, battery_scale: 0.9 },
+      flights: 20,
+      endurance_s: 1800,
+      battery_reserve: 0.3,
+    });
+    expect(toDryRunRequest(DEFAULT_CONDITIONS)).toMatchObject({ flights: null, endurance_s: null, conditions: { sensor_noise: 1 } });
     const varied = { ...DEFAULT_CONDITIONS, noise_percent: 200, spread_wind_m_s: 3, spread_mass_percent: 10, spread_noise_percent: 0 };
-    expect(asDryRun(varied)).toMatchObject({
+    expect(toDryRunRequest(varied)).toMatchObject({
       conditions: { sensor_noise: 2 },
       spread: { wind_m_s: 3, gusts: 0.3, mass: 0.1, battery: 0.05, sensor_noise: 0 },
     });
@@ -194,7 +199,7 @@ describe('a dry run', () => {
 
   it('has the server’s default variations of the conditions', () => {
     const server = [...schema.matchAll(/DryRunSpread: \{[\s\S]*?\n {8}\};/g)][0]?.[0] ?? '';
-    const { spread } = asDryRun(DEFAULT_CONDITIONS);
+    const { spread } = toDryRunRequest(DEFAULT_CONDITIONS);
     for (const [name, value] of Object.entries(spread)) expect(server, name).toMatch(new RegExp(`@default ${value}\\s+\\*/\\s+readonly ${name}:`));
   });
 
@@ -208,12 +213,12 @@ describe('a dry run', () => {
     });
     const run = new DryRun(api);
     const event = (operation: object) => ({ kind: 'operation', vehicle: null, unix_s: 0, severity: null, text: '', operation });
-    await run.start(EMPTY, { vehicle: '1' }, DEFAULT_CONDITIONS);
+    await run.start(EMPTY_PLAN, { vehicle: '1' }, DEFAULT_CONDITIONS);
     await run.onEvent(event({ ...operation('succeeded', { dry_run: 'other' }), id: 'o2' }));
-    expect([run.running, run.resultOf(EMPTY)]).toEqual([true, null]);
+    expect([run.running, run.resultOf(EMPTY_PLAN)]).toEqual([true, null]);
     await run.onEvent(event(operation('succeeded', { dry_run: 'd7' })));
-    expect(run.resultOf(EMPTY)).toEqual(VIEW);
-    expect(run.resultOf({ ...EMPTY })).toBeNull();
+    expect(run.resultOf(EMPTY_PLAN)).toEqual(VIEW);
+    expect(run.resultOf({ ...EMPTY_PLAN })).toBeNull();
     expect(requests).toEqual(['POST /dry_runs', 'GET /dry_runs/d7']);
   });
 });

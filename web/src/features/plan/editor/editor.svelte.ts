@@ -2,7 +2,17 @@
 
 import type { LayerEditor } from '../../../app/map-layers.svelte';
 import { eastNorth, type GeoPosition } from '../../../vehicle/geo';
-import { altitudeBefore, DEFAULT_ALTITUDE, EMPTY, obstaclesOf, refOf, type Altitude, type PlannedHome, type ItemKind, type Plan } from '../document/document';
+import {
+  altitudeBefore,
+  DEFAULT_ALTITUDE,
+  EMPTY_PLAN,
+  obstaclesOf,
+  refOf,
+  type Altitude,
+  type PlannedHome,
+  type ItemKind,
+  type Plan,
+} from '../document/document';
 import * as edit from '../document/edit';
 import * as history from '../document/history';
 import { newItem, titleOf } from '../document/items';
@@ -40,7 +50,7 @@ const OBSTACLE_TOP: Altitude = { value_m: 10, reference: 'home' };
 const NO_SELECTION: ReadonlySet<string> = new Set();
 
 export class PlanEditor implements LayerEditor {
-  private history = $state.raw(history.begin<Draft>({ documentId: 0, name: NEW_NAME, plan: EMPTY }));
+  private history = $state.raw(history.begin<Draft>({ documentId: 0, name: NEW_NAME, plan: EMPTY_PLAN }));
   selected = $state.raw<ReadonlySet<string>>(NO_SELECTION);
   placing = $state.raw<Placing | null>({ type: 'item', kind: 'waypoint' });
   /** Corners of the area that is being drawn. */
@@ -53,7 +63,7 @@ export class PlanEditor implements LayerEditor {
   /** The edited document, a waypoint plan or a mission. */
   readonly document = $derived(this.history.now.plan);
   /** The edited waypoint plan; empty while a mission is edited. */
-  readonly plan: Plan = $derived(isMission(this.history.now.plan) ? EMPTY : this.history.now.plan);
+  readonly plan: Plan = $derived(isMission(this.history.now.plan) ? EMPTY_PLAN : this.history.now.plan);
   /** The edited mission; null while a waypoint plan is edited. */
   readonly mission: Mission | null = $derived(isMission(this.history.now.plan) ? this.history.now.plan : null);
   /** The mission's position on the earth. */
@@ -79,8 +89,8 @@ export class PlanEditor implements LayerEditor {
     this.history = history.change(this.history, plan === this.document ? this.draft : { ...this.draft, plan }, group);
   }
 
-  /** Applies a finding's fix, which may insert or remove rows. */
-  applyFix(plan: Document): void {
+  /** Makes a change that may insert, remove or rename parts: the ids of the selection may no longer be valid. */
+  changeAndDeselect(plan: Document): void {
     this.change(plan);
     this.select([]);
   }
@@ -122,13 +132,13 @@ export class PlanEditor implements LayerEditor {
   }
 
   begin(home: PlannedHome | null): void {
-    this.replace(NEW_NAME, { ...EMPTY, planned_home: home });
-    this.place({ type: 'item', kind: 'waypoint' });
+    this.replace(NEW_NAME, { ...EMPTY_PLAN, planned_home: home });
+    this.startPlacing({ type: 'item', kind: 'waypoint' });
   }
 
   beginMission(home: PlannedHome | null): void {
     this.replace(NEW_MISSION, newMission(home));
-    this.place({ type: 'step', kind: 'fly' });
+    this.startPlacing({ type: 'step', kind: 'fly' });
   }
 
   select(ids: Iterable<string>): void {
@@ -160,7 +170,7 @@ export class PlanEditor implements LayerEditor {
     this.select(kinds.allSteps(this.document));
   }
 
-  place(placing: Placing): void {
+  startPlacing(placing: Placing): void {
     this.placing = placing;
     this.corners = [];
   }
@@ -170,7 +180,7 @@ export class PlanEditor implements LayerEditor {
     this.corners = [];
   }
 
-  /** Handles a click on the ground. */
+  /** Handles a click on the ground: adds what `placing` states, or clears the selection. */
   press(at: GeoPosition): boolean {
     const placing = this.placing;
     if (placing === null) this.select([]);
@@ -242,7 +252,7 @@ export class PlanEditor implements LayerEditor {
     if (this.mission !== null) {
       const [before, ids] = [this.mission, [...this.selected]];
       this.change(kinds.remove(before, ids));
-      this.select(kinds.neighbourOf(before, this.document, ids, this.frame));
+      this.select(kinds.selectionAfterDelete(before, this.document, ids, this.frame));
       return true;
     }
     const firstRow = Math.min(...(this.rows.length > 0 ? this.rows : [0]));
@@ -333,14 +343,14 @@ export function placingText(placing: Placing, corners: number, where: 'map' | 'g
   if (placing.type === 'item')
     return placing.kind === 'waypoint' ? `Click the ${where} to add waypoints.` : `Click the ${where} to place “${titleOf({ kind: placing.kind })}”.`;
   if (placing.type === 'step')
-    return placing.kind === 'fly' ? `Click the ${where} to add points to fly through.` : `Click the ${where} to place “${stepKindTitle(placing.kind)}”.`;
+    return placing.kind === 'fly' ? `Click the ${where} to add points to the trajectory.` : `Click the ${where} to place “${stepKindTitle(placing.kind)}”.`;
   if (placing.type === 'rally') return `Click the ${where} to place the rally point.`;
   if (placing.type === 'circle') return `Click the ${where} at the centre of the geofence circle.`;
   return `Click the corners of ${AREAS[placing.use]}${corners > 0 ? ` (${corners} so far)` : ''}.`;
 }
 
 const AREAS: Readonly<Record<AreaUse, string>> = {
-  inclusion: 'the area to stay inside',
-  exclusion: 'the area to stay outside',
+  inclusion: 'the area that the vehicle must not leave',
+  exclusion: 'the area that the vehicle must not enter',
   obstacle: 'the obstacle',
 };

@@ -4,7 +4,7 @@ import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { PlanApi, type PlanVersion } from '../api';
 import { DEFAULT_CONDITIONS } from '../dry-run/conditions';
 import * as edit from '../document/edit';
-import { EMPTY, positionOf } from '../document/document';
+import { EMPTY_PLAN, positionOf } from '../document/document';
 import { PlanEditor } from './editor.svelte';
 import { Plans } from '../plans.svelte';
 
@@ -30,7 +30,7 @@ describe('the editor', () => {
     expect(north_m(editor, 'item:2')).toBe(30);
   });
 
-  it('keeps a return last', () => {
+  it('keeps a return as the last item', () => {
     const editor = editorWithWaypoints();
     editor.addItem('return_home', null);
     editor.select([]);
@@ -104,7 +104,7 @@ describe('the editor', () => {
 
   it('draws an area by its corners; Delete removes the last corner', () => {
     const editor = editorWithWaypoints();
-    editor.place({ type: 'area', use: 'inclusion' });
+    editor.startPlacing({ type: 'area', use: 'inclusion' });
     for (const corner of [at(0, 0), at(50, 0), at(50, 50), at(0, 99)]) editor.press(corner);
     editor.remove();
     expect(editor.corners).toHaveLength(3);
@@ -176,7 +176,7 @@ describe('plans on the server', () => {
 
   it('have older versions that can be opened and saved as the newest version', async () => {
     const editor = editorWithWaypoints();
-    const { api, requests } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY }], [200, version(4)]);
+    const { api, requests } = server([200, { versions: [version(3), version(2)] }], [200, { ...version(2), plan: EMPTY_PLAN }], [200, version(4)]);
     const plans = new Plans(api, editor, memory());
     const [newest, older] = (await plans.versions('abc')) ?? [];
     expect(await plans.openVersion(older as PlanVersion, newest as PlanVersion)).toBe(true);
@@ -222,7 +222,7 @@ describe('plans on the server', () => {
 
   it('need an altitude for imported points without an altitude', async () => {
     const refused = { code: 'invalid_request', detail: 'point 1: it has no altitude.', remedy: 'Give an altitude with its reference for the import.' };
-    const { api, requests } = server([422, refused], [200, { plan: { ...EMPTY, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
+    const { api, requests } = server([422, refused], [200, { plan: { ...EMPTY_PLAN, items: [] }, notes: [], areas: [{ name: 'field', outer: [] }] }]);
     const editor = editorWithWaypoints();
     const plans = new Plans(api, editor, memory());
     const file = new File(['x'], 'field.kml');

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import { groundDistance_m, positionAt } from '../../../vehicle/geo';
 import { pictureOf, positionIn } from '../document-kinds';
-import { EMPTY, obstaclesOf, type Obstacle, type Plan } from '../document/document';
+import { EMPTY_PLAN, obstaclesOf, type Obstacle, type Plan } from '../document/document';
 import { PlanEditor } from './editor.svelte';
 import { fixOf, type Finding } from '../document/fixes';
 import { newItem } from '../document/items';
@@ -22,7 +22,7 @@ function editorWithObstacle(mission = false): PlanEditor {
   const editor = new PlanEditor();
   if (mission) editor.beginMission(HOME);
   else editor.begin(HOME);
-  editor.place({ type: 'area', use: 'obstacle' });
+  editor.startPlacing({ type: 'area', use: 'obstacle' });
   for (const corner of CORNERS) editor.press(corner);
   editor.addArea('obstacle', editor.corners);
   return editor;
@@ -70,7 +70,7 @@ describe.each([false, true])('an obstacle in the editor (mission: %s)', (mission
 
 describe('a plan with obstacles', () => {
   const plan: Plan = {
-    ...EMPTY,
+    ...EMPTY_PLAN,
     planned_home: HOME,
     items: [newItem('waypoint', at(60), { value_m: 5, reference: 'home' })],
     obstacles: [BARN, { ...BARN, name: ' ', top: { value_m: 500, reference: 'amsl' } }],

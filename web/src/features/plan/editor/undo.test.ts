@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { positionAt } from '../../../vehicle/geo';
 import { PlanApi } from '../api';
-import { EMPTY } from '../document/document';
+import { EMPTY_PLAN } from '../document/document';
 import { withHome } from '../document-kinds';
 import * as edit from '../document/edit';
 import { PlanEditor } from './editor.svelte';
@@ -46,25 +46,25 @@ class Session {
 
   private respond(url: string, body: unknown): Response {
     const request = (typeof body === 'string' ? JSON.parse(body) : {}) as { plan?: object };
-    const made = url.includes('offboard_mission') ? { ...MISSION, steps: [STEP] } : { ...EMPTY, items: ITEMS };
+    const generated = url.includes('offboard_mission') ? { ...MISSION, steps: [STEP] } : { ...EMPTY_PLAN, items: ITEMS };
     const responses: Record<string, unknown> = {
-      pattern: { plan: made, path: [], lines: [], figures: {}, notes: [] },
+      pattern: { plan: generated, path: [], lines: [], figures: {}, notes: [] },
       convert: { plan: MISSION, notes: [] },
       ground: { plan: { ...request.plan, cruise_speed_m_s: 9 }, resolved: 1, unknown: 0, added: 0, notes: [] },
-      import: { plan: { ...EMPTY, items: ITEMS, planned_home: HOME }, notes: [], areas: [] },
-      abc: { id: 'abc', version: 1, name: 'Saved', plan: { ...EMPTY, items: ITEMS.slice(0, 1) } },
+      import: { plan: { ...EMPTY_PLAN, items: ITEMS, planned_home: HOME }, notes: [], areas: [] },
+      abc: { id: 'abc', version: 1, name: 'Saved', plan: { ...EMPTY_PLAN, items: ITEMS.slice(0, 1) } },
     };
     const name = /plans\/(\w+)/.exec(url)?.[1] ?? '';
     return new Response(JSON.stringify(responses[name]), { status: responses[name] === undefined ? 500 : 200 });
   }
 
-  async pattern(kind: PatternKind): Promise<void> {
+  async insertPattern(kind: PatternKind): Promise<void> {
     this.drawing.begin(kind);
     this.drawing.draw(AREA);
     await this.drawing.insert();
   }
 
-  dragged(ids: readonly string[], to: readonly [number, number]): void {
+  drag(ids: readonly string[], to: readonly [number, number]): void {
     const [first = ''] = ids;
     this.editor.select(ids);
     this.editor.grab(first);
@@ -102,16 +102,16 @@ const PLAN_EDITS: Edits = {
     editor.select(['item:1', 'item:2']);
     editor.reorder(1);
   },
-  'drag a waypoint': (session) => session.dragged(['item:1'], [70, 20]),
-  'drag an inserted waypoint': (session) => session.dragged(['middle:1'], [40, -20]),
-  'drag several points': (session) => session.dragged(['item:1', 'item:2', 'home'], [15, 15]),
+  'drag a waypoint': (session) => session.drag(['item:1'], [70, 20]),
+  'drag an inserted waypoint': (session) => session.drag(['middle:1'], [40, -20]),
+  'drag several points': (session) => session.drag(['item:1', 'item:2', 'home'], [15, 15]),
   'change a field': ({ editor }) => editor.change(edit.setItem(editor.plan, 1, { hold_s: 4 }), 'hold_s of 1'),
   'change another field': ({ editor }) => editor.change(edit.setItem(editor.plan, 1, { altitude: { ...AT_40_M, value_m: 33 } }), 'altitude of 1'),
   'change the planned speed': ({ editor }) => editor.change({ ...editor.plan, hover_speed_m_s: 6 }, 'planned speed'),
   'rename the plan': ({ editor }) => editor.rename('Field'),
-  ...Object.fromEntries(PATTERN_KINDS.map((kind) => [`insert the pattern ${kind}`, (session: Session) => session.pattern(kind)])),
-  'apply a fix': ({ editor }) => editor.applyFix(edit.insertItem(editor.plan, 0, newItem('takeoff', HOME, AT_40_M))),
-  'resolve altitudes': ({ plans }) => plans.followGround(5),
+  ...Object.fromEntries(PATTERN_KINDS.map((kind) => [`insert the pattern ${kind}`, (session: Session) => session.insertPattern(kind)])),
+  'apply a fix': ({ editor }) => editor.changeAndDeselect(edit.insertItem(editor.plan, 0, newItem('takeoff', HOME, AT_40_M))),
+  'resolve altitudes': ({ plans }) => plans.resolveTerrain(5),
 };
 
 /** Edits of the parts that both kinds of documents have. */
@@ -120,16 +120,16 @@ const SHARED_EDITS: Edits = {
   'add an exclusion zone': ({ editor }) => editor.addZone(false, AREA.slice(0, 3)),
   'add an obstacle': ({ editor }) => editor.addArea('obstacle', AREA),
   'add a circle': ({ editor }) => {
-    editor.place({ type: 'circle' });
+    editor.startPlacing({ type: 'circle' });
     editor.press(at(5, 5));
   },
-  'drag a corner': (session) => session.dragged(['corner:0:1'], [90, 10]),
+  'drag a corner': (session) => session.drag(['corner:0:1'], [90, 10]),
   'insert a corner': ({ editor }) => editor.pick('side:0:2', false),
   'delete a corner': ({ editor }) => {
     editor.select(['corner:0:0']);
     return editor.remove();
   },
-  'drag a circle': (session) => session.dragged(['circle:2'], [9, 9]),
+  'drag a circle': (session) => session.drag(['circle:2'], [9, 9]),
   'change a radius': ({ editor }) => editor.change(edit.setZone(editor.document, 2, { radius_m: 70 }), 'radius of 2'),
   'change a zone': ({ editor }) => editor.change(edit.setZone(editor.document, 1, { inclusion: true })),
   'delete a zone': ({ editor }) => editor.change(edit.removeZone(editor.document, 1)),
@@ -138,17 +138,17 @@ const SHARED_EDITS: Edits = {
 
 const RALLY_EDITS: Edits = {
   'add a rally point': ({ editor }) => {
-    editor.place({ type: 'rally' });
+    editor.startPlacing({ type: 'rally' });
     editor.press(at(60, 60));
   },
-  'drag a rally point': (session) => session.dragged(['rally:0'], [61, 50]),
+  'drag a rally point': (session) => session.drag(['rally:0'], [61, 50]),
   'delete a rally point': ({ editor }) => {
     editor.select(['rally:0']);
     return editor.remove();
   },
   'import a file': ({ plans }) => plans.import(new File(['x'], 'field.kml')),
   'open a saved plan': ({ plans }) => plans.open('abc'),
-  'open the plan of a vehicle': ({ plans }) => plans.openFromVehicle('1 Quad', { plan: { ...EMPTY, items: ITEMS }, notes: [] } as never, HOME),
+  'open the plan of a vehicle': ({ plans }) => plans.openFromVehicle('1 Quad', { plan: { ...EMPTY_PLAN, items: ITEMS }, notes: [] } as never, HOME),
   'convert to a mission': ({ plans }) => plans.convert(null),
 };
 
@@ -161,12 +161,12 @@ const MISSION_EDITS: Edits = {
   },
   'add a point by a click': ({ editor }) => {
     editor.select(['step:step 2']);
-    editor.place({ type: 'step', kind: 'fly' });
+    editor.startPlacing({ type: 'step', kind: 'fly' });
     editor.press(at(40, 40));
   },
   'insert a point at a midpoint': ({ editor }) => editor.pick('between:1:step 2', false),
-  'drag a point': (session) => session.dragged(['point:points:0:step 2'], [44, 4]),
-  'drag several points': (session) => session.dragged(['point:points:0:step 2', 'point:points:1:step 2'], [30, 30]),
+  'drag a point': (session) => session.drag(['point:points:0:step 2'], [44, 4]),
+  'drag several points': (session) => session.drag(['point:points:0:step 2', 'point:points:1:step 2'], [30, 30]),
   'delete a point': ({ editor }) => {
     editor.select(['point:points:1:step 2']);
     return editor.remove();
@@ -179,15 +179,15 @@ const MISSION_EDITS: Edits = {
     editor.select(['step:step 2', 'step:step 4']);
     return editor.remove();
   },
-  'insert a pattern': (session) => session.pattern('survey'),
-  'insert an orbit': (session) => session.pattern('orbit'),
+  'insert a pattern': (session) => session.insertPattern('survey'),
+  'insert an orbit': (session) => session.insertPattern('orbit'),
   'add a call': ({ editor }) => editor.addStep('call', null),
   'call a new list of steps': (session) => {
     const node = nodesOf(session.mission).find(({ step }) => step.step === 'call');
     if (node !== undefined) session.editor.change(offboard.addCalledList(session.mission, node));
   },
-  'add a role': (session) => session.editor.applyFix(addRole(session.mission)),
-  'rename a role': (session) => session.editor.applyFix(renameRole(session.mission, 'wing', 'left wing')),
+  'add a role': (session) => session.editor.changeAndDeselect(addRole(session.mission)),
+  'rename a role': (session) => session.editor.changeAndDeselect(renameRole(session.mission, 'wing', 'left wing')),
   'begin a mission': ({ editor }) => editor.beginMission(HOME),
 };
 

@@ -75,7 +75,7 @@ export function startBody(
 /** An interrupted flight of the plan on the vehicle. */
 export type ResumeOffer = Readonly<components['schemas']['ResumeOffer']>;
 
-const REFERENCES = { home: 'above home', amsl: 'AMSL', terrain: 'above the ground' } as const;
+const REFERENCES = { home: 'above home', amsl: 'AMSL', terrain: 'above terrain' } as const;
 
 export function resumeVerb({ item, count }: ResumeOffer): string {
   return `Resume at item ${item + 1} of ${count}…`;

@@ -73,15 +73,15 @@ export class VehicleMission {
     return isOnVehicle(this.view?.holds, { id, version });
   }
 
-  async send(plan_id: string, version: number): Promise<void> {
+  async upload(plan_id: string, version: number): Promise<void> {
     this.lastComparison = null;
-    await this.begin((target) => this.api.post('/vehicles/{v}/mission/upload', { ...target, body: { plan_id, version } }));
+    await this.startTransfer((target) => this.api.post('/vehicles/{v}/mission/upload', { ...target, body: { plan_id, version } }));
   }
 
   /** Reads the vehicle's plan, and then compares it with `plan`. */
   async readBack(plan: Plan, reference: PlanReference): Promise<void> {
     this.lastComparison = this.pendingComparison = null;
-    const download = await this.begin((target) => this.api.post('/vehicles/{v}/mission/download', target));
+    const download = await this.startTransfer((target) => this.api.post('/vehicles/{v}/mission/download', target));
     if (download !== null) this.pendingComparison = { download, plan, reference };
     // The end event of a short download may arrive before the response.
     if (this.transfer?.id === download && this.transfer?.state === 'succeeded') await this.compare();
@@ -115,7 +115,7 @@ export class VehicleMission {
   }
 
   /** Starts a transfer. @returns the operation's id; null: the server refused the transfer. */
-  private async begin(send: (target: ReturnType<typeof ofVehicle>) => Promise<Outcome<Operation>>): Promise<string | null> {
+  private async startTransfer(send: (target: ReturnType<typeof ofVehicle>) => Promise<Outcome<Operation>>): Promise<string | null> {
     this.problem = null;
     const response = await send(ofVehicle(this.vehicle ?? ''));
     if (!response.ok) {

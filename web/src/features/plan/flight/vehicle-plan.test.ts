@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient, ofVehicle } from '../../../api/client';
 import { positionAt } from '../../../vehicle/geo';
 import { AcceptedErrors, StartErrors } from './accepted-errors.svelte';
-import { DEFAULT_ALTITUDE, EMPTY } from '../document/document';
+import { DEFAULT_ALTITUDE, EMPTY_PLAN } from '../document/document';
 import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
@@ -57,7 +57,7 @@ describe('the plan on the vehicle', () => {
     const { mission, requests } = pageWith([200, view('not_known', null)], [202, operation({})], [200, view('plan', named)]);
     mission.selectVehicle('1');
     await settled();
-    await mission.send('abc', 2);
+    await mission.upload('abc', 2);
     mission.onEvent(event({ progress: 0.9 }));
     mission.onEvent(event({ vehicle: '2', progress: 0.1 }));
     expect([mission.running, mission.transfer?.progress]).toEqual([true, 0.9]);
@@ -78,7 +78,7 @@ describe('the plan on the vehicle', () => {
     const { mission } = pageWith([200, view('not_known', null)], [409, { code: 'not_in_control', detail: 'anna has control.' }]);
     mission.selectVehicle('1');
     await settled();
-    await mission.send('abc', 2);
+    await mission.upload('abc', 2);
     expect(mission.problem?.detail).toBe('anna has control.');
     expect(mission.running).toBe(false);
   });
@@ -137,12 +137,12 @@ describe('the plan on the vehicle', () => {
     const { mission, requests } = pageWith([200, view('another', null)], [202, download], [200, comparison], [200, view('another', null)]);
     mission.selectVehicle('1');
     await settled();
-    await mission.readBack(EMPTY, { plan_id: 'abc', version: 2 });
-    expect([mission.running, mission.comparison(EMPTY)]).toEqual([true, null]);
+    await mission.readBack(EMPTY_PLAN, { plan_id: 'abc', version: 2 });
+    expect([mission.running, mission.comparison(EMPTY_PLAN)]).toEqual([true, null]);
     mission.onEvent(event({ kind: 'mission/download', state: 'succeeded' }));
     await settled();
-    expect(mission.comparison(EMPTY)).toEqual(comparison);
-    expect(mission.comparison({ ...EMPTY })).toBeNull();
+    expect(mission.comparison(EMPTY_PLAN)).toEqual(comparison);
+    expect(mission.comparison({ ...EMPTY_PLAN })).toBeNull();
     expect(requests.slice(1, 3)).toEqual(['POST /vehicles/1/mission/download', 'POST /vehicles/1/mission/compare']);
   });
 
@@ -175,11 +175,12 @@ describe('the start of the plan on the vehicle', () => {
   it('needs a person’s acceptance of each error, for exactly this plan and vehicle', () => {
     const accepted = new AcceptedErrors();
     const [error, other] = [finding({}), finding({ text: 'It leaves it again.' })];
-    accepted.set(error, EMPTY, '1', true);
-    expect(accepted.split([error, other, finding({ severity: 'warning' })], EMPTY, '1')).toEqual({ blocking: [other], accepted: [error] });
-    for (const [plan, id] of [[{ ...EMPTY }, '1'] as const, [EMPTY, '2'] as const]) expect(accepted.split([error], plan, id).blocking).toEqual([error]);
-    accepted.set(error, EMPTY, '1', false);
-    expect(accepted.has(error, EMPTY, '1')).toBe(false);
+    accepted.set(error, EMPTY_PLAN, '1', true);
+    expect(accepted.split([error, other, finding({ severity: 'warning' })], EMPTY_PLAN, '1')).toEqual({ blocking: [other], accepted: [error] });
+    for (const [plan, id] of [[{ ...EMPTY_PLAN }, '1'] as const, [EMPTY_PLAN, '2'] as const])
+      expect(accepted.split([error], plan, id).blocking).toEqual([error]);
+    accepted.set(error, EMPTY_PLAN, '1', false);
+    expect(accepted.has(error, EMPTY_PLAN, '1')).toBe(false);
   });
 
   it('needs acceptance of the errors that the server finds at the start, for exactly this plan and vehicles', async () => {
@@ -187,13 +188,13 @@ describe('the start of the plan on the vehicle', () => {
     const api = new ApiClient('p', undefined, () => Promise.resolve(Response.json(refusal, { status: 409 })));
     const startErrors = new StartErrors();
     const vehicles = { lead: '1', left: '2' };
-    startErrors.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY, vehicles);
-    expect([startErrors.findings(EMPTY, { ...vehicles }), startErrors.codes(EMPTY, vehicles)]).toEqual([refusal.reasons, []]);
+    startErrors.setOutcome(await api.post('/vehicles/{v}/hold', ofVehicle('1')), EMPTY_PLAN, vehicles);
+    expect([startErrors.findings(EMPTY_PLAN, { ...vehicles }), startErrors.codes(EMPTY_PLAN, vehicles)]).toEqual([refusal.reasons, []]);
     startErrors.accepted = true;
-    expect(startErrors.codes(EMPTY, vehicles)).toEqual(['separation']);
-    expect([startErrors.codes({ ...EMPTY }, vehicles), startErrors.codes(EMPTY, { lead: '2', left: '1' })]).toEqual([[], []]);
-    startErrors.setOutcome({ ok: true, value: null }, EMPTY, vehicles);
-    expect(startErrors.findings(EMPTY, vehicles)).toEqual([]);
+    expect(startErrors.codes(EMPTY_PLAN, vehicles)).toEqual(['separation']);
+    expect([startErrors.codes({ ...EMPTY_PLAN }, vehicles), startErrors.codes(EMPTY_PLAN, { lead: '2', left: '1' })]).toEqual([[], []]);
+    startErrors.setOutcome({ ok: true, value: null }, EMPTY_PLAN, vehicles);
+    expect(startErrors.findings(EMPTY_PLAN, vehicles)).toEqual([]);
   });
 
   it('asks for a confirmation that lists the accepted errors and is shown as dangerous', () => {
@@ -213,7 +214,7 @@ describe('the start of the plan on the vehicle', () => {
 
   it('starts at the item of the chosen row, counted with all items of earlier patterns', () => {
     const items = [10, 20, 30].map((north_m) => newItem('waypoint', positionAt({ lat_deg: 47.4, lon_deg: 8.5 }, { north_m, east_m: 0 }), DEFAULT_ALTITUDE));
-    const plan = { ...EMPTY, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
+    const plan = { ...EMPTY_PLAN, items: [{ kind: 'complex', items: items.slice(0, 2) } as const, ...items] };
     expect(startBody(plan, false, 2, [])).toEqual({ item: 3, despite: [] });
     expect(startBody(plan, false, null, ['fence_crossed'])).toEqual({ item: 0, despite: ['fence_crossed'] });
     expect(startBody(plan, true, null, [])).toEqual({ despite: [] });

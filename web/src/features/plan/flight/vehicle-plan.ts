@@ -13,8 +13,8 @@ export type Difference = Comparison['differences'][number];
 
 const PARTS = { mission: 'mission', fence: 'geofence', rally: 'rally points' } as const;
 const FIELDS: Readonly<Record<string, string>> = {
-  command: 'command',
-  frame: 'altitude reference',
+  command: 'command (MAV_CMD)',
+  frame: 'frame (MAV_FRAME)',
   z: 'altitude',
   autocontinue: 'autocontinue',
 };
@@ -22,7 +22,7 @@ const FIELDS: Readonly<Record<string, string>> = {
 /** Sentence about the plan on the vehicle. */
 export function vehiclePlanText(name: string, onVehicle: VehiclePlan | undefined, current: { readonly id: string; readonly version: number } | null): string {
   if (onVehicle === undefined || onVehicle.state === 'not_known') return `The server does not know which plan is on ${name}.`;
-  if (onVehicle.state === 'another') return `The plan on ${name} is not the one last uploaded.`;
+  if (onVehicle.state === 'another') return `The plan on ${name} is not the plan that this server last uploaded.`;
   if (isOnVehicle(onVehicle, current)) return `This plan is on ${name}.`;
   const storedPlan =
     current !== null && onVehicle.plan?.id === current.id

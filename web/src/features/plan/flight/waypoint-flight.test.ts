@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import { positionAt } from '../../../vehicle/geo';
-import { EMPTY } from '../document/document';
+import { EMPTY_PLAN } from '../document/document';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 import { startBody, startQuestion } from './mission-start';
 import { dryRunFor, flightLabel, flightProgress, flightText, hasEnded, type WaypointFlight } from './waypoint-flight';
@@ -29,11 +29,11 @@ const FLIGHT: WaypointFlight = {
 const UNKNOWN = { planned_by: null, duration_s: null, remaining_s: null, deviation_horizontal_m: null, deviation_vertical_m: null } as const;
 
 describe('a monitored flight', () => {
-  it('has its time left and its deviation in one line', () => {
-    expect(flightText(FLIGHT)).toBe('01:00 left · 1.2 m to the side, 0.3 m below the path of the dry run');
+  it('shows its remaining time and its deviation in one line', () => {
+    expect(flightText(FLIGHT)).toBe('01:00 remaining · 1.2 m beside and 0.3 m below the path of the dry run');
     const planText = flightText({ ...FLIGHT, planned_by: 'plan', deviation_vertical_m: 0.2 });
-    expect(planText).toBe('about 01:00 left · 1.2 m to the side, 0.2 m above the straight lines of the plan');
-    expect(flightText({ ...FLIGHT, deviation_horizontal_m: null, deviation_vertical_m: null })).toBe('01:00 left');
+    expect(planText).toBe('about 01:00 remaining · 1.2 m beside and 0.2 m above the straight lines of the plan');
+    expect(flightText({ ...FLIGHT, deviation_horizontal_m: null, deviation_vertical_m: null })).toBe('01:00 remaining');
     expect(flightText({ ...FLIGHT, ...UNKNOWN })).toBeNull();
   });
 
@@ -65,6 +65,6 @@ describe('the dry run that a flight is compared with', () => {
   it('is mentioned in the question and sent in the request', () => {
     expect(startQuestion('1 Quad', false, null, [], '4').effect).toContain('The flight is compared with the dry run.');
     expect(startQuestion('1 Quad', false, null, []).effect).not.toContain('dry run');
-    expect(startBody(EMPTY, false, null, [], '4')).toEqual({ item: 0, despite: [], dry_run: '4' });
+    expect(startBody(EMPTY_PLAN, false, null, [], '4')).toEqual({ item: 0, despite: [], dry_run: '4' });
   });
 });

@@ -29,17 +29,17 @@ export function flightProgress({ duration_s, remaining_s }: WaypointFlight): num
   return Math.min(1, Math.max(0, 1 - remaining_s / duration_s));
 }
 
-/** Time left and deviation in one line; null: neither is known. */
+/** Remaining time and deviation in one line; null: neither is known. */
 export function flightText(flight: WaypointFlight): string | null {
-  const timeLeft = flight.remaining_s === null ? null : `${flight.planned_by === 'plan' ? 'about ' : ''}${duration(flight.remaining_s)} left`;
-  const parts = [timeLeft, deviationText(flight)].filter((part) => part !== null);
+  const remainingTime = flight.remaining_s === null ? null : `${flight.planned_by === 'plan' ? 'about ' : ''}${duration(flight.remaining_s)} remaining`;
+  const parts = [remainingTime, deviationText(flight)].filter((part) => part !== null);
   return parts.length === 0 ? null : parts.join(' · ');
 }
 
 function deviationText({ deviation_horizontal_m: horizontal_m, deviation_vertical_m: up_m, planned_by }: WaypointFlight): string | null {
   if (horizontal_m === null || up_m === null) return null;
   const path = planned_by === 'dry_run' ? 'the path of the dry run' : 'the straight lines of the plan';
-  return `${fixed(horizontal_m, 1)} m to the side, ${fixed(Math.abs(up_m), 1)} m ${up_m < 0 ? 'below' : 'above'} ${path}`;
+  return `${fixed(horizontal_m, 1)} m beside and ${fixed(Math.abs(up_m), 1)} m ${up_m < 0 ? 'below' : 'above'} ${path}`;
 }
 
 /**

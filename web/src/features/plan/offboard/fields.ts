@@ -125,7 +125,7 @@ const heading: Spec = (step, context) => {
       options: [
         { value: 'keep', text: 'unchanged' },
         { value: 'along_path', text: 'along the path' },
-        { value: 'yaw', text: 'fixed direction' },
+        { value: 'yaw', text: 'fixed yaw' },
         { value: 'look_at', text: 'towards a point' },
       ],
       set: (old, next) => {
@@ -137,7 +137,7 @@ const heading: Spec = (step, context) => {
       },
     },
   ];
-  if (current === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Direction from north', ANGLE));
+  if (current === 'yaw') rows.push(numberField(step, 'yaw_ned_rad', 'Yaw from north', ANGLE));
   if (current === 'look_at') rows.push(...position('look_at', 'Heading towards')(step, context));
   return rows;
 };
@@ -277,17 +277,17 @@ const gimbal: Spec = (step, context) => {
   const track = step['track'];
   if (track === 'look_at') add(position('place', 'Look at'));
   else if (track !== 'release') add(number('pitch_rad', 'Pitch, up is positive', { min: -90, max: 90 }));
-  if (track === 'fixed' || track === 'sweep') add(number('yaw_rad', 'Yaw from the nose', ANGLE));
+  if (track === 'fixed' || track === 'sweep') add(number('yaw_rad', 'Yaw from the vehicle’s heading', ANGLE));
   if (track === 'sweep')
     add(
-      number('sweep_pitch_rad', 'Sweep up and down', { min: 0, max: 180 }),
-      number('sweep_yaw_rad', 'Sweep to the sides', { min: 0, max: 180 }),
+      number('sweep_pitch_rad', 'Sweep up and down (±)', { min: 0, max: 180 }),
+      number('sweep_yaw_rad', 'Sweep to the sides (±)', { min: 0, max: 180 }),
       number('period_s', 'Period', { min: 0.5, max: 3600 }),
     );
   return rows;
 };
 
-const names =
+const nameChoice =
   (field: string, label: string, source: 'missions' | 'tables', emptyText: string): Spec =>
   (step, { mission }) => {
     const known = Object.keys(mission[source] ?? {});
@@ -301,13 +301,13 @@ const names =
 const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   take_off: [number('height_m', 'Height above the ground', { min: 0.5, max: 500 }), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '60' })],
   fly: [choice('curve', 'Curve', { straight: 'straight legs', smooth: 'smooth' }), ...PATH_FIELDS],
-  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
+  hold: [number('duration_s', 'Duration', SECONDS), number('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE)],
   orbit: [...CIRCLE_FIELDS, ...PATH_FIELDS],
-  helix: [...CIRCLE_FIELDS, number('climb_m', 'Altitude gain', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
+  helix: [...CIRCLE_FIELDS, number('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }), ...PATH_FIELDS],
   spiral: [
     ...CIRCLE_FIELDS,
     number('end_radius_m', 'Radius at the end', METRES),
-    number('climb_m', 'Altitude gain', { min: -10_000, max: 10_000 }),
+    number('climb_m', 'Altitude gain (negative: descent)', { min: -10_000, max: 10_000 }),
     ...PATH_FIELDS,
   ],
   figure_eight: [
@@ -315,11 +315,11 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
     number('length_m', 'Length', METRES),
     number('width_m', 'Width of a loop', METRES),
     number('rounds', 'Laps', { min: 0.01, max: 200, step: 0.5 }),
-    number('axis_ned_rad', 'Direction of the long axis', ANGLE),
+    number('axis_ned_rad', 'Bearing of the long axis', ANGLE),
     ...PATH_FIELDS,
   ],
-  table: [names('file', 'Table', 'tables', 'none'), toggle('relative', 'Relative to the start', true)],
-  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Turn to heading', OPTIONAL_ANGLE)],
+  table: [nameChoice('file', 'Table', 'tables', 'none'), toggle('relative', 'Positions relative to the start of the mission', true)],
+  velocity: [velocity, number('duration_s', 'Duration', { min: 0.1, max: 3600 }), number('yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE)],
   attitude: [
     number('roll_rad', 'Roll', { min: -85, max: 85 }),
     number('pitch_rad', 'Pitch', { min: -85, max: 85 }),
@@ -330,13 +330,13 @@ const FIELDS: Readonly<Record<StepKind, readonly Spec[]>> = {
   gimbal: [gimbal],
   photo: [
     number('count', 'Photos', { min: 1, max: 10_000 }),
-    number('interval_s', 'Every', { min: 0.1, max: 3600 }),
+    number('interval_s', 'Time between photos', { min: 0.1, max: 3600 }),
     number('component', 'Camera', { min: 1, max: 255, step: 1, placeholder: 'first' }),
   ],
   wait: [until, number('timeout_s', 'Timeout', { min: 0.1, max: 86_400 }), choice('on_timeout', 'On timeout', ACTIONS)],
   repeat: [number('times', 'Times', { min: 1, max: 1000 })],
   branch: [condition('condition')],
-  call: [names('mission', 'Mission', 'missions', 'choose …')],
+  call: [nameChoice('mission', 'List of steps', 'missions', 'choose …')],
   land: [number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '300' })],
   meet: [text('meeting', 'Name of the sync point'), number('timeout_s', 'Timeout', { ...SECONDS, placeholder: '120' })],
 };
@@ -355,7 +355,7 @@ export function pointFields(point: MissionPosition, { frame }: Context): Field<M
     ...positionFields<MissionPosition>(point, frame, (_, next) => next, 'Position', 'point'),
     numberField(point, 'yaw_ned_rad', 'Yaw from north', OPTIONAL_ANGLE),
     numberField(point, 'hold_s', 'Wait at the point', { ...SECONDS, placeholder: '0' }),
-    numberField(point, 'corner_m', 'Corner rounding, distance from the point at most', { min: 0, max: 1000, placeholder: '1' }),
+    numberField(point, 'corner_m', 'Corner rounding: maximum distance from the point', { min: 0, max: 1000, placeholder: '1' }),
     { name: 'stop', label: 'Stop at the point', type: 'switch', value: point['stop'] === true, set: (old, next) => ({ ...old, stop: next === true }) },
   ];
 }

@@ -154,7 +154,7 @@ export function sourceText({ planned_by }: FlownPath): string {
 /** The largest distance and the 95th percentile as text. */
 export function distanceText({ largest_m, p95_m }: Figures, { planned_by }: FlownPath): string {
   if (largest_m === null) {
-    const why = planned_by === 'mission' ? 'no positions were sent' : 'no planned path is known for this flight';
+    const why = planned_by === 'mission' ? 'the server sent no position setpoints' : 'no planned path is known for this flight';
     return `Distance from the planned path: not known, because ${why}.`;
   }
   return `Distance from the planned path: at most ${fixed(largest_m, 1)} m; 95 % within ${fixed(p95_m, 1)} m.`;

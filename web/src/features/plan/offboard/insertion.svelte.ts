@@ -19,7 +19,7 @@ export class MissionInsertion {
   /** Why the stored mission was not inserted. */
   problem = $state.raw<string | null>(null);
   /** The stored mission for which a person must choose how its positions are inserted. */
-  undecided = $state.raw<StoredMission | null>(null);
+  missionAwaitingChoice = $state.raw<StoredMission | null>(null);
   private requestCount = 0;
 
   constructor(
@@ -41,7 +41,7 @@ export class MissionInsertion {
   }
 
   private clear(): void {
-    [this.problem, this.undecided] = [null, null];
+    [this.problem, this.missionAwaitingChoice] = [null, null];
   }
 
   /**
@@ -61,9 +61,9 @@ export class MissionInsertion {
     if (request !== this.requestCount) return null;
     this.busy = false;
     if (!response.ok) {
-      const isUndecided = response.problem.field === 'positions' && positions === null;
-      this.undecided = isUndecided ? stored : null;
-      this.problem = fieldProblemText(isUndecided ? { ...response.problem, remedy: null } : response.problem);
+      const awaitsChoice = response.problem.field === 'positions' && positions === null;
+      this.missionAwaitingChoice = awaitsChoice ? stored : null;
+      this.problem = fieldProblemText(awaitsChoice ? { ...response.problem, remedy: null } : response.problem);
       return null;
     }
     if (this.editor.draft !== draft) {

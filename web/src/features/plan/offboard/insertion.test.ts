@@ -82,7 +82,7 @@ describe('inserting a stored mission', () => {
     const session = new Session();
     session.refusal = DIFFERENT_STARTS;
     expect(await session.insertion.insert(TOWER)).toBeNull();
-    expect(session.insertion.undecided).toEqual(TOWER);
+    expect(session.insertion.missionAwaitingChoice).toEqual(TOWER);
     expect(session.insertion.problem).toBe("'Tower' has positions relative to its start, and the planned starts are 120 m apart.");
     session.refusal = null;
     expect(await session.insertion.insert(TOWER, 'same_places')).not.toBeNull();
@@ -97,7 +97,7 @@ describe('inserting a stored mission', () => {
     expect(session.insertion).toMatchObject({
       isOpen: true,
       busy: false,
-      undecided: null,
+      missionAwaitingChoice: null,
       problem: "Mission 'Tower': it is for 2 vehicles. One vehicle only.",
     });
   });

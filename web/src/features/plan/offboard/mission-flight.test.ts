@@ -3,8 +3,8 @@ import { positionAt } from '../../../vehicle/geo';
 import type { DryRunView } from '../dry-run/dry-run.svelte';
 import {
   executorText,
-  corridorFor,
-  corridorForRoles,
+  dryRunWithCorridor,
+  dryRunWithCorridorForRoles,
   corridorText,
   deviationText,
   isOver,
@@ -74,13 +74,13 @@ describe('the corridor of a dry run', () => {
   const view = (fields: object) => ({ id: '7', vehicle: '1', monte_carlo: { corridor: {} }, nominal: { origin: start }, ...fields }) as unknown as DryRunView;
 
   it('is used only for the same vehicle and start', () => {
-    expect(corridorFor(view({}), '1', positionAt(start, { north_m: 3, east_m: 3 }))).toBe('7');
-    expect(corridorFor(view({}), '1', positionAt(start, { north_m: 6, east_m: 0 }))).toBeNull();
-    expect([corridorFor(view({}), '2', start), corridorFor(view({ monte_carlo: null }), '1', start), corridorFor(null, '1', start)]).toEqual([
-      null,
-      null,
-      null,
-    ]);
+    expect(dryRunWithCorridor(view({}), '1', positionAt(start, { north_m: 3, east_m: 3 }))).toBe('7');
+    expect(dryRunWithCorridor(view({}), '1', positionAt(start, { north_m: 6, east_m: 0 }))).toBeNull();
+    expect([
+      dryRunWithCorridor(view({}), '2', start),
+      dryRunWithCorridor(view({ monte_carlo: null }), '1', start),
+      dryRunWithCorridor(null, '1', start),
+    ]).toEqual([null, null, null]);
   });
 
   it('is used for several vehicles if each has the same role and start', () => {
@@ -89,11 +89,14 @@ describe('the corridor of a dry run', () => {
     const vehicles = { lead: '1', left: '2' };
     const dryRun = view({ vehicle: null, vehicles, together });
     const at = (id: string) => positionAt(start, { north_m: 2, east_m: id === '1' ? 0 : 20 });
-    expect(corridorForRoles(dryRun, vehicles, at)).toBe('7');
-    expect(corridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
-    expect(corridorForRoles(dryRun, vehicles, () => start)).toBeNull();
-    expect(corridorForRoles(dryRun, vehicles, () => null)).toBeNull();
-    expect([corridorForRoles(view({ vehicle: null, together: null }), vehicles, at), corridorForRoles(null, vehicles, at)]).toEqual([null, null]);
+    expect(dryRunWithCorridorForRoles(dryRun, vehicles, at)).toBe('7');
+    expect(dryRunWithCorridorForRoles(dryRun, { lead: '2', left: '1' }, at)).toBeNull();
+    expect(dryRunWithCorridorForRoles(dryRun, vehicles, () => start)).toBeNull();
+    expect(dryRunWithCorridorForRoles(dryRun, vehicles, () => null)).toBeNull();
+    expect([dryRunWithCorridorForRoles(view({ vehicle: null, together: null }), vehicles, at), dryRunWithCorridorForRoles(null, vehicles, at)]).toEqual([
+      null,
+      null,
+    ]);
   });
 
   it('is mentioned while the vehicle is outside it', () => {
@@ -147,8 +150,8 @@ describe('starting an offboard mission', () => {
   it('lists the failsafe actions for battery, control, link and server', () => {
     const { title, effect } = startQuestion(MISSION, '1 Quad', 65, 2, 'after 1 s the vehicle lands.');
     expect(title).toBe('Fly “Tower” with 1 Quad');
-    expect(effect).toContain('Arms, takes off and flies 2 steps, about 01:05, 2 warnings.');
-    expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: it holds.');
+    expect(effect).toContain('Arms, takes off and flies 2 steps, about 01:05. The check found 2 warnings.');
+    expect(effect).toContain('Low battery: the vehicle lands. If the controlling client is lost: the vehicle holds.');
     expect(effect).toContain(
       'If the server fails or loses the connection to the vehicle: after 1 s the vehicle lands. Once a lost link is restored: the vehicle holds. Hold interrupts',
     );

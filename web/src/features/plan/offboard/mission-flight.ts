@@ -58,7 +58,7 @@ export function availableCommands(flight: MissionFlight): readonly FlightCommand
   if (isOver(flight)) return [];
   const isPaused = flight.state === 'paused' || flight.state === 'suspended' || flight.state === 'pausing';
   const goOn: FlightCommand[] = flight.question === null || isPaused ? [] : ['go_on'];
-  const skip: FlightCommand[] = flight.others.length > 0 ? [] : ['skip']; // a skipped step would put vehicles that fly together out of step
+  const skip: FlightCommand[] = flight.others.length > 0 ? [] : ['skip']; // after a skipped step, vehicles that fly together would no longer be synchronized
   return [...goOn, isPaused ? 'resume' : 'pause', ...skip, 'abort'];
 }
 
@@ -95,7 +95,7 @@ export function commandQuestion(command: FlightCommand, flight: MissionFlight, v
     case 'resume':
       return {
         title: `Resume the mission of ${vehicleName}`,
-        effect: `Flies straight back to its path and continues with ${step}. Check that there are no obstacles on the way.`,
+        effect: `The vehicle flies straight back to its path and continues with ${step}. Check that there are no obstacles on the way.`,
         verb: 'Resume',
         danger: false,
       };
@@ -135,10 +135,12 @@ export function startQuestion(
 ): Question {
   const { link_loss, low_battery, control_lost } = mission.actions;
   const actionText = (action: string): string => ACTIONS[action] ?? action;
+  const count = nodesOf(mission).filter((node) => node.depth === 0).length;
   const parts = [
-    `${mission.steps?.[0]?.step === 'take_off' ? 'Arms, takes off and flies' : 'Flies'} ${nodesOf(mission).filter((node) => node.depth === 0).length} steps${time_s === null ? '' : `, about ${duration(time_s)}`}${warnings === 0 ? '' : `, ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}`}.`,
+    `${mission.steps?.[0]?.step === 'take_off' ? 'Arms, takes off and flies' : 'Flies'} ${count} ${count === 1 ? 'step' : 'steps'}${time_s === null ? '' : `, about ${duration(time_s)}`}.`,
+    warnings === 0 ? '' : `The check found ${warnings} ${warnings === 1 ? 'warning' : 'warnings'}.`,
     acceptedErrorsText(acceptedTexts),
-    `${low_battery === 'continue' ? 'Low battery: no action by the mission; the vehicle’s own setting applies' : `Low battery: the vehicle ${actionText(low_battery)}`}. If the controlling client is lost: it ${actionText(control_lost)}.`,
+    `${low_battery === 'continue' ? 'Low battery: no action by the mission; the vehicle’s own setting applies' : `Low battery: the vehicle ${actionText(low_battery)}`}. If the controlling client is lost: the vehicle ${actionText(control_lost)}.`,
     `If the server fails or loses the connection to the vehicle: ${ifStreamStops ?? 'not known yet; the vehicle has not reported its parameters'}.`.replace(
       /\.\.$/,
       '.',
@@ -159,13 +161,13 @@ export function startQuestion(
  * none.
  * @param here position of the vehicle; null: not known.
  */
-export function corridorFor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
+export function dryRunWithCorridor(view: DryRunView | null, vehicle: string, here: GeoPosition | null): string | null {
   if (view?.monte_carlo?.corridor == null || view.vehicle !== vehicle || here === null) return null;
   return isSameStart(here, view.nominal.origin) ? view.id : null;
 }
 
-/** Like `corridorFor`, for the vehicles of a mission with roles. @param positionOf null: the position is not known. */
-export function corridorForRoles(
+/** As `dryRunWithCorridor`, for the vehicles of a mission with roles. @param positionOf null: the position is not known. */
+export function dryRunWithCorridorForRoles(
   view: DryRunView | null,
   vehicles: Readonly<Record<string, string>>,
   positionOf: (vehicle: string) => GeoPosition | null,

@@ -97,7 +97,7 @@ function isSamePosition(a: GeoPosition | undefined, b: GeoPosition | undefined):
 }
 
 /** Parses the id of a leg's midpoint: the step, and the index of the point before which it inserts. */
-export function betweenOf(id: string): { index: number; place: string } | null {
+export function pointInsertionOf(id: string): { index: number; place: string } | null {
   const match = /^between:(\d+):(.*)$/s.exec(id);
   return match === null ? null : { index: Number(match[1]), place: match[2] ?? '' };
 }
@@ -129,7 +129,7 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
         title: stepTitle(node.step),
         detail: detailOf(node.step),
         depth: node.depth,
-        heading: node.heading,
+        listHeading: node.listHeading,
         durationText,
       };
     }),
@@ -137,7 +137,7 @@ export function treeOf(mission: Mission, times: readonly StepTime[]): TreeEntry[
   ];
 }
 
-/** Whether a list entry is selected: the step itself or one of its points. */
-export function isChosen(entry: TreeEntry, selected: ReadonlySet<string>): boolean {
+/** Whether one of the points of this step is selected. */
+export function hasSelectedPoint(entry: TreeEntry, selected: ReadonlySet<string>): boolean {
   return entry.step !== undefined && [...selected].some((id) => pointOf(id)?.place === entry.step);
 }

@@ -77,18 +77,20 @@ describe('registering', () => {
 
 describe('a mode', () => {
   it('has a text for each state', () => {
-    expect(modeText(MODE, 'hold')).toEqual({ text: 'registered. Starts when the mode is selected in flight.', tone: 'ok' });
-    expect(modeText(modeWith({ takes_off: true }), 'hold').text).toContain('Takes off and starts when the vehicle is armed in this mode on the ground.');
-    expect(modeText(MODE, 'external_1')).toEqual({ text: 'selected', tone: 'target' });
+    expect(modeText(MODE, 'hold')).toEqual({ text: 'Registered. The mission starts when this mode is selected in flight.', tone: 'ok' });
+    expect(modeText(modeWith({ takes_off: true }), 'hold').text).toContain(
+      'The vehicle takes off and starts the mission when it is armed in this mode on the ground.',
+    );
+    expect(modeText(MODE, 'external_1')).toEqual({ text: 'Selected', tone: 'target' });
     expect(modeText(modeWith({ defer_failsafes_s: 20, failsafe_deferred: true }), 'external_1')).toEqual({
       text: 'A failsafe has been triggered. PX4 defers it for at most 20 s, or until the vehicle leaves this mode.',
       tone: 'danger',
     });
     expect(modeText(modeWith({ state: 'registering', mode: null }), null).tone).toBe('dim');
     const compiling = modeWith({ takes_off: true, ready: false, reason: 'The mission is being compiled.' });
-    expect(modeText(compiling, 'external_1')).toEqual({ text: 'registered, cannot be started now: The mission is being compiled.', tone: 'caution' });
+    expect(modeText(compiling, 'external_1')).toEqual({ text: 'Registered, but cannot be started now: The mission is being compiled.', tone: 'caution' });
     expect(modeText(modeWith({ state: 'lost', mode: null, reason: 'PX4 restarted' }), null)).toEqual({
-      text: 'not registered: PX4 restarted',
+      text: 'Not registered: PX4 restarted',
       tone: 'caution',
     });
   });
@@ -113,7 +115,7 @@ describe('a mode', () => {
     expect(question.effect).toContain('“Line” (version 3)');
     expect(question.effect).toContain('(RTL)');
     expect(question.effect).not.toContain('defers');
-    expect(selectQuestion(modeWith({ defer_failsafes_s: 20 }), 'Quad 1', true).effect).toContain('defers failsafes for up to 20 s');
+    expect(selectQuestion(modeWith({ defer_failsafes_s: 20 }), 'Quad 1', true).effect).toContain('defers these failsafes for up to 20 s');
   });
 
   it('is selected on the ground after a confirmation that states the effect of arming', () => {

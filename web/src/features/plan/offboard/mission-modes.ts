@@ -49,24 +49,26 @@ export function registerProblem(name: string, mission: Mission, blocking: readon
 
 /** How the mission of a mode is started. */
 function startText(mode: MissionMode): string {
-  return mode.takes_off ? 'Takes off and starts when the vehicle is armed in this mode on the ground.' : 'Starts when the mode is selected in flight.';
+  return mode.takes_off
+    ? 'The vehicle takes off and starts the mission when it is armed in this mode on the ground.'
+    : 'The mission starts when this mode is selected in flight.';
 }
 
 /** State of a mode as text. @param currentMode the vehicle's mode. */
 export function modeText(mode: MissionMode, currentMode: string | null): { text: string; tone: 'ok' | 'dim' | 'caution' | 'danger' | 'target' } {
   switch (mode.state) {
     case 'registering':
-      return { text: 'being registered', tone: 'dim' };
+      return { text: 'Being registered …', tone: 'dim' };
     case 'registered':
       if (mode.failsafe_deferred)
         return {
           text: `A failsafe has been triggered. PX4 defers it for at most ${mode.defer_failsafes_s} s, or until the vehicle leaves this mode.`,
           tone: 'danger',
         };
-      if (!mode.ready) return { text: `registered, cannot be started now: ${mode.reason}`, tone: 'caution' };
-      return mode.mode === currentMode ? { text: 'selected', tone: 'target' } : { text: `registered. ${startText(mode)}`, tone: 'ok' };
+      if (!mode.ready) return { text: `Registered, but cannot be started now: ${mode.reason}`, tone: 'caution' };
+      return mode.mode === currentMode ? { text: 'Selected', tone: 'target' } : { text: `Registered. ${startText(mode)}`, tone: 'ok' };
     default:
-      return { text: mode.reason === '' ? 'not registered' : `not registered: ${mode.reason}`, tone: 'caution' };
+      return { text: mode.reason === '' ? 'Not registered' : `Not registered: ${mode.reason}`, tone: 'caution' };
   }
 }
 
@@ -102,7 +104,7 @@ function versionText(mode: MissionMode): string {
 export function selectQuestion(mode: MissionMode, vehicleName: string, inAir: boolean): Question {
   const deferral =
     mode.defer_failsafes_s > 0
-      ? ` While it flies, PX4 defers failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
+      ? ` During the mission, PX4 defers these failsafes for up to ${mode.defer_failsafes_s} s: lost ground station connection, lost manual control, low battery.`
       : '';
   if (!inAir)
     return {

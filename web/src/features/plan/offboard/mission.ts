@@ -69,8 +69,8 @@ export interface StepNode {
   readonly depth: number;
   /** Number of the step in its list. */
   readonly mark: string;
-  /** Heading of the list that begins with this step. */
-  readonly heading: string;
+  /** Heading of the list of steps that begins with this step; empty for the other steps. */
+  readonly listHeading: string;
 }
 
 /** The tree contains at most this many steps, because nested calls multiply the steps. */
@@ -80,12 +80,12 @@ const MAX_DEPTH = 24;
 /** All steps in order, nested steps after their parent. */
 export function nodesOf(mission: Mission): StepNode[] {
   const nodes: StepNode[] = [];
-  const walk = (steps: readonly Step[], path: JsonPath, prefix: string, depth: number, heading: string, called: readonly string[]): void => {
+  const walk = (steps: readonly Step[], path: JsonPath, prefix: string, depth: number, listHeading: string, called: readonly string[]): void => {
     steps.forEach((step, index) => {
       if (nodes.length >= MAX_NODES || depth > MAX_DEPTH) return;
       const place = `${prefix}${index + 1}`;
       const stepPath = [...path, index];
-      nodes.push({ place, path: stepPath, step, depth, mark: String(index + 1), heading: index === 0 ? heading : '' });
+      nodes.push({ place, path: stepPath, step, depth, mark: String(index + 1), listHeading: index === 0 ? listHeading : '' });
       if (step.step === 'repeat') walk(step.steps ?? [], [...stepPath, 'steps'], `${place}.`, depth + 1, '', called);
       if (step.step === 'branch') {
         walk(step.then ?? [], [...stepPath, 'then'], `${place} then `, depth + 1, 'then', called);
@@ -107,9 +107,9 @@ export const roleNames = (mission: Mission): string[] => Object.keys(mission.rol
 /** Why these vehicles cannot fly the roles; null: each role has a different vehicle. */
 export function assignmentProblem(roles: readonly string[], vehicles: Readonly<Record<string, string>>): string | null {
   const unassigned = roles.find((role) => (vehicles[role] ?? '') === '');
-  if (unassigned !== undefined) return `Choose a vehicle for the role ${unassigned}.`;
+  if (unassigned !== undefined) return `Choose a vehicle for the role “${unassigned}”.`;
   const duplicate = roles.find((role, index) => roles.slice(0, index).some((other) => vehicles[other] === vehicles[role]));
-  return duplicate === undefined ? null : `Vehicle ${vehicles[duplicate] ?? ''} has two roles: choose another vehicle for ${duplicate}.`;
+  return duplicate === undefined ? null : `Vehicle ${vehicles[duplicate] ?? ''} has two roles. Choose another vehicle for the role “${duplicate}”.`;
 }
 
 /** Refers to one position of a step: a point by its index, or the position in another field (index 0). */

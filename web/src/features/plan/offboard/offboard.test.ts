@@ -47,13 +47,13 @@ describe('the steps of a mission', () => {
     const role = { steps: [newStep('take_off'), newStep('land')] };
     const show: Mission = { ...missionOf(), roles: { lead: role, left: role } };
     expect(placesOf(show)).toEqual(['lead, step 1', 'lead, step 2', 'left, step 1', 'left, step 2']);
-    expect(nodesOf(show).map((node) => node.heading)).toEqual(['Role lead', '', 'Role left', '']);
+    expect(nodesOf(show).map((node) => node.listHeading)).toEqual(['Role lead', '', 'Role left', '']);
     const added = addStep(show, 'hold', null, [], FRAME);
     expect(added.mission.steps).toEqual([]);
     expect(added.mission.roles?.['lead']?.steps.map((step) => step.step)).toEqual(['take_off', 'hold', 'land']);
     const met = addStep(show, 'meet', null, [stepId('left, step 1')], FRAME);
     expect(met.id).toBe(stepId('left, step 2'));
-    expect(assignmentProblem(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role left.');
+    expect(assignmentProblem(['lead', 'left'], { lead: '1' })).toBe('Choose a vehicle for the role “left”.');
     expect(assignmentProblem(['lead', 'left'], { lead: '1', left: '1' })).toContain('two roles');
     expect(assignmentProblem(['lead', 'left'], { lead: '1', left: '2' })).toBeNull();
   });
@@ -72,7 +72,7 @@ describe('the steps of a mission', () => {
     const renamed = renameRole(three, 'lead', 'first');
     expect(Object.keys(renamed.roles ?? {})).toEqual(['first', 'wing', 'role 3']);
     expect([nameProblem(three, 'lead', 'wing'), nameProblem(three, 'lead', ' '), nameProblem(three, 'lead', 'lead')]).toEqual([
-      'A role named wing already exists.',
+      'A role named “wing” already exists.',
       'A role needs a name.',
       null,
     ]);

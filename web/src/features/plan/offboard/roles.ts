@@ -37,7 +37,7 @@ export function addRole(mission: Mission): Mission {
 /** Why a role cannot have this name; null: it can. */
 export function nameProblem(mission: Mission, old: string, name: string): string | null {
   if (name.trim() === '') return 'A role needs a name.';
-  if (name !== old && roleNames(mission).includes(name)) return `A role named ${name} already exists.`;
+  if (name !== old && roleNames(mission).includes(name)) return `A role named “${name}” already exists.`;
   return null;
 }
 

@@ -5,7 +5,7 @@ import { stepNameOf, pointOf, type Mission, type PointRef, type StepNode } from 
 import { pointMark } from './mission-layer';
 import { stepTitle } from './step-titles';
 
-export interface ChosenStep {
+export interface SelectedStep {
   readonly node: StepNode;
   /** The selected point; null: the whole step. */
   readonly ref: PointRef | null;
@@ -14,7 +14,7 @@ export interface ChosenStep {
 }
 
 /** The selected step; null: no step is selected, or several steps are. */
-export function stepOf(mission: Mission, ids: readonly string[]): ChosenStep | null {
+export function stepOf(mission: Mission, ids: readonly string[]): SelectedStep | null {
   const [first, ...more] = ids;
   const node = first === undefined ? null : nodeOf(mission, first);
   if (first === undefined || node === null || more.some((id) => stepNameOf(id) !== node.place)) return null;

@@ -27,11 +27,11 @@ const TITLES: Readonly<Record<StepKind, string>> = {
 export const KINDS = Object.keys(TITLES) as StepKind[];
 
 export const TRACKS: Readonly<Record<string, string>> = {
-  fixed: 'fixed to the nose',
+  fixed: 'fixed to the vehicle',
   look_at: 'look at a point',
   along_path: 'along the path',
   sweep: 'sweep',
-  release: 'release',
+  release: 'release control',
 };
 
 /** Values that a condition can compare, with their units. */

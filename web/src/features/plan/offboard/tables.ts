@@ -21,7 +21,7 @@ function allSteps(mission: Mission): Step[] {
   return lists.flatMap(flat);
 }
 
-/** A name that no other table of the mission has; a table with the same content may have it. */
+/** The name of the table, with a number if the mission has another table with this name and other content. */
 function freeName(tables: Readonly<Record<string, string>>, { name, text }: Table): string {
   let candidate = name;
   for (let number = 2; tables[candidate] !== undefined && tables[candidate] !== text; number += 1) {

@@ -28,7 +28,7 @@ export function figuresOf(figures: GeneratedPattern['figures'], spacing: string)
     figures.area_m2 === null ? null : { label: 'Area', value: areaText(figures.area_m2) },
     figures.trigger_m > 0 ? { label: 'Photo every', value: `${fixed(figures.trigger_m, 1)} m` } : null,
     figures.spacing_m > 0 ? { label: spacing, value: `${fixed(figures.spacing_m, 1)} m` } : null,
-    figures.heading_deg === null ? null : { label: 'Heading', value: `${fixed(figures.heading_deg, 0)}°` },
+    figures.heading_deg === null ? null : { label: 'Line heading', value: `${fixed(figures.heading_deg, 0)}°` },
   ];
   return all.filter((figure) => figure !== null);
 }

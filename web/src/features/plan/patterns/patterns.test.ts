@@ -2,7 +2,7 @@ import { describe, expect, it } from 'vitest';
 import { ApiClient } from '../../../api/client';
 import { positionAt } from '../../../vehicle/geo';
 import { PlanApi } from '../api';
-import { EMPTY, type Altitude } from '../document/document';
+import { EMPTY_PLAN, type Altitude } from '../document/document';
 import { PlanEditor } from '../editor/editor.svelte';
 import { newItem } from '../document/items';
 import { GROUND_TOLERANCE_M, PatternDrawing } from './drawing.svelte';
@@ -30,7 +30,7 @@ const FIGURES = {
 const AT_40_M: Altitude = { value_m: 40, reference: 'home' };
 const WAYPOINTS = [at(0), at(0, 80)].map((place) => newItem('waypoint', place, AT_40_M));
 const GENERATED = {
-  plan: { ...EMPTY, items: WAYPOINTS },
+  plan: { ...EMPTY_PLAN, items: WAYPOINTS },
   path: [at(0), at(0, 80)].map((place) => ({ ...place, altitude: AT_40_M })),
   lines: [[at(0), at(0, 80)]],
   figures: FIGURES,

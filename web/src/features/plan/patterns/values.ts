@@ -113,7 +113,7 @@ const options = (texts: Readonly<Record<string, string>>) => Object.entries(text
 const SPECS: Readonly<Record<ValueName, Spec>> = {
   altitude_m: number('Altitude', 'm', -12_000, 100_000),
   reference: choice('Reference', REFERENCE_CHOICES),
-  distance_m: number('Distance camera to ground', 'm', 0.1, 100_000, { placeholder: 'as altitude' }),
+  distance_m: number('Distance from camera to ground', 'm', 0.1, 100_000, { placeholder: 'same as altitude' }),
   front_percent: number('Front overlap', '%', 0, 95),
   side_percent: number('Side overlap', '%', 0, 95),
   orientation: choice('Camera orientation', options({ landscape: 'landscape', portrait: 'portrait' })),
@@ -122,7 +122,7 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   focal_length_mm: number('Focal length', 'mm', 0.1, 10_000, { step: 0.1 }),
   image_width_px: number('Photo width', 'px', 1, 1_000_000, { decimals: 0 }),
   image_height_px: number('Photo height', 'px', 1, 1_000_000, { decimals: 0 }),
-  heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'best' }),
+  heading_deg: number('Heading of the lines', '°', -360, 360, { placeholder: 'shortest path' }),
   turnaround_m: number('Turnaround distance', 'm', 0, 1000),
   crosshatch: { label: 'Second set of lines at right angles', type: 'switch' },
   speed_m_s: number('Speed', 'm/s', 0.1, 100, { placeholder: 'default', step: 0.5 }),
@@ -131,9 +131,9 @@ const SPECS: Readonly<Record<ValueName, Spec>> = {
   rounds: number('Rounds', '', 1, 100, { decimals: 0 }),
   radius_m: number('Radius', 'm', 1, 10_000),
   direction: choice('Direction', options({ clockwise: 'clockwise', counterclockwise: 'counterclockwise' })),
-  start_deg: number('Start, bearing', '°', -360, 360),
+  start_deg: number('Start bearing', '°', -360, 360),
   looks_at_center: { label: 'Camera looks at the centre', type: 'switch' },
-  look_at_m: number('Altitude of the point looked at', 'm', -12_000, 100_000),
+  look_at_m: number('Camera target altitude (reference as above)', 'm', -12_000, 100_000),
   base_m: number('Altitude of the base', 'm', -12_000, 100_000),
   height_m: number('Height of the structure', 'm', 0.1, 10_000),
   lowest_m: number('Lowest round above base', 'm', 0.1, 10_000),
@@ -231,12 +231,12 @@ export function requestOf(kind: PatternKind, rings: Rings, values: PatternValues
   const [outline = [], ...holes] = rings.filter((ring, i) => i === 0 || ring.length > 0).map((ring) => [...ring]);
   const altitude: Altitude = { value_m: values.altitude_m, reference: values.reference };
   if ((kind === 'survey' || kind === 'corridor') && values.reference === 'amsl' && values.distance_m === null) {
-    const text = 'With an altitude AMSL the distance to the ground is not known. Enter “Distance camera to ground”.';
+    const text = 'With an altitude AMSL, the distance to the ground is not known. Enter “Distance from camera to ground”.';
     return { ok: false, problem: { place: 'distance_m', text } };
   }
   const coverage = coverageOf(values, kind === 'structure' ? values.sides_m : (values.distance_m ?? values.altitude_m));
   if (kind !== 'structure' && PATTERNS[kind].shape !== 'point' && kind !== 'perimeter' && coverage.distance_m <= 0)
-    return { ok: false, problem: { place: 'altitude_m', text: 'Enter an altitude above 0: the camera looks down at the ground.' } };
+    return { ok: false, problem: { place: 'altitude_m', text: 'Enter an altitude above 0 m: the camera looks down at the ground.' } };
   return { ok: true, pattern: patternOf(kind, outline, holes, values, altitude, coverage) };
 }
 
@@ -275,7 +275,7 @@ function patternOf(kind: PatternKind, outline: GeoPosition[], holes: GeoPosition
   }
 }
 
-/** The place of a problem by the beginning of the API field's path, the longest beginning first. */
+/** Beginnings of API field paths, each with the row beside which its problem is shown. The first match applies. */
 const API_FIELDS: readonly (readonly [string, ProblemPlace])[] = [
   ['coverage.front_overlap', 'front_percent'],
   ['coverage.side_overlap', 'side_percent'],

@@ -14,7 +14,7 @@ export interface ProfilePoint {
   readonly t_s?: number;
   /** Horizontal distance from the first point. */
   readonly along_m: number;
-  /** Altitude above home; null if it cannot be computed. */
+  /** Altitude above home, in a mission above the start; null if it cannot be computed. */
   readonly alt_home_m: number | null;
   /** Null if the origin of the local frame is unknown. */
   readonly at: GeoPosition | null;
