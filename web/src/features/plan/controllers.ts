@@ -9,7 +9,7 @@ import { PlanApi } from './api';
 import { DryRun } from './dry-run/dry-run.svelte';
 import { PlanEditor } from './editor/editor.svelte';
 import { MissionInsertion } from './offboard/insertion.svelte';
-import { VehicleMission } from './flight/plan-transfer.svelte';
+import { VehicleMission } from './flight/vehicle-mission.svelte';
 import { PatternDrawing } from './patterns/drawing.svelte';
 import { Plans } from './plans.svelte';
 

@@ -8,7 +8,7 @@ import { DEFAULT_CONDITIONS, powerOf, type Conditions } from './dry-run/conditio
 import { EMPTY_PLAN, type PlannedHome } from './document/document';
 import type { Draft, PlanEditor } from './editor/editor.svelte';
 import { homeOf, type Document } from './document-kinds';
-import type { Downloaded } from './flight/plan-transfer.svelte';
+import type { Downloaded } from './flight/vehicle-mission.svelte';
 import { isMission, roleNames, type StepNode } from './offboard/mission';
 import { frameOf } from './offboard/positions';
 import { MAX_TABLES, withTable } from './offboard/tables';

@@ -6,7 +6,7 @@ import { DEFAULT_ALTITUDE, EMPTY_PLAN } from '../document/document';
 import type { Finding } from '../document/fixes';
 import { comparisonText, differenceText, reportedState, vehiclePlanText, type Comparison } from './vehicle-plan';
 import { newItem } from '../document/items';
-import { VehicleMission } from './plan-transfer.svelte';
+import { VehicleMission } from './vehicle-mission.svelte';
 import { continueVerb, interruptedText, resumeBody, resumeQuestion, resumeVerb, startBody, startQuestion } from './mission-start';
 
 describe('the plan on the vehicle', () => {

@@ -121,7 +121,13 @@ export function startProblem(blocking: readonly Finding[] | null, flight: Missio
   if (flight !== null && !isOver(flight)) return 'The vehicle is already flying a mission. Abort it first.';
   if (blocking === null) return 'The mission has not been checked for this vehicle yet.';
   if (blocking.length === 0) return null;
-  return `${blocking.length === 1 ? 'An error' : `${blocking.length} errors`} to fix or accept below: ${blocking[0]?.text ?? ''}`;
+  return blockingErrorsText(blocking);
+}
+
+/** Text about errors that are not accepted, with the text of the first one. */
+export function blockingErrorsText(blocking: readonly Finding[]): string {
+  const text = blocking[0]?.text ?? '';
+  return blocking.length === 1 ? `An error to fix or accept below: ${text}` : `${blocking.length} errors to fix or accept below. The first one: ${text}`;
 }
 
 /** The confirmation of the start: duration, warnings, failsafe actions. */

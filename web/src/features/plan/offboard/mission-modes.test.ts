@@ -63,7 +63,7 @@ describe('registering', () => {
   it('needs a checked mission without errors', () => {
     expect(registerProblem('Line 2', IN_AIR_MISSION, null, [])).toContain('not been checked');
     expect(registerProblem('Line 2', IN_AIR_MISSION, [ERROR], [])).toBe('An error to fix or accept below: The path leaves the geofence.');
-    expect(registerProblem('Line 2', IN_AIR_MISSION, [ERROR, ERROR], [])).toContain('2 errors');
+    expect(registerProblem('Line 2', IN_AIR_MISSION, [ERROR, ERROR], [])).toBe('2 errors to fix or accept below. The first one: The path leaves the geofence.');
   });
 
   it('accepts missions that begin with a take-off, and missions that begin in the air', () => {

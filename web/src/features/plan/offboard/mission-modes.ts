@@ -4,6 +4,7 @@ import type { Question } from '../../../app/actions/actions';
 import type { components } from '../../../api/schema';
 import type { Finding } from '../document/fixes';
 import type { Mission } from './mission';
+import { blockingErrorsText } from './mission-flight';
 
 export type MissionMode = Readonly<components['schemas']['MissionModeStatus']>;
 /** Longest name of a mode in PX4. */
@@ -44,7 +45,7 @@ export function registerProblem(name: string, mission: Mission, blocking: readon
   const takesOff = mission.steps?.[0]?.step === 'take_off';
   const errors = blocking.filter((finding) => takesOff || finding.code !== 'takeoff_missing');
   if (errors.length === 0) return null;
-  return `${errors.length === 1 ? 'An error' : `${errors.length} errors`} to fix or accept below: ${errors[0]?.text ?? ''}`;
+  return blockingErrorsText(errors);
 }
 
 /** How the mission of a mode is started. */
