@@ -1,4 +1,4 @@
-/** Which file of the page may import which, and the usual mistakes of TypeScript and Svelte. */
+/** Rules: which layer of the page may import which layer, and common mistakes of TypeScript and Svelte. */
 
 import boundaries from 'eslint-plugin-boundaries';
 import svelte from 'eslint-plugin-svelte';
@@ -14,8 +14,8 @@ const LAYERS = {
   feature: ['ui', 'api', 'live', 'vehicle', 'app'],
 };
 
-/** A feature may import its own files only. */
-const itself = (layer) => (layer === 'feature' ? { type: layer, captured: { name: '{{from.element.captured.name}}' } } : { type: layer });
+/** The files that each layer may import from itself: all files; a feature: only the files of the same feature. */
+const ownFiles = (layer) => (layer === 'feature' ? { type: layer, captured: { name: '{{from.element.captured.name}}' } } : { type: layer });
 
 export default ts.config(
   { ignores: ['node_modules', 'src/api/schema.d.ts', 'src/api/fields.ts', 'dev'] },
@@ -41,7 +41,7 @@ export default ts.config(
     },
   },
   {
-    // main.ts sees all; a test may bring two features together.
+    // main.ts imports every layer; a test may import several features.
     files: ['src/**/*.{ts,svelte}'],
     ignores: ['src/**/*.test.ts', 'src/main.ts'],
     plugins: { boundaries },
@@ -58,10 +58,10 @@ export default ts.config(
         'error',
         {
           default: 'disallow',
-          message: '{{from.element.type}} may not import {{to.element.type}}: features meet in app/registry.svelte.ts and app/services.ts.',
+          message: '{{from.element.type}} may not import {{to.element.type}}: features use each other only through app/registry.svelte.ts and app/services.ts.',
           policies: Object.entries(LAYERS).map(([from, layers]) => ({
             from: { element: { type: from } },
-            allow: [itself(from), ...layers.map((type) => ({ type }))].map((element) => ({ to: { element } })),
+            allow: [ownFiles(from), ...layers.map((type) => ({ type }))].map((element) => ({ to: { element } })),
           })),
         },
       ],

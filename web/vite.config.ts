@@ -3,7 +3,7 @@ import { defineConfig } from 'vitest/config';
 
 declare const process: { env: Record<string, string | undefined> };
 
-/** Where `npm run dev` finds a server: the real one, or `npm run dev:fake`. */
+/** The server that `npm run dev` uses: the real server, or `npm run dev:fake`. */
 const server = process.env['GCS_URL'] ?? 'http://127.0.0.1:8080';
 
 export default defineConfig({

@@ -1,5 +1,5 @@
-// A stand-in for the ground station while working on the page: plausible telemetry, answers to every POST. Development only.
-// PORT (default 8090); serves ../gcs_server/static too, under the strict CSP that the page must live with.
+// A simulated server for work on the page: plausible telemetry, and a response to every POST. Development only.
+// PORT (default 8090). It also serves ../gcs_server/static, with the strict CSP that the real server sends.
 import { createServer } from 'node:http';
 import { readFile } from 'node:fs/promises';
 import { extname, normalize } from 'node:path';
@@ -15,7 +15,7 @@ const HOME = { lat_deg: 47.397742, lon_deg: 8.545594, alt_amsl_m: 488.1 };
 const PORT = Number(process.env.PORT ?? 8090);
 const scenario = process.env.SCENARIO ?? 'ground';
 
-class Fake {
+class FakeVehicle {
   constructor(id, north, east) {
     Object.assign(this, {
       id,
@@ -122,7 +122,7 @@ class Fake {
             valid_for_s: this.stream.valid,
             valid_left_s: this.stream.until - t,
             on_expiry: this.stream.on_expiry,
-            if_stream_stops: '1 s after the last setpoint the vehicle lands where it is (COM_OBL_RC_ACT 0, no transmitter is heard).',
+            if_stream_stops: '1 s after the last setpoint the vehicle lands at its current position (COM_OBL_RC_ACT 0, no RC transmitter).',
             client: 'page',
           }
         : { state: 'idle', streaming: false },
@@ -146,8 +146,8 @@ class Fake {
 }
 
 const vehicles = new Map([
-  ['1', new Fake('1', 0, 0)],
-  ['2', new Fake('2', -8, 10)],
+  ['1', new FakeVehicle('1', 0, 0)],
+  ['2', new FakeVehicle('2', -8, 10)],
 ]);
 const clients = new Set(),
   messages = [];
@@ -162,21 +162,21 @@ function event(vehicle, kind, text, severity = 6) {
 }
 const refuse = (status, body) => ({ status, body: { type: 'about:blank', status, ...body } });
 
-function post(v, what, body) {
-  const s = (b) => {
+function post(v, command, body) {
+  const setStream = (b) => {
     v.stream = { setpoint: b.setpoint, until: now() + b.valid_for_s, valid: b.valid_for_s, on_expiry: b.on_expiry };
     v.goal = b.setpoint.position_ned_m;
     v.yaw = b.setpoint.yaw_ned_rad ?? v.yaw;
   };
-  switch (what) {
+  switch (command) {
     case 'arm':
       if (scenario === 'refuse')
         return refuse(409, {
           title: 'Rejected',
           code: 'rejected',
-          detail: 'The vehicle refuses to arm.',
+          detail: 'The vehicle refused to arm.',
           reasons: ['Preflight Fail: ekf2 missing data', 'Arming denied: Resolve system health failures first'],
-          remedy: 'Wait for its position estimate, then arm again.',
+          remedy: 'Wait for a valid position estimate, then arm again.',
         });
       v.armed = true;
       break;
@@ -210,11 +210,11 @@ function post(v, what, body) {
       v.pos[2] = 0;
       break;
     case 'offboard/start':
-      s(body);
+      setStream(body);
       v.mode = 'offboard';
       break;
     case 'offboard/setpoint':
-      s(body);
+      setStream(body);
       break;
     case 'gimbal/take':
       v.gimbal.owner = [255, 190];
@@ -229,9 +229,9 @@ function post(v, what, body) {
       Object.assign(v.gimbal, { rp: body.pitch_rate_deg_s / 57.2958, ry: body.yaw_rate_deg_s / 57.2958, lock: body.yaw_lock });
       break;
     default:
-      return refuse(404, { title: 'Not Found', detail: what });
+      return refuse(404, { title: 'Not Found', detail: command });
   }
-  event(v.id, 'command', `${what} by page: done`);
+  event(v.id, 'command', `${command} by page: done`);
   return { status: 200, body: { ok: true } };
 }
 

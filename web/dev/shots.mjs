@@ -1,4 +1,4 @@
-// Screenshots of the page for looking at: node dev/shots.mjs URL FOLDER. Development only.
+// Takes screenshots of the page: node dev/shots.mjs URL FOLDER. Development only.
 import { chromium } from 'playwright-core';
 
 const [url = 'http://127.0.0.1:8090', folder = '/tmp/shots'] = process.argv.slice(2);
