@@ -23,7 +23,7 @@ type Arguments<I> = undefined extends I ? [I?] : [I];
 type ApiCall<M extends Method> = <P extends Path<M>, I extends Init<M, P>>(path: P, ...init: Arguments<I>) => Promise<Outcome<MethodResponse<Server, M, P, I>>>;
 
 /**
- * A request of openapi-fetch as URL and init. It replaces `Request`, which outside a browser accepts no path without a host.
+ * A request of openapi-fetch as URL and init, in place of `Request`: outside a browser, `Request` rejects a path without a host.
  */
 class PendingRequest {
   constructor(
@@ -40,7 +40,7 @@ export class ApiClient {
   readonly delete: ApiCall<'delete'> = this.method('delete');
 
   /**
-   * @param identity this page's name in the journal, and its unique id; a text: the name only.
+   * @param identity this page's name in the journal, and its unique id; a string is only the name.
    * @param onSignedOut called when the server rejects this page's token, which may have been changed.
    */
   constructor(
@@ -95,7 +95,7 @@ export class ApiClient {
 /** The path parameter of a call to one vehicle's API. */
 export const ofVehicle = (v: string): { params: { path: { v: string } } } => ({ params: { path: { v } } });
 
-/** A default name for this page, by which the journal distinguishes it from other pages. */
+/** A default name for this page. The journal distinguishes pages by their names. */
 export function pageName(random: () => number = Math.random): string {
   return `page-${Math.floor(random() * 0xffff)
     .toString(16)

@@ -71,7 +71,7 @@ export interface LayerEditor {
   grab: (id: string) => string | null;
   /** Moves the grabbed point and all other selected points. */
   drag: (id: string, to: GeoPosition) => void;
-  /** Raises the grabbed point and all other selected points above their altitudes at the begin of the drag; negative: lowers them. */
+  /** Raises the grabbed point and all other selected points above their altitudes at the start of the drag; negative: lowers them. */
   raise: (by_m: number) => void;
   /** The drag has ended. @param keep false: all points return to their positions before the drag. */
   drop: (keep: boolean) => void;

@@ -16,6 +16,7 @@ export interface MapPreview {
 export interface ScenePreview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
+  /** Whether the 3D view shows the handles that drag the setpoint. */
   handles: boolean;
 }
 

@@ -21,12 +21,12 @@ export function staleAfterS(topic: string, period_s: number | null): number {
   return Math.max(MIN_STALE_AGE_S, PERIODS * Math.max(period_s ?? nominal, 0));
 }
 
-/** The age in whole seconds, for small labels. */
+/** An age as text for small labels: without decimals. */
 export function shortAge(age_s: number): string {
   return Number.isFinite(age_s) && age_s < 9.95 ? `${Math.max(1, Math.round(age_s))} s` : ageText(age_s);
 }
 
-/** An age as text: "4 s", "2 min", "3 h". */
+/** An age as text: "4.0 s", "75 s", "2 min", "3 h". */
 export function ageText(age_s: number): string {
   if (!Number.isFinite(age_s)) return '–';
   const s = Math.max(0, age_s);

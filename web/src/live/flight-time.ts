@@ -22,14 +22,14 @@ export const NO_FLIGHT: FlightClock = {
   updated_unix_s: 0,
 };
 
-/** Whether a status means a flight; null: it does not say. */
+/** Whether the vehicle is flying; null: the status does not tell. */
 function isFlying(status: Status): boolean | null {
   switch (status.landed_state) {
     case 'in_air':
     case 'landing':
       return true;
     case 'taking_off':
-      return null; // the motors run on the ground: neither the begin nor the end of a flight
+      return null; // neither the start nor the end of a flight: the clock starts when the state changes to in_air
     case 'on_ground':
       return false;
     default:

@@ -87,7 +87,7 @@ export class TelemetryStore {
     const vehicle = this.vehicle(sample.vehicle);
     vehicle.apply(sample);
     if (!vehicle.isLive || this.replayOf(sample.vehicle) !== null) return; // a replay has its own time
-    // A sample cannot be later than the server's clock: the estimate was too early.
+    // A sample cannot be later than the server's clock: the estimated clock was slow.
     const ahead_s = sample.received_unix_s - this.nowUnixS();
     if (ahead_s > 0) this.offset_s = (this.offset_s ?? 0) + ahead_s;
   }

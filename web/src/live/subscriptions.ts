@@ -25,19 +25,19 @@ export function isLarge(count: number): boolean {
 
 /**
  * Subscription to every vehicle.
- * @param more further topics, of the values on the grid. @param armed whether a vehicle is armed.
+ * @param gridTopics topics of the values on the grid. @param armed whether a vehicle is armed.
  */
-export function fleetSubscription(count: number, more: readonly string[], armed: boolean): Subscription {
+export function fleetSubscription(count: number, gridTopics: readonly string[], armed: boolean): Subscription {
   if (isLarge(count)) return { vehicles: '*', topics: [...FLEET_TOPICS], rate_hz: FLEET_RATE_HZ };
-  return { vehicles: '*', ...allTopics(more, armed) };
+  return { vehicles: '*', ...allTopics(gridTopics, armed) };
 }
 
 /** Subscription to all topics of these vehicles; null if `fleetSubscription` already includes them. */
-export function detailSubscription(count: number, ids: readonly string[], more: readonly string[], armed: boolean): Subscription | null {
+export function detailSubscription(count: number, ids: readonly string[], gridTopics: readonly string[], armed: boolean): Subscription | null {
   if (!isLarge(count) || ids.length === 0) return null;
-  return { vehicles: [...new Set(ids)].sort(), ...allTopics(more, armed) };
+  return { vehicles: [...new Set(ids)].sort(), ...allTopics(gridTopics, armed) };
 }
 
-function allTopics(more: readonly string[], armed: boolean): { topics: string[]; rate_hz: number } {
-  return { topics: [...new Set([...PAGE_TOPICS, ...more])], rate_hz: armed ? FULL_RATE_HZ : DISARMED_RATE_HZ };
+function allTopics(gridTopics: readonly string[], armed: boolean): { topics: string[]; rate_hz: number } {
+  return { topics: [...new Set([...PAGE_TOPICS, ...gridTopics])], rate_hz: armed ? FULL_RATE_HZ : DISARMED_RATE_HZ };
 }

@@ -69,7 +69,7 @@ export const PAGE_TOPICS: readonly string[] = [
 /** Topics of every vehicle in a large fleet, for list and map. */
 export const FLEET_TOPICS: readonly string[] = ['status', 'attitude', 'global_position', 'battery', 'home', 'health', 'identity'];
 
-/** PX4's default periods [s], used until a topic's own period has been measured. */
+/** Assumed periods [s], used until the page has measured the period of a vehicle's topic. */
 export const NOMINAL_PERIOD_S: Readonly<Record<string, number>> = {
   status: 1,
   attitude: 0.05,

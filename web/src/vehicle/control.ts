@@ -77,10 +77,10 @@ const MODE_SOURCES: Readonly<Record<string, string>> = {
   pilot: 'the RC pilot',
   station: 'another ground station',
   unknown: 'an unknown source (not this server)',
-  failsafe: 'the failsafe',
+  failsafe: 'a failsafe',
 };
 
-/** Who outside this server has set the vehicle's mode, as text; null if this server has set the mode, or if nothing is known about it. */
+/** Who set the vehicle's mode, as text; null if this server set the mode, or if it is not known who did. */
 export function externalModeText(control: Control | null): string | null {
   const cause = control?.mode_cause ?? null;
   if (cause === null) return null;

@@ -1,6 +1,7 @@
 /**
- * State machine of a confirmation: asking, confirmed (knob held or slid to its end), expired, cancelled. Callers pass the time.
- * An open confirmation expires five seconds after the last input, but never while a pointer or a key holds the knob.
+ * State machine of a confirmation: asking, confirmed, expired, cancelled. A person confirms by sliding the knob to its end, or by
+ * holding a key long enough. An open confirmation expires five seconds after the last input, but never while a pointer or a key
+ * holds the knob. Callers pass the time.
  */
 
 export const EXPIRES_AFTER_S = 5;

@@ -11,11 +11,11 @@ registry.addTo('indicators', { order: 20, vehicleComponent: ControlChip, applies
 registry.addTo('notices', { order: 20, vehicleComponent: ControlPrompt });
 registry.addCloser({ order: 50, isOpen: () => control.open, close: () => (control.open = false) });
 registry.addKeys([
-  { order: 60, keys: 'C', description: 'Who has control: take it, request it, release it', inScene: true, handlers: { c: () => control.toggle() } },
+  { order: 60, keys: 'C', description: 'Show who has control; take, request or release control', inScene: true, handlers: { c: () => control.toggle() } },
   {
     order: 70,
     keys: 'G',
-    description: 'Give control to the client that requests it; Shift G keeps it',
+    description: 'Give control to the client that requests it (Shift G: keep control)',
     inScene: false,
     handlers: { g: (facts) => control.answer(facts, true), 'Shift G': (facts) => control.answer(facts, false) },
   },
