@@ -273,7 +273,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         labels = values.locator(".grid .name")
         default_labels = [
             "Vertical speed",
-            "From home",
+            "Home distance",
             "Flight time",
             "Heading",
             "Position north",
@@ -290,7 +290,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         page.keyboard.press("ArrowDown")
         expect(handle).to_be_focused()
         grip = box_of(values.get_by_role("button", name="Motor 1: drag"))
-        first = box_of(values.get_by_role("button", name="From home: drag"))
+        first = box_of(values.get_by_role("button", name="Home distance: drag"))
         page.mouse.move(grip["x"] + 9, grip["y"] + 9)
         page.mouse.down()
         page.mouse.move(first["x"] + 9, first["y"] + 9, steps=12)
@@ -298,7 +298,7 @@ def test_the_displayed_values_are_selected_by_mouse_and_keyboard_and_stored(
         values.get_by_role("button", name="Done").click()
         selected_labels = [
             "Motor 1",
-            "From home",
+            "Home distance",
             "Vertical speed",
             "Flight time",
             "Position north",

@@ -9,7 +9,7 @@ import type { FlightClock } from '../../live/flight-time';
 import type { Reading } from '../../live/vehicle-state';
 import { DEG_PER_RAD, fixed, heading, metres, UNKNOWN } from '../../ui/format';
 import { headingDeg } from './attitude';
-import { climbOf, flightOf } from './values';
+import { flightTimeText, verticalSpeed } from './values';
 
 /** The data that a value is read from. */
 export interface Source {
@@ -90,7 +90,7 @@ const LABELS: Readonly<Record<string, string>> = {
   'home.lat_deg': 'Home latitude',
   'home.lon_deg': 'Home longitude',
   'home.alt_amsl_m': 'Home altitude AMSL',
-  'battery.remaining_percent': 'Battery',
+  'battery.remaining_percent': 'Battery charge',
   'battery.time_remaining_s': 'Battery time left',
   'battery.voltage_v': 'Battery voltage',
   'battery.current_a': 'Battery current',
@@ -120,7 +120,7 @@ const LABELS: Readonly<Record<string, string>> = {
   'obstacle_distance.range_max_m': 'Obstacle sensor maximum range',
   'wind.speed_m_s': 'Wind speed',
 };
-/** Fields that are not offered: masks, ids and quaternions. */
+/** Fields that the grid does not offer: bit masks, ids and quaternions. */
 const HIDDEN_FIELDS = /custom_mode$|system_status|sensors_|flags|_id$|^mode$|yaw_in_earth_frame|_control$|^q$|^q_|link_lost/;
 const LAT_LON = /^(lat|lon)_deg$/;
 
@@ -158,7 +158,7 @@ function fieldQuantity(topic: string, field: string, index: number | null, label
   };
 }
 
-/** Lists whose elements have names. Other lists, such as the sectors of an obstacle sensor, are not offered. */
+/** Lists whose elements have names. The grid does not offer other lists, for example the sectors of an obstacle sensor. */
 const LISTS: Readonly<Record<string, { name: string; count: number }>> = { battery: { name: 'Cell', count: 6 }, motors: { name: 'Motor', count: 8 } };
 
 /** "Roll rate", "Target yaw rate". */
@@ -193,13 +193,13 @@ const DERIVED: readonly Quantity[] = [
     unit: 'm/s',
     topic: null,
     read: ({ facts }) => {
-      const climb = climbOf(facts);
-      return { text: fixed(climb.m_s, 1, true), unit: 'm/s', stale: climb.stale, age_s: climb.age_s };
+      const { m_s, stale, age_s } = verticalSpeed(facts);
+      return { text: fixed(m_s, 1, true), unit: 'm/s', stale, age_s };
     },
   },
   {
     id: 'flown.from_home',
-    label: 'From home',
+    label: 'Home distance',
     group: 'In flight',
     unit: 'm',
     topic: null,
@@ -212,7 +212,7 @@ const DERIVED: readonly Quantity[] = [
     unit: '',
     topic: null,
     read: ({ facts, flight }) => ({
-      text: flightOf(facts, flight).text,
+      text: flightTimeText(facts, flight),
       unit: '',
       stale: facts.lost,
       age_s: facts.lost ? (facts.status?.age_s ?? null) : null,

@@ -9,8 +9,8 @@ import type { Replay } from '../../live/wire';
 import { replayBounds, hasArrived, shownReplay, type Recording, type RecordingIndex } from './replays';
 
 /**
- * A seek times out when both this time [ms] since the server's response and this number of frames have passed: a busy
- * browser may still process frames from before the response long afterwards.
+ * A seek times out when this time [ms] has passed since the server's response and the page has processed this number of frames:
+ * a busy browser may process frames that are older than the response much later.
  */
 const SEEK_TIMEOUT_MS = 2000;
 const SEEK_TIMEOUT_FRAMES = 20;

@@ -9,8 +9,8 @@ import {
   marksOf,
   messageTicks,
   modeSpans,
-  jumpTimes,
-  adjacentJump,
+  markTimes,
+  adjacentMark,
   recordingText,
   fractionAt,
   shownReplay,
@@ -79,12 +79,12 @@ describe('the time bar', () => {
     expect(textAt(marks, 110, 1)).toEqual({ mode: 'Hold', armed: false, message: '' });
     expect(textAt(marks, 100, 1).mode).toBe('');
   });
-  it('jumps between mode changes, arming and warnings', () => {
-    const times = jumpTimes(marks);
+  it('steps between mode changes, changes of the arming state and warnings', () => {
+    const times = markTimes(marks);
     expect(times).toEqual([101, 120, 140, 160, 160.2, 190]);
-    expect(adjacentJump(times, 140, 1)).toBe(160);
-    expect(adjacentJump(times, 140, -1)).toBe(120);
-    expect(adjacentJump(times, 199, 1)).toBeNull();
+    expect(adjacentMark(times, 140, 1)).toBe(160);
+    expect(adjacentMark(times, 140, -1)).toBe(120);
+    expect(adjacentMark(times, 199, 1)).toBeNull();
   });
   it('steps by keys within begin and end', () => {
     expect(timeAfterKey('ArrowRight', false, 198, 100, 200)).toBe(200);

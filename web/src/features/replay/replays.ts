@@ -13,10 +13,10 @@ type MessageMark = VehicleMarks['messages'][number];
 export const SPEEDS: readonly number[] = [0.25, 0.5, 1, 2, 4, 8, 16, 50];
 const STEP_S = 5;
 const LONG_STEP_S = 30;
-/** MAV_SEVERITY of a warning: messages of this or higher severity are coloured, and a person can jump to them. */
+/** MAV_SEVERITY of a warning: messages of this or higher severity are coloured, and a person can step to them. */
 const WARNING = 4;
 
-/** Begin and end of a replay; null while the server is reading the recording; the time cannot be set then. */
+/** Start and end of a replay; null while the server is reading the recording: a seek is not possible then. */
 export function replayBounds(replay: Replay): { begin_s: number; end_s: number } | null {
   return replay.begin_unix_s === null || replay.end_unix_s === null ? null : { begin_s: replay.begin_unix_s, end_s: replay.end_unix_s };
 }
@@ -32,7 +32,7 @@ export function fractionAt(unix_s: number, begin_s: number, end_s: number): numb
   return end_s > begin_s ? Math.min(1, Math.max(0, (unix_s - begin_s) / (end_s - begin_s))) : 0;
 }
 
-/** The marks of the selected vehicle. The id `1~2` is that of a second vehicle with system id 1. */
+/** The marks of the selected vehicle. A second vehicle with system id 1 has the id `1~2`. */
 export function marksOf(index: RecordingIndex | null, vehicleId: string | null): VehicleMarks | null {
   if (index === null) return null;
   const system = Number(vehicleId?.split('~')[0] ?? NaN);
@@ -85,8 +85,8 @@ export function textAt(marks: VehicleMarks | null, unix_s: number, range_s: numb
   return { mode, armed: marks?.armed.some(within) ?? false, message: mostSevere === null ? '' : messageText(mostSevere) };
 }
 
-/** Times to jump to: changes of mode, arming, and messages of warning or worse. */
-export function jumpTimes(marks: VehicleMarks | null): number[] {
+/** Times of the marks to which a person can step: changes of mode and of the arming state, warnings and errors. */
+export function markTimes(marks: VehicleMarks | null): number[] {
   if (marks === null) return [];
   const all = [
     ...marks.modes.map((m) => m.begin_unix_s),
@@ -96,8 +96,8 @@ export function jumpTimes(marks: VehicleMarks | null): number[] {
   return [...new Set(all)].sort((a, b) => a - b);
 }
 
-/** The next (1) or previous (-1) jump time from `unix_s`; null if there is none. */
-export function adjacentJump(times: readonly number[], unix_s: number, direction: 1 | -1): number | null {
+/** The time of the next (1) or previous (-1) mark from `unix_s`; null if there is none. */
+export function adjacentMark(times: readonly number[], unix_s: number, direction: 1 | -1): number | null {
   const margin_s = 0.3;
   return (direction === 1 ? times.find((t) => t > unix_s + margin_s) : times.filter((t) => t < unix_s - margin_s).at(-1)) ?? null;
 }

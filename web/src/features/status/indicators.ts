@@ -1,4 +1,4 @@
-/** The indicators of GPS, battery and link: a short text each, with a severity and a word for the severity. */
+/** The indicators of GPS, battery and link: a short text each, with a severity and a word that names the problem. */
 
 import { fixed, join, UNKNOWN } from '../../ui/format';
 import { ageText } from '../../live/age';
@@ -113,7 +113,7 @@ export function componentLines(components: readonly Component[], now_unix_s: num
 }
 
 /**
- * The state of the vehicle's link, from the vehicle's heartbeats.
+ * The state of the vehicle's link, from the age of its last heartbeat.
  * @param details lines with the server's counters. @param text rates of the server's links; null: not known.
  * @param offline the page has no connection to the server.
  */

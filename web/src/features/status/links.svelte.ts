@@ -1,15 +1,15 @@
 /** The server's links and warnings. They are not part of the telemetry, so the page polls them. */
 
 import type { ApiClient } from '../../api/client';
-import { lossPercent, type LinkLine, type StationNotice } from './links';
+import { lossPercent, type ServerLink, type ServerNotice } from './links';
 
 const POLL_INTERVAL_MS = 3000;
 /** Number of polls over which packet loss is measured: half a minute. */
 const LOSS_POLLS = 10;
 
 class Links {
-  list = $state.raw<readonly LinkLine[]>([]);
-  notices = $state.raw<readonly StationNotice[]>([]);
+  list = $state.raw<readonly ServerLink[]>([]);
+  notices = $state.raw<readonly ServerNotice[]>([]);
   /** Whether the server has responded to the last poll. */
   known = $state(false);
   /** Received data rate; null until two polls had a response. */

@@ -4,8 +4,8 @@ import type { components } from '../../api/schema';
 import { duration, fixed, join, timeOfDay, UNKNOWN } from '../../ui/format';
 import type { Indicator } from './indicators';
 
-export type LinkLine = components['schemas']['Link'];
-export type StationNotice = components['schemas']['Notice'];
+export type ServerLink = components['schemas']['Link'];
+export type ServerNotice = components['schemas']['Notice'];
 
 const STATES: Readonly<Record<string, string>> = {
   connecting: 'connecting',
@@ -30,7 +30,7 @@ export function lossPercent(from: { received: number; lost: number }, to: { rece
 }
 
 /** Packet loss since the link was opened, from gaps in the sequence numbers, as text. */
-function lossText(link: LinkLine): string {
+function lossText(link: ServerLink): string {
   const sent = link.frames_received + link.frames_lost;
   return sent === 0 ? UNKNOWN : `${fixed((link.frames_lost / sent) * 100, 1)} %`;
 }
@@ -45,7 +45,7 @@ function peersText(peers: readonly string[]): string {
 }
 
 /** One line for each counter of a link. */
-function linkLines(link: LinkLine, several: boolean): [string, string][] {
+function linkLines(link: ServerLink, several: boolean): [string, string][] {
   const lines: [string, string][] = several ? [['', link.name]] : [['Link', link.name]];
   lines.push(
     ['State', join([STATES[link.state] ?? link.state, link.detail])],
@@ -58,7 +58,7 @@ function linkLines(link: LinkLine, several: boolean): [string, string][] {
   if (link.frames_unverified > 0) lines.push(['Not verified', `${link.frames_unverified} signed frames (this link has no key)`]);
   if (link.frames_unknown > 0) lines.push(['Unknown frames', String(link.frames_unknown)]);
   if (link.bytes_skipped > 0) lines.push(['Not MAVLink', `${bytesText(link.bytes_skipped)} skipped`]);
-  if (link.handler_errors > 0) lines.push(['Server faults', `${link.handler_errors} messages skipped (see the server’s log)`]);
+  if (link.handler_errors > 0) lines.push(['Server errors', `${link.handler_errors} messages skipped (see the server’s log)`]);
   if (link.frames_waiting > 0) lines.push(['Waiting to be sent', `${link.frames_waiting} frames`]);
   if (link.frames_expired > 0) lines.push(['Expired in the queue', `${link.frames_expired} frames`]);
   if (link.bytes_dropped > 0) lines.push(['Dropped', `${bytesText(link.bytes_dropped)} (queue full or no peer)`]);
@@ -71,7 +71,7 @@ function linkLines(link: LinkLine, several: boolean): [string, string][] {
  * @param lost_percent packet loss of the last half minute; null: no packets received.
  */
 export function linkDetails(
-  links: readonly LinkLine[],
+  links: readonly ServerLink[],
   rate_bytes_s: number | null,
   lost_percent: number | null = null,
 ): { details: [string, string][]; text: string | null } {
@@ -90,11 +90,11 @@ export function linkDetails(
 }
 
 /** Whether a link is being recorded now. */
-export function isRecording(link: LinkLine): boolean {
+export function isRecording(link: ServerLink): boolean {
   return link.recording !== null && link.recording.file !== null && link.recording.stopped === null;
 }
 
-function recordingLine(link: LinkLine): string {
+function recordingLine(link: ServerLink): string {
   const file = link.recording;
   if (file === null) return 'not recorded';
   if (file.stopped !== null) return file.stopped;
@@ -103,7 +103,7 @@ function recordingLine(link: LinkLine): string {
 }
 
 /** State of the recordings, with the duration of the longest recording that is running. */
-export function recordingIndicator(links: readonly LinkLine[], known: boolean, now_unix_s: number): Indicator {
+export function recordingIndicator(links: readonly ServerLink[], known: boolean, now_unix_s: number): Indicator {
   const base = { label: 'Recording', word: '', severity: 'none' as const, stale: false, age_s: null };
   if (!known) return { ...base, text: UNKNOWN, details: [['', 'Not reported by the server yet.']] };
   const recordable = links.filter((l) => !l.replay && !l.forward);

@@ -20,8 +20,8 @@ export interface StatusFacts {
   offline?: boolean;
   replayed: boolean;
   ready: boolean | null;
-  /** Who outside this server set the mode; null: nobody. */
-  outside?: string | null;
+  /** Text about the RC pilot, ground station or failsafe that set the mode; null: this server set the mode, or it is not known. */
+  externalModeText?: string | null;
   /** The active stream of this server. */
   stream: { type: string | null; rate_hz: number | null; client: string | null } | null;
 }
@@ -37,11 +37,11 @@ const MODE_TEXTS: Readonly<Record<string, ModeText>> = {
   land: { title: 'Landing', who: 'the vehicle lands by itself' },
   precland: { title: 'Landing', who: 'the vehicle lands on a marker' },
   rtl: { title: 'Returning', who: 'the vehicle flies home by itself' },
-  mission: { title: 'Mission', who: 'the vehicle flies its mission' },
+  mission: { title: 'Mission', who: 'the vehicle flies the mission stored on it' },
   orbit: { title: 'Orbit', who: 'the vehicle circles by itself' },
   follow: { title: 'Follow', who: 'the vehicle follows a target' },
-  position: { title: 'Position', who: 'a pilot flies, position assisted' },
-  altitude: { title: 'Altitude', who: 'a pilot flies, altitude assisted' },
+  position: { title: 'Position', who: 'a pilot flies with position control' },
+  altitude: { title: 'Altitude', who: 'a pilot flies with altitude control' },
   stabilized: { title: 'Stabilized', who: 'a pilot flies' },
   manual: { title: 'Manual', who: 'a pilot flies' },
   acro: { title: 'Acro', who: 'a pilot flies' },
@@ -58,7 +58,7 @@ function modeText(status: Status, stream: StatusFacts['stream']): ModeText {
     };
   }
   if (status.mode.startsWith('external_')) {
-    const who = stream === null ? 'an external flight mode of PX4' : 'a mission of this server, as a flight mode of PX4';
+    const who = stream === null ? 'an external mode of another program' : 'a mission of this server, as an external mode';
     return { title: status.mode_label || status.mode, who };
   }
   return MODE_TEXTS[status.mode] ?? { title: status.mode_label || status.mode, who: 'the vehicle’s own mode' };
@@ -86,7 +86,7 @@ export function statusLabel(facts: StatusFacts): StatusLabel {
     if (facts.offline === true) return { title: 'No connection to the server', who: lastState, tone: 'danger' };
     return { title: 'Connection lost', who: `${seconds(heartbeatAge_s(status, facts.age_s))} ago · ${lastState}`, tone: 'danger' };
   }
-  if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recording, takes no commands`, tone: 'neutral' };
+  if (facts.replayed) return { title: 'Replay', who: `${status.mode_label} · a recorded flight, no commands possible`, tone: 'neutral' };
   if (!status.armed) {
     const who = `${status.mode_label} · disarmed`;
     if (facts.ready === true) return { title: 'Ready', who, tone: 'ok' };
@@ -98,6 +98,6 @@ export function statusLabel(facts: StatusFacts): StatusLabel {
   if (status.landed_state === 'on_ground' && status.mode !== 'offboard') {
     return { title: 'Armed', who: `on the ground, motors running · ${status.mode_label}`, tone: 'caution' };
   }
-  if ((facts.outside ?? null) !== null) return { title: current.title, who: `${facts.outside} · ${current.who}`, tone: 'caution' };
+  if ((facts.externalModeText ?? null) !== null) return { title: current.title, who: `${facts.externalModeText} · ${current.who}`, tone: 'caution' };
   return { ...current, tone: status.mode === 'offboard' ? 'target' : 'ok' };
 }

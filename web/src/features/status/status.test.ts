@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { Status } from '../../live/topics';
 import { batteryIndicator, gpsIndicator } from './indicators';
-import { linkDetails, recordingIndicator, type LinkLine } from './links';
+import { linkDetails, recordingIndicator, type ServerLink } from './links';
 import { statusLabel, type StatusFacts } from './status-label';
 
 const status = (over: Partial<Status> = {}): Status => ({
@@ -27,7 +27,7 @@ describe('the status label', () => {
     });
     expect(label({ status: status({ mode: 'offboard' }) }).who).toContain('another computer');
     const externalMode = status({ mode: 'external_1', mode_label: 'Short line' });
-    expect(label({ status: externalMode })).toMatchObject({ title: 'Short line', who: 'an external flight mode of PX4' });
+    expect(label({ status: externalMode })).toMatchObject({ title: 'Short line', who: 'an external mode of another program' });
     expect(label({ status: externalMode, stream: { type: 'path', rate_hz: 50, client: 'a' } }).who).toContain('mission of this server');
     expect(label({ status: status({ mode: 'position' }) }).who).toContain('pilot');
     expect(label({ status: status({ mode: 'new_one', mode_label: 'New one' }) }).title).toBe('New one');
@@ -73,7 +73,7 @@ it('shows a severity with a word, and unknown values as unknown', () => {
 });
 
 it('shows the state of the recordings and the counters of the links', () => {
-  const link: LinkLine = {
+  const link: ServerLink = {
     name: 'a',
     url: 'udpin://x',
     state: 'open',
@@ -100,7 +100,7 @@ it('shows the state of the recordings and the counters of the links', () => {
     frames_unverified: 0,
     signing: null,
   };
-  const recorded = (change: object): LinkLine => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
+  const recorded = (change: object): ServerLink => ({ ...link, recording: { file: 'a.tlog', bytes: 0, started_unix_s: 1000, stopped: null, ...change } });
   expect(recordingIndicator([], false, 1221).text).toBe('–');
   expect(recordingIndicator([link], true, 1221)).toMatchObject({ text: '03:41', severity: 'none' });
   expect(recordingIndicator([link], true, 1221).details[0]?.[1]).toContain('a.tlog · 2.0 MB');
