@@ -27,7 +27,7 @@ def test_the_reasons_against_arming_and_against_each_mode_are_shown(station: Sta
         page.locator(".pill").get_by_role("button").click()
         panel = page.get_by_role("region", name="Readiness")
         expect(panel).to_contain_text("Ready to arm in Hold")
-        expect(panel).to_contain_text("Texts: the vehicle’s own.")
+        expect(panel).to_contain_text("Descriptions by the vehicle.")
         row = {name: panel.get_by_role("row", name=name) for name in ("Offboard", "Hold", "Position slow")}
         expect(row["Offboard"]).to_contain_text("No offboard setpoints received.")
         expect(row["Position slow"]).to_contain_text("No manual control input.")

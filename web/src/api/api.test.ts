@@ -25,7 +25,7 @@ describe('problems', () => {
   });
   it('has a detail even if the body is empty', () => {
     for (const body of [null, 'oops', [], {}]) {
-      expect(parseProblem(502, body)).toMatchObject({ title: 'The server answered 502', detail: 'The server gave no reason.', reasons: [] });
+      expect(parseProblem(502, body)).toMatchObject({ title: 'The server answered with HTTP status 502', detail: 'The server gave no reason.', reasons: [] });
     }
   });
 });

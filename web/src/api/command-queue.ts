@@ -24,7 +24,7 @@ export class CommandQueue {
    */
   async run<T>(vehicles: readonly string[], send: () => Promise<Outcome<T>>): Promise<Outcome<T>> {
     const earlier = Promise.allSettled(vehicles.map((id) => this.lastRequests.get(id)));
-    const request = endsInTime(earlier).then((inTime) => (inTime ? send() : { ok: false as const, problem: notSent() }));
+    const request = completesInTime(earlier).then((inTime) => (inTime ? send() : { ok: false as const, problem: notSent() }));
     const all = Promise.allSettled([earlier, request]).then(() => {
       for (const id of vehicles) if (this.lastRequests.get(id) === all) this.lastRequests.delete(id);
     });
@@ -33,7 +33,8 @@ export class CommandQueue {
   }
 }
 
-function endsInTime(requests: Promise<unknown>): Promise<boolean> {
+/** Whether the requests complete within the longest wait. */
+function completesInTime(requests: Promise<unknown>): Promise<boolean> {
   return new Promise((done) => {
     const timer = setTimeout(() => done(false), MAX_WAIT_MS);
     void requests.then(() => {
@@ -44,5 +45,9 @@ function endsInTime(requests: Promise<unknown>): Promise<boolean> {
 }
 
 function notSent(): ReturnType<typeof unreachableProblem> {
-  return { ...unreachableProblem(), title: 'Not sent', detail: 'An earlier request to this vehicle has not been answered yet, so this one was not sent.' };
+  return {
+    ...unreachableProblem(),
+    title: 'Not sent',
+    detail: 'The server has not answered an earlier request to this vehicle, so this request was not sent.',
+  };
 }

@@ -56,7 +56,7 @@ export function parseProblem(status: number, body: unknown): Problem {
   const reasons = texts(raw['reasons']);
   const codes = texts(raw['codes']);
   return {
-    title: text(raw['title']) ?? TITLES[code] ?? `The server answered ${status}`,
+    title: text(raw['title']) ?? TITLES[code] ?? `The server answered with HTTP status ${status}`,
     detail: text(raw['detail']) ?? invalid?.detail ?? (reasons.length > 0 ? '' : 'The server gave no reason.'),
     reasons,
     remedy: text(raw['remedy']),

@@ -197,7 +197,7 @@ export const KINDS: readonly KindSpec[] = [
       ),
     ],
   },
-  { kind: 'actuators', name: 'Motors and servos', frame: 'each individually', warning: NOT_CONTROLLED, groups: [], yaw: 'none' },
+  { kind: 'actuators', name: 'Motors and servos', frame: 'each output individually', warning: NOT_CONTROLLED, groups: [], yaw: 'none' },
 ];
 
 export function specOf(kind: SetpointKind): KindSpec {

@@ -74,11 +74,11 @@ function armText({ mode, streaming }: ActionFacts): string {
   if (mode === 'mission') return 'The vehicle is in Mission mode: as soon as it is armed, it takes off and flies the mission stored on it.';
   if (mode === 'takeoff' || mode === 'vtol_takeoff') return 'The vehicle is in Take off mode: it takes off as soon as it is armed.';
   if (mode.startsWith('external_'))
-    return 'The vehicle is in a flight mode of an external program or of a registered mission: it can take off and fly as soon as it is armed.';
+    return 'The vehicle is in an external flight mode, which another program or a mission provides: it can take off and fly as soon as it is armed.';
   return 'The motors start on the ground. The vehicle disarms automatically if it does not take off.';
 }
 
-/** What the vehicle does when it is told to disarm. */
+/** What the vehicle does when it receives the command to disarm. */
 function disarmText({ inAir, onGround = false }: ActionFacts): string {
   if (inAir) return 'The vehicle reports that it is in the air, so it will not disarm.';
   return onGround
@@ -150,7 +150,7 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
         };
       return {
         title: `Start Offboard: ${name}`,
-        effect: `${facts.inAir ? 'The vehicle holds this position: the' : 'The'} server streams it as the setpoint. You can move the setpoint in steps in the Offboard card.${streamOnGroundText(facts)} Hold ends the stream.`,
+        effect: `The server streams the vehicle’s present position as the setpoint${facts.inAir ? ': the vehicle holds this position' : ''}. You can move the setpoint in steps in the Offboard card.${streamOnGroundText(facts)} Hold ends the stream.`,
         verb: 'Start',
         danger: false,
       };

@@ -30,7 +30,7 @@ describe('the cameras of a vehicle', () => {
     control = new CameraControl({ post } as unknown as ApiClient, actions);
   });
 
-  it('are preselected: the first connected camera', () => {
+  it('have a default selection: the first connected camera', () => {
     expect(control.selected(vehicle(component('autopilot', 1)))).toBeNull();
     expect(control.selected(facts)).toBe(first);
     expect(control.selected(vehicle(component('camera', 100, true), second))).toBe(second);
@@ -51,7 +51,7 @@ describe('the cameras of a vehicle', () => {
     await control.takePhoto(facts, first);
     expect(control.hasTakenPhoto(facts, first)).toBe(true);
   });
-  it('take no photo without a connection or from a recording', async () => {
+  it('take no photo without a connection or in a replay', async () => {
     const lost = component('camera', 100, true);
     expect(reasonNoPhoto(facts, lost)).toBe('No connection to the camera.');
     expect(reasonNoPhoto({ ...facts, lost: true }, first)).toBe('No connection to the vehicle.');

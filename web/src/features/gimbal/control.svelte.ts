@@ -82,12 +82,12 @@ export class GimbalControl {
     return this.chosenYawLock ?? facts.gimbal?.value.yaw_lock ?? false;
   }
 
-  async control(facts: VehicleFacts, take: boolean): Promise<void> {
+  async takeOrRelease(facts: VehicleFacts, take: boolean): Promise<void> {
     this.busy = true;
     this.target = null;
     clearTimeout(this.settleTimer);
     this.limit = null;
-    await this.actions.attempt(take ? 'Take gimbal' : 'Release gimbal', facts, 'gimbal', () =>
+    await this.actions.attempt(take ? 'Take gimbal control' : 'Release gimbal control', facts, 'gimbal', () =>
       this.api.post(`/vehicles/{v}/gimbal/${take ? 'take' : 'release'}`, gimbalParams(facts)),
     );
     this.busy = false;

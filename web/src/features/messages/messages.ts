@@ -40,12 +40,12 @@ export function unread(messages: readonly Message[], since_unix_s: number): Unre
 const KINDS: Readonly<Record<string, string>> = {
   status_text: 'Status text (STATUSTEXT)',
   event: 'Event (MAVLink events)',
-  mode_changed: 'The vehicle changed its mode',
-  armed: 'The vehicle armed',
-  disarmed: 'The vehicle disarmed',
-  command: 'Command, or notice of the server',
-  link: 'Reported by the server: link',
-  warning: 'Reported by the server',
+  mode_changed: 'Mode changed',
+  armed: 'Armed',
+  disarmed: 'Disarmed',
+  command: 'Command or server notice',
+  link: 'Server report about a link',
+  warning: 'Server warning',
 };
 
 /** The type of a message, as text. */

@@ -15,7 +15,7 @@ class ParamPanel {
   /** Name of the parameter whose editor is open. */
   chosen = $state<string | null>(null);
   busy = $state(false);
-  /** Number of the latest polling; an earlier polling stops. */
+  /** Number of the latest call of `show`. An earlier call stops polling. */
   private pollCount = 0;
 
   toggle(): void {
@@ -24,7 +24,7 @@ class ParamPanel {
 
   close(): void {
     this.open = false;
-    this.pollCount += 1; // ends the polling
+    this.pollCount += 1; // the running call of `show` stops polling
   }
 
   /** Shows the parameters that the server has read. If needed (or `again`), the server reads them from the vehicle, and this function polls until all are read. */

@@ -133,8 +133,8 @@ export function stateText(list: Parameters['list'] | null): string {
     case 'failed':
       return `incomplete:${progress} received. Read again.`;
     case 'outdated':
-      return `${list.received}, read before the connection was lost`;
+      return `${list.received} parameters, read before the connection was lost`;
     default:
-      return `${list.received} parameters${list.source === 'cache' ? ', from the server’s copy; unchanged on the vehicle' : ''}`;
+      return `${list.received} parameters${list.source === 'cache' ? ', from the server’s cache (unchanged on the vehicle)' : ''}`;
   }
 }

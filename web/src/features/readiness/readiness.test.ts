@@ -1,16 +1,16 @@
 import { expect, test } from 'vitest';
 import { findings, headline, modeRows, readReadiness, type Cause, type Readiness } from './readiness';
 
-const sticks: Cause = {
+const noManualControl: Cause = {
   id: 1,
   name: 'check_modes_manual_control',
   severity: 'warning',
   modes: null,
-  component: 'transmitter',
-  cause: 'There is no transmitter.',
-  remedy: 'Switch it on.',
+  component: 'manual control',
+  cause: 'No manual control input.',
+  remedy: 'Switch the RC transmitter on.',
 };
-const signal: Cause = {
+const noSetpoints: Cause = {
   id: 2,
   name: 'check_modes_offboard_signal',
   severity: 'error',
@@ -19,7 +19,15 @@ const signal: Cause = {
   cause: 'No setpoints.',
   remedy: null,
 };
-const battery: Cause = { id: 3, name: 'check_battery_low', severity: 'warning', modes: null, component: 'battery', cause: 'The battery is low.', remedy: null };
+const lowBattery: Cause = {
+  id: 3,
+  name: 'check_battery_low',
+  severity: 'warning',
+  modes: null,
+  component: 'battery',
+  cause: 'The battery is low.',
+  remedy: null,
+};
 const mode = (name: string, label: string, arming: Cause[], running: Cause[] = arming): Readiness['modes'][number] => ({
   mode: name,
   label,
@@ -36,13 +44,18 @@ const report: Readiness = {
   components_with_warnings: [],
   left_out: null,
   offers: [],
-  modes: [mode('position', 'Position', [sticks]), mode('offboard', 'Offboard', [signal]), mode('hold', 'Hold', []), mode('land', 'Land', [battery], [])],
-  findings: [signal, sticks, battery],
+  modes: [
+    mode('position', 'Position', [noManualControl]),
+    mode('offboard', 'Offboard', [noSetpoints]),
+    mode('hold', 'Hold', []),
+    mode('land', 'Land', [lowBattery], []),
+  ],
+  findings: [noSetpoints, noManualControl, lowBattery],
 };
 
 test('the headline is about arming while the vehicle is disarmed, and about flying while it is armed', () => {
   expect(headline(report, 'hold', false)).toEqual({ text: 'Ready to arm in Hold', detail: '', tone: 'ok' });
-  expect(headline(report, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'There is no transmitter.', tone: 'caution' });
+  expect(headline(report, 'position', false)).toEqual({ text: 'Cannot arm in Position', detail: 'No manual control input.', tone: 'caution' });
   expect(headline(report, 'land', false).tone).toBe('caution');
   expect(headline(report, 'land', true)).toEqual({ text: 'Land mode is available', detail: '', tone: 'ok' });
   expect(headline(report, 'offboard', true).text).toBe('Offboard mode is not available');
@@ -58,7 +71,7 @@ test('the headline is "Readiness not known" without a report, and a sample of an
 });
 
 test('findings that block modes come first and name the modes', () => {
-  const notBlocking: Cause = { ...battery, id: 4, cause: 'Wind.' };
+  const notBlocking: Cause = { ...lowBattery, id: 4, cause: 'Wind.' };
   const rows = findings({ ...report, findings: [notBlocking, ...report.findings] });
   expect(rows.map((r) => [r.cause.id, r.blocks])).toEqual([
     [2, 'Offboard'],
@@ -66,7 +79,7 @@ test('findings that block modes come first and name the modes', () => {
     [3, 'Land'],
     [4, ''],
   ]);
-  const sixModes = { ...report, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [signal])) };
+  const sixModes = { ...report, modes: ['a', 'b', 'c', 'd', 'e', 'f'].map((n) => mode(n, n.toUpperCase(), [noSetpoints])) };
   expect(findings(sixModes)[0]?.blocks).toBe('every mode');
   sixModes.modes.push(mode('g', 'G', []));
   expect(findings(sixModes)[0]?.blocks).toBe('A, B, C, D and 2 more');

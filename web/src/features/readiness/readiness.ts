@@ -1,4 +1,4 @@
-/** Texts and rows about why a vehicle cannot arm or fly, from the server's topic `readiness`. Pure. */
+/** Texts and rows about why a vehicle cannot be armed or fly in a mode, from the server's topic `readiness`. Pure. */
 
 import type { components } from '../../api/schema';
 import type { SeverityName } from '../../ui/severity';
@@ -46,7 +46,7 @@ export function readReadiness(value: unknown): Readiness | null {
   return typeof report === 'object' && report !== null && Array.isArray(report.modes) && Array.isArray(report.findings) ? report : null;
 }
 
-/** Whether the vehicle can be armed in the current mode (while disarmed) or can fly in it (while armed). */
+/** For a disarmed vehicle: whether it can be armed in its current mode. For an armed vehicle: whether it can fly in this mode. */
 export function headline(readiness: Readiness | null, mode: string | null, armed: boolean): Headline {
   if (readiness === null || !readiness.known) return { text: 'Readiness not known', detail: 'The vehicle has not reported its checks.', tone: 'neutral' };
   const current = readiness.modes.find((m) => m.mode === mode);

@@ -16,7 +16,7 @@ registry.addKeys([
   {
     order: 150,
     keys: 'Y',
-    description: 'Why the vehicle cannot arm or fly a mode',
+    description: 'Readiness: why the vehicle cannot be armed or fly in a mode',
     inScene: true,
     handlers: { y: (facts) => registry.toggle('readiness', facts) },
   },

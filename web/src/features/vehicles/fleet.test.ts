@@ -45,7 +45,7 @@ describe('list of vehicles', () => {
     expect(rowAfterKey(0, 0, 'ArrowDown')).toBeNull();
   });
 
-  it('switches all vehicles to Hold in one request, and names the vehicles that failed', async () => {
+  it('switches all vehicles to Hold in one request, and names the vehicles that did not confirm Hold', async () => {
     const requests: { url: string; vehicles: string[] }[] = [];
     const fetch = vi.fn((url: string, init?: RequestInit) => {
       const { vehicles } = JSON.parse(String(init?.body)) as { vehicles: string[] };

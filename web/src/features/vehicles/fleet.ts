@@ -75,7 +75,7 @@ export function rowAfterKey(index: number, count: number, key: string): number |
   }
 }
 
-/** Result of a Hold command to several vehicles, as text. @param commanded their number. @param unconfirmed names of those that did not confirm Hold. */
+/** Result of a Hold command, as text. @param commanded number of commanded vehicles. @param unconfirmed names of the vehicles that did not confirm Hold. */
 export function holdText(commanded: number, unconfirmed: readonly string[]): string {
   if (unconfirmed.length === 0) return commanded === 1 ? 'The vehicle switched to Hold.' : `All ${commanded} vehicles switched to Hold.`;
   const names = unconfirmed.slice(0, 5).join(', ') + (unconfirmed.length > 5 ? ` and ${unconfirmed.length - 5} more` : '');

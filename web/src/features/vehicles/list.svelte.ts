@@ -10,7 +10,7 @@ class VehicleList {
   open = $state(false);
   text = $state('');
   filter = $state<Filter>('all');
-  /** Whether a Hold command waits for the vehicles' confirmation. */
+  /** Whether the vehicles have not all confirmed a Hold command yet. */
   holding = $state(false);
   /** Result of the last command; null before the first command. */
   result = $state.raw<{ text: string; refused: boolean } | null>(null);
@@ -25,7 +25,7 @@ class VehicleList {
     this.result = null;
   }
 
-  /** Sends Hold to these vehicles in one request; Hold never needs a confirmation. */
+  /** Sends Hold to these vehicles in one request, without asking the person for confirmation. */
   async hold(api: ApiClient, vehicles: readonly { id: string; name: string }[]): Promise<void> {
     if (this.holding || vehicles.length === 0) return;
     this.result = null;
