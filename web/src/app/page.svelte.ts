@@ -195,7 +195,7 @@ class Page {
     return detailSubscription(this.store.vehicles.size, ids, this.gridTopics, this.store.isArmed(ids));
   }
 
-  /** Changes the subscription if other vehicles are needed now. */
+  /** Sends the subscriptions that have changed. */
   private updateSubscription(): void {
     const details = this.detailSubscription();
     const all = JSON.stringify(this.fleetSubscription());

@@ -21,7 +21,7 @@ export interface Room {
   icon: IconName;
   hint: string;
   order: number;
-  /** Set if the room works without a connected vehicle: its `load` then returns a `station` component. */
+  /** Set if the room works without a connected vehicle: its `load` then returns a `roomWithoutVehicle` component. */
   withoutVehicle?: boolean;
   /** Set if the room has a toolbar along the stage's upper edge: other parts there are placed below it. */
   toolbar?: boolean;
@@ -29,14 +29,14 @@ export interface Room {
 }
 
 /**
- * Exactly one of `room` and `station` is set. The frame places this component over `main`; map and 3D view leave
+ * Exactly one of `room` and `roomWithoutVehicle` is set. The frame places this component over `main`; map and 3D view leave
  * `--dock-left` and `--dock-bottom` free for it.
  */
 export interface RoomParts {
   /** The room's component for the selected vehicle. */
   room?: Component<VehicleProps & { narrow: boolean }>;
   /** The room's component that needs no vehicle. */
-  station?: Component<{ narrow: boolean }>;
+  roomWithoutVehicle?: Component<{ narrow: boolean }>;
   /** Parts in the card column, below the cards that stay in every room. Hidden on a narrow screen. */
   cards: readonly Part[];
 }

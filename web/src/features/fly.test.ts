@@ -134,6 +134,14 @@ describe('the link', () => {
     expect(linkIndicator(0.2, false, [], '5 kB/s', null)).toMatchObject({ word: '', severity: 'none' });
     expect(linkIndicator(9, true, [], '5 kB/s', 10)).toMatchObject({ text: 'lost 9 s ago', word: '', severity: 'danger' });
   });
+  it('lists the vehicle’s other components, and whether they are connected', () => {
+    const camera = { component_id: 100, kind: 'camera', mav_type: 30, lost: false, last_heard_unix_s: null };
+    const lostGimbal = { ...camera, component_id: 154, kind: 'gimbal', lost: true, last_heard_unix_s: 80 };
+    expect(componentLines([{ ...camera, component_id: 1, kind: 'autopilot' }, camera, lostGimbal], 100)).toEqual([
+      ['Camera 100', 'connected'],
+      ['Gimbal 154', 'connection lost 20 s ago'],
+    ]);
+  });
 });
 
 describe('the battery', () => {
@@ -150,14 +158,6 @@ describe('the battery', () => {
     };
     expect(batteryIndicator(reading(value)).details).toContainEqual(['Lowest cell', '3.91 V, cell 2 of 3']);
     expect(batteryIndicator(reading({ ...value, cell_voltages_v: null })).details).toContainEqual(['Cells', '–']);
-  });
-  it('lists the other components, and whether they are connected', () => {
-    const camera = { component_id: 100, kind: 'camera', mav_type: 30, lost: false, last_heard_unix_s: null };
-    const lostGimbal = { ...camera, component_id: 154, kind: 'gimbal', lost: true, last_heard_unix_s: 80 };
-    expect(componentLines([{ ...camera, component_id: 1, kind: 'autopilot' }, camera, lostGimbal], 100)).toEqual([
-      ['Camera 100', 'connected'],
-      ['Gimbal 154', 'connection lost 20 s ago'],
-    ]);
   });
   it('lists each battery', () => {
     const battery = { battery_id: 0, remaining_percent: 50, voltage_v: 12, current_a: 3, consumed_mah: 200, time_remaining_s: 240, cell_voltages_v: null };
@@ -190,7 +190,7 @@ describe('a confirmation', () => {
   it('cannot be confirmed while its value is invalid', () => {
     const c = new Confirmation(false, 0);
     c.blocked = true;
-    c.press(0);
+    c.pressKey(0);
     c.slide(1, 0.5);
     expect(c.tick(2)).toBe('asking');
     expect(c.remaining_s(2)).toBe(3.5); // an attempt to confirm restarts the timeout

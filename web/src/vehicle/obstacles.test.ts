@@ -3,8 +3,8 @@ import { eastNorth } from './geo';
 import { obstaclePositions, type SensorValues } from './obstacles';
 
 const POSITION = { lat_deg: 47.4, lon_deg: 8.5 };
-const NO_SENSORS: SensorValues = { sensors: null, around: null };
-const around = (frame: string, distances_m: (number | null)[]): SensorValues['around'] => ({
+const NO_SENSORS: SensorValues = { sensors: null, obstacleDistance: null };
+const scan = (frame: string, distances_m: (number | null)[]): SensorValues['obstacleDistance'] => ({
   frame,
   first_deg: 0,
   step_deg: 90,
@@ -29,12 +29,12 @@ const eastNorth_m = (measured: SensorValues, yaw_rad: number | null): number[][]
 
 describe('detected obstacles', () => {
   it('are positioned relative to the heading or to north, without unknown and out-of-range distances', () => {
-    expect(eastNorth_m({ ...NO_SENSORS, around: around('body', [5, 6, 20.01, null]) }, Math.PI / 2)).toEqual([
+    expect(eastNorth_m({ ...NO_SENSORS, obstacleDistance: scan('body', [5, 6, 20.01, null]) }, Math.PI / 2)).toEqual([
       [5, 0],
       [0, -6],
     ]);
-    expect(eastNorth_m({ ...NO_SENSORS, around: around('north', [5]) }, null)).toEqual([[0, 5]]);
-    expect(eastNorth_m({ ...NO_SENSORS, around: around('body', [5]) }, null)).toEqual([]);
+    expect(eastNorth_m({ ...NO_SENSORS, obstacleDistance: scan('north', [5]) }, null)).toEqual([[0, 5]]);
+    expect(eastNorth_m({ ...NO_SENSORS, obstacleDistance: scan('body', [5]) }, null)).toEqual([]);
   });
   it('come from sensors that look sideways, not from sensors that look down', () => {
     const sensors = { sensors: [sensor([1, 0, 0], 4), sensor([0, 0, 1], 2), sensor([0, 1, 0], null)] };

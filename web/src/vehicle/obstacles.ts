@@ -12,7 +12,7 @@ const RAD = Math.PI / 180;
 /** The sensors' values; null: no such sensor, or no data from it. */
 export interface SensorValues {
   sensors: DistanceSensors | null;
-  around: ObstacleDistance | null;
+  obstacleDistance: ObstacleDistance | null;
 }
 
 /** Positions of the obstacles. The vehicle's tilt is ignored. */
@@ -22,8 +22,8 @@ export function obstaclePositions(vehicle: GeoPosition, yaw_ned_rad: number | nu
     if (distance_m === null || distance_m > range_m) return;
     obstacles.push(positionAt(vehicle, { north_m: distance_m * Math.cos(bearing_rad), east_m: distance_m * Math.sin(bearing_rad) }));
   };
-  if (measured.around !== null && (measured.around.frame === 'north' || yaw_ned_rad !== null)) {
-    const { first_deg, step_deg, distances_m, range_max_m, frame } = measured.around;
+  if (measured.obstacleDistance !== null && (measured.obstacleDistance.frame === 'north' || yaw_ned_rad !== null)) {
+    const { first_deg, step_deg, distances_m, range_max_m, frame } = measured.obstacleDistance;
     const reference_rad = frame === 'north' ? 0 : (yaw_ned_rad ?? 0);
     distances_m.forEach((distance_m, index) => add(reference_rad + (first_deg + index * step_deg) * RAD, distance_m, range_max_m));
   }

@@ -89,33 +89,33 @@ describe('confirmation', () => {
   });
   it('needs the key held for the whole time, longer for dangerous actions', () => {
     const confirmation = new Confirmation(false, 0);
-    confirmation.press(1);
-    confirmation.press(1.5); // the keyboard repeats
+    confirmation.pressKey(1);
+    confirmation.pressKey(1.5); // the keyboard repeats
     expect(tickFrames(confirmation, 1, 1 + HOLD_S - 0.01)).toBe('asking');
     expect(tickFrames(confirmation, 1 + HOLD_S - 0.01, 1 + HOLD_S)).toBe('confirmed');
     const kill = new Confirmation(true, 0);
-    kill.press(0);
+    kill.pressKey(0);
     expect(tickFrames(kill, 0, HOLD_S)).toBe('asking');
     expect(tickFrames(kill, HOLD_S, HOLD_DANGER_S)).toBe('confirmed');
   });
   it('starts over after an early release, and does not expire while the knob is held', () => {
     const confirmation = new Confirmation(true, 0);
-    confirmation.press(4.5);
+    confirmation.pressKey(4.5);
     expect(tickFrames(confirmation, 4.5, 5.5)).toBe('asking');
-    confirmation.release(5.6);
+    confirmation.releaseKey(5.6);
     expect(confirmation.progress()).toBe(0);
     expect(confirmation.tick(5.6 + EXPIRES_AFTER_S)).toBe('expired');
     const releasedLate = new Confirmation(false, 0);
-    releasedLate.press(0);
-    releasedLate.release(10);
+    releasedLate.pressKey(0);
+    releasedLate.releaseKey(10);
     expect(releasedLate.tick(10.1)).toBe('asking');
   });
   it('does not count the key as held while the page paints no frames', () => {
     const kill = new Confirmation(true, 0);
-    kill.press(0);
+    kill.pressKey(0);
     expect(kill.tick(0.02)).toBe('asking');
     expect(kill.tick(4)).toBe('asking'); // four seconds without a frame: the key may have been released meanwhile
-    kill.release(4.01);
+    kill.releaseKey(4.01);
     expect(tickFrames(kill, 4.02, 6)).toBe('asking');
   });
   it('counts each arrow key press as a step, and returns to zero when the knob loses the focus', () => {
@@ -124,7 +124,7 @@ describe('confirmation', () => {
     expect([confirmation.tick(2), confirmation.progress()]).toEqual(['asking', 0.9]);
     confirmation.step(-1, 2);
     expect(confirmation.progress()).toBe(0.8);
-    confirmation.release(2.1);
+    confirmation.releaseKey(2.1);
     expect(confirmation.progress()).toBe(0);
     for (let i = 0; i < 3; i++) confirmation.step(1, 3);
     confirmation.step(-Infinity, 3);
@@ -138,7 +138,7 @@ describe('confirmation', () => {
   it('needs the knob at the end of its track', () => {
     const confirmation = new Confirmation(false, 0);
     confirmation.slide(0.98, 1);
-    confirmation.letGo(1.1);
+    confirmation.releasePointer(1.1);
     expect(confirmation.tick(1.2)).toBe('asking');
     expect(confirmation.progress()).toBe(0);
     confirmation.slide(1.2, 2);

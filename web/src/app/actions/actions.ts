@@ -28,7 +28,7 @@ export interface ActionFacts {
 }
 
 /** Target of "Go here"; distances are from the vehicle's position when the menu was opened. */
-export interface Goal {
+export interface GotoTarget {
   lat_deg: number;
   lon_deg: number;
   alt_home_m: number;
@@ -95,7 +95,7 @@ function streamOnGroundText({ armed, inAir }: ActionFacts): string {
 }
 
 /** The confirmation's texts; null if the action needs no confirmation, as Hold. */
-export function question(action: ActionName, facts: ActionFacts, goal: Goal | null = null, start: StreamStart | null = null): Question | null {
+export function question(action: ActionName, facts: ActionFacts, target: GotoTarget | null = null, start: StreamStart | null = null): Question | null {
   const offboardEnds = facts.streaming ? OFFBOARD_ENDS : '';
   const name = facts.vehicleName;
   switch (action) {
@@ -132,11 +132,11 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
     case 'rtl':
       return { title: `Return ${name}`, effect: `${returnText(facts)} and lands.${offboardEnds}`, verb: 'Return', danger: false };
     case 'goto':
-      return goal === null
+      return target === null
         ? null
         : {
             title: `Send ${name} here`,
-            effect: `Flies ${distanceText(goal.distance_m)} to this position at ${fixed(goal.alt_home_m, 1)} m above home${goal.time_s === null ? '' : ` in about ${Math.round(goal.time_s)} s`} and holds there. The vehicle is at ${altitudeNow(facts)} now.${offboardEnds}`,
+            effect: `Flies ${distanceText(target.distance_m)} to this position at ${fixed(target.alt_home_m, 1)} m above home${target.time_s === null ? '' : ` in about ${Math.round(target.time_s)} s`} and holds there. The vehicle is at ${altitudeNow(facts)} now.${offboardEnds}`,
             verb: 'Go',
             danger: false,
           };
@@ -181,7 +181,12 @@ export function question(action: ActionName, facts: ActionFacts, goal: Goal | nu
 }
 
 /** Sends the request of an action. */
-export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start'>, facts: ActionFacts, goal: Goal | null = null): Promise<Outcome<unknown>> {
+export function send(
+  api: ApiClient,
+  action: Exclude<ActionName, 'offboard_start'>,
+  facts: ActionFacts,
+  target: GotoTarget | null = null,
+): Promise<Outcome<unknown>> {
   const id = facts.vehicleId;
   const params = ofVehicle(id);
   switch (action) {
@@ -194,8 +199,8 @@ export function send(api: ApiClient, action: Exclude<ActionName, 'offboard_start
     case 'kill':
       return api.post('/vehicles/{v}/kill', { ...params, body: { confirm: `motors stop, vehicle ${id} falls` } });
     case 'goto': {
-      if (goal === null) throw new Error('goto needs a goal');
-      const { lat_deg, lon_deg, alt_home_m } = goal;
+      if (target === null) throw new Error('goto needs a target');
+      const { lat_deg, lon_deg, alt_home_m } = target;
       return api.post('/vehicles/{v}/goto', { ...params, body: { lat_deg, lon_deg, alt_home_m } });
     }
     default:

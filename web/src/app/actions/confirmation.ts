@@ -47,7 +47,7 @@ export class Confirmation {
   }
 
   /** Space or Enter was pressed on the knob; the keyboard's repeats have no effect. */
-  press(now_s: number): void {
+  pressKey(now_s: number): void {
     if (this.blocked) this.touch(now_s);
     else if (this.phase === 'asking' && this.lastTick_s === null && !this.isSliding) {
       this.lastTick_s = now_s;
@@ -56,10 +56,10 @@ export class Confirmation {
   }
 
   /** The key was released too early, or the knob lost the focus: the progress returns to zero. */
-  release(now_s: number): void {
+  releaseKey(now_s: number): void {
     this.lastTick_s = null;
     this.held_s = 0;
-    this.letGo(now_s);
+    this.releasePointer(now_s);
   }
 
   /** An arrow key moved the knob by this many steps. The knob stays there until it is moved again or loses the focus. */
@@ -81,7 +81,7 @@ export class Confirmation {
   }
 
   /** The pointer released the knob: the knob returns to its start. */
-  letGo(now_s: number): void {
+  releasePointer(now_s: number): void {
     this.isSliding = false;
     this.knobPosition = 0;
     this.touch(now_s);

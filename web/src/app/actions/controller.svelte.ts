@@ -5,7 +5,7 @@ import type { ApiClient, Outcome } from '../../api/client';
 import type { Problem } from '../../api/problems';
 import type { WireEvent } from '../../live/wire';
 import { controlProblem, otherControlHolder } from '../../vehicle/control';
-import { actionFacts, ACTION_NAMES, question, send, reasonUnavailable, type ActionFacts, type ActionName, type Goal, type Question } from './actions';
+import { actionFacts, ACTION_NAMES, question, send, reasonUnavailable, type ActionFacts, type ActionName, type GotoTarget, type Question } from './actions';
 import type { StreamStart } from '../../vehicle/setpoint';
 import { Confirmation } from './confirmation';
 
@@ -29,7 +29,7 @@ export interface PendingConfirmation {
   action: ActionName;
   pagePart: PagePart;
   facts: VehicleFacts;
-  goal: Goal | null;
+  target: GotoTarget | null;
   /** The stream's first setpoint; null: hold the vehicle's position. */
   start: StreamStart | null;
   /** Null: the confirmation is for one vehicle. */
@@ -97,13 +97,19 @@ export class ActionController {
 
   /** The confirmation's texts with the vehicle's present altitude. */
   questionFor(pending: PendingConfirmation): Question {
-    const { action, facts, goal, start } = pending;
-    return pending.group?.question() ?? question(action, this.factsFor(this.currentFacts(facts)), goal, start) ?? pending.question;
+    const { action, facts, target, start } = pending;
+    return pending.group?.question() ?? question(action, this.factsFor(this.currentFacts(facts)), target, start) ?? pending.question;
   }
 
   /** Handles a button or key: opens the confirmation, or acts immediately if none is needed. */
-  request(action: ActionName, facts: VehicleFacts | null, pagePart: PagePart = 'bar', goal: Goal | null = null, start: StreamStart | null = null): void {
-    if (facts === null || (action === 'goto' && goal === null)) return;
+  request(
+    action: ActionName,
+    facts: VehicleFacts | null,
+    pagePart: PagePart = 'bar',
+    target: GotoTarget | null = null,
+    start: StreamStart | null = null,
+  ): void {
+    if (facts === null || (action === 'goto' && target === null)) return;
     this.dismiss(pagePart);
     const reason = reasonUnavailable(action, { ...this.factsFor(facts), lost: facts.lost, replayed: facts.replayed });
     if (reason !== null) {
@@ -123,13 +129,13 @@ export class ActionController {
       this.refusals = { ...this.refusals, [pagePart]: { commandName: ACTION_NAMES[action], vehicleName: facts.name, problem } };
       return;
     }
-    const texts = question(action, this.factsFor(facts), goal, start);
+    const texts = question(action, this.factsFor(facts), target, start);
     if (texts === null) {
       this.pending = null;
       void this.run(action, facts, pagePart);
       return;
     }
-    this.pending = { action, pagePart, facts, goal, start, group: null, question: texts, confirmation: new Confirmation(texts.danger, this.nowS()) };
+    this.pending = { action, pagePart, facts, target, start, group: null, question: texts, confirmation: new Confirmation(texts.danger, this.nowS()) };
     this.progress = 0;
     this.remaining_s = this.pending.confirmation.remaining_s(this.nowS());
     this.takeoffProblem = null;
@@ -141,7 +147,7 @@ export class ActionController {
     this.dismiss(pagePart);
     const texts = group.question();
     const confirmation = new Confirmation(texts.danger, this.nowS());
-    this.pending = { action: 'offboard_start', pagePart, facts, goal: null, start: null, group, question: texts, confirmation };
+    this.pending = { action: 'offboard_start', pagePart, facts, target: null, start: null, group, question: texts, confirmation };
     this.progress = 0;
     this.remaining_s = confirmation.remaining_s(this.nowS());
   }
@@ -197,7 +203,7 @@ export class ActionController {
     this.pending = null;
     if (phase !== 'confirmed') this.closedWithoutKey_s = now;
     if (phase === 'confirmed' && pending.group !== null) void this.runForGroup(pending.group, pending.pagePart);
-    else if (phase === 'confirmed') void this.run(pending.action, pending.facts, pending.pagePart, pending.goal, pending.start);
+    else if (phase === 'confirmed') void this.run(pending.action, pending.facts, pending.pagePart, pending.target, pending.start);
   }
 
   /** Shows a problem that was not caused by a button, as a refusal in `pagePart`. */
@@ -216,7 +222,13 @@ export class ActionController {
     return outcome.ok;
   }
 
-  private async run(action: ActionName, facts: VehicleFacts, pagePart: PagePart, goal: Goal | null = null, start: StreamStart | null = null): Promise<void> {
+  private async run(
+    action: ActionName,
+    facts: VehicleFacts,
+    pagePart: PagePart,
+    target: GotoTarget | null = null,
+    start: StreamStart | null = null,
+  ): Promise<void> {
     const entry: RunningCommand = {
       id: this.nextId++,
       action,
@@ -229,9 +241,9 @@ export class ActionController {
     };
     this.running = [...this.running, entry];
     const current = this.currentFacts(facts);
-    const accepted = await this.attempt(entry.commandName, current, pagePart, () => this.send(action, current, goal, start));
+    const accepted = await this.attempt(entry.commandName, current, pagePart, () => this.send(action, current, target, start));
     this.running = this.running.filter((r) => r.id !== entry.id);
-    goal?.onResult?.(accepted);
+    target?.onResult?.(accepted);
   }
 
   private async runForGroup({ commandName, names, run }: GroupConfirmation, pagePart: PagePart): Promise<void> {
@@ -250,9 +262,9 @@ export class ActionController {
     this.running = this.running.filter((r) => r.id !== entry.id);
   }
 
-  private send(action: ActionName, facts: VehicleFacts, goal: Goal | null, start: StreamStart | null): Promise<Outcome<unknown>> {
+  private send(action: ActionName, facts: VehicleFacts, target: GotoTarget | null, start: StreamStart | null): Promise<Outcome<unknown>> {
     if (action === 'offboard_start') return this.startOffboard(facts, start);
-    return send(this.api, action, this.factsFor(facts), goal);
+    return send(this.api, action, this.factsFor(facts), target);
   }
 
   /** The vehicle's present state; if the vehicle was removed, the last known state. */

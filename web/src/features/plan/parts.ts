@@ -5,7 +5,7 @@ import { drawing, editor, insertion } from './controllers';
 import PlanCard from './editor/PlanCard.svelte';
 import PlanRoom from './PlanRoom.svelte';
 
-export const parts: RoomParts = { station: PlanRoom, cards: [{ component: PlanCard }] };
+export const parts: RoomParts = { roomWithoutVehicle: PlanRoom, cards: [{ component: PlanCard }] };
 
 registry.addCloser({ order: 76, isOpen: () => rooms.current === 'plan' && insertion.isOpen, close: () => insertion.close() });
 registry.addCloser({ order: 75, isOpen: () => rooms.current === 'plan' && editor.placing !== null, close: () => editor.stopPlacing() });

@@ -95,11 +95,11 @@ function cameraDirection_rad(facts: VehicleFacts): number | null {
 /** Positions of the obstacles that the vehicle's distance sensors detect now. */
 function obstaclesAround(vehicle: VehicleState, facts: VehicleFacts, here: GeoPosition): GeoPosition[] {
   const sensors = vehicle.read('distance_sensors', facts.now_unix_s);
-  const around = vehicle.read('obstacle_distance', facts.now_unix_s);
-  if (sensors === null && around === null) return [];
+  const obstacleDistance = vehicle.read('obstacle_distance', facts.now_unix_s);
+  if (sensors === null && obstacleDistance === null) return [];
   return obstaclePositions(here, facts.attitude?.value.yaw_ned_rad ?? null, {
     sensors: sensors !== null && sensors.age_s <= MAX_AGE_S ? sensors.value : null,
-    around: around !== null && around.age_s <= MAX_AGE_S ? around.value : null,
+    obstacleDistance: obstacleDistance !== null && obstacleDistance.age_s <= MAX_AGE_S ? obstacleDistance.value : null,
   });
 }
 
