@@ -111,7 +111,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         )
 
         menu = menu_at(page, -80, -64)
-        expect(menu).to_contain_text("Look here: Take control of the gimbal first")
+        expect(menu).to_contain_text("Look here: First take control on the gimbal card")
         aim = position_of(menu)
         menu.get_by_role("button", name="Set ROI").click()
         expect(menu).to_be_hidden()

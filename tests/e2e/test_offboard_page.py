@@ -186,10 +186,10 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         room = open_room(page)
         room.get_by_role("radio", name="Gamepad").click()
         expect(room.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
-        room.get_by_role("button", name="Start hovering").click()
+        room.get_by_role("button", name="Start stream").click()
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
-        room.get_by_role("button", name="Use the sticks").click()
+        room.get_by_role("button", name="Start stick control").click()
         expect(room).to_contain_text("Hovering")
 
         page.evaluate("testPad.axes = [0, 0, 0, -1]")
@@ -198,7 +198,7 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         )
         assert offboard_status(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
         page.evaluate("testPad.pressed = true")
-        expect(room).to_contain_text("Sticks fly the vehicle")
+        expect(room).to_contain_text("Sticks control the vehicle")
         wait_until(lambda: speed_m_s(drone) > 0.7, "the vehicle to move by the stick")
         assert violations_in_both_themes(page) == []
         page.evaluate("testPad.pressed = false")
@@ -212,7 +212,7 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         expect(page.get_by_label("Sent setpoints", exact=True)).to_contain_text("Gamepad · accepted")
 
         page.evaluate("testPad.pressed = true")
-        expect(room).to_contain_text("Sticks fly the vehicle")
+        expect(room).to_contain_text("Sticks control the vehicle")
         page.evaluate("testPad.connected = false")
         expect(room.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
         expect(pill(page)).to_have_text("Holding")  # not renewed: position hold, then Hold

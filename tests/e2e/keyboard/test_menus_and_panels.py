@@ -113,7 +113,7 @@ def test_arrow_keys_select_an_option_of_a_radio_group_that_is_one_tab_stop(
     with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         page.keyboard.press("p")
-        input_selector = page.get_by_role("radiogroup", name="How setpoints are given")
+        input_selector = page.get_by_role("radiogroup", name="Setpoint input")
         form, group = (
             input_selector.get_by_role("radio", name=name, exact=True) for name in ("Form", "Group")
         )

@@ -65,7 +65,7 @@ def _round(page: Page, tab_key: str) -> None:
 def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
     """Every room and panel, with the keys that open it."""
 
-    input_selector = page.get_by_label("How setpoints are given")
+    input_selector = page.get_by_label("Setpoint input")
 
     def offboard() -> None:
         if not input_selector.is_visible():

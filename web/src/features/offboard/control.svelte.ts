@@ -1,4 +1,4 @@
-/** This page as a source of setpoints: starts a vehicle's stream, sends and nudges setpoints, and renews them. */
+/** This page's setpoints for single vehicles: starts the stream, sends, nudges and renews setpoints. */
 
 import type { VehicleFacts } from '../../vehicle/facts';
 import { ofVehicle, type ApiClient, type Outcome } from '../../api/client';
@@ -20,18 +20,16 @@ import {
 } from '../../vehicle/setpoint';
 import { nudgeBase } from '../../vehicle/offboard';
 
-/** A refusal by the page without a request to the server: there is no position to hold. */
-function noPosition(age_s: number | null): Outcome<never> {
+/** A refusal by the page without a request to the server: the vehicle's position or heading is not known. */
+function noPosition({ local, attitude }: VehicleFacts): Outcome<never> {
+  const [name, reading] = local === null || local.stale ? ['local position', local] : ['heading', attitude];
   return {
     ok: false,
     problem: {
       title: 'Not sent',
-      detail:
-        age_s === null
-          ? 'The vehicle reports no local position, so there is nothing to hold.'
-          : `The last local position is ${ageText(age_s)} old: the current position is not known.`,
+      detail: reading === null ? `The vehicle reports no ${name}.` : `The last ${name} is ${ageText(reading.age_s)} old: the current ${name} is not known.`,
       reasons: [],
-      remedy: 'Wait until the vehicle reports its position, then try again.',
+      remedy: 'Wait until the vehicle reports its position and heading, then try again.',
       code: 'refused',
       status: 0,
       field: null,
@@ -65,7 +63,7 @@ export class OffboardControl {
     }
     const local = facts.local;
     const attitude = facts.attitude;
-    if (local === null || attitude === null || local.stale || attitude.stale) return noPosition(local?.age_s ?? null);
+    if (local === null || attitude === null || local.stale || attitude.stale) return noPosition(facts);
     const setpoint: PositionSetpoint = {
       type: 'position',
       position_ned_m: local.value.position_ned_m,
@@ -75,7 +73,7 @@ export class OffboardControl {
   }
 
   /**
-   * Sends a new setpoint of any kind. If the server refuses it, this page continues to renew the previous setpoint. Without
+   * Sends a new setpoint of any type. If the server refuses it, this page continues to renew the previous setpoint. Without
    * an answer it is unknown which of the two setpoints the vehicle follows, and this page renews neither.
    */
   async send(id: string, setpoint: AnySetpoint, validity: Validity): Promise<Outcome<unknown>> {
@@ -118,7 +116,7 @@ export class OffboardControl {
     const base =
       nudgeablePosition(renewer.setpoint) ??
       (streamed === null ? null : nudgeBase(streamed, facts.local?.value.position_ned_m ?? null, facts.attitude?.value.yaw_ned_rad ?? null));
-    if (base === null) return noPosition(null);
+    if (base === null) return noPosition(facts);
     return this.send(facts.id, { ...nudge(base, axis, sign, this.nudgeSize) }, DEFAULT_VALIDITY);
   }
 

@@ -1,10 +1,11 @@
-/** The metric grid around home; its spacing depends on the zoom. */
+/** The metric grid around the reference position (normally home); its spacing depends on the zoom. */
 
 import { eastNorth, fromPixel, lengthText, pixelsPerMetre, positionAt, toPixel, type EastNorth, type MapView, type GeoPosition } from '../../vehicle/geo';
+import type { DistanceReference } from './map-model';
 
 /** Smallest side of a cell [px]; the largest side is ten times as long. */
 const MIN_CELL_PX = 34;
-/** No grid is drawn farther from home than this [m], because a flat grid is too inaccurate there. */
+/** No grid is drawn farther from the reference than this [m], because a flat grid is too inaccurate there. */
 const FLAT_WITHIN_M = 500_000;
 const MAX_LINES = 400;
 
@@ -48,7 +49,7 @@ export interface GridLine {
 
 export interface Grid {
   thin: GridLine[];
-  /** Every tenth line, and the lines through home. */
+  /** Every tenth line, and the lines through the reference. */
   strong: GridLine[];
 }
 
@@ -76,8 +77,8 @@ export interface EdgeLabel {
 /** Space for one label [px]. */
 const LABEL_PX = 64;
 
-/** Distances from home [m] at the view's top edge (east, west) and left edge (north, south); only with north up. */
-export function edgeLabels(view: MapView, reference: GeoPosition): EdgeLabel[] {
+/** Distances from the reference [m] at the view's top edge (east, west) and left edge (north, south); only with north up. */
+export function edgeLabels(view: MapView, reference: DistanceReference): EdgeLabel[] {
   if (Math.abs(Math.sin(view.up_rad)) > 0.005 || Math.cos(view.up_rad) < 0) return [];
   const px_per_m = pixelsPerMetre(view);
   const step_m = gridStep_m(px_per_m);
@@ -86,7 +87,7 @@ export function edgeLabels(view: MapView, reference: GeoPosition): EdgeLabel[] {
   const farthest_m = Math.max(Math.abs(box.west_m), Math.abs(box.east_m), Math.abs(box.south_m), Math.abs(box.north_m));
   if (farthest_m > FLAT_WITHIN_M) return [];
   const labelText = (metres: number, plus: string, minus: string): string =>
-    metres === 0 ? 'home' : `${lengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
+    metres === 0 ? reference.name : `${lengthText(Math.abs(metres))} ${metres > 0 ? plus : minus}`;
   const labels: EdgeLabel[] = [];
   for (const k of multiples(box.west_m, box.east_m, spacing_m)) {
     labels.push({ x: toPixel(view, positionAt(reference, { east_m: k * spacing_m, north_m: 0 })).x, y: 0, text: labelText(k * spacing_m, 'E', 'W') });

@@ -1,4 +1,4 @@
-/** What the map shows of the vehicles. The map reads it from the telemetry once per frame. */
+/** The vehicles as the map shows them, read from the telemetry once per frame. */
 
 import { identityColour } from '../../vehicle/names';
 import { vehicleFacts, type VehicleFacts } from '../../vehicle/facts';
@@ -49,13 +49,20 @@ export interface RequestedTargets {
   look: RequestedTarget | null;
 }
 
-/** Reference of all distances: the vehicle's home, or else its position. */
-export function referencePosition(facts: VehicleFacts): GeoPosition | null {
-  return facts.home?.value ?? facts.global?.value ?? null;
+/** The position from which the map shows distances, and its name in texts. */
+export interface DistanceReference extends GeoPosition {
+  name: 'home' | 'vehicle' | 'first point';
+}
+
+/** The vehicle's home, or else its position; without a vehicle, the first point of the edited layer. */
+export function distanceReference(facts: VehicleFacts | null, firstPoint: GeoPosition | null): DistanceReference | null {
+  if (facts === null) return firstPoint === null ? null : { ...firstPoint, name: 'first point' };
+  if (facts.home !== null) return { ...facts.home.value, name: 'home' };
+  return facts.global === null ? null : { ...facts.global.value, name: 'vehicle' };
 }
 
 /**
- * The streamed position setpoint on the earth, from the difference between setpoint and local position; null: none.
+ * Latitude and longitude of the streamed position setpoint, from the difference between setpoint and local position; null: none.
  * @param here global position of the vehicle.
  */
 function streamedSetpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | null {
@@ -65,7 +72,7 @@ function streamedSetpoint(facts: VehicleFacts, here: GeoPosition): MapTarget | n
   const [north, east, down] = stream.position_ned_m;
   if (north === null || east === null) return null;
   const position = positionAt(here, { north_m: north - at[0], east_m: east - at[1] });
-  return { ...position, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m above origin`}` };
+  return { ...position, kind: 'go', label: `target${down === null ? '' : ` ${fixed(-down, 1)} m above local origin`}` };
 }
 
 function previewTarget(id: string, preview: MapPreview | null): MapTarget | null {
@@ -127,7 +134,11 @@ export function mapVehicles(
     const here = { lat_deg, lon_deg };
     const requested = targetsOf(facts);
     const streamed = streamedSetpoint(facts, here);
-    const targets = [streamed ?? requestedTarget('go', 'go to', requested.go), requestedTarget('look', 'ROI', requested.look), previewTarget(id, preview)];
+    const targets = [
+      streamed ?? requestedTarget('go', 'go-to target', requested.go),
+      requestedTarget('look', 'ROI', requested.look),
+      previewTarget(id, preview),
+    ];
     vehicles.push({
       ...here,
       id,

@@ -62,7 +62,7 @@ export function whyNotGo(facts: VehicleFacts, mapPoint: GeoPosition): string | n
   if (facts.home === null) return NO_HOME;
   if (!facts.inAir) return 'The vehicle is on the ground: take off first.';
   const { text, unit } = metres(away_m);
-  return away_m > MAX_GO_DISTANCE_M ? `${text} ${unit} away: too far. Fly there in legs of at most ${MAX_GO_DISTANCE_M} m.` : null;
+  return away_m > MAX_GO_DISTANCE_M ? `${text} ${unit} away; the limit is ${MAX_GO_DISTANCE_M} m. Fly there in shorter legs.` : null;
 }
 
 /**
@@ -89,7 +89,7 @@ function whyNoCamera(facts: VehicleFacts): string | null {
 export function whyNotLook(facts: VehicleFacts, mapPoint: GeoPosition, point_home_m: number, inControl: boolean): string | null {
   const why = whyNoCamera(facts);
   if (why !== null) return why;
-  if (!inControl) return 'Take control of the gimbal first, on its card.';
+  if (!inControl) return 'First take control on the gimbal card.';
   const angles = lookAngles(facts, mapPoint, point_home_m);
   if (angles === null) return 'The vehicle’s heading is not known.';
   const range = angleLimits(facts.gimbal?.value ?? null);

@@ -79,12 +79,14 @@ describe('grid', () => {
     expect(box.east_m).toBeCloseTo((1000 + 800) / 2 / Math.SQRT2 / 4, 0);
     expect(gridLines(HERE, { west_m: 6e5, east_m: 7e5, south_m: 0, north_m: 1e5 }, 1000)).toEqual({ thin: [], strong: [] });
   });
-  it('labels the distance from home at its edges, only with north up', () => {
-    const labels = edgeLabels(view(1), HERE).map((l) => l.text);
+  it('labels the distance from the reference at its edges, only with north up', () => {
+    const home = { ...HERE, name: 'home' as const };
+    const labels = edgeLabels(view(1), home).map((l) => l.text);
     expect(labels).toContain('home');
     expect(labels).toContain('100 m E');
     expect(labels).toContain('300 m S');
-    expect(edgeLabels(view(1, { up_rad: 0.4 }), HERE)).toEqual([]);
+    expect(edgeLabels(view(1, { up_rad: 0.4 }), home)).toEqual([]);
+    expect(edgeLabels(view(1), { ...HERE, name: 'vehicle' }).map((l) => l.text)).toContain('vehicle');
   });
 });
 
@@ -118,7 +120,7 @@ describe('actions at a map point', () => {
     expect(whyNotGo(facts({ inAir: false }), EAST_30)).toMatch(/take off first/);
     expect(whyNotGo(facts({ home: null }), EAST_30)).toMatch(/home position is not known/);
     expect(whyNotGo(facts(), positionAt(HERE, { east_m: 1500, north_m: 0 }))).toMatch(/1500 m away/);
-    expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/Take control/);
+    expect(whyNotLook(facts(), EAST_30, 0, false)).toMatch(/take control/);
     expect(whyNotLook(facts({ gimbal: null }), EAST_30, 0, true)).toMatch(/no gimbal/);
     expect(whyNotLook(facts(), HERE, -1000, true)).toBeNull(); // straight down is −90°, within the limits
     expect(whyNotLook(facts(), EAST_30, 100, true)).toMatch(/range: pitch 71°/);

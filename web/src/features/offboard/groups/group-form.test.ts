@@ -61,7 +61,7 @@ describe('the group form', () => {
     const question = startQuestion(['1 Quad', '2 Quad'], { ...VELOCITY, startIn_s: '30', othersContinue: true });
     expect(question.title).toBe('Start group: 1 Quad and 2 Quad');
     expect(question.effect).toBe(
-      'All vehicles switch to Offboard at their current positions. In 30 s all fly 1.0 m/s north, 0.5 m/s down together. If two vehicles come closer than 5.0 m, only these two hold. After 5.0 s all switch to Hold. “Hold group” switches all to Hold at any time.',
+      'All vehicles switch to Offboard at their current positions. In 30 s all fly 1.0 m/s north, 0.5 m/s down together. If two vehicles come closer than 5.0 m, only these two switch to Hold. After 5.0 s all hold position, then switch to Hold. “Hold group” switches all to Hold at any time.',
     );
     expect(startQuestion(['1 Quad', '2 Quad'], MOVE).effect).toContain('This page renews the setpoints while it is visible');
   });

@@ -151,10 +151,10 @@ export function groupText(draft: Draft): string {
 export function startQuestion(names: readonly string[], draft: Draft): Question {
   const start = parseTyped(draft.startIn_s) === null ? 'Then' : `In ${fixed(parseTyped(draft.startIn_s), 0)} s`;
   const { valid_for_s, renew } = validityOf(draft);
-  const validity = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all switch to Hold`;
+  const validity = renew ? 'This page renews the setpoints while it is visible' : `After ${fixed(valid_for_s, 1)} s all hold position, then switch to Hold`;
   return {
     title: `Start group: ${joinNames(names)}`,
-    effect: `All vehicles switch to Offboard at their current positions. ${start} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two hold' : 'all hold'}. ${validity}. “Hold group” switches all to Hold at any time.`,
+    effect: `All vehicles switch to Offboard at their current positions. ${start} all ${groupText(draft)} together. If two vehicles come closer than ${fixed(parseTyped(draft.separation_m), 1)} m, ${draft.othersContinue ? 'only these two switch to Hold' : 'all switch to Hold'}. ${validity}. “Hold group” switches all to Hold at any time.`,
     verb: 'Start',
     danger: false,
   };

@@ -127,7 +127,7 @@ export function buildSetpoint(form: Form): Built {
     Object.assign(setpoint, { vehicle: form.followedVehicle, yaw: form.followYaw });
   } else if (spec.yaw !== 'none' && form.yawChoice !== 'none') {
     const value = parseTyped(form.yaw);
-    if (value === null) errors['yaw'] = 'Yaw: enter a number, or choose “Keep”.';
+    if (value === null) errors['yaw'] = 'Yaw: enter a number, or choose “Unchanged”.';
     else if (spec.yaw === 'offset') setpoint['yaw_offset_rad'] = wrapPi(value * RAD);
     else if (form.yawChoice === 'angle') setpoint['yaw_ned_rad'] = wrapPi(value * RAD);
     else setpoint['yaw_rate_ned_rad_s'] = value * RAD;

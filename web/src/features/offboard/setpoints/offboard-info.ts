@@ -70,7 +70,7 @@ export function limitsText(limits: OffboardLimits | null): string {
     (f) => `${f.label.toLowerCase()} ${limitText(limits.operator[f.name], f)} ${f.unit}`,
   );
   if (limits.operator.fence != null) parts.push('geofence');
-  if (!limits.operator.obstacle_brake) parts.push('does not stop before obstacles');
+  if (!limits.operator.obstacle_brake) parts.push('stop before obstacles: off');
   return parts.length === 0 ? 'no limits set here; the vehicle’s own limits apply' : parts.join(', ');
 }
 

@@ -84,7 +84,7 @@ function number(value: unknown, format: (v: number) => string): string | null {
 /** A setpoint as a short line, in the form's units: altitudes and climb positive up, angles in degrees. */
 export function setpointText(s: Readonly<Record<string, unknown>>): string {
   const parts = [
-    triple(s['position_ned_m'], 'm from origin', NED),
+    triple(s['position_ned_m'], 'm from local origin', NED),
     triple(s['offset_frd_m'], 'm', FRD),
     number(s['lat_deg'], (v) => v.toFixed(6)),
     number(s['lon_deg'], (v) => v.toFixed(6)),
@@ -102,10 +102,10 @@ export function setpointText(s: Readonly<Record<string, unknown>>): string {
           ['roll', 'pitch', 'yaw'],
         )
       : null,
-    typeof s['vehicle'] === 'string' ? `of ${s['vehicle']}` : null,
+    typeof s['vehicle'] === 'string' ? `from vehicle ${s['vehicle']}` : null,
     number(s['thrust'], (v) => `thrust ${fixed(v, 2)}`),
     number(s['yaw_ned_rad'], (v) => `yaw ${fixed((((v * DEG) % 360) + 360) % 360, 0)}°`),
-    number(s['yaw_offset_rad'], (v) => `turns ${fixed(v * DEG, 0, true)}°`),
+    number(s['yaw_offset_rad'], (v) => `turns by ${fixed(v * DEG, 0, true)}°`),
     number(s['yaw_rate_ned_rad_s'], (v) => `yaw ${fixed(v * DEG, 0, true)}°/s`),
   ];
   return [kindName(typeof s['type'] === 'string' ? s['type'] : null), ...parts.filter((p) => p !== null)].join('  ');

@@ -229,7 +229,7 @@ describe('the log of sent setpoints', () => {
 
   it('describes a setpoint in the form’s units', () => {
     expect(setpointText({ type: 'position', position_ned_m: [1, null, -3], yaw_ned_rad: -Math.PI / 2 })).toBe(
-      'Position  N 1.0 E – up 3.0 m from origin  yaw 270°',
+      'Position  N 1.0 E – up 3.0 m from local origin  yaw 270°',
     );
     expect(setpointText({ type: 'rates', rates_frd_rad_s: [0, 0, Math.PI], thrust: 0.5 })).toBe('Body rates  roll 0.0 pitch 0.0 yaw 180.0 °/s  thrust 0.50');
     expect(kindName('orbit')).toBe('orbit');
