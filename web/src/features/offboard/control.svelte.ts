@@ -43,7 +43,7 @@ const TRANSIENT_CODES: readonly string[] = ['unreachable', 'refused'];
 export class OffboardControl {
   nudgeSize = $state.raw<NudgeSize>(NUDGE_SIZES[1] ?? { label: '1 m', metres: 1, yaw_deg: 15 });
   private readonly renewers = new Map<string, SetpointRenewer>();
-  /** Called when this page sends a setpoint to a single vehicle, which then no longer follows its group. */
+  /** Called when this page sends a setpoint to one vehicle, which then no longer follows its group. */
   onVehicleSetpoint: (id: string) => void = () => undefined;
   /** Called when the server refuses a renewal: the setpoint will expire. */
   onRenewalRefused: (id: string, problem: Problem) => void = () => undefined;

@@ -7,7 +7,7 @@
 import type { AnySetpoint, Validity } from '../../vehicle/setpoint';
 
 /** Fraction of the validity after which the setpoint is renewed. */
-const REFRESH_AT = 0.3;
+const RENEW_AT = 0.3;
 
 export interface RenewedSetpoint {
   setpoint: AnySetpoint;
@@ -54,7 +54,7 @@ export class SetpointRenewer {
   /** @param streaming whether the server still streams for this vehicle. */
   tick(now_s: number, streaming: boolean): void {
     const current = this.current;
-    if (current === null || this.busy || now_s - this.sentAt_s < REFRESH_AT * current.validity.valid_for_s) return;
+    if (current === null || this.busy || now_s - this.sentAt_s < RENEW_AT * current.validity.valid_for_s) return;
     if (!streaming || !current.validity.renew || now_s - this.acceptedAt_s >= current.validity.valid_for_s) {
       this.stop();
       return;

@@ -1,7 +1,7 @@
-/** Reads the browser's gamepad 25 times a second, sends setpoints from its sticks, and stores why control by the sticks ended. */
+/** Reads the browser's gamepad 25 times a second, sends setpoints from its sticks, and stores why stick control ended. */
 
 import type { AnySetpoint } from '../../../vehicle/setpoint';
-import { Pilot, RATE_HZ, type PadSnapshot, type Step } from './pilot';
+import { StickControl, RATE_HZ, type PadSnapshot, type StickOutput } from './stick-control';
 import { SCALES, type PadMode } from './sticks';
 
 /** Buttons of the standard gamepad layout that a pilot can hold while flying. */
@@ -17,8 +17,8 @@ export interface GamepadHost {
   yaw_ned_rad: () => number | null;
   hoverThrust: () => number;
   send: (setpoint: AnySetpoint) => void;
-  /** Called after the last setpoint of the sticks was sent. */
-  release: () => void;
+  /** Called when stick control has ended and its last setpoint was sent. */
+  onEnd: () => void;
 }
 
 export class GamepadControl {
@@ -26,17 +26,17 @@ export class GamepadControl {
   selectedIndex = $state<number | null>(null);
   mode = $state<PadMode>('heading');
   scaleIndex = $state(0);
-  deadman = $state(5);
-  /** Result of the last reading; null before the first reading. */
-  step = $state.raw<Step | null>(null);
+  deadmanButton = $state(5);
+  /** Output for the newest state of the gamepad; null before the first reading. */
+  output = $state.raw<StickOutput | null>(null);
   axes = $state.raw<readonly number[]>([]);
-  /** Why control by the sticks ended; null if a person ended it. */
+  /** Why stick control ended; null if a person ended it. */
   endReason = $state<string | null>(null);
-  private readonly pilot = new Pilot(SCALES[0]?.scale ?? { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 }, 5);
+  private readonly stickControl = new StickControl(SCALES[0]?.scale ?? { speed_m_s: 1, climb_m_s: 0.5, turn_deg_s: 20, tilt_deg: 8 }, 5);
   private host: GamepadHost | null = null;
 
   get engaged(): boolean {
-    return this.step !== null && this.step.phase !== 'off';
+    return this.output !== null && this.output.phase !== 'off';
   }
 
   /** Starts to read the gamepad. @returns a function that stops it; the panel calls it when it closes. */
@@ -59,15 +59,15 @@ export class GamepadControl {
 
   engage(): void {
     this.endReason = null;
-    this.pilot.engage();
+    this.stickControl.engage();
     this.poll();
   }
 
   disengage(reason: string | null = null): void {
-    const stop = this.pilot.disengage();
+    const stop = this.stickControl.disengage();
     if (stop !== null) {
       this.host?.send({ ...stop });
-      this.host?.release();
+      this.host?.onEnd();
       this.endReason = reason;
     }
     this.poll();
@@ -83,22 +83,22 @@ export class GamepadControl {
     const pad = connected.find((p) => p.index === this.selectedIndex) ?? null;
     const snapshot: PadSnapshot | null = pad === null ? null : { index: pad.index, id: pad.id, axes: pad.axes, pressed: pad.buttons.map((b) => b.pressed) };
     this.axes = snapshot?.axes.slice(0, 4) ?? [];
-    this.pilot.mode = this.mode;
-    this.pilot.deadman = this.deadman;
-    this.pilot.scale = SCALES[this.scaleIndex]?.scale ?? this.pilot.scale;
+    this.stickControl.mode = this.mode;
+    this.stickControl.deadmanButton = this.deadmanButton;
+    this.stickControl.scale = SCALES[this.scaleIndex]?.scale ?? this.stickControl.scale;
     const inputs = {
       visible: document.visibilityState === 'visible',
       focused: document.hasFocus(),
       yaw_ned_rad: this.host?.yaw_ned_rad() ?? null,
       hoverThrust: this.host?.hoverThrust() ?? 0.5,
     };
-    const step = this.pilot.step(snapshot, inputs, performance.now() / 1000);
-    if (step.setpoint !== null) this.host?.send({ ...step.setpoint });
-    if (step.endReason !== null) {
-      this.endReason = step.endReason;
-      this.host?.release();
+    const output = this.stickControl.update(snapshot, inputs, performance.now() / 1000);
+    if (output.setpoint !== null) this.host?.send({ ...output.setpoint });
+    if (output.endReason !== null) {
+      this.endReason = output.endReason;
+      this.host?.onEnd();
     }
-    this.step = step;
+    this.output = output;
   }
 }
 

@@ -1,9 +1,9 @@
 import { describe, expect, it } from 'vitest';
-import { Pilot, type PadSnapshot, type PilotInputs } from './pilot';
+import { StickControl, type PadSnapshot, type StickControlInputs } from './stick-control';
 import { attitudeSetpoint, CENTRED, SCALES, STICK_CURVE, shapeAxis, STOP, sticksOf, velocitySetpoint, type Scale } from './sticks';
 
 const SCALE: Scale = { speed_m_s: 4, climb_m_s: 2, turn_deg_s: 90, tilt_deg: 20 };
-const READABLE: PilotInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
+const READABLE: StickControlInputs = { visible: true, focused: true, yaw_ned_rad: 1, hoverThrust: 0.5 };
 const pad = (axes: number[], held: boolean): PadSnapshot => ({ index: 0, id: 'pad', axes, pressed: [false, false, false, false, false, held] });
 const FORWARD = [0, 0, 0, -1];
 
@@ -54,61 +54,61 @@ describe('sticks', () => {
 });
 
 describe('the deadman button', () => {
-  function flying(mode: 'heading' | 'attitude' = 'heading'): Pilot {
-    const pilot = new Pilot(SCALE, 5);
-    pilot.mode = mode;
-    pilot.engage();
-    pilot.step(pad(FORWARD, false), READABLE, 0);
-    expect(pilot.step(pad(FORWARD, true), READABLE, 0.04).phase).toBe('flying');
-    return pilot;
+  function flying(mode: 'heading' | 'attitude' = 'heading'): StickControl {
+    const stickControl = new StickControl(SCALE, 5);
+    stickControl.mode = mode;
+    stickControl.engage();
+    stickControl.update(pad(FORWARD, false), READABLE, 0);
+    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.04).phase).toBe('flying');
+    return stickControl;
   }
 
   it('must be held, or the sticks command zero velocity', () => {
-    const pilot = new Pilot(SCALE, 5);
-    expect(pilot.step(pad(FORWARD, true), READABLE, 0).setpoint).toBeNull();
-    pilot.engage();
-    expect(pilot.step(pad(FORWARD, false), READABLE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP });
-    expect(pilot.step(pad(FORWARD, true), READABLE, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
+    const stickControl = new StickControl(SCALE, 5);
+    expect(stickControl.update(pad(FORWARD, true), READABLE, 0).setpoint).toBeNull();
+    stickControl.engage();
+    expect(stickControl.update(pad(FORWARD, false), READABLE, 0)).toMatchObject({ phase: 'ready', setpoint: STOP });
+    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.04).setpoint).toMatchObject({ velocity_frd_m_s: [4, 0, 0] });
   });
 
   it('has no effect if it was already held, until it is released once', () => {
-    const pilot = new Pilot(SCALE, 5);
-    pilot.engage();
-    expect(pilot.step(pad(FORWARD, true), READABLE, 0)).toMatchObject({ phase: 'release', setpoint: STOP });
-    pilot.step(pad(FORWARD, false), READABLE, 0.04);
-    expect(pilot.step(pad(FORWARD, true), READABLE, 0.08).phase).toBe('flying');
+    const stickControl = new StickControl(SCALE, 5);
+    stickControl.engage();
+    expect(stickControl.update(pad(FORWARD, true), READABLE, 0)).toMatchObject({ phase: 'release', setpoint: STOP });
+    stickControl.update(pad(FORWARD, false), READABLE, 0.04);
+    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.08).phase).toBe('flying');
   });
 
   it.each(['heading', 'attitude'] as const)('stops the vehicle on release (%s)', (mode) => {
-    expect(flying(mode).step(pad(FORWARD, false), READABLE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP, endReason: null });
+    expect(flying(mode).update(pad(FORWARD, false), READABLE, 0.08)).toMatchObject({ phase: 'ready', setpoint: STOP, endReason: null });
   });
 
   it.each([
     ['unplugged', null, READABLE],
     ['tab hidden', pad(FORWARD, true), { ...READABLE, visible: false }],
     ['window without focus', pad(FORWARD, true), { ...READABLE, focused: false }],
-  ])('does not keep the vehicle flying (%s): the vehicle stops, and control by the sticks ends with a reason', (_, snapshot, inputs) => {
-    const pilot = flying();
-    const step = pilot.step(snapshot, inputs, 0.08);
+  ])('does not keep the vehicle flying (%s): the vehicle stops, and stick control ends with a reason', (_, snapshot, inputs) => {
+    const stickControl = flying();
+    const step = stickControl.update(snapshot, inputs, 0.08);
     expect(step).toMatchObject({ phase: 'off', setpoint: STOP });
     expect(step.endReason).toMatch(/\.$/);
-    // Readable again with the button still held: the sticks command nothing until a person engages them again.
-    expect(pilot.step(pad(FORWARD, true), READABLE, 0.12).setpoint).toBeNull();
+    // Readable again with the button still held: the sticks command nothing until a person starts stick control again.
+    expect(stickControl.update(pad(FORWARD, true), READABLE, 0.12).setpoint).toBeNull();
   });
 
   it('turns the yaw setpoint by the stick, from the vehicle’s heading, without a jump after a pause', () => {
-    const pilot = flying('attitude');
-    const turned = pilot.step(pad([1, 0, 0, 0], true), READABLE, 0.08).setpoint;
+    const stickControl = flying('attitude');
+    const turned = stickControl.update(pad([1, 0, 0, 0], true), READABLE, 0.08).setpoint;
     expect(turned).toMatchObject({ type: 'attitude' });
     expect((turned as { yaw_ned_rad: number }).yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.04);
-    const afterPause = pilot.step(pad([1, 0, 0, 0], true), READABLE, 60).setpoint as { yaw_ned_rad: number };
+    const afterPause = stickControl.update(pad([1, 0, 0, 0], true), READABLE, 60).setpoint as { yaw_ned_rad: number };
     expect(afterPause.yaw_ned_rad).toBeCloseTo(1 + (Math.PI / 2) * 0.14);
-    expect(pilot.step(pad(FORWARD, true), { ...READABLE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP });
+    expect(stickControl.update(pad(FORWARD, true), { ...READABLE, yaw_ned_rad: null }, 60.04)).toMatchObject({ phase: 'off', setpoint: STOP });
   });
 
-  it('sends one stop when a person ends control by the sticks', () => {
-    const pilot = flying();
-    expect(pilot.disengage()).toEqual(STOP);
-    expect(pilot.disengage()).toBeNull();
+  it('sends one stop setpoint when a person ends stick control', () => {
+    const stickControl = flying();
+    expect(stickControl.disengage()).toEqual(STOP);
+    expect(stickControl.disengage()).toBeNull();
   });
 });

@@ -9,7 +9,7 @@ import { UNKNOWN_IDENTITY } from '../../../live/vehicle-state';
 import { editor } from '../setpoints/editor.svelte';
 import { isCommandable, joinNames, type Group } from './group';
 import {
-  axesKindOf,
+  motionOf,
   formText,
   validityOf,
   NEW_DRAFT,
@@ -25,8 +25,8 @@ import {
 
 class GroupDraft {
   fields = $state.raw<Draft>(NEW_DRAFT);
-  /** Whether a button was pressed; before, the form shows no errors. */
-  tried = $state(false);
+  /** False until a person presses Start, Send or Renew. */
+  showsErrors = $state(false);
 
   edit(changed: Partial<Draft>): void {
     this.fields = { ...this.fields, ...changed };
@@ -37,13 +37,13 @@ class GroupDraft {
   }
 
   problems(flying: boolean): Problems {
-    return this.tried ? problemsOf(this.fields, flying) : {};
+    return this.showsErrors ? problemsOf(this.fields, flying) : {};
   }
 
   /** Shows all errors of the form, or opens the confirmation if there are none. */
   requestStart(selected: VehicleFacts): void {
     const draft = this.fields;
-    this.tried = true;
+    this.showsErrors = true;
     if (Object.keys(problemsOf(draft, false)).length > 0) return;
     const names = draft.members.map((id) => page.factsOf(id)?.name ?? id);
     actions.requestForGroup(
@@ -53,7 +53,7 @@ class GroupDraft {
     );
   }
 
-  /** Starts the group. Offsets are relative to each vehicle's present position, not to its position when the confirmation opened. */
+  /** Starts the group. Offsets are relative to each vehicle's current position, not to its position when the confirmation opened. */
   private async start(draft: Draft): Promise<Outcome<unknown>> {
     const result = setpointsFor(factsOf(draft.members), draft);
     if (!result.ok) return noPositions(result);
@@ -61,10 +61,10 @@ class GroupDraft {
     return this.sendLogged(draft.members, draft, () => groups.start(startBody(result.setpoints, draft, page.store.nowUnixS()), validityOf(draft)));
   }
 
-  /** Sends new setpoints to all members that still follow the group; as in the room's other forms, without confirmation. */
+  /** Sends new setpoints to all members that still follow the group, without a confirmation, like the room's other forms. */
   async send(group: Group): Promise<void> {
     const draft = this.fields;
-    this.tried = true;
+    this.showsErrors = true;
     if (Object.keys(problemsOf(draft, true)).length > 0) return;
     const members = group.members.filter((m) => !m.held).map((m) => m.vehicle);
     await actions.attempt(`Group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', async (): Promise<Outcome<unknown>> => {
@@ -73,10 +73,10 @@ class GroupDraft {
     });
   }
 
-  /** Renews the group's present setpoints once, with the form's validity for their motion; if the form says so, this page continues to renew them. */
+  /** Renews the group's setpoints once, with the form's validity for their motion; this page continues to renew them if the form's checkbox is set. */
   async renew(group: Group): Promise<void> {
-    const renewed: Draft = { ...this.fields, motion: axesKindOf(group) };
-    this.tried = true;
+    const renewed: Draft = { ...this.fields, motion: motionOf(group) };
+    this.showsErrors = true;
     if ('valid' in problemsOf(renewed, true)) return;
     await actions.attempt(`Renewing group ${group.id}`, { name: joinNames(groups.names(group)) }, 'panel', () => groups.renew(group, validityOf(renewed)));
   }

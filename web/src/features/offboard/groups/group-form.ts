@@ -82,7 +82,7 @@ export function setpointFor(facts: VehicleFacts, draft: Draft): AnySetpoint | nu
 }
 
 /** The form's motion that fits a flying group's setpoints; each motion has its own validity. */
-export function axesKindOf(group: Group): GroupMotion {
+export function motionOf(group: Group): GroupMotion {
   return group.members.every((member) => member.ordered_type.startsWith('position')) ? 'move' : 'velocity';
 }
 

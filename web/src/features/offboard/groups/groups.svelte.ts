@@ -23,8 +23,8 @@ export class GroupController {
   private seenLive = $state.raw<ReadonlySet<string>>(new Set());
   private readonly renewer = new GroupRenewer((group, validity) => this.sendRenewal(group, validity));
   /**
-   * The setpoints that this page sent, by group key and vehicle. Each renewal sends them again, except to members that
-   * have got a single setpoint since.
+   * The setpoints that this page sent, by group key and vehicle. Each renewal sends them again, except to members to
+   * which this page has since sent a setpoint outside the group.
    */
   private readonly sentSetpoints = new Map<string, Map<string, AnySetpoint>>();
   private polledAt_s = -Infinity;
@@ -39,7 +39,7 @@ export class GroupController {
     /** Whether the page is visible. */
     private readonly isVisible: () => boolean,
     private readonly nameOf: (vehicle: string) => string,
-    /** Stops the renewal of a vehicle's single setpoint, which would conflict with the group. */
+    /** Stops the renewal of the setpoint that this page sent to the vehicle outside the group. */
     private readonly stopVehicleRenewal: (vehicle: string) => void,
   ) {}
 
@@ -109,7 +109,7 @@ export class GroupController {
     });
   }
 
-  /** Renews all present setpoints. */
+  /** Renews the setpoints of all members that follow the group. */
   renew(group: Group, validity: Validity): Promise<Outcome<Group>> {
     return this.enqueue(group, async () => {
       const outcome = await this.post(group, this.currentSetpoints(group), validity);
@@ -118,7 +118,7 @@ export class GroupController {
     });
   }
 
-  /** This page sent a single setpoint to the vehicle: renewals of the group no longer contain this vehicle. */
+  /** This page sent a setpoint to the vehicle outside the group: renewals of the group no longer contain this vehicle. */
   onVehicleSetpoint(vehicle: string): void {
     for (const setpoints of this.sentSetpoints.values()) setpoints.delete(vehicle);
   }
@@ -132,7 +132,7 @@ export class GroupController {
     });
   }
 
-  /** Shows a problem, for example a refused renewal, in the room. */
+  /** Shows a problem in the room, for example a refused renewal. */
   async showProblem(commandName: string, vehicleName: string, problem: Problem): Promise<void> {
     await this.actions.attempt(commandName, { name: vehicleName }, 'panel', () => Promise.resolve({ ok: false, problem }));
   }
@@ -157,7 +157,7 @@ export class GroupController {
     });
   }
 
-  /** Calls `send` after earlier requests to these vehicles have been answered, so that `send` reads the present setpoints. */
+  /** Calls `send` after earlier requests to these vehicles have been answered, so that `send` reads the newest setpoints. */
   private enqueue(group: Group, send: () => Promise<Outcome<Group>>): Promise<Outcome<Group>> {
     return this.queue.run(vehiclesOf(group), send);
   }

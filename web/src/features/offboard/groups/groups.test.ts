@@ -22,7 +22,7 @@ import {
 } from './group';
 import { GroupController } from './groups.svelte';
 import { GroupRenewer, type RenewalResult } from './renewer';
-import { axesKindOf } from './group-form';
+import { motionOf } from './group-form';
 import { vehicle } from './vehicle.fixture';
 
 const GROUP: Group = {
@@ -218,7 +218,7 @@ describe('the group controller', () => {
     return { controller, calls, world, stoppedRenewals, refused, settle };
   }
 
-  it('renews each member’s setpoint, except for members that got a single setpoint', async () => {
+  it('renews each member’s setpoint, except for members that got a setpoint outside the group', async () => {
     const { controller, calls, world, stoppedRenewals, settle } = setup();
     expect((await controller.start({ members: MEMBERS }, VALIDITY)).ok).toBe(true);
     expect(stoppedRenewals).toEqual(['1', '2']);
@@ -331,7 +331,7 @@ describe('the group controller', () => {
   });
 
   it('reads from the setpoint types whether a group moves together or flies a velocity', () => {
-    expect(axesKindOf(GROUP)).toBe('move');
-    expect(axesKindOf(groupWith({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
+    expect(motionOf(GROUP)).toBe('move');
+    expect(motionOf(groupWith({ members: GROUP.members.map((m) => ({ ...m, ordered_type: 'velocity' })) }))).toBe('velocity');
   });
 });

@@ -15,13 +15,13 @@ import type { FailsafeAction, LimitsBody, OffboardView } from './offboard-info';
 import { KINDS, specOf, type SetpointKind } from '../../../vehicle/setpoint-kinds';
 import { previewOf, previewText, type Preview } from './preview';
 import { SentLog, setpointText, type SentLine, type InputMethod } from './sent-log';
-import { SetpointStream, type Ack, type StreamState } from './stream';
+import { SetpointSocket, type Ack, type SocketState } from './setpoint-socket';
 
 /** Setpoint types with a position. By default this page renews them while it is open. */
 const POSITION_KINDS: readonly SetpointKind[] = ['position', 'position_global', 'position_body', 'trajectory', 'follow'];
 const POSITION_VALIDITY_S = 10;
 const MOTION_VALIDITY_S = 2;
-/** Validity of setpoints from a gamepad or a held handle [s]. */
+/** Validity of setpoints from a gamepad [s]; a dragged handle uses longer ones. */
 const DIRECT_VALIDITY_S = 0.5;
 export const DIRECT_VALIDITY: Validity = { valid_for_s: DIRECT_VALIDITY_S, on_expiry: { action: 'hold', hold_for_s: 5 }, renew: false };
 
@@ -36,41 +36,41 @@ class SetpointEditor {
   input = $state<InputMethod>('form');
   kind = $state<SetpointKind>('position');
   private forms = $state.raw<Readonly<Record<string, Form>>>({});
-  /** Whether a button was pressed; before, the form shows no errors. */
-  tried = $state(false);
+  /** False until a person presses Start or Send. */
+  showsErrors = $state(false);
   expiry = $state<OnExpiry['action']>('hold');
   private validForTexts = $state.raw<Readonly<Record<string, string>>>({});
   private renewChoices = $state.raw<Readonly<Record<string, boolean>>>({});
   /** The server's view of the vehicle's offboard state: available types, limits, failsafe. */
   view = $state.raw<OffboardView | null>(null);
   lines = $state.raw<readonly SentLine[]>([]);
-  drag = $state.raw<DragTarget | null>(null);
-  /** Whether setpoints are sent while a handle is dragged. */
-  live = $state(false);
+  dragTarget = $state.raw<DragTarget | null>(null);
+  /** Whether the page sends the target while a handle is dragged. */
+  sendsWhileDragging = $state(false);
   private vehicle: string | null = null;
   private readonly log = new SentLog();
-  private socket: { id: string; stream: SetpointStream } | null = null;
+  private connection: { vehicle: string; socket: SetpointSocket } | null = null;
   /** Log line of each setpoint without an acknowledgement, by sequence number. */
   private readonly unacknowledged = new Map<number, number>();
 
   /** Resets the state when another vehicle is selected. */
-  show(facts: VehicleFacts): void {
+  selectVehicle(facts: VehicleFacts): void {
     if (facts.id === this.vehicle) return;
     this.vehicle = facts.id;
-    this.closeStreamLater();
+    this.closeSocketLater();
     this.forms = {};
     this.view = null;
-    this.drag = null;
-    this.live = false;
-    this.tried = false;
+    this.dragTarget = null;
+    this.sendsWhileDragging = false;
+    this.showsErrors = false;
   }
 
-  /** The form of the chosen setpoint type; initially filled with the vehicle's present state. */
+  /** The form of the chosen setpoint type; initially filled with the vehicle's current state. */
   form(facts: VehicleFacts): Form {
     return this.forms[this.kind] ?? formFromCurrentState(this.kind, facts, this.hoverThrust);
   }
 
-  /** Fills the form with the vehicle's present state. A filled form stays unchanged unless `overwrite`. */
+  /** Fills the form with the vehicle's current state. A filled form stays unchanged unless `overwrite`. */
   fill(facts: VehicleFacts, overwrite = false): void {
     if (!overwrite && this.forms[this.kind] !== undefined) return;
     this.edit(formFromCurrentState(this.kind, facts, this.hoverThrust));
@@ -82,7 +82,7 @@ class SetpointEditor {
 
   choose(kind: SetpointKind): void {
     this.kind = kind;
-    this.tried = false;
+    this.showsErrors = false;
   }
 
   get hoverThrust(): number | null {
@@ -115,7 +115,7 @@ class SetpointEditor {
 
   preview(facts: VehicleFacts): Preview | null {
     if (this.input === 'gamepad' || this.input === 'group') return null;
-    if (this.input === 'drag') return this.drag === null ? null : { ...this.drag, isExtrapolated: false };
+    if (this.input === 'drag') return this.dragTarget === null ? null : { ...this.dragTarget, isExtrapolated: false };
     const built = buildSetpoint(this.form(facts));
     return built.ok ? previewOf(built.setpoint, facts) : null;
   }
@@ -173,13 +173,13 @@ class SetpointEditor {
   }
 
   private formSetpoint(facts: VehicleFacts): AnySetpoint | null {
-    this.tried = true;
+    this.showsErrors = true;
     const built = buildSetpoint(this.form(facts));
     return built.ok ? built.setpoint : null;
   }
 
   private dragSetpoint(): AnySetpoint | null {
-    return this.drag === null ? null : { type: 'position', ...this.drag };
+    return this.dragTarget === null ? null : { type: 'position', ...this.dragTarget };
   }
 
   private async send(facts: VehicleFacts, setpoint: AnySetpoint, validity: Validity): Promise<void> {
@@ -203,18 +203,18 @@ class SetpointEditor {
     return id;
   }
 
-  // --- the stream of gamepad and drag ---
+  // --- the WebSocket of gamepad and drag ---
 
-  /** Opens the stream for gamepad or drag; `onEnd` is called with the reason when it ends. */
-  openStream(id: string, onEnd: (reason: string) => void): void {
-    this.closeStream();
+  /** Opens the WebSocket to the server for gamepad or drag; `onEnd` is called with the reason when it closes. */
+  openSocket(id: string, onEnd: (reason: string) => void): void {
+    this.closeSocket();
     const url = page.socketUrl(`/vehicles/${encodeURIComponent(id)}/offboard/stream`);
-    const onState = (state: StreamState, reason: string | null): void => {
+    const onState = (state: SocketState, reason: string | null): void => {
       if (state === 'closed' && reason !== null) onEnd(reason);
     };
-    this.socket = {
-      id,
-      stream: new SetpointStream(
+    this.connection = {
+      vehicle: id,
+      socket: new SetpointSocket(
         url,
         () => performance.now() / 1000,
         (ack) => this.onAck(ack, onEnd),
@@ -223,27 +223,27 @@ class SetpointEditor {
     };
   }
 
-  /** Closes the stream after a short time, in which the server acknowledges the last setpoint. */
-  closeStreamLater(): void {
-    const closing = this.socket;
+  /** Closes the WebSocket after a short time, in which the server acknowledges the last setpoint. */
+  closeSocketLater(): void {
+    const closing = this.connection;
     setTimeout(() => {
-      if (closing !== null && this.socket === closing) this.closeStream();
+      if (closing !== null && this.connection === closing) this.closeSocket();
     }, CLOSE_DELAY_MS);
   }
 
-  closeStream(): void {
-    this.socket?.stream.close();
-    this.socket = null;
+  closeSocket(): void {
+    this.connection?.socket.close();
+    this.connection = null;
     this.unacknowledged.clear();
   }
 
-  /** Sends one setpoint of gamepad or drag over the open stream. */
+  /** Sends one setpoint of gamepad or drag over the open WebSocket. */
   sendDirect(input: InputMethod, setpoint: AnySetpoint, validity: Validity = DIRECT_VALIDITY): void {
-    if (this.socket === null) return;
+    if (this.connection === null) return;
     const { valid_for_s, on_expiry } = validity;
-    const seq = this.socket.stream.send({ setpoint, valid_for_s, on_expiry });
+    const seq = this.connection.socket.send({ setpoint, valid_for_s, on_expiry });
     if (seq === null) return;
-    offboard.onDirectControl(this.socket.id);
+    offboard.onDirectControl(this.connection.vehicle);
     this.unacknowledged.set(seq, this.recordSent(input, setpoint));
   }
 
@@ -258,37 +258,37 @@ class SetpointEditor {
 
   // --- drag ---
 
-  /** Sets the drag's target to the vehicle's position and yaw; to null if they are not known. */
-  dragFromVehicle(facts: VehicleFacts): void {
+  /** Sets the target to the vehicle's position and yaw; to null if they are not known. */
+  resetDragTarget(facts: VehicleFacts): void {
     const position_ned_m = facts.local?.value.position_ned_m;
     const yaw = facts.attitude?.value.yaw_ned_rad;
-    this.drag = position_ned_m === undefined || yaw === undefined ? null : { position_ned_m: [...position_ned_m] as Vector3, yaw_ned_rad: yaw };
+    this.dragTarget = position_ned_m === undefined || yaw === undefined ? null : { position_ned_m: [...position_ned_m] as Vector3, yaw_ned_rad: yaw };
   }
 
-  /** A person moved a handle in this page's 3D view. */
-  dragged(event: WireEvent): void {
+  /** Called when a person moved a handle in this page's 3D view. */
+  onSceneDrag(event: WireEvent): void {
     const position = event['position_ned_m'];
     const yaw = event['yaw_ned_rad'];
-    if (this.drag === null || event.vehicle !== this.vehicle || !Array.isArray(position)) return;
-    this.drag = { position_ned_m: position as Vector3, yaw_ned_rad: typeof yaw === 'number' ? yaw : this.drag.yaw_ned_rad };
-    if (this.live) this.sendLive(event['released'] === true);
+    if (this.dragTarget === null || event.vehicle !== this.vehicle || !Array.isArray(position)) return;
+    this.dragTarget = { position_ned_m: position as Vector3, yaw_ned_rad: typeof yaw === 'number' ? yaw : this.dragTarget.yaw_ned_rad };
+    if (this.sendsWhileDragging) this.sendDragTarget(event['released'] === true);
   }
 
-  /** Sends the drag's target: valid for 2 s while the handle is dragged, and renewed after the handle's release. */
-  sendLive(released: boolean): void {
+  /** Sends the target: valid for 2 s while the handle is dragged, and renewed after the handle's release. */
+  sendDragTarget(released: boolean): void {
     const setpoint = this.dragSetpoint();
-    if (setpoint === null || this.socket === null) return;
+    if (setpoint === null || this.connection === null) return;
     this.sendDirect('drag', setpoint, released ? { ...DIRECT_VALIDITY, valid_for_s: POSITION_VALIDITY_S } : { ...DIRECT_VALIDITY, valid_for_s: 2 });
-    if (released) void offboard.send(this.socket.id, setpoint, { ...DIRECT_VALIDITY, valid_for_s: POSITION_VALIDITY_S, renew: true });
+    if (released) void offboard.send(this.connection.vehicle, setpoint, { ...DIRECT_VALIDITY, valid_for_s: POSITION_VALIDITY_S, renew: true });
   }
 
-  setLive(facts: VehicleFacts, live: boolean): void {
-    this.live = live;
-    if (!live) this.closeStream();
+  setSendsWhileDragging(facts: VehicleFacts, isOn: boolean): void {
+    this.sendsWhileDragging = isOn;
+    if (!isOn) this.closeSocket();
     else
-      this.openStream(facts.id, () => {
-        this.live = false;
-        this.closeStream();
+      this.openSocket(facts.id, () => {
+        this.sendsWhileDragging = false;
+        this.closeSocket();
       });
   }
 }

@@ -52,7 +52,7 @@ const FOLLOW_OFFSET = { o0: -5, o1: 0, o2: 2 };
 /** Smallest offset when following [m]. */
 const FOLLOW_MIN_M = 2;
 
-/** A form filled with the vehicle's present state: sent unchanged, it keeps the vehicle where it is, if the type can. `hoverThrust` null: not known. */
+/** A form filled with the vehicle's current state. Sent unchanged, it holds the vehicle's position if the setpoint type controls the position. `hoverThrust` null: not known. */
 export function formFromCurrentState(kind: SetpointKind, facts: VehicleFacts, hoverThrust: number | null): Form {
   const spec = specOf(kind);
   const local = facts.local?.value.position_ned_m ?? null;

@@ -1,4 +1,4 @@
-/** The stream's health from the topic `offboard`; the ages are those of the present time, not of the last sample. */
+/** The stream's health from the topic `offboard`. Ages are counted until now, not until the time of the sample. */
 
 import type { components } from '../../../api/schema';
 

@@ -12,7 +12,7 @@ const PREDICTION_S = 3;
 export interface Preview {
   position_ned_m: Vector3;
   yaw_ned_rad: number | null;
-  /** True: a velocity setpoint reaches this position after `PREDICTION_S`. False: the setpoint contains the position. */
+  /** True: the vehicle reaches this position after `PREDICTION_S` at the velocity setpoint. False: the setpoint contains the position. */
   isExtrapolated: boolean;
 }
 

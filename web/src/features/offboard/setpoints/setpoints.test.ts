@@ -4,7 +4,7 @@ import { buildSetpoint, formFromCurrentState, setUncontrolled, parseTyped, type 
 import { KINDS, kindName } from '../../../vehicle/setpoint-kinds';
 import { bodyToNed, previewOf, previewOnMap, previewText } from './preview';
 import { SentLog, setpointText } from './sent-log';
-import { SetpointStream, type Ack, type SocketLike } from './stream';
+import { SetpointSocket, type Ack, type SocketLike } from './setpoint-socket';
 import { targetOf, eulerOf, Traces, WINDOW_S } from './traces';
 
 const reading = <T>(value: T): { value: T; age_s: number; stale: boolean } => ({ value, age_s: 0, stale: false });
@@ -32,7 +32,7 @@ const withField = (form: Form, key: string, text: string, isUncontrolled = false
 });
 
 describe('forms', () => {
-  it('start with the vehicle’s present state', () => {
+  it('start with the vehicle’s current state', () => {
     expect(validSetpoint(formFromCurrentState('position', FACTS, null))).toEqual({ type: 'position', position_ned_m: [10, 20, -5], yaw_ned_rad: Math.PI / 2 });
     expect(validSetpoint(formFromCurrentState('velocity', FACTS, null))['velocity_ned_m_s']).toEqual([0, 0, 0]);
     expect(validSetpoint(formFromCurrentState('position_global', FACTS, null))).toMatchObject({ lat_deg: 47, lon_deg: 8, alt_home_m: 5 });
@@ -149,24 +149,24 @@ class FakeSocket implements SocketLike {
   }
 }
 
-describe('the stream', () => {
-  function openStream(): { stream: SetpointStream; socket: FakeSocket; acks: Ack[]; endReasons: (string | null)[]; wait: (s: number) => void } {
-    const socket = new FakeSocket();
+describe('the setpoint fakeSocket', () => {
+  function openSocket(): { setpointSocket: SetpointSocket; fakeSocket: FakeSocket; acks: Ack[]; endReasons: (string | null)[]; wait: (s: number) => void } {
+    const fakeSocket = new FakeSocket();
     const acks: Ack[] = [];
     const endReasons: (string | null)[] = [];
     let now = 0;
-    const stream = new SetpointStream(
+    const setpointSocket = new SetpointSocket(
       'ws://x',
       () => now,
       (a) => acks.push(a),
       (state, reason) => {
         if (state === 'closed') endReasons.push(reason);
       },
-      () => socket,
+      () => fakeSocket,
     );
     return {
-      stream,
-      socket,
+      setpointSocket,
+      fakeSocket,
       acks,
       endReasons,
       wait: (s) => {
@@ -176,39 +176,39 @@ describe('the stream', () => {
   }
 
   it('numbers its setpoints and matches each acknowledgement to its setpoint by seq', () => {
-    const { stream, socket, acks, wait } = openStream();
-    expect(stream.send({ type: 'velocity' })).toBe(1);
+    const { setpointSocket, fakeSocket, acks, wait } = openSocket();
+    expect(setpointSocket.send({ type: 'velocity' })).toBe(1);
     wait(0.02);
-    socket.receive({ seq: 1, applied: { type: 'velocity' }, limited: ['slower'] });
-    socket.receive({ seq: 1, applied: {} });
-    socket.receive('{');
-    expect(socket.sent).toEqual([{ type: 'velocity', seq: 1 }]);
+    fakeSocket.receive({ seq: 1, applied: { type: 'velocity' }, limited: ['slower'] });
+    fakeSocket.receive({ seq: 1, applied: {} });
+    fakeSocket.receive('{');
+    expect(fakeSocket.sent).toEqual([{ type: 'velocity', seq: 1 }]);
     expect(acks).toEqual([{ seq: 1, applied: { type: 'velocity' }, limited: ['slower'], problem: null, superseded: false, roundTrip_s: 0.02 }]);
   });
 
   it('reports a refusal with the server’s text', () => {
-    const { stream, socket, acks } = openStream();
-    stream.send({});
-    socket.receive({ seq: 1, error: { title: 'Another client has control', detail: 'Vehicle 1 is controlled by tablet.', code: 'not_in_control' } });
+    const { setpointSocket, fakeSocket, acks } = openSocket();
+    setpointSocket.send({});
+    fakeSocket.receive({ seq: 1, error: { title: 'Another client has control', detail: 'Vehicle 1 is controlled by tablet.', code: 'not_in_control' } });
     expect(acks[0]?.problem).toMatchObject({ detail: 'Vehicle 1 is controlled by tablet.' });
     expect(acks[0]?.applied).toBeNull();
   });
 
   it('drops setpoints that the network cannot send in time', () => {
-    const { stream, socket } = openStream();
-    socket.bufferedAmount = 5000;
-    expect(stream.send({})).toBeNull();
-    expect(stream.droppedCount).toBe(1);
-    socket.bufferedAmount = 0;
-    socket.readyState = 0;
-    expect(stream.send({})).toBeNull();
-    expect(socket.sent).toEqual([]);
+    const { setpointSocket, fakeSocket } = openSocket();
+    fakeSocket.bufferedAmount = 5000;
+    expect(setpointSocket.send({})).toBeNull();
+    expect(setpointSocket.droppedCount).toBe(1);
+    fakeSocket.bufferedAmount = 0;
+    fakeSocket.readyState = 0;
+    expect(setpointSocket.send({})).toBeNull();
+    expect(fakeSocket.sent).toEqual([]);
   });
 
   it('reports its end once, with the reason', () => {
-    const { stream, socket, endReasons } = openStream();
-    socket.onclose?.({ reason: '' } as CloseEvent);
-    stream.close();
+    const { setpointSocket, fakeSocket, endReasons } = openSocket();
+    fakeSocket.onclose?.({ reason: '' } as CloseEvent);
+    setpointSocket.close();
     expect(endReasons).toEqual(['The connection to the server ended.']);
   });
 });

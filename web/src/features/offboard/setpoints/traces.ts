@@ -61,7 +61,7 @@ export interface TelemetrySample {
   unix_s: number;
   local: LocalPosition | null;
   attitude: Attitude | null;
-  /** The present target; null while the server streams no setpoints. */
+  /** The current target; null while the server streams no setpoints. */
   target: Target | null;
 }
 

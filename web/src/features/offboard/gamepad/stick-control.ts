@@ -1,6 +1,6 @@
 /**
  * Converts a gamepad's state to setpoints, 25 times a second. The sticks move the vehicle only while the deadman button is
- * held; the vehicle stops as soon as the button is released. Control by the sticks ends when the page cannot read them (gamepad
+ * held; when it is released, the setpoint is zero velocity. Stick control ends when the page cannot read the sticks (gamepad
  * unplugged, tab hidden, window without focus). Pure: callers pass the time.
  */
 
@@ -19,40 +19,41 @@ export interface PadSnapshot {
 }
 
 /** Inputs besides the gamepad. The page can read the sticks only while it is visible and has the focus. */
-export interface PilotInputs {
+export interface StickControlInputs {
   visible: boolean;
   focused: boolean;
-  /** The vehicle's present yaw; null is unknown. */
+  /** The vehicle's current yaw; null: not known. */
   yaw_ned_rad: number | null;
   hoverThrust: number;
 }
 
 /**
- * `release`: the pilot must release the deadman button once before it has an effect; `ready`: the vehicle stops and
- * hovers; `flying`: the sticks control the vehicle.
+ * `off`: no setpoints; `release`: the deadman button was held from the start and has no effect until the pilot releases it;
+ * `ready`: the button is released, the vehicle brakes and hovers; `flying`: the sticks control the vehicle.
  */
-export type PilotPhase = 'off' | 'release' | 'ready' | 'flying';
+export type StickPhase = 'off' | 'release' | 'ready' | 'flying';
 
-export interface Step {
-  phase: PilotPhase;
+/** The setpoint and the state after one reading of the gamepad. */
+export interface StickOutput {
+  phase: StickPhase;
   /** The setpoint to send now; null for none. */
   setpoint: PadSetpoint | null;
-  /** Why control by the sticks ended; null while it continues. */
+  /** Why stick control ended; null while it continues. */
   endReason: string | null;
   sticks: Sticks;
   /** Whether the deadman button is held. */
   held: boolean;
 }
 
-export class Pilot {
-  phase: PilotPhase = 'off';
+export class StickControl {
+  phase: StickPhase = 'off';
   mode: PadMode = 'heading';
   private yaw_ned_rad: number | null = null;
   private lastStep_s: number | null = null;
 
   constructor(
     public scale: Scale,
-    public deadman: number,
+    public deadmanButton: number,
   ) {}
 
   engage(): void {
@@ -60,17 +61,17 @@ export class Pilot {
     this.lastStep_s = null;
   }
 
-  /** The pilot ends control by the sticks. @returns one stop setpoint to send; null if control by the sticks had ended already. */
+  /** The pilot ends stick control. @returns one stop setpoint to send; null if stick control had ended already. */
   disengage(): PadSetpoint | null {
     const previous = this.phase;
     this.phase = 'off';
     return previous === 'off' ? null : STOP;
   }
 
-  step(pad: PadSnapshot | null, inputs: PilotInputs, now_s: number): Step {
+  update(pad: PadSnapshot | null, inputs: StickControlInputs, now_s: number): StickOutput {
     const sticks = pad === null ? CENTRED : sticksOf(pad.axes, STICK_CURVE);
-    const held = pad?.pressed[this.deadman] === true;
-    const result = (setpoint: PadSetpoint | null, endReason: string | null = null): Step => ({ phase: this.phase, setpoint, endReason, sticks, held });
+    const held = pad?.pressed[this.deadmanButton] === true;
+    const result = (setpoint: PadSetpoint | null, endReason: string | null = null): StickOutput => ({ phase: this.phase, setpoint, endReason, sticks, held });
     if (this.phase === 'off') return result(null);
     const endReason =
       reasonUnreadable(pad, inputs) ?? (this.mode === 'attitude' && inputs.yaw_ned_rad === null ? 'The vehicle no longer reports its heading.' : null);
@@ -97,7 +98,7 @@ export class Pilot {
   }
 }
 
-function reasonUnreadable(pad: PadSnapshot | null, inputs: PilotInputs): string | null {
+function reasonUnreadable(pad: PadSnapshot | null, inputs: StickControlInputs): string | null {
   if (pad === null) return 'The gamepad was disconnected.';
   if (!inputs.visible) return 'The page was hidden.';
   return inputs.focused ? null : 'The window lost focus.';

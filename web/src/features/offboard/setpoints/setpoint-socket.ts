@@ -19,9 +19,9 @@ export interface Ack {
   roundTrip_s: number;
 }
 
-export type StreamState = 'connecting' | 'open' | 'closed';
+export type SocketState = 'connecting' | 'open' | 'closed';
 
-/** The members of a WebSocket that the stream uses. */
+/** The members of a WebSocket that `SetpointSocket` uses. */
 export interface SocketLike {
   readyState: number;
   bufferedAmount: number;
@@ -37,8 +37,8 @@ const OPEN = 1;
 const MAX_BUFFERED_BYTES = 4096;
 const MAX_PENDING = 256;
 
-export class SetpointStream {
-  state: StreamState = 'connecting';
+export class SetpointSocket {
+  state: SocketState = 'connecting';
   /** Number of setpoints not sent because the network was too slow. */
   droppedCount = 0;
   private seq = 0;
@@ -50,7 +50,7 @@ export class SetpointStream {
     url: string,
     private readonly nowS: () => number,
     private readonly onAck: (ack: Ack) => void,
-    private readonly onState: (state: StreamState, reason: string | null) => void,
+    private readonly onState: (state: SocketState, reason: string | null) => void,
     openSocket: (url: string) => SocketLike = (address) => new WebSocket(address),
   ) {
     this.socket = openSocket(url);
@@ -79,7 +79,7 @@ export class SetpointStream {
     this.setState('closed', null);
   }
 
-  private setState(state: StreamState, reason: string | null): void {
+  private setState(state: SocketState, reason: string | null): void {
     if (this.state === 'closed') return;
     this.state = state;
     if (state === 'closed') this.sentTimes.clear();
