@@ -1,2 +1,2 @@
-// MapLibre wants a worker before it has anything to decode. Without tiles there is nothing: this one does just that,
-// and saves the page the loading of the real one.
+// An empty worker. MapLibre starts a worker even without tiles or layers to decode; the page then loads this file instead
+// of MapLibre's large worker.

@@ -9,7 +9,7 @@ import { fromPixel, nearestWithin, toPixel, type GeoPosition, type MapView, type
 /** If the pointer moves less than this, the gesture is a click [px]. */
 const CLICK_TOLERANCE_PX = 5;
 /** Reach of a midpoint, as a fraction of the reach of a point. */
-const MIDDLE_REACH = 0.7;
+const MIDPOINT_REACH = 0.7;
 
 /** Converts between positions and pixels of the map or of the 3D view. */
 export interface LayerView {
@@ -52,7 +52,7 @@ export function targetAt(view: LayerView, at: Pixel, points: readonly LayerPoint
   if (handle !== null) return { point: handle, part: 'handle' };
   const planPoints = points.filter((point) => point.mark !== 'midpoint');
   const midpoints = points.filter((point) => point.mark === 'midpoint');
-  const point = nearestWithin(view.pixelOf, at, planPoints, reach_px) ?? nearestWithin(view.pixelOf, at, midpoints, reach_px * MIDDLE_REACH);
+  const point = nearestWithin(view.pixelOf, at, planPoints, reach_px) ?? nearestWithin(view.pixelOf, at, midpoints, reach_px * MIDPOINT_REACH);
   return point === null ? null : { point, part: 'point' };
 }
 

@@ -81,7 +81,7 @@ export class MapEngine {
     this.map.on('render', events.drawn);
     for (const eventType of ['dragstart', 'rotatestart', 'zoomstart'] as const) {
       this.map.on(eventType, (event) => {
-        if (event.originalEvent !== undefined && (eventType !== 'zoomstart' || !this.zoomsAboutMiddle)) events.moved();
+        if (event.originalEvent !== undefined && (eventType !== 'zoomstart' || !this.zoomingAboutMiddle)) events.moved();
       });
     }
     const pressed = (event: MapMouseEvent): void => events.pressed({ x: event.point.x, y: event.point.y });
@@ -91,12 +91,12 @@ export class MapEngine {
     this.map.on('error', (event) => console.warn(`map: ${event.error.message}`));
   }
 
-  /** While the map follows a vehicle, the wheel zooms about the middle, so that the vehicle stays there. */
-  private zoomsAboutMiddle = false;
+  private zoomingAboutMiddle = false;
 
-  set followed(on: boolean) {
-    if (on === this.zoomsAboutMiddle) return;
-    this.zoomsAboutMiddle = on;
+  /** Whether the wheel zooms about the middle instead of the pointer: a followed vehicle then stays in the middle. */
+  set zoomsAboutMiddle(on: boolean) {
+    if (on === this.zoomingAboutMiddle) return;
+    this.zoomingAboutMiddle = on;
     const options = on ? ({ around: 'center' } as const) : true;
     for (const handler of [this.map.scrollZoom, this.map.touchZoomRotate]) {
       handler.disable(); // enable() ignores new options while the handler is enabled
@@ -111,7 +111,7 @@ export class MapEngine {
   }
 
   /** Shows a position at an offset from the middle, right and down [px], without animation. */
-  look(at: GeoPosition, offset_px: Pixel, zoom?: number): void {
+  jumpTo(at: GeoPosition, offset_px: Pixel, zoom?: number): void {
     const zoomed = zoom === undefined ? {} : { zoom };
     this.map.jumpTo({
       center: [at.lon_deg, at.lat_deg],

@@ -54,11 +54,11 @@ export class MapPointMenu {
     this.actions.dismiss('stage');
   }
 
-  /** Handles the server's event about a click in this page's 3D view. @param token of this page's 3D view. */
-  clickedIn3d(event: WireEvent, token: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
+  /** Handles the server's event about a click in this page's 3D view. @param viewId of this page's 3D view. */
+  clickedIn3d(event: WireEvent, viewId: string, size: { width: number; height: number }, facts: VehicleFacts | null): void {
     const number = (name: string): number | null => (typeof event[name] === 'number' ? (event[name] as number) : null);
     const [lat_deg, lon_deg, x, y] = [number('lat_deg'), number('lon_deg'), number('view_x'), number('view_y')];
-    if (event.kind !== 'scene_click' || event['view'] !== token || lat_deg === null || lon_deg === null) return;
+    if (event.kind !== 'scene_click' || event['view'] !== viewId || lat_deg === null || lon_deg === null) return;
     const in3d: Pixel = { x: (x ?? 0.5) * size.width, y: (y ?? 0.5) * size.height };
     this.open({ lat_deg, lon_deg, ground_amsl_m: number('alt_amsl_m'), in3d }, facts);
   }

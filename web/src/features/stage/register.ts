@@ -10,10 +10,10 @@ import Stage from './Stage.svelte';
 
 page.onEvent.push((event) => {
   // While a layer is edited, a click must not open the menu with commands.
-  if (mapLayers.edited === null) mapPointMenu.clickedIn3d(event, stage.token, stage.size, page.facts);
+  if (mapLayers.edited === null) mapPointMenu.clickedIn3d(event, stage.viewId, stage.size, page.facts);
 });
 page.onEvent.push((event) => {
-  if (event.kind === 'scene_gizmo' && event['view'] === stage.token) preview.onDrag?.(event);
+  if (event.kind === 'scene_gizmo' && event['view'] === stage.viewId) preview.onDrag?.(event);
 });
 provide('stage', stage);
 registry.addTo('stage', { order: 10, component: Stage });
@@ -22,7 +22,7 @@ registry.addWarnings(() => (stage.scene.phase === 'absent' ? [`No 3D view: ${sta
 registry.addCloser({ order: 70, isOpen: () => mapPointMenu.mapPoint !== null, close: () => mapPointMenu.close() });
 registry.addKeys([
   { order: 190, keys: 'M', description: 'Swap map and 3D', inScene: true, handlers: { m: () => stage.swap() } },
-  { order: 200, keys: 'F', description: 'Map follows the vehicle: on or off', inScene: true, handlers: { f: () => stage.map?.follow() } },
-  { order: 210, keys: 'Z', description: 'Zoom the map to the vehicle', inScene: true, handlers: { z: () => stage.map?.near() } },
+  { order: 200, keys: 'F', description: 'Map follows the vehicle: on or off', inScene: true, handlers: { f: () => stage.map?.toggleFollow() } },
+  { order: 210, keys: 'Z', description: 'Zoom the map to the vehicle', inScene: true, handlers: { z: () => stage.map?.zoomToVehicle() } },
   { order: 215, keys: 'U', description: 'Map north up', inScene: true, handlers: { u: () => stage.map?.northUp() } },
 ]);

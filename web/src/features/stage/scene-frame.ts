@@ -62,7 +62,7 @@ export function poseOf(inside: SceneWindow): CameraPose | null {
 }
 
 /** Moves the camera. */
-export function lookAt(inside: SceneWindow, { eye, target }: CameraPose): void {
+export function setPose(inside: SceneWindow, { eye, target }: CameraPose): void {
   const viser = inside.__viserMutable;
   void viser?.cameraControl?.setLookAt(...eye, ...target, 0); // 0: without a transition
   viser?.requestRender?.();

@@ -11,7 +11,7 @@ function shownOverview(): SceneOverview {
   const overview = new SceneOverview();
   overview.request('chase');
   expect(overview.next(CHASE, 'chase', false, false)).toBe('show');
-  overview.moved(CHASE, PLAN);
+  overview.recordMove(CHASE, PLAN);
   return overview;
 }
 
@@ -22,7 +22,7 @@ describe('the camera of the 3D view, when a plan is opened', () => {
     overview.request('chase');
     expect(overview.next(CHASE, 'chase', true, false)).toBeNull();
     expect(overview.next(CHASE, 'chase', false, false)).toBe('show');
-    overview.moved(CHASE, PLAN);
+    overview.recordMove(CHASE, PLAN);
     expect(overview.next(PLAN, 'chase', false, false)).toBeNull();
     expect(overview.next(CHASE, 'chase', false, false)).toBeNull();
   });
@@ -37,8 +37,8 @@ describe('the camera of the 3D view, when a plan is opened', () => {
   it('is not moved after a person has moved it or has chosen another camera mode', () => {
     const moved = shownOverview();
     expect(moved.next(MOVED_BY_PERSON, 'chase', false, false)).toBeNull();
-    moved.grow();
-    expect([moved.next(MOVED_BY_PERSON, 'chase', false, false), moved.next(MOVED_BY_PERSON, 'chase', false, true), moved.release(MOVED_BY_PERSON)]).toEqual([
+    moved.refit();
+    expect([moved.next(MOVED_BY_PERSON, 'chase', false, false), moved.next(MOVED_BY_PERSON, 'chase', false, true), moved.end(MOVED_BY_PERSON)]).toEqual([
       null,
       null,
       null,
@@ -53,7 +53,7 @@ describe('the camera of the 3D view, when a plan is opened', () => {
 
   it('shows the plan again when the server has compiled the path', () => {
     const overview = shownOverview();
-    overview.grow();
+    overview.refit();
     expect(overview.next(PLAN, 'chase', false, false)).toBe('show');
     expect(overview.next(PLAN, 'chase', false, false)).toBeNull();
   });
@@ -69,15 +69,15 @@ describe('the camera of the 3D view, when a plan is opened', () => {
     const armed = shownOverview();
     expect(armed.next(PLAN, 'chase', false, true)).toEqual(CHASE);
     expect([armed.isActive, armed.next(CHASE, 'chase', false, true)]).toEqual([false, null]);
-    expect(shownOverview().release(PLAN)).toEqual(CHASE);
+    expect(shownOverview().end(PLAN)).toEqual(CHASE);
     const twice = shownOverview();
-    twice.grow();
+    twice.refit();
     twice.next(PLAN, 'chase', false, false);
-    twice.moved(PLAN, MOVED_BY_PERSON);
-    expect(twice.release(MOVED_BY_PERSON)).toEqual(CHASE);
+    twice.recordMove(PLAN, MOVED_BY_PERSON);
+    expect(twice.end(MOVED_BY_PERSON)).toEqual(CHASE);
     const cancelled = shownOverview();
     cancelled.cancel();
-    expect(cancelled.release(PLAN)).toBeNull();
+    expect(cancelled.end(PLAN)).toBeNull();
   });
 });
 

@@ -27,8 +27,8 @@ type CameraMove = CameraPose | 'show' | null;
 export class SceneOverview {
   /** The camera mode at the request; null: no request. */
   private requestedMode: string | null = null;
-  /** The plan must be shown again. */
-  private isGrown = false;
+  /** Whether the plan must be shown again, because more of its path is known. */
+  private refitRequested = false;
   /** The poses before the overview and in the overview; null: no overview, or a person has moved the camera. */
   private shown: { readonly before: CameraPose; readonly set: CameraPose } | null = null;
 
@@ -38,13 +38,13 @@ export class SceneOverview {
   }
 
   /** Requests that the plan is shown again, because its path is now known, unless a person has moved the camera. */
-  grow(): void {
-    this.isGrown = this.shown !== null;
+  refit(): void {
+    this.refitRequested = this.shown !== null;
   }
 
   /** Ends the overview, because a person has moved the camera. */
   cancel(): void {
-    [this.requestedMode, this.isGrown, this.shown] = [null, false, null];
+    [this.requestedMode, this.refitRequested, this.shown] = [null, false, null];
   }
 
   /** Whether `next` may return a move. */
@@ -53,26 +53,26 @@ export class SceneOverview {
   }
 
   /**
-   * The move of the camera in this frame; after `show`, the caller reports the new pose to `moved`.
+   * The move of the camera in this frame; after `show`, the caller reports the new pose to `recordMove`.
    * @param follows whether the camera must follow: a vehicle is flying, or the camera follows a dry run. The overview
    *   then ends, and the camera returns to its earlier pose.
    */
   next(now: CameraPose, mode: string, inset: boolean, follows: boolean): CameraMove {
-    if (this.shown !== null && !isSame(this.shown.set, now)) [this.shown, this.isGrown] = [null, false];
-    if (follows) return this.release(now);
+    if (this.shown !== null && !isSame(this.shown.set, now)) [this.shown, this.refitRequested] = [null, false];
+    if (follows) return this.end(now);
     if (this.requestedMode !== null && this.requestedMode !== mode) this.requestedMode = null;
-    if (inset || (this.requestedMode === null && !this.isGrown)) return null;
-    [this.requestedMode, this.isGrown] = [null, false];
+    if (inset || (this.requestedMode === null && !this.refitRequested)) return null;
+    [this.requestedMode, this.refitRequested] = [null, false];
     return mode === 'gimbal' ? null : 'show';
   }
 
   /** Reports that the camera was moved to show the plan. */
-  moved(before: CameraPose, set: CameraPose): void {
+  recordMove(before: CameraPose, set: CameraPose): void {
     this.shown = { before: this.shown?.before ?? before, set };
   }
 
   /** Ends the overview. @returns the camera's pose before the overview; null: the camera stays. */
-  release(now: CameraPose): CameraPose | null {
+  end(now: CameraPose): CameraPose | null {
     const earlier = this.shown !== null && isSame(this.shown.set, now) ? this.shown.before : null;
     this.cancel();
     return earlier;

@@ -20,15 +20,15 @@ export interface SceneRequest {
   dry_run: SceneDryRun | null;
 }
 
-/** Commands that keyboard shortcuts send to the map. */
+/** Functions of the map that the stage and the keyboard shortcuts call. */
 export interface MapCommands {
-  follow: () => void;
-  near: () => void;
+  toggleFollow: () => void;
+  zoomToVehicle: () => void;
   northUp: () => void;
   /** Fits positions into the uncovered area. */
-  show: (positions: readonly GeoPosition[]) => void;
+  fit: (positions: readonly GeoPosition[]) => void;
   /** The middle of the uncovered area and the distance to its edge; null: the map is not drawn, or is the inset. */
-  middle: () => { at: GeoPosition; edgeDistance_m: number } | null;
+  visibleMiddle: () => { at: GeoPosition; edgeDistance_m: number } | null;
 }
 
 const RETRY_MS = 5000;
@@ -38,7 +38,7 @@ class StageState {
   scene = $state.raw<SceneState>({ phase: 'requested' });
   camera = $state<Camera>('chase');
   /** Identifies this page's 3D view on the server. */
-  readonly token = `page-${Math.random().toString(36).slice(2, 12)}`;
+  readonly viewId = `page-${Math.random().toString(36).slice(2, 12)}`;
   /** Size of the stage [px]. */
   size = $state.raw({ width: 0, height: 0 });
   /** Pixel on the stage of the map point whose menu is open; it changes when the map moves. */
@@ -50,11 +50,11 @@ class StageState {
   readonly middle = $derived(freeMiddle(this.size, covered()));
   map: MapCommands | null = null;
   /** Fits positions into the 3D view; null: the 3D view shows no layer. */
-  scenePositions: ((positions: readonly LayerPosition[]) => void) | null = null;
-  /** Moves of the 3D view's camera while a plan is open. */
+  fitScene: ((positions: readonly LayerPosition[]) => void) | null = null;
+  /** Moves the 3D view's camera to an opened plan and back. */
   readonly overview = new SceneOverview();
   /** The ground in the middle of the uncovered area of the 3D view; null: the 3D view shows no layer. */
-  sceneMiddle: MapCommands['middle'] | null = null;
+  visibleSceneMiddle: MapCommands['visibleMiddle'] | null = null;
   private pendingView: SceneRequest | null = null;
   private isMapChosen = $state(false);
   readonly main: 'map' | 'scene' = $derived(this.scene.phase === 'available' && !this.isMapChosen ? 'scene' : 'map');
@@ -73,23 +73,23 @@ class StageState {
   }
 
   showPositions(positions: readonly GeoPosition[]): void {
-    this.map?.show(positions);
-    if (this.main === 'scene') this.scenePositions?.(positions);
+    this.map?.fit(positions);
+    if (this.main === 'scene') this.fitScene?.(positions);
   }
 
   /** Shows an opened plan: the positions on the map, and once all layers in the 3D view, as soon as it is large. */
   showPlan(positions: readonly GeoPosition[]): void {
-    if (positions.length > 0) this.map?.show(positions);
+    if (positions.length > 0) this.map?.fit(positions);
     this.overview.request(this.camera);
   }
 
   /** Shows the opened plan again in the 3D view, because its path is now known. */
   refitPlan(): void {
-    this.overview.grow();
+    this.overview.refit();
   }
 
   visibleMiddle(): { at: GeoPosition; edgeDistance_m: number } | null {
-    return this.main === 'scene' ? (this.sceneMiddle?.() ?? null) : (this.map?.middle() ?? null);
+    return this.main === 'scene' ? (this.visibleSceneMiddle?.() ?? null) : (this.map?.visibleMiddle() ?? null);
   }
 
   /** Sets the pixel of the menu's point, only if it has changed, because each assignment lays out the menu again. */
@@ -100,14 +100,14 @@ class StageState {
 
   /** The iframe's URL with its initial state. */
   address(view: SceneRequest): string {
-    const query = new URLSearchParams({ view: this.token, mode: view.mode, theme: view.theme });
+    const query = new URLSearchParams({ view: this.viewId, mode: view.mode, theme: view.theme });
     if (view.vehicle !== null) query.set('vehicle', view.vehicle);
     return `${SCENE_URL}?${query}`;
   }
 
   /**
    * Sends the content to the 3D view: one request at a time, and after each request only the newest content. A failure
-   * is visible in the view, so there is no message.
+   * is visible in the 3D view, so the page shows no message.
    */
   async show(view: SceneRequest): Promise<void> {
     const isSending = this.pendingView !== null;
@@ -117,7 +117,7 @@ class StageState {
       sentView = this.pendingView;
       const { vehicle, ...rest } = sentView;
       const body = JSON.stringify(vehicle === null ? rest : sentView);
-      await fetch(`${SCENE_URL}view/${this.token}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
+      await fetch(`${SCENE_URL}view/${this.viewId}`, { method: 'POST', headers: { 'Content-Type': 'application/json' }, body }).catch(() => null);
     }
     this.pendingView = null;
   }
