@@ -36,7 +36,7 @@ SECTIONS: dict[str, tuple[str, Callable[[], Iterator[str]]]] = {
     "flights": ("Reference flights, simulated PX4 / real PX4", reference_flights.table),
     "ros2": ("Flights from ROS 2 messages, simulated PX4 / real PX4", ros2_flights.table),
     "faults": ("Faults, simulated PX4 / real PX4", faults.table),
-    "spread": ("Spread of simulated flights / of real PX4's", flight_spread.table),
+    "spread": ("Differences of repeated flights, simulated PX4 / real PX4", flight_spread.table),
     "dry_run": ("Dry runs", dry_run.table),
     "consumers": ("Server CPU compared with pymavlink and MAVProxy, same feed", consumers.table),
     "browser_cost": ("Server CPU for one open browser", browser_cost.table),

@@ -1,7 +1,7 @@
 """CPU time of the server for one open browser, compared with another version of the project in the same run.
 
 `python -m tests.bench.browser_cost [ROUNDS [OTHER_TREE]]`: OTHER_TREE is a checkout with its own `.venv`.
-Both servers get the same moving feed at the same time, and their processor time is read over the same
+Both servers get the same moving feed at the same time, and their CPU time is read over the same
 windows, so that the machine's other load affects both equally.
 """
 
@@ -25,7 +25,7 @@ from websockets.sync.client import ClientConnection
 
 from tests.station import free_port, is_up, running, server_command, wait_until
 
-from .process import family_cpu_s, load_average
+from .process import load_average, tree_cpu_s
 from .slow_browser import VEHICLES, open_scene, open_telemetry
 
 WARM_UP_S = 3.0
@@ -39,7 +39,7 @@ CONNECTIONS: dict[str, tuple[Callable[[str], ClientConnection], ...]] = {
     "the 3D view": (open_scene,),
     "both": (open_telemetry, open_scene),
 }
-"""Connections that the browser has open; each case is measured once per round."""
+"""Open connections of the browser, by case; each case is measured once per round."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +67,8 @@ class Usage:
 
     share: float
     """CPU share of one core, including the server's child processes."""
-    pictures_per_s: float
-    """Messages of the 3D view per second: a server with too little CPU time draws fewer pictures."""
+    scene_messages_per_s: float
+    """Messages of the 3D view per second: a server with too little CPU time sends fewer."""
 
 
 def _read(connection: ClientConnection, received: Counter[str], name: str) -> None:
@@ -77,26 +77,26 @@ def _read(connection: ClientConnection, received: Counter[str], name: str) -> No
             received[name] += 1
 
 
-def _usage(versions: Sequence[Version], opened: str) -> dict[str, Usage]:
+def _usage(versions: Sequence[Version], case: str) -> dict[str, Usage]:
     """Usage of each version by its name, over one window."""
     received: Counter[str] = Counter()
     with contextlib.ExitStack() as stack:
         for version in versions:
-            for connect in CONNECTIONS[opened]:
+            for connect in CONNECTIONS[case]:
                 connection = connect(version.url)
                 stack.callback(connection.socket.close)
                 name = version.name if connect is open_scene else "telemetry"
                 threading.Thread(target=_read, args=(connection, received, name), daemon=True).start()
         time.sleep(WARM_UP_S)
         received.clear()
-        before = [family_cpu_s(version.pid) for version in versions]
+        before = [tree_cpu_s(version.pid) for version in versions]
         began_s = time.monotonic()
         time.sleep(WINDOW_S)
-        after = [family_cpu_s(version.pid) for version in versions]
+        after = [tree_cpu_s(version.pid) for version in versions]
         took_s = time.monotonic() - began_s
-        pictures = Counter(received)
+        scene_messages = Counter(received)
     return {
-        v.name: Usage((b - a) / took_s, pictures[v.name] / took_s)
+        v.name: Usage((b - a) / took_s, scene_messages[v.name] / took_s)
         for v, a, b in zip(versions, before, after, strict=True)
     }
 
@@ -107,42 +107,42 @@ def measure(rounds: int, other: Path | None) -> Iterator[dict[str, dict[str, Usa
     if other is not None:
         trees = {"before": (str(other / ".venv/bin/python"), other), **trees}
     ports = [free_port() for _ in trees]
-    feed = [sys.executable, "-m", "tests.bench.feed", ",".join(map(str, ports)), str(VEHICLES), str(FEED_S)]
+    feed = ["-m", "tests.bench.feed", ",".join(map(str, ports)), str(VEHICLES), str(FEED_S), "moving"]
     with contextlib.ExitStack() as stack:
         versions = [
             _start(stack, name, python, tree, port)
             for (name, (python, tree)), port in zip(trees.items(), ports, strict=True)
         ]
-        sending = stack.enter_context(running([*feed, "moving"], stdout=subprocess.PIPE))
-        assert sending.stdout is not None
-        sending.stdout.readline()  # the feed is encoded and starts
+        feed_process = stack.enter_context(running([sys.executable, *feed], stdout=subprocess.PIPE))
+        assert feed_process.stdout is not None
+        feed_process.stdout.readline()  # the feed is encoded and starts
         for _ in range(rounds):
-            yield {opened: _usage(versions, opened) for opened in CONNECTIONS}
+            yield {case: _usage(versions, case) for case in CONNECTIONS}
 
 
 def table(rounds: int = ROUNDS, other: Path | None = None) -> Iterator[str]:
     """Rows of Markdown: medians over the rounds of the CPU share that the browser adds, in percent of one
     core."""
     added: dict[str, dict[str, list[float]]] = {}
-    pictures: dict[str, dict[str, list[float]]] = {}
+    scene_messages: dict[str, dict[str, list[float]]] = {}
     for usages in measure(rounds, other):
-        for opened, used in usages.items():
+        for case, used in usages.items():
             for name, each in used.items():
-                added_share = each.share - (usages["nothing"][name].share if opened != "nothing" else 0.0)
-                added.setdefault(opened, {}).setdefault(name, []).append(added_share * 100)
-                pictures.setdefault(opened, {}).setdefault(name, []).append(each.pictures_per_s)
+                added_share = each.share - (usages["nothing"][name].share if case != "nothing" else 0.0)
+                added.setdefault(case, {}).setdefault(name, []).append(added_share * 100)
+                scene_messages.setdefault(case, {}).setdefault(name, []).append(each.scene_messages_per_s)
     yield f"{VEHICLES} × 100 msg/s, moving; {rounds} rounds of {WINDOW_S:.0f} s, load {load_average()}.\n"
-    yield "| the browser has | before | now | ratio: median (range) | pictures a second: before, now |"
+    yield "| open connections | before | now | ratio: median (range) | 3D view, messages/s: before, now |"
     yield "|---|---|---|---|---|"
-    for opened, by_name in added.items():
+    for case, by_name in added.items():
         now, before = by_name["now"], by_name.get("before")
-        drawn = [f"{statistics.median(each):.0f}" for each in pictures[opened].values()]
-        cells = ["–", f"{statistics.median(now):.1f}", "–", ", ".join(drawn)]
+        message_rates = [f"{statistics.median(each):.0f}" for each in scene_messages[case].values()]
+        cells = ["–", f"{statistics.median(now):.1f}", "–", ", ".join(message_rates)]
         if before is not None:
             ratios = [n / b for n, b in zip(now, before, strict=True)]
             cells[0] = f"{statistics.median(before):.1f}"
             cells[2] = f"{statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})"
-        yield f"| {opened} | {' | '.join(cells)} |"
+        yield f"| {case} | {' | '.join(cells)} |"
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
-"""Dry runs: the speed of one flight and of a hundred, and the prediction compared with the flight
-afterwards."""
+"""Dry runs: the computing time of one flight and of a hundred, and the prediction compared with real-time
+flights of the same plan."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ CORNERS_NE_M = ((100.0, 0.0), (100.0, 100.0), (0.0, 100.0), (0.0, 20.0))
 HEIGHT_M = 15.0
 FLIGHTS = 100
 PREDICTED_FLIGHTS = 10
-SAME_PATH = ("separation",)
-"""Errors accepted at the start: all vehicles fly the same plan, and simulated vehicles cannot collide."""
+ACCEPTED_ERRORS = ("separation",)
+"""Errors of the plan check that the start accepts: all vehicles fly the same path; they cannot collide."""
 
-_FLY = """
+_DRY_RUN = """
 import json, sys, time
 from missions import documents
 from missions.dry_run.monte_carlo import monte_carlo
@@ -80,7 +80,7 @@ class Comparison:
 
 
 def plan_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) -> dict[str, Any]:
-    """A plan along these corners that lands at its start."""
+    """A waypoint plan through these corners that lands at its start."""
     origin = LocalOrigin(**HOME)
 
     def item(kind: str, north_m: float, east_m: float, height_m: float) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def plan_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) ->
 
 
 def mission_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M) -> dict[str, Any]:
-    """The same round as an offboard mission: a smooth trajectory through the corners."""
+    """An offboard mission through the same corners: take-off, a smooth trajectory, landing."""
     points = [{"offset_ned_m": [north_m, east_m, -HEIGHT_M]} for north_m, east_m in corners_ne_m]
     back = {"offset_ned_m": [0.0, 0.0, -HEIGHT_M]}
     steps = [
@@ -106,7 +106,7 @@ def mission_document(corners_ne_m: Sequence[tuple[float, float]] = CORNERS_NE_M)
     return {"format": "offboard-gcs-mission", "name": "Round", "home": HOME, "steps": steps}
 
 
-def speed(flights: int, plan: dict[str, Any]) -> tuple[float, float, float]:
+def run_times_s(flights: int, plan: dict[str, Any]) -> tuple[float, float, float]:
     """Duration of the flight, and CPU time and elapsed time of its dry run [s].
 
     Args:
@@ -114,7 +114,7 @@ def speed(flights: int, plan: dict[str, Any]) -> tuple[float, float, float]:
         plan: a waypoint plan or an offboard mission.
     """
     arguments = [json.dumps(plan), json.dumps(HOME), str(flights)]
-    command = [sys.executable, "-c", _FLY, *arguments]
+    command = [sys.executable, "-c", _DRY_RUN, *arguments]
     flown_s, spent_s, wall_s = json.loads(
         subprocess.run(command, capture_output=True, text=True, check=True).stdout
     )
@@ -161,7 +161,7 @@ async def _fly(gcs: Gcs, vehicle_id: str, plan: dict[str, Any]) -> RecordedFligh
         group.create_task(_watch(gcs, vehicle_id, flown))
         await flown.receiving.wait()
         start = partial(drone.offboard_mission.start, plan) if is_mission else drone.mission.start
-        await start(despite=SAME_PATH)
+        await start(despite=ACCEPTED_ERRORS)
     return flown
 
 
@@ -232,10 +232,10 @@ def table() -> Iterator[str]:
     load = f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     yield f"| dry runs ({load}) | measured | goal |"
     yield "|---|---|---|"
-    stack = 1.0 / flying_share(1, "", 20.0)
-    yield f"| the simulator alone, one vehicle in flight without links | {stack:.1f} x real time | 20 |"
-    for what, flights, plan, goal in SPEEDS:
-        flown_s, spent_s, wall_s = speed(flights, plan)
+    factor = 1.0 / flying_share(1, "", 20.0)
+    yield f"| the simulator alone, one vehicle in flight without links | {factor:.1f} x real time | 20 |"
+    for what, flights, plan, goal in SPEED_CASES:
+        flown_s, spent_s, wall_s = run_times_s(flights, plan)
         rates = f"{flown_s / spent_s:.1f} x real time by CPU time, {flown_s / wall_s:.1f} by the clock"
         yield f"| {what} of {flown_s:.0f} s, on one core | {rates} | {goal} |"
     for name, plan in (("waypoint plan", plan_document()), ("offboard mission", mission_document())):
@@ -260,7 +260,7 @@ def _spread(values: Sequence[float]) -> str:
     return ", ".join(f"{value:.1f}" for value in sorted(values))
 
 
-SPEEDS = (
+SPEED_CASES = (
     ("dry run of a waypoint plan", 0, plan_document(), 20),
     ("dry run of an offboard mission", 0, mission_document(), 20),
     (f"Monte Carlo of {FLIGHTS} flights of a waypoint plan", FLIGHTS, plan_document(((30.0, 0.0),)), 5),

@@ -1,4 +1,4 @@
-"""Recordings of a real PX4 with a fault, two runs of each: stimulus, reports, and the true motion."""
+"""Recordings of a real PX4 with a fault, two runs of each fault: stimulus, reports and true motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ REDUCED = Path(__file__).resolve().parents[1] / "data" / "faults.json"
 TIMES_S = (1.0, 2.0, 3.0, 5.0, 8.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0)
 """Times after the fault at which errors are compared."""
 MAX_TIME_S = 65.0
-"""Afterwards all vehicles lie on the ground."""
+"""After this time all vehicles are on the ground."""
 FLAGS = {
     "estimator_status_flags": (
         "cs_gnss_pos", "cs_gnss_vel", "cs_gps_hgt", "cs_baro_hgt", "cs_baro_fault", "cs_fake_hgt",
@@ -58,7 +58,7 @@ class FaultFlight:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A fault and PX4's two runs."""
+    """A fault, its stimulus, and PX4's two runs."""
 
     name: str
     parameters: dict[str, Any]
@@ -72,7 +72,7 @@ class Scenario:
 
 
 def load(name: str, folder: Path = FAULTS) -> Scenario:
-    """Read the recordings of a fault."""
+    """Reads the recordings of a fault."""
     runs = [_read(path) for path in sorted((folder / "data").glob(f"{name}.run*.json.gz"))]
     first = runs[0]
     first_row = next(row for row in first["rows"] if row[0] >= 0.0)

@@ -37,11 +37,12 @@ FloatArray = NDArray[np.float64]
 
 ARM_AT_S = 6.0
 HEIGHT_M = 10.0
-RETURN, TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 20, 22, 176, 192, 400
+RETURN_TO_LAUNCH, TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 20, 22, 176, 192, 400
 """Numbers of MAVLink commands."""
-AWAY_AT_S, AWAY_M = 18.0, 60.0
+OUTBOUND_AT_S, OUTBOUND_M = 18.0, 60.0
 RECORD_EVERY_STEPS = 5
 OFFBOARD, POSITION = 6, 3
+"""PX4's main modes."""
 MODE_AFTER_S = 1.0
 """Time from the start of a stream of setpoints or sticks to the switch to the mode that uses it."""
 MODE_OF = {"SET_POSITION_TARGET_LOCAL_NED": OFFBOARD, "MANUAL_CONTROL": POSITION}
@@ -56,43 +57,43 @@ class _ScenarioPlayer:
         self._sequence = 0
         self._due: list[tuple[float, Callable[[], None]]] = []
         if scenario.flies:
-            self._at(ARM_AT_S, self._command, ARM_DISARM, 1)
+            self._schedule(ARM_AT_S, self._command, ARM_DISARM, 1)
             altitude_m = sim.simulation.home.alt_amsl_m + HEIGHT_M
-            self._at(ARM_AT_S + 0.5, self._command, TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
-        if any(entry["fields"].get("command") == RETURN for entry in scenario.stimulus):
-            self._at(AWAY_AT_S, self._fly_north)
+            self._schedule(ARM_AT_S + 0.5, self._command, TAKEOFF, NAN, NAN, NAN, NAN, NAN, NAN, altitude_m)
+        if any(entry["fields"].get("command") == RETURN_TO_LAUNCH for entry in scenario.stimulus):
+            self._schedule(OUTBOUND_AT_S, self._fly_north)
         for entry in scenario.stimulus:
-            self._plan(entry)
+            self._schedule_stimulus(entry)
         for second in range(int(scenario.after_boot_s + scenario.ends_s) + 1):
             heartbeat = {"type": 6, "autopilot": 8, "mavlink_version": 3}
-            self._at(float(second), self._send, "HEARTBEAT", heartbeat)
+            self._schedule(float(second), self._send, "HEARTBEAT", heartbeat)
         self._due.sort(key=lambda each: each[0], reverse=True)
 
-    def _at(self, time_s: float, call: Callable[..., None], *arguments: Any) -> None:
+    def _schedule(self, time_s: float, call: Callable[..., None], *arguments: Any) -> None:
         self._due.append((time_s, lambda: call(*arguments)))
 
     def _fly_north(self) -> None:
-        """Flies 60 m to the north: the recorded vehicle returned from there."""
+        """Flies 60 m north: the recorded vehicle returned to launch from there."""
         home = self.sim.simulation.home
-        lat, lon = to_global(np.asarray(AWAY_M), np.asarray(0.0), home.lat_deg, home.lon_deg)
+        lat, lon = to_global(np.asarray(OUTBOUND_M), np.asarray(0.0), home.lat_deg, home.lon_deg)
         self._command(DO_REPOSITION, -1.0, 1.0, 0.0, NAN, float(lat), float(lon), home.alt_amsl_m + HEIGHT_M)
 
-    def _plan(self, entry: dict[str, Any]) -> None:
+    def _schedule_stimulus(self, entry: dict[str, Any]) -> None:
         name, fields = entry["message"], entry["fields"]
         at_s = self.scenario.after_boot_s + entry["t_s"]
         if "streamed_hz" in entry:
             every_s = 1.0 / entry["streamed_hz"]
             for k in range(int((self.scenario.after_boot_s + self.scenario.ends_s - at_s) / every_s)):
-                self._at(at_s + k * every_s, self._send, name, {"coordinate_frame": 1} | fields)
-            self._at(at_s + MODE_AFTER_S, self._command, DO_SET_MODE, 1, MODE_OF[name])
+                self._schedule(at_s + k * every_s, self._send, name, {"coordinate_frame": 1} | fields)
+            self._schedule(at_s + MODE_AFTER_S, self._command, DO_SET_MODE, 1, MODE_OF[name])
         elif name == "PARAM_SET":
-            self._at(at_s, self.sim.set_parameter, self.row, fields["param_id"], fields["value"])
+            self._schedule(at_s, self.sim.set_parameter, self.row, fields["param_id"], fields["value"])
         elif name == "driver":
-            self._at(at_s, self._control_driver, fields["command"])
+            self._schedule(at_s, self._control_driver, fields["command"])
         elif name == "model fault":
-            self._at(at_s, self._set_world_faults, fields)
+            self._schedule(at_s, self._set_world_faults, fields)
         else:
-            self._at(at_s, self._send, name, fields)
+            self._schedule(at_s, self._send, name, fields)
 
     def tick(self) -> None:
         """Executes the calls that are due."""

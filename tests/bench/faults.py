@@ -19,16 +19,16 @@ from .fault_recordings import FaultFlight, Scenario
 
 RUN_DIFFERENCES = 1.5
 """A number may lie this many differences of PX4's two runs outside their range."""
-SOON_S = 0.35
+MOMENT_LIMIT_S = 0.35
 """Limit for flags, failsafes and texts. PX4's two runs agree within 0.15 s (0.3 s after a driver stopped).
 Most of these moments depend on a GPS fix, which comes every 0.125 s."""
-ON_THE_GROUND_S = 15.0
+TOUCHDOWN_LIMIT_S = 15.0
 """Limit for the touch-down without GPS and everything after it. In the recordings GPS was lost at the same
 time after boot, with the same sequence of noise, so they agree within 9 s. But their vertical speeds were
 wrong by -0.2 to 0.7 m/s, so a descent at 0.7 m/s minus that error takes 11 s or more."""
 DESCENT_DIFFERENCE_M_S = 0.4
 """Allowed difference of a descent without GPS, for the same reason."""
-TOUCH = ("ground_contact=1", "cs_in_air=0")
+TOUCHDOWN_FLAGS = ("ground_contact=1", "cs_in_air=0")
 RANDOM_MOMENTS = ("ground_contact", "battery_warning=1 (2)", "battery_warning=2 (2)")
 """Moments that may occur or not. Ground contact changes repeatedly in six of 26 recorded landings. A battery
 that is full again after disarming passes its warning levels within 0.2 s, and PX4 checks them every 0.1 s."""
@@ -54,12 +54,12 @@ the north or south, whether the barometer is used, or whether the fix returns be
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "simulator.md"
 HEADER = "| fault | moments | outside | errors and accuracies | outside | the first outside | why |"
 """Header of the table in that document with a reason for each fault outside its limits."""
-SIDE_BY_SIDE = 24
+FLIGHTS_PER_SIMULATION = 24
 """Number of flights in one simulation."""
 
 
 @dataclass(frozen=True, slots=True)
-class Outside:
+class OutOfLimits:
     """A number outside its limits."""
 
     what: str
@@ -78,9 +78,9 @@ class Comparison:
     """Number of compared moments."""
     numbers: int
     """Number of compared errors and accuracies."""
-    late: tuple[Outside, ...]
+    moments_outside: tuple[OutOfLimits, ...]
     """Moments outside their limits."""
-    off: tuple[Outside, ...]
+    errors_outside: tuple[OutOfLimits, ...]
     """Errors and accuracies outside their limits."""
 
 
@@ -89,9 +89,9 @@ def compare(scenario: Scenario, flown: FaultFlight) -> Comparison:
     until_s = SIMILAR_FOR_S.get(scenario.name, scenario.ends_s)
     late, moments = _moments(scenario, flown, until_s)
     first, second = scenario.runs
-    until_s = min(until_s, *(_touched_s(run) for run in (first, second, flown)))
+    until_s = min(until_s, *(_touchdown_s(run) for run in (first, second, flown)))
     position_lost_s = max(run.moments_s.get("xy_valid=0", math.inf) for run in scenario.runs)
-    off: list[Outside] = []
+    off: list[OutOfLimits] = []
     numbers = 0
     for t_s in sorted(at for at in set(first.at) & set(second.at) & set(flown.at) if at < until_s):
         for key, limit in SLACK.items():
@@ -99,36 +99,36 @@ def compare(scenario: Scenario, flown: FaultFlight) -> Comparison:
             descent = DESCENT_DIFFERENCE_M_S if key == "true_height_above_ground" else 0.0
             slack = limit + descent * max(0.0, t_s - position_lost_s)
             pair = first.at[t_s][key], second.at[t_s][key]
-            if not _near(flown.at[t_s][key], pair, slack, FACTOR.get(key, 1.0)):
-                off.append(Outside(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
+            if not _is_within(flown.at[t_s][key], pair, slack, FACTOR.get(key, 1.0)):
+                off.append(OutOfLimits(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
     return Comparison(scenario.name, moments, numbers, tuple(late), tuple(off))
 
 
-def _moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[list[Outside], int]:
+def _moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[list[OutOfLimits], int]:
     """Moments that are outside the times of PX4's runs or in neither run; and the number of compared
     moments."""
     first, second = (run.moments_s for run in scenario.runs)
-    touched_s = min(map(_touched_s, scenario.runs))
-    late: list[Outside] = []
+    touchdown_s = min(map(_touchdown_s, scenario.runs))
+    late: list[OutOfLimits] = []
     common = [key for key in sorted(set(first) & set(second)) if max(first[key], second[key]) < until_s]
     for key in common:
         pair = first[key], second[key]
-        limit_s = SOON_S if max(pair) < touched_s - SOON_S else ON_THE_GROUND_S
+        limit_s = MOMENT_LIMIT_S if max(pair) < touchdown_s - MOMENT_LIMIT_S else TOUCHDOWN_LIMIT_S
         found_s = flown.moments_s.get(key, math.nan)
-        if not _near(found_s, pair, limit_s, 1.0):
-            late.append(Outside(key, found_s, pair))
+        if not _is_within(found_s, pair, limit_s, 1.0):
+            late.append(OutOfLimits(key, found_s, pair))
     for key in sorted(set(flown.moments_s) - set(first) - set(second)):
         if flown.moments_s[key] < until_s and not key.startswith(RANDOM_MOMENTS):
-            late.append(Outside(key, flown.moments_s[key], (math.nan, math.nan)))
+            late.append(OutOfLimits(key, flown.moments_s[key], (math.nan, math.nan)))
     return late, len(common)
 
 
-def _touched_s(run: FaultFlight) -> float:
+def _touchdown_s(run: FaultFlight) -> float:
     """Time of the touch-down; infinite without a touch-down."""
-    return min((run.moments_s[key] for key in TOUCH if key in run.moments_s), default=math.inf)
+    return min((run.moments_s[key] for key in TOUCHDOWN_FLAGS if key in run.moments_s), default=math.inf)
 
 
-def _near(value: float, pair: tuple[float, float], limit: float, factor: float) -> bool:
+def _is_within(value: float, pair: tuple[float, float], limit: float, factor: float) -> bool:
     low, high = min(pair), max(pair)
     slack = max(limit, RUN_DIFFERENCES * (high - low))
     if factor > 1.0:
@@ -147,10 +147,12 @@ def compare_all(scenarios: list[Scenario], seed: int = 0, times: int = 1) -> lis
     """Flies each scenario `times` times and compares every flight."""
     scenarios.sort(key=lambda scenario: scenario.ends_s)
     found: list[Comparison] = []
-    for start in range(0, len(scenarios), SIDE_BY_SIDE):
-        side_by_side = [each for each in scenarios[start : start + SIDE_BY_SIDE] for _ in range(times)]
-        flown = fault_replay.fly(side_by_side, seed=seed)
-        found += map(compare, side_by_side, flown)
+    for start in range(0, len(scenarios), FLIGHTS_PER_SIMULATION):
+        scenarios_together = [
+            each for each in scenarios[start : start + FLIGHTS_PER_SIMULATION] for _ in range(times)
+        ]
+        flown = fault_replay.fly(scenarios_together, seed=seed)
+        found += map(compare, scenarios_together, flown)
     return sorted(found, key=lambda each: each.name)
 
 
@@ -186,19 +188,30 @@ def rows(comparisons: list[Comparison], why: dict[str, str]) -> Iterator[str]:
     }
     outside: set[str] = set()
     for name, group in flights.items():
-        first = next((each for flight in group for each in (*flight.late, *flight.off)), None)
+        first = next(
+            (each for flight in group for each in (*flight.moments_outside, *flight.errors_outside)), None
+        )
         if first is None:
             continue
         outside.add(name)
         late, off = (
             " and ".join(str(len(each)) for each in kind)
-            for kind in ([flight.late for flight in group], [flight.off for flight in group])
+            for kind in (
+                [flight.moments_outside for flight in group],
+                [flight.errors_outside for flight in group],
+            )
         )
         reason = why.get(name, "NO REASON: give it a row in docs/simulator.md")
         compared = group[0].moments, late, group[0].numbers, off
         yield f"| {name} | {' | '.join(map(str, compared))} | {_text(first)} | {reason} |"
-    moments, late = sum(each.moments for each in comparisons), sum(len(each.late) for each in comparisons)
-    numbers, off = sum(each.numbers for each in comparisons), sum(len(each.off) for each in comparisons)
+    moments, late = (
+        sum(each.moments for each in comparisons),
+        sum(len(each.moments_outside) for each in comparisons),
+    )
+    numbers, off = (
+        sum(each.numbers for each in comparisons),
+        sum(len(each.errors_outside) for each in comparisons),
+    )
     yield ""
     yield f"{len(flights)} faults, {len(comparisons)} flights: of {moments} moments {late} are outside,"
     yield f"of {numbers} errors and accuracies {off}."
@@ -206,7 +219,7 @@ def rows(comparisons: list[Comparison], why: dict[str, str]) -> Iterator[str]:
         yield f"STALE: {name} is within its limits; remove its row from docs/simulator.md."
 
 
-def _text(outside: Outside) -> str:
+def _text(outside: OutOfLimits) -> str:
     first, second = outside.recorded
     if math.isnan(first):
         return f"{outside.what}: {outside.simulated:.2f}, PX4 never"

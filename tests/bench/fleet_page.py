@@ -15,7 +15,7 @@ from playwright.sync_api import CDPSession, Page, sync_playwright
 from tests.station import free_port, server, vehicle, wait_until
 from tools.ensure_browser import installed_chromium
 
-from .page import FLAGS
+from .page import CHROMIUM_FLAGS
 from .process import cpu_share, load_average
 
 VEHICLES = 100
@@ -51,7 +51,7 @@ def _vehicles(api: httpx.Client) -> list[dict[str, Any]]:
 
 
 class Meter:
-    """Processor time of the page's main thread and of the server over a window.
+    """CPU share of the page's main thread and of the server over a window.
 
     Args:
         page: the measured page.
@@ -87,10 +87,10 @@ def _took_ms(page: Page, act: Callable[[], None], condition: str) -> float:
 def table(count: int = VEHICLES) -> Iterator[str]:
     """Rows of Markdown, as they are measured."""
     yield f"{count} vehicles at {ALT_HOME_M:.0f} m, 1280 × 800; shares of one core.\n"
-    yield "| shown | load average | page's main thread | of it script | server |"
+    yield "| shown | load average | page's main thread | of that, script | server |"
     yield "|---|---|---|---|---|"
     with sync_playwright() as playwright, flying(count) as (url, server_pid):
-        browser = playwright.chromium.launch(executable_path=installed_chromium(), args=list(FLAGS))
+        browser = playwright.chromium.launch(executable_path=installed_chromium(), args=list(CHROMIUM_FLAGS))
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.goto(url)
         page.locator("canvas").first.wait_for(state="visible", timeout=60_000)

@@ -20,23 +20,23 @@ from .flight_replay import Replay
 
 FloatArray = NDArray[np.float64]
 
-PART_OF_SIZE = 0.05
-"""Allowed error as part of the manoeuvre's size."""
+ERROR_FRACTION = 0.05
+"""Allowed error, as a fraction of the manoeuvre's size."""
 GRID_S = 0.02
-FIRST_MOTION = 0.1
-"""Part of the manoeuvre that counts as first motion."""
+FIRST_MOTION_FRACTION = 0.1
+"""Fraction of the manoeuvre's size at which the motion begins."""
 FIRST_MOTION_ROWS = 3
 """Number of consecutive rows: a single row may be gyro noise."""
-RISEN = 0.8
-"""As part of the distance; the last fifth of a slow approach is GPS drift."""
-SETTLED = 0.1
-"""Distance from the final value, as part of the distance, within which a response has settled."""
-STEP_END = 0.6
-"""A response that ends above this part of its maximum is a step, otherwise a pulse."""
+RISE_FRACTION = 0.8
+"""The rise ends at this fraction of the distance: the last fifth of a slow approach is GPS drift."""
+SETTLING_FRACTION = 0.1
+"""A response has settled within this fraction of the distance around its final value."""
+STEP_FRACTION = 0.6
+"""A response that ends above this fraction of its maximum is a step, otherwise a pulse."""
 END_ROWS = 25
 """Number of last rows whose mean is the final value."""
-STEP_RISE = 0.1
-"""Allowed difference of rise times, as part of the real one."""
+RISE_TIME_FRACTION = 0.1
+"""Allowed difference of the rise times, as a fraction of the real rise time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,14 +117,14 @@ MANOEUVRES: dict[str, Manoeuvre] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Shape:
-    """Properties of one response."""
+class StepResponse:
+    """Rise, overshoot and settling of one response."""
 
     first_motion_s: float
     rise_s: float
     """Time from the first motion to 80 % of the distance."""
     overshoot: float
-    """As part of the distance."""
+    """As a fraction of the distance."""
     settling_s: float
     """Time after which the response stays within 10 % of its final value; NaN: it does not settle."""
 
@@ -141,19 +141,19 @@ class Comparison:
     path_error_m: float
     """RMS of the position since the first motion, for any controlled quantity."""
     path_limit_m: float
-    sim: Shape
-    real: Shape
+    sim: StepResponse
+    real: StepResponse
     rise_limit_s: float
     comparable: bool
     """Whether PX4's second flight is comparable with its first."""
 
     @property
-    def near(self) -> bool:
+    def within_limit(self) -> bool:
         """Whether the error is within its limit."""
         return self.error <= self.limit
 
     @property
-    def rises_alike(self) -> bool:
+    def rise_agrees(self) -> bool:
         """Whether the rise times agree; also True if a flight has no rise."""
         gap = abs(self.sim.rise_s - self.real.rise_s)
         return not gap > self.rise_limit_s + 1e-9  # both are multiples of the grid
@@ -178,12 +178,12 @@ def compare(recording: Recording, replay: Replay, manoeuvre: Manoeuvre | None = 
     real, sim = Track(recording), Track(replay)
     grid = grid_of(manoeuvre, real, sim)
     size = math.nan
-    real_shape = sim_shape = Shape(math.nan, math.nan, math.nan, math.nan)
+    real_response = sim_response = StepResponse(math.nan, math.nan, math.nan, math.nan)
     if manoeuvre.rising is not None:
         size = size_of(real.at(manoeuvre.rising, grid))
-        real_shape = shape_of(grid, real.at(manoeuvre.rising, grid), size)
-        sim_shape = shape_of(grid, sim.at(manoeuvre.rising, grid), size)
-    lag_s = sim_shape.first_motion_s - real_shape.first_motion_s
+        real_response = response_of(grid, real.at(manoeuvre.rising, grid), size)
+        sim_response = response_of(grid, sim.at(manoeuvre.rising, grid), size)
+    lag_s = sim_response.first_motion_s - real_response.first_motion_s
     # No alignment: gyro noise hides the first motion of a rate, and without a command there is no motion.
     lag_s = 0.0 if math.isnan(lag_s) or quantity is RATE else lag_s
     last_s = min(float(grid[-1]) + GRID_S, float(sim.t_s[-1]))
@@ -194,9 +194,11 @@ def compare(recording: Recording, replay: Replay, manoeuvre: Manoeuvre | None = 
               "°": recording.spread.attitude_deg}.get(quantity.unit, math.nan)  # fmt: skip
     return Comparison(
         recording.name, quantity, size * quantity.scale, error * quantity.scale,
-        float(np.nanmax([PART_OF_SIZE * abs(size) * quantity.scale, quantity.floor, spread])),
-        path_error_m, max(0.3, float(np.nan_to_num(recording.spread.position_m))), sim_shape, real_shape,
-        max(STEP_RISE * abs(real_shape.rise_s), float(np.nan_to_num(recording.spread.rise_s)), 3 * GRID_S),
+        float(np.nanmax([ERROR_FRACTION * abs(size) * quantity.scale, quantity.floor, spread])),
+        path_error_m, max(0.3, float(np.nan_to_num(recording.spread.position_m))),
+        sim_response, real_response,
+        max(RISE_TIME_FRACTION * abs(real_response.rise_s), float(np.nan_to_num(recording.spread.rise_s)),
+            3 * GRID_S),
         recording.spread.comparable,
     )  # fmt: skip
 
@@ -224,21 +226,23 @@ def size_of(values: FloatArray) -> float:
     return float(offsets[np.argmax(np.abs(offsets))])
 
 
-def shape_of(grid: FloatArray, values: FloatArray, sign: float) -> Shape:
-    """Measures a response as part of its distance: of a step the final value, of a pulse the peak."""
+def response_of(grid: FloatArray, values: FloatArray, sign: float) -> StepResponse:
+    """Measures a response relative to its distance: a step's final value, or a pulse's peak."""
     farthest = float((values - values[0]).max()) if sign > 0.0 else float((values - values[0]).min())
     final = float(np.mean(values[-END_ROWS:])) - values[0]
-    size = final if abs(final) > STEP_END * abs(farthest) else farthest
+    size = final if abs(final) > STEP_FRACTION * abs(farthest) else farthest
     offsets = (values - values[0]) / size if size else np.zeros_like(values)
-    beyond = np.lib.stride_tricks.sliding_window_view(offsets >= FIRST_MOTION, FIRST_MOTION_ROWS).all(axis=1)
-    moved, risen = np.flatnonzero(beyond), np.flatnonzero(offsets >= RISEN)
+    beyond = np.lib.stride_tricks.sliding_window_view(
+        offsets >= FIRST_MOTION_FRACTION, FIRST_MOTION_ROWS
+    ).all(axis=1)
+    moved, risen = np.flatnonzero(beyond), np.flatnonzero(offsets >= RISE_FRACTION)
     first_s = float(grid[moved[0]]) if len(moved) else math.nan
     rise_s = float(grid[risen[0]]) - first_s if len(risen) else math.nan
     end = float(np.mean(offsets[-END_ROWS:]))
-    outside = np.flatnonzero(np.abs(offsets - end) > SETTLED)
+    outside = np.flatnonzero(np.abs(offsets - end) > SETTLING_FRACTION)
     settling_s = (
         float(grid[outside[-1]]) - grid[0]
         if len(outside) and outside[-1] < len(offsets) - END_ROWS - 1
         else math.nan
     )
-    return Shape(first_s, rise_s, float(offsets.max()) - end, float(settling_s))
+    return StepResponse(first_s, rise_s, float(offsets.max()) - end, float(settling_s))

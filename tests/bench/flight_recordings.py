@@ -77,7 +77,7 @@ class Recording:
 
 
 def load(name: str, folder: Path = FLIGHTS) -> Recording:
-    """Read one recording."""
+    """Reads one recording."""
     raw = json.loads(gzip.decompress((folder / f"{name}.json.gz").read_bytes()))
     table = np.array([[math.nan if v is None else v for v in row] for row in raw["rows"]], dtype=float)
     columns = {column: table[:, k] for k, column in enumerate(raw["columns"])}

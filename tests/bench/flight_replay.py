@@ -30,16 +30,16 @@ Script = Generator[None, None, None]
 
 OFFBOARD, HOLD, ORBIT = 0x60000, 0x3040000, 0x1030000
 RECORD_EVERY_STEPS = 2
-GIVE_UP_S = 150.0
-HOVER_S = 25.5
+TIMEOUT_S = 150.0
+HOVER_THRUST_SETTLING_S = 25.5
 """Time that the hover thrust estimate needs after the climb to settle, as it had in the recordings."""
 OVERLAP_S = {"rate_yaw_pulse": 0.05, "att_pitch_m10_yaw_30": 0.3}
 USUAL_OVERLAP_S = 0.45
 """Time for which both controllers were active after a change of the kind of setpoint. PX4 publishes the
 active controllers twice a second, and no message shows the phase: it is estimated from each recording."""
 NAN = math.nan
-CALM, CALM_NOISY = (0.05, 0.3), (0.3, 1.5)
-"""Limits for hovering: speed [m/s] and distance [m] along each axis. With noise the estimate drifts."""
+HOVER_LIMITS, HOVER_LIMITS_NOISY = (0.05, 0.3), (0.3, 1.5)
+"""Limits of a hover on each axis: speed [m/s], distance from the goal [m]. With noise the estimate drifts."""
 ORBIT_BEFORE_HOLD = (-20.0, 5.0, 1.0)
 """Radius, speed and yaw behaviour of the orbit before `orbit_to_hold` switches to Hold."""
 STEADY_ORBIT_M = 21.05
@@ -47,7 +47,7 @@ STEADY_ORBIT_M = 21.05
 CENTRE_M = {"orbit_r10_v3": (0.01, -0.49)}
 """Centre of a commanded orbit in the local frame of its recording (north, east), calculated from the recorded
 headings. The origin of that frame has the GPS error of the moment when it was set."""
-SPEED_BEFORE = {"reposition_50m_then_stop": 8.0}
+CRUISE_SPEED_M_S = {"reposition_50m_then_stop": 8.0}
 """Cruise speed remaining from the previous flight [m/s]."""
 
 
@@ -66,11 +66,13 @@ class CannotStart(Exception):
 class _StimulusPlayer:
     """The ground station of one vehicle: prepares it and sends it the stimulus of one recording."""
 
-    def __init__(self, sim: VehicleSim, row: int, recording: Recording, calm: tuple[float, float]) -> None:
+    def __init__(
+        self, sim: VehicleSim, row: int, recording: Recording, hover_limits: tuple[float, float]
+    ) -> None:
         self.sim = sim
         self.row = row
         self.recording = recording
-        self._calm_at = calm
+        self._hover_limits = hover_limits
         self.began_s = NAN
         self._sequence = 0
         self._heartbeat_s = 0.0
@@ -89,7 +91,7 @@ class _StimulusPlayer:
         self.sim.feed(self.row, "gcs", frame_v2(layout, payload, self._sequence, 255, 190))
 
     def send_stimulus(self, name: str, fields: dict[str, Any]) -> None:
-        """Sends a part of the stimulus: by MAVLink, or by the internal interface."""
+        """Sends one message of the stimulus: by MAVLink, or by the simulator's internal interface."""
         if name in INTERNAL:
             getattr(self.sim.autopilots[self.row].offboard, name)(**fields)
         else:
@@ -127,8 +129,8 @@ class _StimulusPlayer:
     def mode(self) -> int:
         return self.sim.autopilots[self.row].commander.custom_mode()
 
-    def _is_calm(self, goal: Sequence[float]) -> bool:
-        fastest_m_s, radius_m = self._calm_at
+    def _is_hovering(self, goal: Sequence[float]) -> bool:
+        fastest_m_s, radius_m = self._hover_limits
         speed = float(np.abs(self.sim.simulation.estimate.velocity_ned_m_s[self.row]).max())
         return speed < fastest_m_s and float(np.abs(self.position - np.asarray(goal)).max()) < radius_m
 
@@ -148,16 +150,16 @@ class _StimulusPlayer:
             yield
 
     def _until(
-        self, condition: Callable[[], bool], what: str, each: Callable[[], None] | None = None
+        self, condition: Callable[[], bool], what: str, on_step: Callable[[], None] | None = None
     ) -> Script:
         start_s = self.now_s
         while not condition():
-            if self.now_s - start_s > GIVE_UP_S:
+            if self.now_s - start_s > TIMEOUT_S:
                 raise CannotStart(
                     f"{self.recording.name}: {what}, at {self.position.round(2)} in {self.mode:#x}"
                 )
-            if each is not None:
-                each()
+            if on_step is not None:
+                on_step()
             yield
 
     # --- flying ----------------------------------------------------------------------------------------
@@ -203,10 +205,10 @@ class _StimulusPlayer:
             goal = (column["x"], column["y"], -height)
             self.reposition(goal[0], goal[1], height, column["syaw"])
             yield from self._wait(2.0)
-            yield from self._until(lambda: self._is_calm(goal), f"arriving at {goal}")
+            yield from self._until(lambda: self._is_hovering(goal), f"arriving at {goal}")
             yield from self._wait(10.0)
-            if recording.name in SPEED_BEFORE:
-                self.command(178, 1, SPEED_BEFORE[recording.name], -1)
+            if recording.name in CRUISE_SPEED_M_S:
+                self.command(178, 1, CRUISE_SPEED_M_S[recording.name], -1)
                 yield from self._wait(0.1)
 
     def _hold_by_setpoints(self, height: float, yaw_rad: float) -> Script:
@@ -224,11 +226,11 @@ class _StimulusPlayer:
         self.command(176, 1, 6)
         end_s = self.now_s + 3.0
         goal = (0.0, 0.0, -height)
-        yield from self._until(lambda: self.now_s > end_s and self._is_calm(goal), "holding", stream)
+        yield from self._until(lambda: self.now_s > end_s and self._is_hovering(goal), "holding", stream)
         phase_s = self.recording.control_change_s % PUBLISH_EVERY_S
         if math.isnan(phase_s):
             phase_s = OVERLAP_S.get(self.recording.name, USUAL_OVERLAP_S)
-        end_s = self.now_s + HOVER_S - phase_s
+        end_s = self.now_s + HOVER_THRUST_SETTLING_S - phase_s
         yield from self._until(lambda: self.now_s > end_s, "holding", stream)
 
     def _orbit(self, height: float) -> Script:
@@ -297,8 +299,8 @@ def fly(recordings: Sequence[Recording], *, noise: bool = False, seed: int = 0) 
     )  # fmt: skip
     for row in range(count):
         _stop_streams(sim, row)
-    calm = CALM_NOISY if noise else CALM
-    players = [_StimulusPlayer(sim, row, recording, calm) for row, recording in enumerate(recordings)]
+    hover_limits = HOVER_LIMITS_NOISY if noise else HOVER_LIMITS
+    players = [_StimulusPlayer(sim, row, recording, hover_limits) for row, recording in enumerate(recordings)]
     log = _Log(sim)
     step_s = sim.simulation.dt_s
     waiting = True

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import flight_recordings, flight_replay
-from .flight_comparison import GRID_S, MANOEUVRES, XYZ, Track, grid_of, rms, shape_of, size_of
+from .flight_comparison import GRID_S, MANOEUVRES, XYZ, Track, grid_of, response_of, rms, size_of
 from .flight_recordings import FloatArray, Recording
 
 FLIGHTS = 4
@@ -61,11 +61,11 @@ def _rises_s(axis: str | None, real: Track, tracks: list[Track], grid: FloatArra
     if axis is not None:
         size = size_of(real.at(axis, grid))
         for track in tracks:
-            yield shape_of(grid, track.at(axis, grid), size).rise_s
+            yield response_of(grid, track.at(axis, grid), size).rise_s
 
 
 def table() -> Iterator[str]:
-    """For `make bench`."""
+    """Rows of Markdown."""
     if not flight_recordings.FLIGHTS.is_dir():
         yield "The recordings (../shared/px4/flights) are not beside this checkout."
         return

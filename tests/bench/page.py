@@ -25,10 +25,10 @@ from .process import cpu_share, load_average, quantiles_ms
 
 VEHICLES = 10
 WARM_UP_S = 15.0
-FRAMES_S = 15.0
-SHOWN_S = 180.0
-MAP_ONLY_S = 60.0
-FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+FRAMES_WINDOW_S = 15.0
+SCENE_WINDOW_S = 180.0
+MAP_WINDOW_S = 60.0
+CHROMIUM_FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 PARTS: tuple[str, ...] = ("first load", "map", "3D view")
 
 _FRAMES = """ms => new Promise(done => {
@@ -118,7 +118,7 @@ def _metrics(cdp: CDPSession) -> dict[str, float]:
 
 
 def _processes_s(browser: CDPSession) -> dict[str, float]:
-    """Processor time by kind of process [s]."""
+    """CPU time by kind of process [s]."""
     used: dict[str, float] = {}
     for process in browser.send("SystemInfo.getProcessInfo")["processInfo"]:
         used[process["type"]] = used.get(process["type"], 0.0) + process["cpuTime"]
@@ -142,7 +142,7 @@ def _measure(title: str, browser: Browser, page: Page, server_pid: int, window_s
     after, now_used = _metrics(cdp), _processes_s(all_cdp)
     took_s, load = time.monotonic() - began_s, load_average()
     heap_end_mb = _heap_mb(cdp)
-    frames_ms: list[float] = page.evaluate(_FRAMES, FRAMES_S * 1000)
+    frames_ms: list[float] = page.evaluate(_FRAMES, FRAMES_WINDOW_S * 1000)
 
     def share(name: str) -> float:
         return (after[name] - before[name]) / took_s
@@ -193,9 +193,14 @@ def table() -> Iterator[str]:
     sizes: dict[str, int] = {}
     rows: list[Measured] = []
     with sync_playwright() as playwright:
-        for scene, title, window_s in ((True, "3D and map", SHOWN_S), (False, "map only", MAP_ONLY_S)):
+        for scene, title, window_s in (
+            (True, "3D and map", SCENE_WINDOW_S),
+            (False, "map only", MAP_WINDOW_S),
+        ):
             print(f"page: {title}, {window_s:.0f} s", file=sys.stderr, flush=True)
-            browser = playwright.chromium.launch(executable_path=installed_chromium(), args=list(FLAGS))
+            browser = playwright.chromium.launch(
+                executable_path=installed_chromium(), args=list(CHROMIUM_FLAGS)
+            )
             with flying(scene=scene) as (url, server_pid):
                 requested_urls: set[str] = set()
                 page = _open(browser, url, requested_urls)

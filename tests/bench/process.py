@@ -1,4 +1,4 @@
-"""Values of a process and its ports from the kernel, and quantiles for the tables."""
+"""CPU time, memory and dropped datagrams from the kernel, and quantiles for the tables."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 
 
 def cpu_s(pid: int) -> float:
-    """Processor time that a process has used, user and system [s] (fields 14 and 15 of proc(5) stat)."""
+    """CPU time that a process has used, user and system [s] (fields 14 and 15 of proc(5) stat)."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / _TICKS_PER_S
 
 
-def family(pid: int) -> list[int]:
+def process_tree(pid: int) -> list[int]:
     """A process and all its descendants, including those started by its threads."""
     children = [c for task in Path(f"/proc/{pid}/task").glob("*/children") for c in task.read_text().split()]
-    return [pid, *(each for child in children for each in family(int(child)))]
+    return [pid, *(each for child in children for each in process_tree(int(child)))]
 
 
-def family_cpu_s(pid: int) -> float:
+def tree_cpu_s(pid: int) -> float:
     """CPU time of all living threads of a process and its descendants [s].
 
     proc(5): schedstat counts nanoseconds, stat only ticks.
     """
-    tasks = (task for each in family(pid) for task in Path(f"/proc/{each}/task").glob("*/schedstat"))
+    tasks = (task for each in process_tree(pid) for task in Path(f"/proc/{each}/task").glob("*/schedstat"))
     return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
 
 
 def cpu_share(pid: int, window_s: float, *, with_children: bool = False) -> float:
     """CPU share of a process (and those it started) over a window from now (1 = one core)."""
-    pids = family(pid) if with_children else [pid]
+    pids = process_tree(pid) if with_children else [pid]
     before, began_s = sum(map(cpu_s, pids)), time.monotonic()
     time.sleep(window_s)
     return (sum(map(cpu_s, pids)) - before) / (time.monotonic() - began_s)

@@ -25,7 +25,7 @@ _VELOCITY = ("vx", "vy", "vz")
 _IDLE_US, _SPAN_US = 1000.0, 1000.0
 
 
-def without_gps(airframe: Airframe, flight: Recording | Replay) -> dict[str, FloatArray]:
+def with_motor_velocity(airframe: Airframe, flight: Recording | Replay) -> dict[str, FloatArray]:
     """The columns of a flight, with the velocity [m/s] calculated from motor signals and attitude."""
     t_s, columns = flight.t_s, flight.columns
     grid = np.arange(t_s[0], t_s[-1] + STEP_S, STEP_S)

@@ -29,24 +29,26 @@ def _size(c: Comparison) -> str:
 
 def rows(comparisons: list[Comparison]) -> Iterator[str]:
     """The table in Markdown; values are simulated / PX4's."""
-    heads = ("flight", "size", "error RMS", "limit", "", "first motion s", "rise s", "overshoot",
+    heads = ("flight", "size", "error RMS", "limit", "outside", "first motion s", "rise s", "overshoot",
              "settling s", "path RMS m")  # fmt: skip
     yield f"| {' | '.join(heads)} |"
     yield "|---" * len(heads) + "|"
     for c in comparisons:
-        verdict = ("" if c.near else "far ") + ("" if c.rises_alike else "rise")
+        outside = ", ".join(
+            name for name, ok in (("error", c.within_limit), ("rise", c.rise_agrees)) if not ok
+        )
         sim, real = c.sim, c.real
         cells = (
-            c.name, _size(c), f"{c.error:.2f}", f"{c.limit:.2f}", verdict,
+            c.name, _size(c), f"{c.error:.2f}", f"{c.limit:.2f}", outside,
             pair(sim.first_motion_s, real.first_motion_s, 2), pair(sim.rise_s, real.rise_s, 2),
             pair(sim.overshoot, real.overshoot, 2), pair(sim.settling_s, real.settling_s, 1),
             f"{c.path_error_m:.2f}",
         )  # fmt: skip
         yield f"| {' | '.join(cells)} |"
-    missed = [c for c in comparisons if not (c.near and c.rises_alike)]
-    near = len(comparisons) - len(missed)
+    missed = [c for c in comparisons if not (c.within_limit and c.rise_agrees)]
+    within = len(comparisons) - len(missed)
     yield ""
-    yield f"{near} of {len(comparisons)} within their limits (error and rise time); sensors without noise."
+    yield f"{within} of {len(comparisons)} within their limits (error and rise time); sensors without noise."
 
 
 def noise_rows(missed: list[Comparison]) -> Iterator[str]:
@@ -60,7 +62,7 @@ def noise_rows(missed: list[Comparison]) -> Iterator[str]:
                 f"{c.name}: its repeat on PX4 is not comparable (spread.json); {NOISY_FLIGHTS} simulated "
                 f"flights with sensor noise lie {low:.2f} to {high:.2f} {unit} from each other."
             )
-        if not c.rises_alike:
+        if not c.rise_agrees:
             low, high = min(spread.rises_s), max(spread.rises_s)
             yield (
                 f"{c.name}: with sensor noise it rises in {low:.2f} to {high:.2f} s, "
@@ -81,20 +83,20 @@ def motion_rises(name: str) -> tuple[float, float]:
     replay = flight_replay.fly([recording])[name]
     airframe = Airframe.from_parameters(Parameters())
     compared = compare(
-        dataclasses.replace(recording, columns=recorded_motion.without_gps(airframe, recording)),
-        dataclasses.replace(replay, columns=recorded_motion.without_gps(airframe, replay)),
+        dataclasses.replace(recording, columns=recorded_motion.with_motor_velocity(airframe, recording)),
+        dataclasses.replace(replay, columns=recorded_motion.with_motor_velocity(airframe, replay)),
     )
     return compared.sim.rise_s, compared.real.rise_s
 
 
 def table() -> Iterator[str]:
-    """For `make bench`."""
+    """Rows of Markdown."""
     if not flight_recordings.FLIGHTS.is_dir():
         yield "The recordings (../shared/px4/flights) are not beside this checkout."
         return
     comparisons = measure()
     yield from rows(comparisons)
-    missed = [c for c in comparisons if not (c.near and c.rises_alike)]
+    missed = [c for c in comparisons if not (c.within_limit and c.rise_agrees)]
     if missed:
         yield ""
         yield from noise_rows(missed)

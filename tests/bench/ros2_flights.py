@@ -24,19 +24,19 @@ from .flight_comparison import (
 )
 from .reference_flights import rows
 
-LEAN = ("roll", "pitch")
+ROLL_PITCH = ("roll", "pitch")
 MANOEUVRES: dict[str, tuple[Manoeuvre, str]] = {
     "acc_x1": (Manoeuvre(VELOCITY, ("vx",), "vx", 0.1, 2.1), "acc_x_1"),
-    "att_10hz_roll5": (Manoeuvre(ATTITUDE, LEAN, "roll", 0.6, 1.6), "att_roll_10_clean"),
-    "att_level_049": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 2.1), "att_thrust_step_clean"),
-    "att_q_nan": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.1), "att_thrust_step_clean"),
-    "att_roll10": (Manoeuvre(ATTITUDE, LEAN, "roll", 0.6, 1.6), "att_roll_10_clean"),
+    "att_10hz_roll5": (Manoeuvre(ATTITUDE, ROLL_PITCH, "roll", 0.6, 1.6), "att_roll_10_clean"),
+    "att_level_049": (Manoeuvre(ATTITUDE, ROLL_PITCH, None, 0.1, 2.1), "att_thrust_step_clean"),
+    "att_q_nan": (Manoeuvre(ATTITUDE, ROLL_PITCH, None, 0.1, 1.1), "att_thrust_step_clean"),
+    "att_roll10": (Manoeuvre(ATTITUDE, ROLL_PITCH, "roll", 0.6, 1.6), "att_roll_10_clean"),
     "loss_all_act3": (Manoeuvre(PATH, ("z",), "z", 0.0, 8.0), "land_from_10m"),
     "loss_all_act5": (Manoeuvre(POSITION, XYZ, None, 0.0, 8.0), "hold_drift_30s"),
     "loss_all_streams": (Manoeuvre(PATH, ("z",), "z", 0.0, 8.0), "offboard_stop_streaming"),
-    "motors_equal_049": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.1), "rate_roll_pulse_clean"),
-    "motors_one_nan": (Manoeuvre(ATTITUDE, LEAN, "roll", 0.1, 0.6), "rate_roll_pulse_clean"),
-    "motors_roll_pulse": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.3), "rate_roll_pulse_clean"),
+    "motors_equal_049": (Manoeuvre(ATTITUDE, ROLL_PITCH, None, 0.1, 1.1), "rate_roll_pulse_clean"),
+    "motors_one_nan": (Manoeuvre(ATTITUDE, ROLL_PITCH, "roll", 0.1, 0.6), "rate_roll_pulse_clean"),
+    "motors_roll_pulse": (Manoeuvre(ATTITUDE, ROLL_PITCH, None, 0.1, 1.3), "rate_roll_pulse_clean"),
     "ocm_08hz": (Manoeuvre(POSITION, XYZ, None, 0.0, 8.0), "hold_drift_30s"),
     "ocm_1hz": (Manoeuvre(POSITION, XYZ, None, 0.0, 8.0), "hold_drift_30s"),
     "pos_step_x3": (Manoeuvre(POSITION, XYZ, "x", 0.0, 6.1), "pos_step_x_p5"),
@@ -48,8 +48,8 @@ MANOEUVRES: dict[str, tuple[Manoeuvre, str]] = {
     "seed_node_5m": (Manoeuvre(PATH, ("z",), "z", 0.0, 20.0), "takeoff_10m"),
     "setmode_takeoff_hold_land": (Manoeuvre(PATH, ("z",), "z", 0.0, 20.0), "takeoff_2p5m"),
     "takeoff_hold_land": (Manoeuvre(PATH, ("z",), "z", 0.0, 20.0), "takeoff_2p5m"),
-    "tt_hover": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.3), "rate_roll_pulse_clean"),
-    "tt_roll_pulse": (Manoeuvre(ATTITUDE, LEAN, None, 0.1, 1.3), "rate_roll_pulse_clean"),
+    "tt_hover": (Manoeuvre(ATTITUDE, ROLL_PITCH, None, 0.1, 1.3), "rate_roll_pulse_clean"),
+    "tt_roll_pulse": (Manoeuvre(ATTITUDE, ROLL_PITCH, None, 0.1, 1.3), "rate_roll_pulse_clean"),
     "vel_up1": (Manoeuvre(VELOCITY, ("vz",), "vz", 0.1, 3.1), "vel_z_up1p5"),
     "vel_x1_z_nan": (Manoeuvre(VELOCITY, ("vx", "vy"), None, 0.1, 3.1), "vel_x_1"),
     "vel_x2": (Manoeuvre(VELOCITY, ("vx",), "vx", 0.1, 4.1), "vel_x_1"),
@@ -68,7 +68,7 @@ def measure(selected: list[str] | None = None) -> list[Comparison]:
     return [compare(each, flown[each.name], MANOEUVRES[each.name][0]) for each in recordings]
 
 
-def noise_within() -> Iterator[int]:
+def within_limits_with_noise() -> Iterator[int]:
     """Number of flights within their limits if simulated flights with noise take the recordings' place.
 
     A limit comes from one pair of flights, so not every pair of PX4's own flights would be within it. This
@@ -86,17 +86,17 @@ def noise_within() -> Iterator[int]:
             )
             for each in recordings
         ]
-        yield sum(each.near and each.rises_alike for each in compared)
+        yield sum(each.within_limit and each.rise_agrees for each in compared)
 
 
 def table() -> Iterator[str]:
-    """For `make bench`."""
+    """Rows of Markdown."""
     if not ros2_recordings.FLIGHTS.is_dir():
         yield "The recordings (../shared/px4/dds/flights) are not beside this checkout."
         return
     yield from rows(measure())
     yield ""
-    within = ", ".join(str(each) for each in noise_within())
+    within = ", ".join(str(each) for each in within_limits_with_noise())
     yield (
         f"In place of the recordings, simulated flights with sensor noise (seeds 0 to {NOISY_FLIGHTS - 1}) "
         f"have {within} of {len(MANOEUVRES)} within the same limits."

@@ -47,7 +47,7 @@ MOTORS = 4
 
 
 def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
-    """Read one flight; its spread is that of the reference flight `like`."""
+    """Reads one flight; its spread is that of the reference flight `like`."""
     raw = json.loads(gzip.decompress((folder / f"{name}.json.gz").read_bytes()))
     table = np.array([[math.nan if v is None else v for v in row] for row in raw["rows"]], dtype=float)
     columns = {column: table[:, k] for k, column in enumerate(raw["columns"])}
@@ -60,7 +60,8 @@ def load(name: str, like: str, folder: Path = FLIGHTS) -> Recording:
         columns[axis] = np.full(len(table), value)
     columns["syaw"] = np.zeros(len(table))
     messages: list[dict[str, Any]] = [
-        dict(zip(("t_s", "message", "fields"), send, strict=True)) for send in _messages(raw["stimulus"])
+        dict(zip(("t_s", "message", "fields"), message, strict=True))
+        for message in _messages(raw["stimulus"])
     ]
     return Recording(
         name,
@@ -115,7 +116,7 @@ def _messages(stimulus: list[dict[str, Any]]) -> list[TimedMessage]:
             messages.append((entry["dt_s"], "COMMAND_LONG", fields | {"command": entry["fields"]["command"]}))
         elif topic == "offboard_control_mode":
             messages += _stream(entry, histories)
-    return sorted(messages, key=lambda send: send[0])
+    return sorted(messages, key=lambda message: message[0])
 
 
 def _stream(entry: dict[str, Any], histories: dict[str, _TopicHistory]) -> Iterator[TimedMessage]:

@@ -13,7 +13,7 @@ from typing import Protocol
 from gcs_server.client import SyncGcs
 from tests.station import FIRST_TEST_INSTANCE, free_port, server, vehicle
 
-from .process import family_cpu_s, load_average, quantiles_ms
+from .process import load_average, quantiles_ms, tree_cpu_s
 from .relay import Relay
 from .ros2_tap import Ros2Tap
 from .setpoints import SETPOINTS, SetpointRecorder, latencies_s, rest_and_websocket
@@ -99,10 +99,10 @@ STATIONS = {"MAVLink": over_mavlink, "ROS 2": over_ros2}
 
 def cpu(station: Station) -> Cpu:
     """CPU shares over a window that begins now."""
-    before, began_s = [family_cpu_s(pid) for pid in station.processes], time.monotonic()
+    before, began_s = [tree_cpu_s(pid) for pid in station.processes], time.monotonic()
     time.sleep(WINDOW_S)
     passed_s = time.monotonic() - began_s
-    used_s = [family_cpu_s(pid) - at for pid, at in zip(station.processes, before, strict=True)]
+    used_s = [tree_cpu_s(pid) - at for pid, at in zip(station.processes, before, strict=True)]
     return Cpu(*(each / passed_s for each in used_s))
 
 

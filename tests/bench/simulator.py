@@ -1,4 +1,4 @@
-"""Speed of the simulated PX4: fastest factor, CPU share in real time, a hundred vehicles, one step."""
+"""Speed of the simulated PX4: its maximum, the CPU share in real time, a hundred vehicles, one step."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def flying_share(vehicles: int, links: str, seconds: float, *, log: bool = False
     return _cpu(_WHOLE_SIMULATOR, vehicles, links, seconds, "log" if log else "no log")
 
 
-def real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple[float, float]:
+def run_in_real_time(vehicles: int, *, api: bool, flying: bool = False) -> tuple[float, float]:
     """CPU share (1: one core) of the simulator's processes with sockets, and their speed (1: real time).
 
     The first vehicle's clock, received on the ground-station link, gives the speed.
@@ -168,15 +168,15 @@ def table() -> Iterator[str]:
     yield f"| the same with all streams of both links | {1 / with_links:.1f} x real time | |"
     logging = flying_share(1, "gcs,api", 20.0, log=True)
     yield f"| the same with its onboard log | {1 / logging:.1f} x real time | |"
-    share, speed = real_time(1, api=True)
+    share, speed = run_in_real_time(1, api=True)
     yield f"| one vehicle on its sockets | {share:.1%} of a core, {speed:.1%} of real time | 15 % |"
     flying = flying_share(MANY, "gcs", 3.0)
     yield f"| {MANY} in flight with the 14550 streams, one process | {1 / flying:.2f} x real time | 1 |"
     for state in ("on the ground", "in flight"):
-        share, speed = real_time(MANY, api=False, flying=state == "in flight")
+        share, speed = run_in_real_time(MANY, api=False, flying=state == "in flight")
         yield f"| {MANY} {state}, on sockets | {share:.0%} of a core, {speed:.1%} | 100 % of real time |"
     yield ""
-    yield "| vehicles | physics and control in flight, µs a step | µs a vehicle | fastest factor |"
+    yield "| vehicles | physics and control in flight, µs a step | µs a vehicle | maximum, x real time |"
     yield "|---|---|---|---|"
     for vehicles in (1, 10, 100, 1000):
         cost = step_cost_s(vehicles)

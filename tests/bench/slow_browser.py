@@ -28,7 +28,7 @@ CASES = (("none", 0, 0), ("one that reads", 1, 0), ("one that reads, one that do
 
 
 def open_telemetry(url: str) -> ClientConnection:
-    """Everything of all vehicles at 20 Hz."""
+    """Subscribes to all topics of all vehicles at 20 Hz."""
     base = url.replace("http://", "ws://")
     telemetry = connect(f"{base}/api/v1/telemetry", max_size=None, max_queue=1, ping_interval=None)
     telemetry.send(json.dumps({"type": "subscribe", "vehicles": "*", "topics": "*", "rate_hz": 20}))
@@ -36,7 +36,7 @@ def open_telemetry(url: str) -> ClientConnection:
 
 
 def open_scene(url: str) -> ClientConnection:
-    """The stream of the 3D view."""
+    """Opens the WebSocket of the 3D view."""
     base = url.replace("http://", "ws://")
     scene = connect(
         f"{base}/scene/",

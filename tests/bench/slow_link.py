@@ -1,4 +1,4 @@
-"""Delay of stop motors on a serial link at 57,600 baud with a 50 Hz stream and a parameter load.
+"""Delay of the stop motors command on a serial link at 57,600 baud with a 50 Hz stream and a parameter load.
 
 It also measures the age of setpoints when their last byte is sent. The serial line is simulated at its real
 speed, behind a pseudo-terminal.
@@ -33,7 +33,7 @@ from .process import load_average, quantiles_ms
 
 BAUD = 57_600
 RATE_HZ = 50.0
-STOPS = 60
+STOP_COMMANDS = 60
 STALL_S, STALLS = 5.0, 3
 QUEUED_FRAMES = 40
 """Parameter requests are sent so that this many frames are always queued."""
@@ -119,6 +119,8 @@ async def _load_parameters(connection: Connection) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Result:
+    """Delays of stop motors, ages of setpoints, and counts of frames."""
+
     stop_after_s: list[float]
     stop_after_stall_s: list[float]
     ages_s: list[float]
@@ -142,7 +144,7 @@ async def _measure(port: SlowPort) -> Result:
     after_stall_s: list[float] = []
     with _stream(connection, began_s):
         await asyncio.sleep(1.0)
-        for number in range(STOPS):
+        for number in range(STOP_COMMANDS):
             requested_s = time.monotonic()
             connection.sender.send(MSG_COMMAND_LONG, stop, peer)
             await asyncio.sleep(rng.uniform(0.1, 0.25))
@@ -153,7 +155,7 @@ async def _measure(port: SlowPort) -> Result:
             await asyncio.sleep(STALL_S - rng.uniform(0.1, 0.8))
             connection.sender.send(MSG_COMMAND_LONG, stop, peer)
             await asyncio.sleep(ends_s + 1.0 - time.monotonic())
-            after_stall_s.append(port.sent_frames(MSG_COMMAND_LONG)[STOPS + number][0] - ends_s)
+            after_stall_s.append(port.sent_frames(MSG_COMMAND_LONG)[STOP_COMMANDS + number][0] - ends_s)
     load.cancel()
     seconds, info = time.monotonic() - began_s - STALLS * STALL_S, router.links()[0]
     ages_s = [
@@ -182,7 +184,7 @@ def table() -> Iterator[str]:
     yield ""
     yield "| what | figure |"
     yield "|---|---|"
-    yield f"| delay of stop motors, {STOPS} commands: p50 / p99 / max | {stop} ms (goal: 50) |"
+    yield f"| delay of stop motors, {STOP_COMMANDS} commands: p50 / p99 / max | {stop} ms (goal: 50) |"
     stall = ", ".join(f"{s * 1e3:.1f}" for s in result.stop_after_stall_s)
     yield f"| … after the end of a stall of {STALL_S:g} s, {STALLS} times | {stall} ms |"
     yield f"| setpoints sent per second | {len(result.ages_s) / result.seconds:.1f} of {RATE_HZ:g} |"

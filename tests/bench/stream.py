@@ -16,7 +16,7 @@ from gcs_server.client import ApiError, SyncGcs
 from tests.station import free_port, running, server, vehicle
 from tools.ensure_browser import installed_chromium
 
-from .page import FLAGS
+from .page import CHROMIUM_FLAGS
 from .process import load_average, quantiles_ms
 from .relay import Relay
 
@@ -135,7 +135,7 @@ def measure(load: Load) -> Arrivals:
                 drone.offboard(position_ned_m=(0.0, 0.0, -5.0), rate_hz=RATE_HZ, valid_for_s=300)
             )
         if load.page:
-            stack.enter_context(watching(url))
+            stack.enter_context(browser_showing_scene(url))
         mavsdk_relay = stack.enter_context(mavsdk_streaming()) if load.mavsdk else None
         time.sleep(1)
         for each in filter(None, (relay, mavsdk_relay)):
@@ -149,12 +149,12 @@ def measure(load: Load) -> Arrivals:
 
 
 @contextlib.contextmanager
-def watching(url: str) -> Generator[None]:
+def browser_showing_scene(url: str) -> Generator[None]:
     """Opens the 3D view in a real browser."""
     executable = installed_chromium()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
-            executable_path=str(executable) if executable else None, args=list(FLAGS)
+            executable_path=str(executable) if executable else None, args=list(CHROMIUM_FLAGS)
         )
         try:
             page = browser.new_page()

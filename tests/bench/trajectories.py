@@ -23,7 +23,7 @@ from missions.trajectory.solve import curve_through_points
 
 COUNTS = (10, 50, 200)
 RUNS = 5
-LONGEST_MS = 5000.0
+MAX_TOTAL_MS = 5000.0
 """No further run after this total time; the table has the fastest run."""
 STEP_S = 0.01
 LIMITS = MotionLimits(climb_m_s=1.5)
@@ -34,7 +34,7 @@ AXES_J = np.full(3, LIMITS.jerk_m_s3 / math.sqrt(3))
 
 
 @dataclass(frozen=True)
-class Flight:
+class Trajectory:
     """A solver's trajectory: velocity and acceleration every `STEP_S`, (N, 3)."""
 
     duration_s: float
@@ -48,25 +48,25 @@ def positions(count: int, seed: int = 4) -> np.ndarray:
     return np.cumsum(rng.normal(0.0, 1.0, (count, 3)) * (15.0, 15.0, 2.0), axis=0)
 
 
-def ours_with_bends(points: np.ndarray) -> Flight:
-    return _ours([PassPoint(tuple(p), corner_m=2.0) for p in points.tolist()], exact=False)
+def solve_with_bends(points: np.ndarray) -> Trajectory:
+    return _solve([PassPoint(tuple(p), corner_m=2.0) for p in points.tolist()], exact=False)
 
 
-def ours_exact(points: np.ndarray) -> Flight:
-    return _ours([PassPoint(tuple(p)) for p in points.tolist()], exact=True)
+def solve_exact(points: np.ndarray) -> Trajectory:
+    return _solve([PassPoint(tuple(p)) for p in points.tolist()], exact=True)
 
 
-def ours_with_stops(points: np.ndarray) -> Flight:
-    return _ours([PassPoint(tuple(p), stop=True) for p in points.tolist()], exact=False)
+def solve_with_stops(points: np.ndarray) -> Trajectory:
+    return _solve([PassPoint(tuple(p), stop=True) for p in points.tolist()], exact=False)
 
 
-def _ours(points: list[PassPoint], exact: bool) -> Flight:
+def _solve(points: list[PassPoint], exact: bool) -> Trajectory:
     curve = curve_through_points(points, LIMITS, exact=exact)
     found = curve.sample(np.arange(0.0, curve.duration_s, STEP_S))
-    return Flight(curve.duration_s, found.velocity_ned_m_s, found.acceleration_ned_m_s2)
+    return Trajectory(curve.duration_s, found.velocity_ned_m_s, found.acceleration_ned_m_s2)
 
 
-def minimum_snap(points: np.ndarray) -> Flight:
+def solve_minsnap(points: np.ndarray) -> Trajectory:
     """Minimum snap: leg times from trapezoidal speed profiles, all stretched until every limit is met."""
     import minsnap_trajectories as ms
 
@@ -87,10 +87,10 @@ def minimum_snap(points: np.ndarray) -> Flight:
     stretch = max(
         worst_speed(v), math.sqrt(worst_acceleration(a)), np.cbrt(_norms(j).max() / LIMITS.jerk_m_s3)
     )
-    return Flight(float(times[-1] * stretch), v / stretch, a / stretch**2)
+    return Trajectory(float(times[-1] * stretch), v / stretch, a / stretch**2)
 
 
-def reachability(points: np.ndarray) -> Flight:
+def solve_toppra(points: np.ndarray) -> Trajectory:
     """toppra: limits of speed and acceleration, not of jerk."""
     import toppra
     from toppra import algorithm, constraint
@@ -104,10 +104,10 @@ def reachability(points: np.ndarray) -> Flight:
     ]
     trajectory = algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
     t = np.arange(0.0, trajectory.duration, STEP_S)
-    return Flight(float(trajectory.duration), trajectory(t, 1), trajectory(t, 2))
+    return Trajectory(float(trajectory.duration), trajectory(t, 1), trajectory(t, 2))
 
 
-def online(points: np.ndarray) -> Flight:
+def solve_ruckig(points: np.ndarray) -> Trajectory:
     """ruckig: from stop to stop, since its waypoints need a cloud service."""
     import ruckig
 
@@ -125,10 +125,10 @@ def online(points: np.ndarray) -> Flight:
             v.append(velocity)
             a.append(acceleration)
         duration_s += trajectory.duration
-    return Flight(duration_s, np.array(v), np.array(a))
+    return Trajectory(duration_s, np.array(v), np.array(a))
 
 
-def convex(points: np.ndarray) -> Flight:
+def solve_clarabel(points: np.ndarray) -> Trajectory:
     """clarabel: the squared speed on a grid of this project's exact curve, as a cone program; without a jerk
     limit."""
     import clarabel
@@ -167,7 +167,7 @@ def convex(points: np.ndarray) -> Flight:
     times = np.concatenate(([0.0], np.cumsum(steps_s)))
     t = np.arange(0.0, times[-1], STEP_S)
     index = np.clip(np.searchsorted(times, t, side="right") - 1, 0, n - 2)
-    return Flight(float(times[-1]), first[index] * speed[index][:, None], a[index])
+    return Trajectory(float(times[-1]), first[index] * speed[index][:, None], a[index])
 
 
 def worst_speed(v: np.ndarray) -> float:
@@ -185,14 +185,14 @@ def _norms(values: np.ndarray) -> np.ndarray:
     return np.sqrt((values**2).sum(axis=1))
 
 
-SOLVERS: dict[str, tuple[str | None, str, Callable[[np.ndarray], Flight]]] = {
-    "ours, bends of 2 m": (None, "acceleration", ours_with_bends),
-    "ours, exact": (None, "acceleration", ours_exact),
-    "ours, stops": (None, "acceleration", ours_with_stops),
-    "minsnap-trajectories, exact": ("minsnap_trajectories", "snap", minimum_snap),
-    "toppra, exact": ("toppra", "velocity", reachability),
-    "ruckig, stops": ("ruckig", "acceleration", online),
-    "clarabel, exact": ("clarabel", "velocity", convex),
+SOLVERS: dict[str, tuple[str | None, str, Callable[[np.ndarray], Trajectory]]] = {
+    "ours, bends of 2 m": (None, "acceleration", solve_with_bends),
+    "ours, exact": (None, "acceleration", solve_exact),
+    "ours, stops": (None, "acceleration", solve_with_stops),
+    "minsnap-trajectories, exact": ("minsnap_trajectories", "snap", solve_minsnap),
+    "toppra, exact": ("toppra", "velocity", solve_toppra),
+    "ruckig, stops": ("ruckig", "acceleration", solve_ruckig),
+    "clarabel, exact": ("clarabel", "velocity", solve_clarabel),
 }
 """Name: the library it needs, the highest derivative that is continuous, and the solver."""
 
@@ -200,7 +200,7 @@ SOLVERS: dict[str, tuple[str | None, str, Callable[[np.ndarray], Flight]]] = {
 def table() -> Iterator[str]:
     """Rows of the table."""
     limits = "speed, acceleration, jerk / limit"
-    yield f"| solver | points | processor time [ms] | flight [s] | {limits} | continuous to |"
+    yield f"| solver | points | CPU time [ms] | flight [s] | {limits} | continuous to |"
     yield "|---|---|---|---|---|---|"
     for name, (library, order, solve) in SOLVERS.items():
         if library is not None and importlib.util.find_spec(library) is None:
@@ -210,7 +210,7 @@ def table() -> Iterator[str]:
             yield f"| {name} | {count} | {_row(solve, positions(count), order)}"
 
 
-def _row(solve: Callable[[np.ndarray], Flight], points: np.ndarray, order: str) -> str:
+def _row(solve: Callable[[np.ndarray], Trajectory], points: np.ndarray, order: str) -> str:
     times_ms: list[float] = []
     flight: Any = None
     for _ in range(RUNS):
@@ -220,7 +220,7 @@ def _row(solve: Callable[[np.ndarray], Flight], points: np.ndarray, order: str) 
         except Exception as error:
             return f"failed: {error!s:.60} | | | |"
         times_ms.append(1000.0 * (time.process_time() - before))
-        if sum(times_ms) > LONGEST_MS:
+        if sum(times_ms) > MAX_TOTAL_MS:
             break
     jerk = _norms(np.diff(flight.acceleration, axis=0)).max() / STEP_S / LIMITS.jerk_m_s3
     shares = f"{worst_speed(flight.velocity):.2f}, {worst_acceleration(flight.acceleration):.2f}, {jerk:.2f}"

@@ -28,7 +28,7 @@ from websockets.typing import Subprotocol
 from zstandard import ZstdDecompressor
 
 from gcs_server.client import NotAllowed, SyncGcs
-from tests.bench.process import family
+from tests.bench.process import process_tree
 from tests.e2e.fast_station import FAST
 from tests.station import end, free_port, running, server_command, vehicle, wait_for_start, wait_until
 from tests.support.viser_camera import CAMERA
@@ -268,7 +268,7 @@ def test_a_cookie_without_the_pages_origin_commands_nothing(exposed: Site) -> No
 def test_direct_access_to_viser_is_refused(site: Site) -> None:
     listening = {
         int(local.rpartition(":")[2], 16)
-        for pid in family(site.process.pid)
+        for pid in process_tree(site.process.pid)
         for local, _, state in tcp_sockets(pid)
         if state == "0A"
     }

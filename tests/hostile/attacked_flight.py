@@ -18,7 +18,7 @@ from pathlib import Path
 import httpx
 
 from gcs_server.client import SyncGcs, SyncVehicle
-from tests.bench.process import family, resident_mb
+from tests.bench.process import process_tree, resident_mb
 from tests.bench.relay import Relay
 from tests.hostile.metronome import PERIOD_S, Metronome
 from tests.station import free_port, running, server_command, vehicle, wait_until
@@ -73,7 +73,7 @@ class AttackedFlight:
 
     def _memory_mb(self) -> float:
         """Memory of the server and of its stream process."""
-        pids = [pid for pid in family(self.process.pid) if _is_server_or_stream_process(pid)]
+        pids = [pid for pid in process_tree(self.process.pid) if _is_server_or_stream_process(pid)]
         return sum(resident_mb(pid) for pid in pids)
 
     def _check(self, log_bytes: int, machine_s: float) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.process import family
+from tests.bench.process import process_tree
 from vehicle_sim.mavlink.framing import FrameParser
 
 
@@ -40,7 +40,7 @@ class ProcessFamily:
     """Waits for the end of a process and its descendants, which need not be children of this process."""
 
     def __init__(self, first: int) -> None:
-        self.pids = family(first)
+        self.pids = process_tree(first)
         self._ends = [os.pidfd_open(pid) for pid in self.pids]
 
     def all_end(self) -> bool:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from tests.bench import fault_recordings
-from tests.bench.faults import DOCUMENT, HEADER, Comparison, Outside, reasons, rows
+from tests.bench.faults import DOCUMENT, HEADER, Comparison, OutOfLimits, reasons, rows
 
 ROW = "| gps_lost_hold | 24 | 0 and 1 | 72 | 0 and 0 | text | chance |"
-LATE = Outside("xy_valid=0", 7.0, (5.0, 5.1))
+LATE = OutOfLimits("xy_valid=0", 7.0, (5.0, 5.1))
 
 
 def document(*lines: str) -> str:

@@ -28,7 +28,7 @@ def flight(pitch_rad: float, seconds: float = 10.0) -> Replay:
 
 
 def test_a_constant_pitch_leads_to_the_terminal_speed():
-    calculated = recorded_motion.without_gps(AIRFRAME, flight(-0.1))
+    calculated = recorded_motion.with_motor_velocity(AIRFRAME, flight(-0.1))
     terminal_m_s = AIRFRAME.mass_kg * GRAVITY_M_S2 * math.tan(0.1) / AIRFRAME.drag_n_per_m_s
     assert calculated["vx"][-1] == pytest.approx(terminal_m_s, rel=1e-3)
     after_a_time_constant = calculated["vx"][round(AIRFRAME.mass_kg / AIRFRAME.drag_n_per_m_s / 0.02)]
@@ -41,6 +41,6 @@ def test_a_constant_pitch_leads_to_the_terminal_speed():
 def test_without_noise_the_calculated_velocity_equals_the_estimated_velocity(shared):
     recording = flight_recordings.load("vel_z_up1p5")
     replay = flight_replay.fly([recording])[recording.name]
-    calculated = recorded_motion.without_gps(AIRFRAME, replay)
+    calculated = recorded_motion.with_motor_velocity(AIRFRAME, replay)
     for name in ("vx", "vy", "vz"):
         assert np.abs(calculated[name] - replay.columns[name]).max() < 0.1
