@@ -10,12 +10,12 @@ from hypothesis import HealthCheck, settings
 REPOSITORY = Path(__file__).resolve().parent.parent
 SHARED = REPOSITORY.parent / "shared"
 
-for profile, same_each_time in (("steady", True), ("search", False)):
+for profile, derandomize in (("steady", True), ("search", False)):
     settings.register_profile(
-        profile, deadline=None, derandomize=same_each_time, suppress_health_check=[HealthCheck.too_slow]
+        profile, deadline=None, derandomize=derandomize, suppress_health_check=[HealthCheck.too_slow]
     )
 settings.load_profile("steady")
-"""Fixed examples, independent of the machine's load; `--hypothesis-profile=search` tries new ones."""
+"""Hypothesis tries the same examples in each run; `--hypothesis-profile=search` tries new ones."""
 
 
 REAL_PROCESSES = frozenset({"clients", "e2e", "hostile"})

@@ -1,4 +1,4 @@
-"""Starts a whole station for tests and benches: server and simulated vehicles as separate processes.
+"""Starts a ground station for tests and benches: server and simulated vehicles as separate processes.
 
 Ports are free loopback ports. The processes end with the block that started them.
 """
@@ -20,9 +20,9 @@ from typing import Any
 import httpx
 
 FIRST_TEST_INSTANCE = 100
-"""Keeps the system ids of tests apart from those of a simulator that a developer runs."""
+"""First instance of simulated vehicles in tests: their system ids differ from a developer's simulator."""
 
-PATIENCE_S = 90.0
+WAIT_TIMEOUT_S = 90.0
 """Longest wait for something that an idle machine does within a few seconds."""
 
 
@@ -54,18 +54,18 @@ def end(process: subprocess.Popen[bytes], first_signal: signal.Signals) -> None:
             return
 
 
-def wait_until(ready: Callable[[], object], what: str, deadline_s: float = PATIENCE_S) -> None:
+def wait_until(ready: Callable[[], object], what: str, timeout_s: float = WAIT_TIMEOUT_S) -> None:
     """Polls until `ready` returns a true value.
 
     Raises:
         TimeoutError: `ready` returned no true value in time.
     """
-    end_s = time.monotonic() + deadline_s
+    end_s = time.monotonic() + timeout_s
     while time.monotonic() < end_s:
         if ready():
             return
         time.sleep(0.1)
-    raise TimeoutError(f"{what} did not happen within {deadline_s:.0f} s")
+    raise TimeoutError(f"{what} did not happen within {timeout_s:.0f} s")
 
 
 def vehicle_command(

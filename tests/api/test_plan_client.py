@@ -9,8 +9,8 @@ from gcs_server.app import create_app
 from gcs_server.client import Gcs, Refused, Unknown
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
-from tests.jump_time import in_jumps
 from tests.protocol.mission_world import MissionAutopilot
+from tests.simulated_time import run_in_simulated_time
 from tests.support.api_client import settings_for
 
 AT_20_M = {"value_m": 20, "reference": "home"}
@@ -48,7 +48,7 @@ def run(tmp_path, scenario):
             server.station.plans.close()
             server.station.plan_work.close()
 
-    in_jumps(work)
+    run_in_simulated_time(work)
 
 
 @pytest.mark.story

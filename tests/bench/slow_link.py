@@ -27,7 +27,7 @@ from gcs_server.links.base import LinkInfo
 from gcs_server.mavlink.connection import Connection
 from gcs_server.mavlink.router import Router, RouterSettings
 from gcs_server.supervise import Supervisor
-from tests.slow_line import Line
+from tests.serial_line import SimulatedSerialLine
 
 from .process import load_average, quantiles_ms
 
@@ -49,7 +49,7 @@ class SlowPort:
         tty.setraw(self._master_fd)
         self.device = os.ttyname(self._slave_fd)
         self._lock = threading.Lock()
-        self._line = Line(time.monotonic, BAUD)
+        self._line = SimulatedSerialLine(time.monotonic, BAUD)
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:

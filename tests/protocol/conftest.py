@@ -7,16 +7,16 @@ from typing import Any
 
 import pytest
 
-from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import HOLD, LAND, MANUAL, OFFBOARD, RTL, TAKEOFF, FakeAutopilot
 from tests.protocol.memory_world import World
+from tests.simulated_time import run_in_simulated_time
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
 @pytest.fixture
 def jump() -> Callable[[Callable[[], Coroutine[Any, Any, Any]]], Any]:
     """Runs a coroutine function on simulated time."""
-    return in_jumps
+    return run_in_simulated_time
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from typing import Any
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
-from tests.loop_streams import LoopStreams
+from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.fake_autopilot import OFFBOARD, FakeAutopilot
 from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -109,7 +109,7 @@ class OffboardWorld(World):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.streamer = Streamer(self.clock, LoopStreams(self.clock))
+        self.streamer = Streamer(self.clock, InLoopScheduler(self.clock))
         self.fleet.on_vehicle_added(self.streamer.attach)
         self.supervisor.repeat("offboard-beat", lambda: self.streamer.update_once(), SNAPSHOT_PERIOD_S)
         self.supervisor.start("stream", self._run_scheduler)

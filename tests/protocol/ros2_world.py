@@ -17,7 +17,7 @@ from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from gcs_server.vehicle.endpoint import ROS2
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.setpoints import Setpoint
-from tests.loop_streams import LoopStreams
+from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.simulated_world import TICK_S, SimulatedVehicles
 from vehicle_sim.fleet import VehicleSim
 
@@ -93,7 +93,7 @@ class ModeTopics:
         return messages
 
 
-class Ros2Streams(LoopStreams):
+class Ros2Streams(InLoopScheduler):
     """Sends over the topics of the vehicles that are connected over ROS 2."""
 
     def __init__(self, clock: Any, topics_at: Callable[[DdsAddress], Topics]) -> None:

@@ -27,9 +27,9 @@ from gcs_server.streamer.values.limit_values import VEHICLE_PARAMETERS
 from gcs_server.telemetry.hub import ALL_TOPICS, EncodedSamples
 from gcs_server.vehicle import decoders, gimbal_decoder
 from gcs_server.vehicle.samples import TOPICS
-from tests.jump_time import in_jumps
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, stream_request
+from tests.simulated_time import run_in_simulated_time
 
 FLOATS = [math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 1e15, 0.0, 1e-45, -1.0]
 DECODED = sorted(
@@ -202,7 +202,7 @@ def run_with_outputs(scenario: Any) -> None:
         finally:
             await world.close()
 
-    in_jumps(run)
+    run_in_simulated_time(run)
 
 
 @pytest.mark.parametrize("msg_id", DECODED, ids=lambda msg_id: LAYOUTS[msg_id].name)

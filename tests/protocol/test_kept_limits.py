@@ -19,7 +19,7 @@ from gcs_server.streamer.offboard.limit_store import LimitRecord, LimitStore, Ve
 from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
-from tests.loop_streams import LoopStreams
+from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.api_calls import station_of
 from tests.protocol.offboard_world import OffboardWorld, codes, seconds, stream_request
 
@@ -40,7 +40,7 @@ def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
         store = LimitStore(Records(folder), parse)
         await store.load()
         await world.supervisor.close()  # ends the world's streamer, which has another store
-        world.streamer = Streamer(world.clock, LoopStreams(world.clock), store)
+        world.streamer = Streamer(world.clock, InLoopScheduler(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
         world.supervisor.repeat("beat", world.streamer.update_once, SNAPSHOT_PERIOD_S)

@@ -12,7 +12,7 @@ EXAMPLES = re.compile(r"/(vehicles|links)/\w+|/(params)/(?!refresh)\w+")
 """Parts of an address with an example's vehicle, link or parameter."""
 
 
-def unnamed(path: str) -> str:
+def without_variable_names(path: str) -> str:
     """A path whose variables have no names."""
     return re.sub(r"\{\w+(:\w+)?\}", "{}", path)
 
@@ -29,10 +29,14 @@ def calls_of(text: str) -> set[tuple[str, str]]:
         assert address, line
         found.add((method, EXAMPLES.sub(lambda m: f"/{m[1] or m[2]}/{{}}", address.group(1))))
     named = re.findall(r"`(GET|POST|PUT|DELETE) (/[^`\s]+)`", text)
-    return found | {(method, unnamed(f"/api/v1{path}")) for method, path in named}
+    return found | {(method, without_variable_names(f"/api/v1{path}")) for method, path in named}
 
 
 def test_the_document_has_exactly_the_calls_of_the_api() -> None:
     paths = description()["paths"]
-    api_calls = {(method.upper(), unnamed(path)) for path, methods in paths.items() for method in methods}
+    api_calls = {
+        (method.upper(), without_variable_names(path))
+        for path, methods in paths.items()
+        for method in methods
+    }
     assert api_calls == calls_of(DOCUMENT.read_text(encoding="utf-8"))

@@ -9,7 +9,7 @@ from gcs_server.api.bodies import MAX_DEPTH, MAX_KEYS, BodyReader, json_fault
 from gcs_server.api.problems import MAX_ERRORS, MAX_VALUE_LENGTH
 from gcs_server.api.refusals import BODY_DEADLINE_S, MAX_BODY_BYTES
 from gcs_server.api.request_queue import RequestQueue
-from tests.jump_time import in_jumps
+from tests.simulated_time import run_in_simulated_time
 from tests.support.api_client import api_client
 
 LONGEST_PATH = {
@@ -150,6 +150,6 @@ def test_an_incomplete_body_gets_status_408_at_the_deadline():
         await BodyReader(app, RequestQueue(lambda _: False))(scope, receive_nothing, send)
         assert asyncio.get_running_loop().time() - began_s == pytest.approx(BODY_DEADLINE_S)
 
-    in_jumps(run)
+    run_in_simulated_time(run)
     assert sent[0]["status"] == 408
     assert json.loads(sent[1]["body"])["code"] == "too_slow"

@@ -6,7 +6,7 @@ import pytest
 
 from gcs_server.client import NoReply, Timeout
 from gcs_server.client.operations import Operations
-from tests.jump_time import in_jumps
+from tests.simulated_time import run_in_simulated_time
 
 NO_REPLY = {"status": 504, "code": "no_reply", "detail": "The vehicle did not answer."}
 
@@ -29,18 +29,19 @@ class Server:
 
 def test_wait_returns_when_the_operation_has_ended():
     server = Server(operation("running"), operation("running"), operation("succeeded"))
-    ended = in_jumps(lambda: Operations(server).wait("4"))
+    ended = run_in_simulated_time(lambda: Operations(server).wait("4"))
     assert ended["state"] == "succeeded"
     assert server.calls == [("GET", "/operations/4")] * 3
 
 
 def test_a_failed_operation_raises_its_original_error():
     with pytest.raises(NoReply, match="did not answer"):
-        in_jumps(lambda: Operations(Server(operation("failed", NO_REPLY))).wait("4"))
+        run_in_simulated_time(lambda: Operations(Server(operation("failed", NO_REPLY))).wait("4"))
 
 
 def test_a_cancelled_operation_is_returned():
-    assert in_jumps(lambda: Operations(Server(operation("cancelled"))).wait("4"))["state"] == "cancelled"
+    ended = run_in_simulated_time(lambda: Operations(Server(operation("cancelled"))).wait("4"))
+    assert ended["state"] == "cancelled"
 
 
 def test_a_timeout_reports_the_progress():
@@ -50,16 +51,16 @@ def test_a_timeout_reports_the_progress():
             await Operations(Server(operation("running"))).wait("4", timeout_s=5)
         assert 5.0 <= asyncio.get_running_loop().time() - began_s < 6.0
 
-    in_jumps(scenario)
+    run_in_simulated_time(scenario)
 
 
 def test_operations_are_filtered_by_vehicle():
     server = Server({"operations": [operation("running"), operation("running", vehicle="2")]})
-    found = in_jumps(lambda: Operations(server).all("2"))
+    found = run_in_simulated_time(lambda: Operations(server).all("2"))
     assert [each["vehicle"] for each in found] == ["2"]
 
 
 def test_cancel_returns_the_final_state():
     server = Server(operation("cancelled"))
-    assert in_jumps(lambda: Operations(server).cancel("4"))["state"] == "cancelled"
+    assert run_in_simulated_time(lambda: Operations(server).cancel("4"))["state"] == "cancelled"
     assert server.calls == [("DELETE", "/operations/4")]

@@ -13,7 +13,7 @@ from gcs_server.api.connections import Connections
 from gcs_server.clock import LoopClock
 from gcs_server.http_server.context import ConnectionContext
 from gcs_server.http_server.http_protocol import BoundedHttp
-from tests.jump_time import in_jumps
+from tests.simulated_time import run_in_simulated_time
 
 
 class Transport(asyncio.Transport):
@@ -141,4 +141,4 @@ def run_with_server(scenario: Callable[[TestedServer], Coroutine[Any, Any, None]
     async def run() -> None:
         await scenario(TestedServer(app))
 
-    in_jumps(run)
+    run_in_simulated_time(run)

@@ -19,7 +19,7 @@ from gcs_server.links.serial import SerialLink
 from gcs_server.links.writer import LinkWriter
 from gcs_server.mavlink.codec import FrameParser
 from gcs_server.mavlink.connection import FrameSender
-from tests.slow_line import Line
+from tests.serial_line import SimulatedSerialLine
 from tests.support.link_recorder import LinkRecorder, run
 
 PEER = Peer("vehicle")
@@ -58,7 +58,7 @@ class SlowLink(Link):
         super().__init__("slow", "serial")
         self.loop = FakeLoop()
         self.now_s = self.loop.time
-        self.line = Line(self.loop.time)
+        self.line = SimulatedSerialLine(self.loop.time)
         self.writer = LinkWriter(
             self.loop,
             write or (lambda data, _peer: self.line.write(data)),

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from gcs_server.vehicle.services import ftp_codec as codec
 from gcs_server.vehicle.services.ftp_pieces import MAX_MISSING_PARTS, PartialFile
-from tests.steps import count_lines_run
+from tests.executed_lines import count_lines_run
 
 packets = st.builds(
     lambda data, **more: codec.Packet(data=data, size=len(data), **more),

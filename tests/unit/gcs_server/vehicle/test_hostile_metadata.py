@@ -14,7 +14,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import event_document, metadata_files, param_document
 from gcs_server.vehicle.event_definitions import MAX_TEXT_LENGTH
 from gcs_server.vehicle.metadata_files import EVENTS, PARAMETERS, Damaged
-from tests.steps import count_lines_run
+from tests.executed_lines import count_lines_run
 
 GOOD = {"name": "GOOD", "type": "Float", "max": 3.0}
 

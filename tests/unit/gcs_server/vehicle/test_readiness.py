@@ -22,7 +22,7 @@ from gcs_server.vehicle.readiness import (
     ReportJoiner,
     modes_and_component,
 )
-from tests.steps import count_lines_run
+from tests.executed_lines import count_lines_run
 
 GPS = "no valid global position"
 POSITION = "no valid position estimate"

@@ -18,8 +18,8 @@ from gcs_server.vehicle.reach import reach_of
 from gcs_server.vehicle.samples import Attitude, LocalPosition, Sample
 from gcs_server.vehicle.services.command import ModeCommand
 from missions.setpoints import Position
-from tests.jump_time import in_jumps
-from tests.loop_streams import LoopStreams
+from tests.in_loop_scheduler import InLoopScheduler
+from tests.simulated_time import run_in_simulated_time
 
 UP = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
@@ -90,7 +90,7 @@ class Vehicle:
 
 def make_streamer(clock, stalls=()):
     """A streamer whose scheduler runs in the loop, except from `stalls[n][0]` to `stalls[n][1]` [s]."""
-    supervisor, streams = Supervisor(clock), LoopStreams(clock)
+    supervisor, streams = Supervisor(clock), InLoopScheduler(clock)
     began_s = clock.monotonic_s()
 
     async def run():
@@ -117,7 +117,7 @@ def run_test(scenario, stalls=()):
             streamer.close()
             await supervisor.close()
 
-    in_jumps(run)
+    run_in_simulated_time(run)
 
 
 def test_setpoints_are_streamed_before_offboard_is_requested_and_the_failsafe_is_reported():
@@ -239,4 +239,4 @@ def test_shutdown_stops_all_streams_at_once_within_the_deadline(
             streamer.close()
             await supervisor.close()
 
-    in_jumps(run)
+    run_in_simulated_time(run)

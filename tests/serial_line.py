@@ -1,5 +1,4 @@
-"""A simulated serial line: sends bytes at its baud rate, reports what its driver has buffered, and can
-stall."""
+"""A simulated serial line with its driver: sends at its baud rate, buffers in the driver, and can stall."""
 
 from __future__ import annotations
 
@@ -13,7 +12,7 @@ DRIVER_BYTES = 4096
 """Size of the transmit buffer of Linux' serial drivers."""
 
 
-class Line:
+class SimulatedSerialLine:
     """The driver and the serial line.
 
     Args:
@@ -31,6 +30,11 @@ class Line:
         self.stalled_until_s = -math.inf
 
     def write(self, data: bytes) -> int:
+        """Buffers bytes in the driver and returns their number.
+
+        Raises:
+            BlockingIOError: the buffer is full.
+        """
         self._advance()
         free = DRIVER_BYTES - len(self._buffered)
         if free <= 0:
@@ -39,6 +43,7 @@ class Line:
         return min(free, len(data))
 
     def in_driver(self) -> int:
+        """Number of bytes in the driver's buffer."""
         self._advance()
         return len(self._buffered)
 
@@ -55,7 +60,7 @@ class Line:
 
     @property
     def parser(self) -> FrameParser:
-        """Statistics of the receiver: lost frames, invalid checksums."""
+        """The receiver's parser, with its counts of lost frames and invalid checksums."""
         return self._parser
 
     def _advance(self) -> None:

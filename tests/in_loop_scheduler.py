@@ -1,4 +1,4 @@
-"""The setpoint streams without their process: the test runs the scheduler in its own event loop."""
+"""The setpoint scheduler in the test's own event loop instead of in the stream process."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from gcs_server.streamer.values.snapshot import Snapshot
 from gcs_server.streamer.values.stream_request import StreamRequest
 
 
-class LoopStreams(StreamScheduler):
-    """The scheduler with the process's methods; calls return immediately instead of after up to 0.1 ms."""
+class InLoopScheduler(StreamScheduler):
+    """The scheduler with the methods of the stream process; calls return at once instead of within 0.1 ms."""
 
     async def ready(self) -> None:
-        """Returns at once: the scheduler is always ready."""
+        """Returns at once: there is no process to wait for."""
 
     def links_changed(self) -> None:
         """Does nothing: there are no sockets."""

@@ -1,4 +1,4 @@
-"""Simulated time for asyncio: the loop's clock jumps to the next timer instead of waiting."""
+"""Simulated time for asyncio: the event loop sets its clock to the next timer instead of waiting."""
 
 import asyncio
 import selectors
@@ -6,8 +6,8 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 
-class JumpLoop(asyncio.SelectorEventLoop):
-    """An event loop whose clock jumps to the next timer."""
+class SimulatedTimeLoop(asyncio.SelectorEventLoop):
+    """An event loop whose clock is set to the next timer when nothing else is ready."""
 
     def __init__(self) -> None:
         self.now_s = 1000.0
@@ -28,7 +28,7 @@ class JumpLoop(asyncio.SelectorEventLoop):
         return self.now_s
 
 
-def in_jumps(scenario: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
+def run_in_simulated_time(scenario: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
     """Runs a coroutine function on simulated time."""
-    with asyncio.Runner(loop_factory=JumpLoop) as runner:
+    with asyncio.Runner(loop_factory=SimulatedTimeLoop) as runner:
         return runner.run(scenario())
