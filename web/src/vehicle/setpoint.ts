@@ -30,8 +30,8 @@ export const NUDGE_SIZES: readonly NudgeSize[] = [
 /** Any setpoint in the API's format. */
 export type AnySetpoint = Readonly<Record<string, unknown>> & { type: string };
 
-/** A setpoint with the type of the API's request body; the server validates its fields. */
-export const asBody = (setpoint: AnySetpoint): Schemas['StartGroup']['members'][number]['setpoint'] => setpoint as never;
+/** The setpoint with the type that the API's requests need; the server validates its fields. */
+export const toRequestSetpoint = (setpoint: AnySetpoint): Schemas['StartGroup']['members'][number]['setpoint'] => setpoint as never;
 
 export type OnExpiry = { action: 'hold'; hold_for_s: number } | { action: 'land' } | { action: 'stop_stream' };
 

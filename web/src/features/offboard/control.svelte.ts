@@ -7,7 +7,7 @@ import type { CommandQueue } from '../../api/command-queue';
 import { ageText } from '../../live/age';
 import { SetpointRenewer } from './renewer';
 import {
-  asBody,
+  toRequestSetpoint,
   DEFAULT_VALIDITY,
   nudge,
   NUDGE_SIZES,
@@ -103,7 +103,7 @@ export class OffboardControl {
     const { valid_for_s, on_expiry } = validity;
     const outcome = await this.api.post('/vehicles/{v}/offboard/start', {
       ...ofVehicle(id),
-      body: { setpoint: asBody(setpoint), valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) },
+      body: { setpoint: toRequestSetpoint(setpoint), valid_for_s, on_expiry, ...(rate_hz === undefined ? {} : { rate_hz }) },
     });
     if (outcome.ok) this.renewer(id).start(renewable(setpoint, outcome.value), validity, this.nowS());
     return outcome;
@@ -137,7 +137,7 @@ export class OffboardControl {
 
   private postSetpoint(id: string, setpoint: AnySetpoint, { valid_for_s, on_expiry }: Validity): Promise<Outcome<unknown>> {
     return this.queue.run([id], () =>
-      this.api.post('/vehicles/{v}/offboard/setpoint', { ...ofVehicle(id), body: { setpoint: asBody(setpoint), valid_for_s, on_expiry } }),
+      this.api.post('/vehicles/{v}/offboard/setpoint', { ...ofVehicle(id), body: { setpoint: toRequestSetpoint(setpoint), valid_for_s, on_expiry } }),
     );
   }
 

@@ -138,7 +138,7 @@ export class SceneView implements LayerView {
   };
 
   /**
-   * The pose from which the camera shows all positions from above, with its present bearing.
+   * The pose from which the camera shows all positions from above, with its current bearing.
    * @param freeFraction the part of the view's height that no panel covers, around the middle.
    * @returns position and target of the camera in viser's scene; null: there are no positions.
    */

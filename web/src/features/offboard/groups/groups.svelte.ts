@@ -8,7 +8,7 @@ import type { Problem } from '../../../api/problems';
 import type { CommandQueue } from '../../../api/command-queue';
 import type { WireEvent } from '../../../live/wire';
 import type { ActionController } from '../../../app/actions/controller.svelte';
-import { asBody, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
+import { toRequestSetpoint, type AnySetpoint, type Validity } from '../../../vehicle/setpoint';
 import type { GroupBody, MemberSetpoint } from './group-form';
 import { isLive, groupKey, lastEnded, readGroup, withGroup, type Group, type ReceivedGroup } from './group';
 import { GroupRenewer, type RenewalResult } from './renewer';
@@ -92,7 +92,7 @@ export class GroupController {
 
   async start(body: GroupBody, validity: Validity): Promise<Outcome<Group>> {
     for (const { vehicle } of body.members) this.stopVehicleRenewal(vehicle);
-    const members = body.members.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) }));
+    const members = body.members.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: toRequestSetpoint(setpoint) }));
     const outcome = await this.api.post('/groups', { body: { ...body, members } });
     if (outcome.ok) this.onAccepted(outcome.value, body.members, validity);
     return outcome;
@@ -165,7 +165,7 @@ export class GroupController {
   private post(group: Group, setpoints: readonly MemberSetpoint[], { valid_for_s, on_expiry }: Validity): Promise<Outcome<Group>> {
     return this.api.post('/groups/{g}/setpoints', {
       ...groupPath(group),
-      body: { setpoints: setpoints.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: asBody(setpoint) })), valid_for_s, on_expiry },
+      body: { setpoints: setpoints.map(({ vehicle, setpoint }) => ({ vehicle, setpoint: toRequestSetpoint(setpoint) })), valid_for_s, on_expiry },
     });
   }
 
