@@ -45,7 +45,7 @@ TEXTS = [
 
 @dataclass
 class GeneratedRequest:
-    """One request."""
+    """A request to the API; it may be invalid."""
 
     method: str
     path: str
@@ -71,10 +71,10 @@ class RequestGenerator:
     ) -> Iterator[GeneratedRequest]:
         """Requests for one operation."""
         for number in range(count):
-            wrong = number % 3 == 2
+            is_invalid = number % 3 == 2
             request = GeneratedRequest(method.upper(), path)
             for parameter in operation.get("parameters", []):
-                text = self._text(parameter["schema"], wrong)
+                text = self._text(parameter["schema"], is_invalid)
                 if parameter["in"] == "path":
                     if parameter["name"] in ("v", "g") and self._random.random() < 0.8:
                         text = "1"
@@ -88,7 +88,7 @@ class RequestGenerator:
             content = operation.get("requestBody", {}).get("content", {}).get("application/json")
             if content is not None:
                 value = self.value(content["schema"])
-                request.body = json.dumps(self._invalidated(value) if wrong else value).encode()
+                request.body = json.dumps(self._invalidated(value) if is_invalid else value).encode()
             if self._random.random() < 0.05:
                 request.body = self._random.choice(
                     [b"", b"{", b"\xff\xfe", b"[" * 50_000, b"9" * 5000, b"null"]
@@ -129,8 +129,8 @@ class RequestGenerator:
                 if name in required or r.random() < 0.5
             }
         if kind == "array":
-            fewest = schema.get("minItems", 0)
-            size = r.randint(fewest, min(schema.get("maxItems", fewest + 3), fewest + 3))
+            min_items = schema.get("minItems", 0)
+            size = r.randint(min_items, min(schema.get("maxItems", min_items + 3), min_items + 3))
             parts = schema.get("prefixItems")
             return (
                 [self.value(part, depth + 1) for part in parts]
@@ -147,8 +147,8 @@ class RequestGenerator:
             return None
         return r.choice(TEXTS)
 
-    def _text(self, schema: dict[str, Any], wrong: bool) -> str:
-        value = self._random.choice(JUNK) if wrong else self.value(schema)
+    def _text(self, schema: dict[str, Any], is_invalid: bool) -> str:
+        value = self._random.choice(JUNK) if is_invalid else self.value(schema)
         return value if isinstance(value, str) else json.dumps(value)
 
     def _invalidated(self, value: Any) -> Any:

@@ -78,7 +78,7 @@ def test_a_program_without_a_token_gets_an_error_that_explains_it(server):
     assert closed.value.code == 1008
 
 
-def test_a_page_opened_from_another_site_reloads_itself_so_that_the_browser_sends_its_cookie(server):
+def test_a_page_that_is_opened_from_another_site_reloads_to_get_the_cookie(server):
     from_mail = HTML | {
         "Sec-Fetch-Site": "cross-site",
         "Sec-Fetch-Mode": "navigate",
@@ -99,7 +99,7 @@ def test_the_sign_in_page_has_no_scripts_and_loads_nothing(server):
     assert not re.search(r"<script|<link|src=|style=|https?://", response.text)
 
 
-def test_a_form_that_is_too_long_is_not_read(server):
+def test_a_too_long_sign_in_form_is_refused(server):
     body = f"token={server.token}&more={'x' * 5000}"
     response = server.post("/sign-in", content=body, headers={"Origin": URL})
     assert response.status_code == 401

@@ -82,8 +82,8 @@ def test_an_unknown_vehicle_is_404_and_is_journaled(client, path):
     response = client.post(f"/api/v1/vehicles/77/{path}", headers={"X-Client": "tester"})
     assert response.status_code == 404
     assert response.json()["vehicle"] == "77"
-    line = client.get("/api/v1/journal?limit=1").json()["entries"][0]
-    assert (line["command"], line["client"], line["vehicle"], line["result"]) == (
+    entry = client.get("/api/v1/journal?limit=1").json()["entries"][0]
+    assert (entry["command"], entry["client"], entry["vehicle"], entry["result"]) == (
         path,
         "tester",
         "77",
@@ -92,7 +92,7 @@ def test_an_unknown_vehicle_is_404_and_is_journaled(client, path):
 
 
 MEMBERS = [{"vehicle": v, "setpoint": POSITION} for v in ("1", "2")]
-BACKWARDS = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 0, -5]} for t in (0, 2, 1)]}
+DECREASING_TIMES = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 0, -5]} for t in (0, 2, 1)]}
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ BACKWARDS = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 0, -5]}
         ("", {"members": [MEMBERS[0], {"vehicle": "2"}]}, "members.1.setpoint", "required"),
         (
             "",
-            {"members": [MEMBERS[0], {"vehicle": "2", "setpoint": BACKWARDS}]},
+            {"members": [MEMBERS[0], {"vehicle": "2", "setpoint": DECREASING_TIMES}]},
             "members.1.setpoint",
             "points.2.t_s must be later",
         ),
@@ -154,7 +154,7 @@ def test_links_are_added_and_removed_and_a_bad_url_is_refused(client):
     assert client.post("/api/v1/links", json={"url": "carrier-pigeon://x"}).status_code == 422
     added = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "any"})
     assert added.status_code == 201
-    assert [line["name"] for line in client.get("/api/v1/links").json()["links"]] == ["any"]
+    assert [link["name"] for link in client.get("/api/v1/links").json()["links"]] == ["any"]
     assert client.delete("/api/v1/links/any").status_code == 204
     assert client.delete("/api/v1/links/any").status_code == 404
 

@@ -1,4 +1,5 @@
-"""The table of commands defines what each route and WebSocket message needs; the server enforces it."""
+"""The table of commands has the permission that each route and WebSocket message needs; the server
+enforces it."""
 
 import re
 from pathlib import Path
@@ -46,7 +47,7 @@ def path_of(call):
     return method, re.sub(r"\{\w+\}", "1", path)
 
 
-def test_each_route_and_message_has_exactly_one_row_and_each_row_has_a_call(app):
+def test_each_route_and_message_has_exactly_one_row_and_no_row_is_unused(app):
     existing = {call for call, _ in calls_of(app)}
     assert len(existing) > 75
     assert existing | MESSAGES == set(BY_CALL)
@@ -89,7 +90,7 @@ def test_a_role_without_the_permission_is_refused_at_every_route_and_journaled(a
     assert refused == {row.name for row in ALL if row.permission is not None}
 
 
-def test_the_permission_for_a_socket_includes_those_of_its_messages():
+def test_the_permission_for_a_socket_equals_the_permission_of_each_of_its_messages():
     """One check when the socket opens is therefore enough."""
     for call in MESSAGES:
         socket = call.rsplit(" ", 1)[0]

@@ -26,7 +26,7 @@ MISSION = {
     "name": "Hop",
     "steps": [{"step": "take_off", "height_m": 5}, {"step": "land"}],
 }
-ROLES = {
+TWO_ROLES = {
     "format": "offboard-gcs-mission",
     "name": "Show",
     "home": HOME,
@@ -35,8 +35,11 @@ ROLES = {
         "left": {"start_ned_m": [0, 10, 0], "steps": MISSION["steps"]},
     },
 }
-THREE_ROLES = {**ROLES, "roles": {**ROLES["roles"], "right": ROLES["roles"]["lead"]}}
-ROLES_WITHOUT_POSITIONS = {**ROLES, "roles": {role: {"steps": MISSION["steps"]} for role in ROLES["roles"]}}
+THREE_ROLES = {**TWO_ROLES, "roles": {**TWO_ROLES["roles"], "right": TWO_ROLES["roles"]["lead"]}}
+ROLES_WITHOUT_POSITIONS = {
+    **TWO_ROLES,
+    "roles": {role: {"steps": MISSION["steps"]} for role in TWO_ROLES["roles"]},
+}
 MAST = {"name": "mast", "north_m": 5, "east_m": 0, "length_m": 1, "width_m": 1, "height_m": 30}
 WORKER = """
 import json, sys
@@ -73,9 +76,7 @@ def test_a_plan_in_the_body_is_flown_with_the_given_conditions(client):
         "conditions": {"wind_ned_m_s": [0, 4, 0], "gusts_m_s": 1},
         "flights": 20,
         "spread": {"wind_m_s": 2},
-        "obstacles": [
-            {"name": "mast", "north_m": 5, "east_m": 0, "length_m": 1, "width_m": 1, "height_m": 30}
-        ],
+        "obstacles": [MAST],
         "endurance_s": 900,
         "seed": 7,
     }
@@ -103,7 +104,7 @@ def test_a_stored_plan_and_an_offboard_mission_are_flown(client):
 
 
 def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
-    operation = run(client, {"plan": ROLES, "flights": 20})
+    operation = run(client, {"plan": TWO_ROLES, "flights": 20})
     view = client.get(f"dry_runs/{operation['result']['dry_run']}").json()
     assert (view["vehicles"], view["nominal"]["request"]["flights"]) == (None, 20)
     roles = view["nominal"]["request"]["roles"]
@@ -116,14 +117,14 @@ def test_the_roles_of_a_mission_start_at_their_planned_positions(client):
 
 
 def test_an_assumption_about_several_roles_is_reported_once_with_their_names():
-    unread, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
+    not_known, flying = "The parameters of the vehicle are not known.", "The vehicle is flying."
     battery = "PX4's defaults and a full battery are used."
-    assumed = {"lead": [battery, unread], "left": [battery, unread, flying]}
-    assert merged_assumptions(assumed) == [battery, f"lead and left: {unread}", f"left: {flying}"]
+    assumed = {"lead": [battery, not_known], "left": [battery, not_known, flying]}
+    assert merged_assumptions(assumed) == [battery, f"lead and left: {not_known}", f"left: {flying}"]
 
 
 @pytest.mark.parametrize(
-    ("body", "field"),
+    ("body", "text"),
     [
         ({}, "plan_id and plan"),
         ({"plan": {"items": PLAN["items"]}}, "plan.planned_home"),
@@ -134,16 +135,16 @@ def test_an_assumption_about_several_roles_is_reported_once_with_their_names():
         ({"plan": PLAN, "endurance_s": 0}, "endurance_s"),
         ({"plan": PLAN, "vehicles": {"lead": "1", "left": "2"}}, "vehicles"),
         ({"plan": PLAN, "vehicle": "1", "vehicles": {"lead": "1"}}, "vehicles"),
-        ({"plan": ROLES, "vehicles": {"lead": "1"}}, "role 'left' has no vehicle"),
-        ({"plan": ROLES, "vehicle": "1"}, "name a vehicle for each role"),
+        ({"plan": TWO_ROLES, "vehicles": {"lead": "1"}}, "role 'left' has no vehicle"),
+        ({"plan": TWO_ROLES, "vehicle": "1"}, "name a vehicle for each role"),
         ({"plan": THREE_ROLES, "flights": 134}, "134 flights of 3 vehicles are too many"),
         ({"plan": ROLES_WITHOUT_POSITIONS}, "The start positions are not known"),
     ],
 )
-def test_invalid_dry_runs_are_refused_and_the_error_names_the_field(client, body, field):
+def test_invalid_dry_runs_are_refused_and_the_error_names_the_cause(client, body, text):
     refused = client.post("dry_runs", json=body)
     assert refused.status_code == 422
-    assert field in refused.text
+    assert text in refused.text
 
 
 def test_an_unknown_vehicle_plan_or_dry_run_is_404(client):

@@ -40,18 +40,22 @@ def test_files_are_listed_and_unreadable_files_have_an_error(client):
     assert found["folder"].endswith("elevation")
 
 
-def test_a_plan_above_terrain_is_resolved_and_adjusted_until_it_has_no_findings(client):
-    drawn = plan(item(-0.009, 30), item(0.009, 30))
-    before = client.post("plans/check", json={"plan": drawn}).json()
+def test_altitudes_above_terrain_are_resolved_and_added_items_remove_the_terrain_findings(client):
+    above_terrain = plan(item(-0.009, 30), item(0.009, 30))
+    before = client.post("plans/check", json={"plan": above_terrain}).json()
     assert codes(before).count("terrain_unresolved") == 2
     assert max(height for _, height in before["ground"]) == pytest.approx(80, abs=2)
     assert any("broken.tif" in text for text in before["not_known"])
-    straight = client.post("plans/ground", json={"plan": drawn}).json()
-    assert (straight["resolved"], straight["unknown"], straight["added"]) == (2, 0, 0)
-    assert "terrain_hit" in codes(client.post("plans/check", json={"plan": straight["plan"]}).json())
-    followed = client.post("plans/ground", json={"plan": drawn, "tolerance_m": 5}).json()
-    assert followed["added"] == len(followed["plan"]["items"]) - 2 > 0
-    after = codes(client.post("plans/check", json={"plan": followed["plan"]}).json())
+    without_tolerance = client.post("plans/ground", json={"plan": above_terrain}).json()
+    assert (without_tolerance["resolved"], without_tolerance["unknown"], without_tolerance["added"]) == (
+        2,
+        0,
+        0,
+    )
+    assert "terrain_hit" in codes(client.post("plans/check", json={"plan": without_tolerance["plan"]}).json())
+    terrain_following = client.post("plans/ground", json={"plan": above_terrain, "tolerance_m": 5}).json()
+    assert terrain_following["added"] == len(terrain_following["plan"]["items"]) - 2 > 0
+    after = codes(client.post("plans/check", json={"plan": terrain_following["plan"]}).json())
     assert not {"terrain_unresolved", "terrain_hit", "terrain_near", "terrain_outdated"} & set(after)
 
 
@@ -75,7 +79,7 @@ def test_a_finding_about_a_mission_into_a_hill_names_the_step(client):
     assert check["ground"]
 
 
-def test_a_plan_outside_the_elevation_files_reports_unknown_ground(client):
+def test_outside_the_elevation_files_the_ground_is_reported_as_not_known(client):
     elsewhere = {"items": [{**item(0, 30), "lat_deg": -33.0}]}
     check = client.post("plans/check", json={"plan": elsewhere}).json()
     assert check["ground"] == []

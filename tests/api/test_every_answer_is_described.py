@@ -96,7 +96,7 @@ async def run_with_vehicle(data, scenario):
 @pytest.mark.parametrize("part", range(4))
 def test_each_response_to_a_generated_request_is_described_and_none_is_5xx(part, tmp_path):
     generator = RequestGenerator(description(), SEED + part)
-    found, statuses = {}, set()
+    undescribed_responses, statuses = {}, set()
 
     async def scenario(client):
         for method, path, operation in operations()[part::4]:
@@ -107,13 +107,13 @@ def test_each_response_to_a_generated_request_is_described_and_none_is_5xx(part,
                     request.method, request.path, params=request.query, content=request.body, headers=headers
                 )
                 statuses.add(response.status_code)
-                missing = undescribed(operation, response)
-                if missing is not None:
-                    found[f"{request.method} {path}: {missing}"] = request
+                omission = undescribed(operation, response)
+                if omission is not None:
+                    undescribed_responses[f"{request.method} {path}: {omission}"] = request
 
     run_in_simulated_time(lambda: run_with_vehicle(tmp_path, scenario))
-    assert found == {}
-    assert {200, 422} <= statuses, "no request passed the checks"
+    assert undescribed_responses == {}
+    assert {200, 422} <= statuses, "the requests were not both accepted and refused"
 
 
 def test_responses_of_access_control_and_limits_are_described_at_every_operation():

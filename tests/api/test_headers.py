@@ -65,7 +65,7 @@ def test_refusals_have_the_headers_and_another_host_is_not_in_the_policy(client)
 
 def test_the_3d_view_has_its_own_policy(client):
     response = client.get("/scene/")
-    if response.status_code == 503:  # while it starts there is no document, so the common policy applies
+    if response.status_code == 503:  # the 3D view has not started yet
         assert directives(response)["script-src"] == ["'self'"]
         return
     assert "'unsafe-inline'" in directives(response)["script-src"]

@@ -11,8 +11,8 @@ from tests.support.api_client import api_client
 HOSTILE = {
     "nul": "a\0b",
     "slash": "a/b",
-    "up": "../../etc/passwd",
-    "dots": "..",
+    "parent folder": "../../etc/passwd",
+    "two dots": "..",
     "long": "n" * 300,
     "longer": "n" * 5000,
     "long tlog": "n" * 300 + ".tlog",

@@ -86,7 +86,7 @@ def test_a_pmtiles_file_is_read_in_parts(client, folder):
     assert client.get("/api/v1/maps/a.pmtiles").content == whole
 
 
-def test_tile_rows_are_numbered_from_the_north(client, folder):
+def test_the_api_numbers_tile_rows_from_the_north_and_the_file_from_the_south(client, folder):
     write_mbtiles(folder / "c.mbtiles")  # row 1 of 2, counted from the south
     tile = client.get("/api/v1/maps/c.mbtiles/1/0/0")
     assert (tile.status_code, tile.content, tile.headers["content-type"]) == (200, PICTURE, "image/png")

@@ -1,4 +1,4 @@
-"""Plans over HTTP: stored, changed by two clients, checked, imported, exported, response from patterns."""
+"""Plans over HTTP: stored, changed by two clients, checked, imported, exported, and made from patterns."""
 
 import io
 import json
@@ -115,7 +115,7 @@ def test_every_change_of_a_plan_is_sent_to_telemetry_clients(client):
         ([], "plan"),
     ],
 )
-def test_an_error_about_an_invalid_plan_names_item_and_fix_and_the_plan_is_not_stored(client, invalid, text):
+def test_an_invalid_plan_is_not_stored_and_the_error_names_the_item_or_field(client, invalid, text):
     refused = client.post("plans", json={"name": "x", "plan": invalid})
     assert refused.status_code == 422
     assert refused.json()["field"].startswith("plan")
@@ -129,7 +129,7 @@ def test_a_name_is_one_line_and_not_empty(client, name):
     assert client.post("plans", json={"name": name, "plan": PLAN}).json()["field"] == "name"
 
 
-def test_a_check_returns_findings_with_item_and_fix_and_estimates(client):
+def test_a_check_returns_findings_with_their_items_and_estimates(client):
     high = json.loads(json.dumps(PLAN))
     high["items"][1]["altitude"]["value_m"] = 300
     found = client.post("plans/check", json={"plan": high}).json()
@@ -225,8 +225,8 @@ def test_patterns_become_items(client):
     }
     path = client.post("plans/pattern", json=tower).json()["path"]
     assert {point["altitude"]["reference"] for point in path} == {"amsl"}
-    heights_m = [point["altitude"]["value_m"] for point in path]
-    assert (heights_m[0], heights_m == sorted(heights_m), len(set(heights_m)) > 1) == (503, True, True)
+    alts_m = [point["altitude"]["value_m"] for point in path]
+    assert (alts_m[0], alts_m == sorted(alts_m), len(set(alts_m)) > 1) == (503, True, True)
     refused = client.post("plans/pattern", json={**survey, "outer": SQUARE[:2]})
     assert refused.status_code == 422
     assert "fewer than 3 corners" in refused.json()["detail"]
@@ -309,8 +309,8 @@ def test_a_stored_mission_is_inserted_into_another_mission(client):
     assert [step["step"] for step in found["plan"]["missions"]["Tower"]] == ["fly"]
     assert "left out" in found["notes"][0]
     saved = store(client, "Two towers", found["plan"])
-    again = {**body, "plan": saved["plan"], "plan_id": saved["id"], "version": 1}
-    assert client.post("plans/insert", json=again).json()["called"] == "Two towers"
+    second_insertion = {**body, "plan": saved["plan"], "plan_id": saved["id"], "version": 1}
+    assert client.post("plans/insert", json=second_insertion).json()["called"] == "Two towers"
 
 
 def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
@@ -343,13 +343,13 @@ def test_an_invalid_insertion_is_refused_and_the_error_names_the_field(client):
 
 
 def mission_with_table(length):
-    """A mission that flies a table of this many characters."""
+    """A mission that flies a trajectory table of this many characters."""
     rows = "t_s,north_m,east_m,down_m\n0,0,0,-9\n9,9,0,-9"
     steps = [{"step": "take_off", "height_m": 9}, {"step": "table", "file": "long"}]
     return {**MISSION, "steps": steps, "tables": {"long": rows.ljust(length)}}
 
 
-def test_a_mission_that_could_not_be_saved_is_refused(client):
+def test_an_insertion_that_makes_the_mission_too_large_to_store_is_refused(client):
     stored = store(client, "Long", mission_with_table(600_000))
     huge = {**MISSION, "tables": {"other": "x" * 600_000}}
     response = client.post("plans/insert", json={"plan": huge, "plan_id": stored["id"], "at": ["steps", 1]})
@@ -386,10 +386,10 @@ def test_a_mission_is_exported_to_yaml_and_imported_again(client):
     )
     refused = client.post("plans/export", params={"format": "kml"}, json={"plan": MISSION})
     assert "Write it as yaml or json" in json.dumps(refused.json())
-    line = client.post(
+    refused = client.post(
         "plans/import", params={"filename": "a.yaml"}, content=b"name: a\nsteps:\n- step: jump\n"
     )
-    assert "line 3, step 1" in line.json()["detail"]
+    assert "line 3, step 1" in refused.json()["detail"]
 
 
 def test_the_schema_of_both_documents_is_published(client):

@@ -1,4 +1,4 @@
-"""Recordings over HTTP: listed, downloaded, replayed, positioned; other files are refused with the reason."""
+"""Recordings over HTTP: listed, downloaded, replayed from any time; other files are refused with a reason."""
 
 import gzip
 import itertools
@@ -56,7 +56,7 @@ def vehicles(client):
     return {v["id"]: v for v in client.get(f"{API}/vehicles").json()}
 
 
-def test_recordings_are_listed_newest_first_and_errors_are_shown(client, folder):
+def test_recordings_are_listed_newest_first_and_unusable_files_with_the_reason(client, folder):
     log = log_bytes(flight(seconds=20, begin_us=BEGIN_US + 86_400_000_000))
     (folder / "mine.tlog.gz").write_bytes(gzip.compress(log))
     (folder / "empty.tlog").write_bytes(b"")
@@ -106,8 +106,8 @@ def test_only_files_of_the_folder_are_recordings(client, folder, name):
         response = client.get(path)
         assert response.status_code == 404
         assert b"private" not in response.content
-    plain = name.replace("%2F", "/").replace("%00", "\0")
-    response = client.post(f"{API}/replays", json={"recording": plain})
+    decoded_name = name.replace("%2F", "/").replace("%00", "\0")
+    response = client.post(f"{API}/replays", json={"recording": decoded_name})
     assert (response.status_code, response.json()["code"]) == (404, "unknown_recording")
 
 
@@ -214,10 +214,10 @@ def test_a_replay_is_opened_controlled_and_closed(client):
     assert messages
     assert all(BEGIN_S <= m["unix_s"] <= BEGIN_S + 12.1 for m in messages if m["kind"] != "link")
 
-    control_replay(client, name, position_unix_s=BEGIN_S + 3.05)  # backwards
+    control_replay(client, name, position_unix_s=BEGIN_S + 3.05)  # to an earlier time
     assert vehicles(client)["7"]["topics"]["global_position"]["value"]["alt_home_m"] == pytest.approx(3.0)
-    past = client.get(f"{API}/vehicles/1/history").json()["samples"]
-    assert all(s["received_unix_s"] <= BEGIN_S + 3.06 for s in past)
+    history_samples = client.get(f"{API}/vehicles/1/history").json()["samples"]
+    assert all(s["received_unix_s"] <= BEGIN_S + 3.06 for s in history_samples)
     refused = client.post(f"{API}/vehicles/1/hold")
     assert refused.status_code == 409
     assert "recording" in refused.json()["detail"]
@@ -232,7 +232,7 @@ def test_a_replay_is_opened_controlled_and_closed(client):
     assert client.get(f"{API}/replays/{name}").status_code == 404
 
 
-def test_a_replay_plays_to_its_end_and_again_from_the_start(client):
+def test_a_replay_plays_to_its_end_and_can_be_started_again(client):
     name = client.post(f"{API}/replays", json={"recording": NAME, "speed": 50}).json()["name"]
     deadline = time.monotonic() + 60
     while (view := client.get(f"{API}/replays/{name}").json())["state"] != "ended":

@@ -1,4 +1,4 @@
-"""Numbers in request bodies must be numbers: true, \"30\", NaN and infinity are refused."""
+"""Numbers in request bodies must be numbers: true, "30", NaN and infinity are refused."""
 
 import copy
 import json
@@ -13,7 +13,7 @@ from gcs_server.api.strict_body import StrictBody
 from missions.values import Model
 from tests.support.api_client import api_client
 
-WRONG = {
+NOT_NUMBERS = {
     "true": True,
     "false": False,
     "text": "5",
@@ -47,9 +47,9 @@ def bodies():
 def models_of(schema, seen):
     """Every model class below a core schema."""
     if isinstance(schema, dict):
-        kind = schema.get("cls")
-        if schema.get("type") == "model" and isinstance(kind, type) and issubclass(kind, BaseModel):
-            seen.add(kind)
+        model = schema.get("cls")
+        if schema.get("type") == "model" and isinstance(model, type) and issubclass(model, BaseModel):
+            seen.add(model)
         for part in schema.values():
             models_of(part, seen)
     elif isinstance(schema, list | tuple):
@@ -58,18 +58,18 @@ def models_of(schema, seen):
     return seen
 
 
-def scalars(schema, strict=False):
-    """Every number field; fields of a strict model have no flag of their own."""
+def number_nodes(schema, strict=False):
+    """Every number and boolean of a core schema; each is strict itself or part of a strict model."""
     if isinstance(schema, dict):
         strict = strict or bool((schema.get("config") or {}).get("strict"))
         if schema.get("type") in ("float", "int", "bool"):
             assert strict or schema.get("strict") is True, schema
             yield schema
         for part in schema.values():
-            yield from scalars(part, strict)
+            yield from number_nodes(part, strict)
     elif isinstance(schema, list | tuple):
         for part in schema:
-            yield from scalars(part, strict)
+            yield from number_nodes(part, strict)
 
 
 ADAPTERS = [*bodies(), ("WS …/offboard/stream", TypeAdapter(SetpointRequest))]
@@ -79,7 +79,7 @@ def all_models():
     found = set()
     for _, adapter in ADAPTERS:
         models_of(adapter.core_schema, found)
-    return sorted(found, key=lambda kind: kind.__name__)
+    return sorted(found, key=lambda model: model.__name__)
 
 
 def test_each_number_of_each_body_is_strict():
@@ -89,7 +89,7 @@ def test_each_number_of_each_body_is_strict():
     documents = [m for m in models if issubclass(m, Model)]
     assert [m.__name__ for m in models if not issubclass(m, StrictBody) and m not in documents] == []
     assert [m.__name__ for m in documents if not m.model_config["strict"]] == []
-    numbers = [node for _, adapter in ADAPTERS for node in scalars(adapter.core_schema)]
+    numbers = [node for _, adapter in ADAPTERS for node in number_nodes(adapter.core_schema)]
     assert len(numbers) > 100
     floats = [node for node in numbers if node["type"] == "float"]
     assert [node for node in floats if node.get("allow_inf_nan") is not False] == []
@@ -110,11 +110,11 @@ def number_paths(value, path=()):
 
 
 def examples():
-    for kind in all_models():
-        extra = kind.model_config.get("json_schema_extra")
+    for model in all_models():
+        extra = model.model_config.get("json_schema_extra")
         if isinstance(extra, dict):
             for example in extra.get("examples", [extra.get("example")]):
-                yield kind, example
+                yield model, example
 
 
 def with_value(example, path, value):
@@ -126,17 +126,17 @@ def with_value(example, path, value):
     return changed
 
 
-@pytest.mark.parametrize("name", list(WRONG))
+@pytest.mark.parametrize("name", list(NOT_NUMBERS))
 def test_values_that_are_not_numbers_are_refused_in_every_field(name):
     count = 0
-    for kind, example in examples():
-        kind.model_validate(example)
+    for model, example in examples():
+        model.model_validate(example)
         for path in number_paths(example):
             if "t_s" not in path:
-                kind.model_validate(with_value(example, path, example_number(example, path)))
+                model.model_validate(with_value(example, path, example_number(example, path)))
             count += 1
             with pytest.raises(ValidationError):
-                kind.model_validate(with_value(example, path, WRONG[name]))
+                model.model_validate(with_value(example, path, NOT_NUMBERS[name]))
     assert count > 40
 
 
