@@ -114,7 +114,7 @@ test-clients: $(VENV)/.clients web kernels
 	@$(BIN)/python -m pytest -n 2 --dist loadscope -m "$(LONG)" $(filter-out tests/contract,$(SUITE))
 	@$(BIN)/python -m pytest tests/clients
 	@$(BIN)/python -m pytest tests/hostile
-	@GENERATED_REQUESTS=12 $(BIN)/python -m pytest tests/api/test_every_answer_is_described.py
+	@GENERATED_REQUESTS=12 $(BIN)/python -m pytest tests/api/test_responses_are_described.py
 	@FUZZ_SEEDS=20 $(BIN)/python -m pytest tests/unit/vehicle_sim/test_fuzz.py
 	@ALL_DIALOGUES=1 $(BIN)/python -m pytest -n 2 --dist loadscope tests/contract
 

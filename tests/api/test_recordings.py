@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from tests.support.api_client import api_client
-from tests.unit.gcs_server.replay.made_logs import BEGIN_US, flight, log_bytes
+from tests.unit.gcs_server.replay.generated_logs import BEGIN_US, flight, log_bytes
 
 BEGIN_S = BEGIN_US / 1e6
 NAME = "20260711-080000-udpin-127.0.0.1-14550.tlog"

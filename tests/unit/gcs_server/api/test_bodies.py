@@ -52,7 +52,7 @@ def test_bodies_within_limits_are_parsed(text):
 
 
 @pytest.mark.parametrize(
-    ("text", "word"),
+    ("text", "reason"),
     [
         (b"[" * 100_000, "deeper"),
         (b'{"a":' * (MAX_DEPTH + 1) + b"1" + b"}" * (MAX_DEPTH + 1), "deeper"),
@@ -65,8 +65,8 @@ def test_bodies_within_limits_are_parsed(text):
         ('{"a": 1}'.encode("utf-16"), "UTF-8"),
     ],
 )
-def test_bodies_beyond_a_limit_are_refused_before_parsing(text, word):
-    assert word in json_fault(text)
+def test_bodies_beyond_a_limit_are_refused_before_parsing(text, reason):
+    assert reason in json_fault(text)
 
 
 def test_a_body_with_fifty_thousand_unknown_keys_causes_one_error(client):
@@ -75,8 +75,8 @@ def test_a_body_with_fifty_thousand_unknown_keys_causes_one_error(client):
     assert response.status_code == 422
     assert response.json()["field"] == "body"
     assert len(response.content) < 1000
-    line = client.get("/api/v1/journal?limit=1").json()["entries"]
-    assert len(json.dumps(line)) < 1000
+    entries = client.get("/api/v1/journal?limit=1").json()["entries"]
+    assert len(json.dumps(entries)) < 1000
 
 
 @pytest.mark.parametrize(

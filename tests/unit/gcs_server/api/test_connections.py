@@ -1,5 +1,5 @@
-"""Which connections are closed at a limit: those of unknown clients first, those of clients in control
-last."""
+"""Which connections are closed at a limit: waiting connections first (no allowed request yet), connections of
+clients in control of a vehicle last."""
 
 import pytest
 
@@ -39,6 +39,8 @@ LIMITS = ConnectionLimits(
 
 
 class ConnectionsSetup:
+    """Connections with small limits, on a fake clock; the client "pilot" is in control."""
+
     def __init__(self):
         self.clock = Clock()
         self.connections = Connections(self.clock, LIMITS, lambda key: key == "pilot")
@@ -56,93 +58,93 @@ class ConnectionsSetup:
 
 
 @pytest.fixture
-def limited():
+def setup():
     return ConnectionsSetup()
 
 
-def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_connection(limited):
-    idle = [limited.connect() for _ in range(20)]
+def test_the_oldest_waiting_connection_of_an_address_is_closed_for_a_new_connection(setup):
+    idle = [setup.connect() for _ in range(20)]
     assert [c.closed for c in idle] == [True] * 16 + [False] * 4
     assert all(c.socket.ended for c in idle[:16])
-    assert not limited.connect("2.2.2.2").closed
+    assert not setup.connect("2.2.2.2").closed
 
 
-def test_the_address_with_most_waiting_connections_is_the_first_to_lose_a_connection(limited):
-    one_address = [limited.connect("3.3.3.3") for _ in range(4)]
-    two_addresses = [limited.connect(f"4.4.4.{n}") for n in range(2)]
-    newest = limited.connect("5.5.5.5")
+def test_the_address_with_most_waiting_connections_is_the_first_to_lose_a_connection(setup):
+    one_address = [setup.connect("3.3.3.3") for _ in range(4)]
+    two_addresses = [setup.connect(f"4.4.4.{n}") for n in range(2)]
+    newest = setup.connect("5.5.5.5")
     assert [c.closed for c in one_address] == [True, False, False, False]
     assert not any(c.closed for c in (*two_addresses, newest))
 
 
-def test_idle_clients_are_closed_before_busy_clients_and_clients_in_control_are_not_closed(limited):
-    pilot = limited.connect("9.9.9.9", "pilot")
-    idle = limited.connect("8.8.8.8", "idle")
-    busy = [limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
-    assert limited.connect("6.6.6.6").refusal_status == 0
+def test_idle_clients_are_closed_before_busy_clients_and_clients_in_control_are_not_closed(setup):
+    pilot = setup.connect("9.9.9.9", "pilot")
+    idle = setup.connect("8.8.8.8", "idle")
+    busy = [setup.connect(f"7.7.7.{n}", f"busy {n}", busy=True) for n in range(8)]
+    assert setup.connect("6.6.6.6").refusal_status == 0
     assert idle.closed
     assert not pilot.closed
     assert not any(c.closed for c in busy)
 
 
-def test_at_the_limit_only_a_client_in_control_is_served(limited):
+def test_at_the_limit_only_a_client_in_control_is_served(setup):
     for n in range(10):
-        limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
-    not_in_control, pilot = limited.connect("1.1.1.1"), limited.connect("2.2.2.2")
-    assert limited.connections.admit(not_in_control, "not_in_control") == 503
-    assert limited.connections.admit(pilot, "pilot") == 0
+        setup.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
+    not_in_control, pilot = setup.connect("1.1.1.1"), setup.connect("2.2.2.2")
+    assert setup.connections.admit(not_in_control, "not_in_control") == 503
+    assert setup.connections.admit(pilot, "pilot") == 0
 
 
-def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(limited):
+def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(setup):
     for n in range(8):
-        limited.connect("7.7.7.7", f"busy {n}", busy=True)
-    assert limited.connections.admit(limited.connect("7.7.7.7"), "not_in_control") == 429
-    assert limited.connections.admit(limited.connect("7.7.7.7"), "pilot") == 0
-    assert limited.connections.admit(limited.connect("2.2.2.2"), "other") == 0
+        setup.connect("7.7.7.7", f"busy {n}", busy=True)
+    assert setup.connections.admit(setup.connect("7.7.7.7"), "not_in_control") == 429
+    assert setup.connections.admit(setup.connect("7.7.7.7"), "pilot") == 0
+    assert setup.connections.admit(setup.connect("2.2.2.2"), "other") == 0
 
 
-def test_the_reserve_is_limited_and_reused_for_new_connections(limited):
+def test_the_reserve_is_limited_and_reused_for_new_connections(setup):
     for n in range(10):
-        limited.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
-    new_connections = [limited.connect(f"2.2.2.{n}") for n in range(5)]
+        setup.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
+    new_connections = [setup.connect(f"2.2.2.{n}") for n in range(5)]
     assert [c.closed for c in new_connections] == [True, True, False, False, False]
     for connection in new_connections[2:]:
-        limited.connections.admit(connection, "pilot")
-        limited.connections.set_busy(connection, True)
-    assert limited.connect("1.1.1.1") is None
-    assert len(limited.connections) == 13
+        setup.connections.admit(connection, "pilot")
+        setup.connections.set_busy(connection, True)
+    assert setup.connect("1.1.1.1") is None
+    assert len(setup.connections) == 13
 
 
-def test_the_total_size_of_bodies_is_limited_and_released(limited):
-    first, second = limited.connect(), limited.connect()
-    assert limited.connections.take_body(first, 900)
-    assert not limited.connections.take_body(second, 200)
-    limited.connections.remove(second)
-    limited.connections.release_body(first)
-    assert limited.connections.take_body(first, 1000)
+def test_the_total_size_of_bodies_is_limited_and_released(setup):
+    first, second = setup.connect(), setup.connect()
+    assert setup.connections.take_body(first, 900)
+    assert not setup.connections.take_body(second, 200)
+    setup.connections.remove(second)
+    setup.connections.release_body(first)
+    assert setup.connections.take_body(first, 1000)
 
 
-def test_beyond_the_total_of_unread_bytes_even_a_client_in_control_is_closed(limited):
-    pilot = limited.connect("9.9.9.9", "pilot", busy=True, unread=2000)
-    slow = limited.connect("1.1.1.1", "a", busy=True, unread=700)
-    fast = limited.connect("1.1.1.1", "b", busy=True, unread=100)
-    limited.connections.check()
+def test_beyond_the_total_of_unread_bytes_even_a_client_in_control_is_closed(setup):
+    pilot = setup.connect("9.9.9.9", "pilot", busy=True, unread=2000)
+    slow = setup.connect("1.1.1.1", "a", busy=True, unread=700)
+    fast = setup.connect("1.1.1.1", "b", busy=True, unread=100)
+    setup.connections.check()
     assert slow.closed
     assert fast.closed, "clients without control were not closed first"
     assert pilot.closed, "the client in control alone exceeds the limit"
-    assert len(limited.connections) == 0
+    assert len(setup.connections) == 0
 
 
-def test_the_warning_lasts_a_minute(limited):
-    assert limited.connections.warning() is None
+def test_the_warning_lasts_a_minute(setup):
+    assert setup.connections.warning() is None
     for _ in range(5):
-        limited.connect()
-    assert "refuses clients" in limited.connections.warning()
-    limited.clock.now_s += WARNING_DURATION_S + 1
-    assert limited.connections.warning() is None
+        setup.connect()
+    assert "refuses clients" in setup.connections.warning()
+    setup.clock.now_s += WARNING_DURATION_S + 1
+    assert setup.connections.warning() is None
 
 
-def test_few_file_descriptors_reduce_all_limits_but_the_reserve():
+def test_few_file_descriptors_reduce_all_limits_except_the_reserve():
     small = ConnectionLimits().reduced_to(192)
     assert small.total + small.reserve == 192
     assert small.waiting_per_address < small.waiting_total < small.per_address < small.total

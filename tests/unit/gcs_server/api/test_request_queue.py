@@ -13,22 +13,22 @@ def client(name, address="1.1.1.1"):
 
 
 def serve(callers, in_control=()):
-    """(names in the order in which they were served, number of loop iterations between each two)."""
+    """(names of the clients in the order of their requests, loop iterations between two requests)."""
     order = []
 
     async def run():
         request_queue = RequestQueue(lambda key: key in {client(name).key for name in in_control})
-        rounds = 0
+        iteration_count = 0
 
         async def count():
-            nonlocal rounds
+            nonlocal iteration_count
             while True:
-                rounds += 1
+                iteration_count += 1
                 await asyncio.sleep(0)
 
         async def wait_and_note(caller):
             await request_queue.wait(caller)
-            order.append((str(caller), rounds))
+            order.append((str(caller), iteration_count))
 
         counting = asyncio.ensure_future(count())
         await asyncio.gather(*(wait_and_note(caller) for caller in callers))
@@ -64,7 +64,7 @@ def test_a_cancelled_request_does_not_delay_other_requests():
     async def run():
         request_queue = RequestQueue(lambda _: False)
         await request_queue.wait(client("first"))
-        waiting = [asyncio.ensure_future(request_queue.wait(client("gone"))) for _ in range(10)]
+        waiting = [asyncio.ensure_future(request_queue.wait(client("cancelled"))) for _ in range(10)]
         await asyncio.sleep(0)
         for waiter in waiting[:9]:
             waiter.cancel()

@@ -37,27 +37,31 @@ MODULES = {
 }
 
 
-def public(kind):
-    return {name: f for name, f in vars(kind).items() if inspect.isfunction(f) and not name.startswith("_")}
+def public_methods(client_class):
+    return {
+        name: f
+        for name, f in vars(client_class).items()
+        if inspect.isfunction(f) and not name.startswith("_")
+    }
 
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_call_exists_in_both_clients_with_the_same_arguments(name):
-    kind = getattr(MODULES.get(name, offboard), name)
+    asynchronous_class = getattr(MODULES.get(name, offboard), name)
     blocking_class = getattr(client, f"Sync{name}")
-    for method_name, method in public(kind).items():
+    for method_name, method in public_methods(asynchronous_class).items():
         if method_name not in EXCLUDED_METHODS:
             blocking_parameters = inspect.signature(getattr(blocking_class, method_name)).parameters
             assert list(blocking_parameters) == list(inspect.signature(method).parameters), method_name
             assert not inspect.iscoroutinefunction(getattr(blocking_class, method_name))
 
 
-async def leave():
+async def do_nothing():
     pass
 
 
-@pytest.mark.parametrize("until", [2, 99])
-def test_a_complete_or_interrupted_iteration_is_closed_once_on_the_loop(until):
+@pytest.mark.parametrize("last", [2, 99])
+def test_a_complete_or_interrupted_iteration_is_closed_once_on_the_loop(last):
     loops = []
 
     async def source():
@@ -68,15 +72,15 @@ def test_a_complete_or_interrupted_iteration_is_closed_once_on_the_loop(until):
         finally:
             loops.append(asyncio.get_running_loop())
 
-    with LoopThread(leave) as thread:
+    with LoopThread(do_nothing) as thread:
         found = []
         values = iterate(thread._portal, source())
         for value in values:
             found.append(value)
-            if value == until:
+            if value == last:
                 break
         values.close()
-    assert found == list(range(min(until + 1, 5)))
+    assert found == list(range(min(last + 1, 5)))
     assert len(loops) == 1
 
 

@@ -10,7 +10,7 @@ from gcs_server.api.schema import bare_app
 from gcs_server.control.commands import BY_CALL
 
 AUTHORIZING = {"authorized_command", "run_command", "command_mission", "authorized_commands"}
-"""Functions whose argument is the command's name; all of them pass it to `authorized_command`."""
+"""Functions that get the name of a command and pass it to `authorized_command`."""
 
 
 def commands_of(function):

@@ -165,21 +165,21 @@ def test_a_partial_write_leaves_no_incomplete_line(tmp_path, monkeypatch):
     journal = Journal(SystemClock(), path)
     add(journal, "arm")
     journal.flush()
-    content, real = path.read_bytes(), os.write
-    monkeypatch.setattr(os, "write", lambda fd, data: real(fd, data[: len(data) // 2]))
+    content, real_write = path.read_bytes(), os.write
+    monkeypatch.setattr(os, "write", lambda fd, data: real_write(fd, data[: len(data) // 2]))
     add(journal, "land")
     journal.flush()
     assert path.read_bytes() == content
     assert "No space left" in journal.warning
-    monkeypatch.setattr(os, "write", real)
+    monkeypatch.setattr(os, "write", real_write)
     journal.flush()
     assert [line["command"] for line in lines_of(path)] == ["arm", "land"]
     assert journal.warning is None
 
 
 def test_the_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
-    blocked, real = threading.Event(), os.fsync
-    monkeypatch.setattr(os, "fsync", lambda fd: (blocked.wait(5), real(fd)))
+    disk_ready, real_fsync = threading.Event(), os.fsync
+    monkeypatch.setattr(os, "fsync", lambda fd: (disk_ready.wait(5), real_fsync(fd)))
 
     async def run():
         clock = SystemClock()
@@ -191,8 +191,8 @@ def test_the_loop_never_waits_for_the_disk(tmp_path, monkeypatch):
             if number % 100 == 0:
                 await asyncio.sleep(0)  # the writer is blocked; the loop is not
         assert len(journal.tail(1000)) == 1000
-        assert not blocked.is_set()
-        blocked.set()
+        assert not disk_ready.is_set()
+        disk_ready.set()
         while count_whole_lines(tmp_path / "journal.jsonl") < 2000:  # noqa: ASYNC110 a file has no notification
             await asyncio.sleep(0.01)
         await supervisor.close()

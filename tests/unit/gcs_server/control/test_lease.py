@@ -133,7 +133,7 @@ def test_control_expires_when_the_holder_sends_nothing(setup):
     assert setup.lease.on_expiry == "nothing", "the action of the previous holder still applies"
 
 
-def test_an_open_socket_keeps_control_and_its_end_starts_the_lease_time(setup):
+def test_an_open_socket_keeps_control_and_the_lease_time_starts_when_it_closes(setup):
     setup.connect(ANNA)
     setup.lease.admit(ANNA)
     setup.after(3600)
@@ -207,13 +207,13 @@ def test_a_denied_client_gets_the_reason_and_may_force(setup):
     assert setup.lease.holder.key == BOB.key
 
 
-def test_control_of_an_unreachable_holder_may_be_forced_at_once(setup):
+def test_control_of_an_unreachable_holder_may_be_forced_immediately(setup):
     setup.lease.admit(ANNA)
     setup.lease.take(BOB, force=True)
     assert setup.lease.holder.key == BOB.key
 
 
-def test_requests_wait_again_after_a_change_of_holder(setup):
+def test_a_new_holder_gets_the_full_time_to_answer_open_requests(setup):
     setup.connect(ANNA, BOB, CARL)
     setup.lease.admit(ANNA)
     setup.lease.request(BOB)
@@ -286,7 +286,7 @@ def test_the_holder_is_informed_when_other_clients_command_hold_or_land_now(setu
     assert setup.lease.holder.key == ANNA.key
 
 
-# --- bounds ---------------------------------------------------------------------------------------
+# --- limits ---------------------------------------------------------------------------------------
 
 
 def test_the_number_of_open_requests_is_limited(setup):

@@ -1,5 +1,5 @@
-"""The server uses X-Forwarded headers only from trusted proxies, otherwise the address of the connection's
-peer."""
+"""X-Forwarded headers are used only from trusted proxies; otherwise the client's address is the address of
+the connection's peer."""
 
 import asyncio
 

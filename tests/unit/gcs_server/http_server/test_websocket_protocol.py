@@ -1,4 +1,4 @@
-"""Limits of WebSockets, without sockets: floods wait, and a client that does not read is disconnected."""
+"""Limits of WebSockets, without sockets: of received frames, of message size, and of unread data."""
 
 import asyncio
 import base64
@@ -9,7 +9,7 @@ import pytest
 from gcs_server.api.refusals import UNREAD_DEADLINE_S
 from gcs_server.http_server.websocket_protocol import CLOSE_DEADLINE_S, MAX_FRAMES, MAX_FRAMES_PER_S
 from tests.e2e.hostile import frame
-from tests.unit.gcs_server.http_server.wire import echo, run_with_server
+from tests.unit.gcs_server.http_server.memory_server import respond_with_size, run_with_server
 
 UPGRADE = (
     b"GET /x HTTP/1.1\r\nHost: a\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
@@ -40,17 +40,17 @@ def test_a_flood_of_empty_frames_is_parsed_in_pieces_and_closes_the_connection(o
         transport = await open_websocket(server)
         longest_s, finished = 0.0, False
 
-        async def watch():
+        async def measure_iterations():
             nonlocal longest_s
             while not finished:
                 began_s = time.thread_time()
                 await asyncio.sleep(0)
                 longest_s = max(longest_s, time.thread_time() - began_s)
 
-        watcher = asyncio.ensure_future(watch())
+        measuring = asyncio.ensure_future(measure_iterations())
         await server.send(transport, frame(b"", opcode) * 42_000)
         finished = True
-        await watcher
+        await measuring
         assert close_frame(transport) == (1008, f"more than {MAX_FRAMES_PER_S} frames in a second")
         assert longest_s < 0.3, "all frames were parsed in one piece"
         await asyncio.sleep(0.1)
@@ -118,7 +118,7 @@ def test_a_too_large_message_closes_the_connection_before_it_is_complete():
 def test_unread_pongs_are_limited():
     async def scenario(server):
         transport = await open_websocket(server)
-        transport.stuck = True
+        transport.client_reads = False
         for _ in range(20):
             await server.send(transport, frame(b"x" * 125, 9) * 900)
             await server.wait(1)
@@ -128,16 +128,16 @@ def test_unread_pongs_are_limited():
 
 
 def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected():
-    async def talking(scope, receive, send):
+    async def sending(scope, receive, send):
         await receive()
         await send({"type": "websocket.accept"})
         while True:
-            await send({"type": "websocket.send", "text": "news " * 1000})
+            await send({"type": "websocket.send", "text": "text " * 1000})
             await asyncio.sleep(0.01)
 
     async def scenario(server):
         transport = await open_websocket(server)
-        transport.stuck = True
+        transport.client_reads = False
         await asyncio.sleep(0.1)
         unread_bytes = len(transport.unread)
         await server.wait(UNREAD_DEADLINE_S + 1)
@@ -150,7 +150,7 @@ def test_a_client_that_reads_nothing_gets_a_close_frame_and_is_then_disconnected
         assert transport.aborted
         assert len(server.connections) == 0
 
-    run_with_server(scenario, talking)
+    run_with_server(scenario, sending)
 
 
 def test_an_open_websocket_without_messages_stays_open():
@@ -163,12 +163,12 @@ def test_an_open_websocket_without_messages_stays_open():
             await server.send(transport, frame(payload, 10))
         assert not transport.closed
 
-    run_with_server(scenario, echo)
+    run_with_server(scenario, respond_with_size)
 
 
 @pytest.mark.parametrize("early", [frame(b"early"), b"\xff" * 5000, frame(b"x", 0), frame(b"x" * 3_000_000)])
 @pytest.mark.parametrize("disconnects", [False, True])
-def test_data_before_the_accept_waits_and_logs_no_error(early, disconnects, caplog):
+def test_data_received_before_the_accept_is_kept_and_causes_no_log_line(early, disconnects, caplog):
     received = []
 
     async def slow(scope, receive, send):

@@ -19,7 +19,14 @@ from gcs_server.replay.index import make_index
 from gcs_server.replay.index_process import from_bytes, to_bytes
 from gcs_server.replay.playback import state_at
 from gcs_server.replay.records import open_log
-from tests.unit.gcs_server.replay.made_logs import BEGIN_US, FrameSource, flight, heartbeat, log_bytes, record
+from tests.unit.gcs_server.replay.generated_logs import (
+    BEGIN_US,
+    FrameSource,
+    flight,
+    heartbeat,
+    log_bytes,
+    record,
+)
 
 
 def many_kinds(count, step_us=100):

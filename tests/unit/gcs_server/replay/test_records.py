@@ -18,7 +18,7 @@ from gcs_server.replay.records import (
     read_tlog,
     system_id,
 )
-from tests.unit.gcs_server.replay.made_logs import BEGIN_US, flight, log_bytes, record
+from tests.unit.gcs_server.replay.generated_logs import BEGIN_US, flight, log_bytes, record
 
 FLIGHT = flight(seconds=6)
 DATA = log_bytes(FLIGHT)

@@ -13,7 +13,7 @@ from gcs_server.replay.records import Batch, Cursor, open_log, read_batch
 from gcs_server.vehicle import mode_cause
 from gcs_server.vehicle.samples import TOPICS
 from tests.protocol.memory_world import World
-from tests.unit.gcs_server.replay.made_logs import flight, log_bytes
+from tests.unit.gcs_server.replay.generated_logs import flight, log_bytes
 
 
 class Tape(Link):

@@ -17,7 +17,7 @@ from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.protocol.fake_autopilot import FakeAutopilot
 from tests.simulated_time import run_in_simulated_time
 from tests.support.api_client import settings_for
-from tests.unit.gcs_server.replay.made_logs import flight, record
+from tests.unit.gcs_server.replay.generated_logs import flight, record
 
 COUNT = int(os.environ.get("GENERATED_REQUESTS", "2"))
 """Requests for each operation; more in `make test-clients`."""

@@ -1,4 +1,4 @@
-"""HTTP connections without sockets, on simulated time."""
+"""A fake HTTP server for tests: connections without sockets, on simulated time."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from tests.simulated_time import run_in_simulated_time
 
 
 class Transport(asyncio.Transport):
-    """Accepts all written bytes, or none while `stuck`."""
+    """The server's end of a connection; while `client_reads` is false, written bytes stay in `unread`."""
 
     def __init__(self) -> None:
         super().__init__()
         self.written, self.unread = b"", b""
-        self.stuck = self.closed = self.eof = self.paused = self.aborted = False
+        self.closed = self.eof = self.paused = self.aborted = False
+        self.client_reads = True
         self.protocol: Any = None
 
     def write(self, data: Any) -> None:
-        if self.stuck:
+        if self.client_reads:
+            self.written += data
+        else:
             self.unread += data
             self.protocol.pause_writing()
-        else:
-            self.written += data
 
     def get_write_buffer_size(self) -> int:
         return len(self.unread)
@@ -39,13 +40,13 @@ class Transport(asyncio.Transport):
         if not self.closed:
             self.closed = True
             if not self.unread:
-                self.lose()
+                self._report_closed()
 
     def abort(self) -> None:
         self.closed = self.aborted = True
-        self.lose()
+        self._report_closed()
 
-    def lose(self) -> None:
+    def _report_closed(self) -> None:
         asyncio.get_running_loop().call_soon(self.protocol.connection_lost, None)
 
     def is_closing(self) -> bool:
@@ -71,7 +72,7 @@ class Transport(asyncio.Transport):
 
 
 class TestedServer:
-    """A server with one application, and its connections."""
+    """A server for one application, with its connections."""
 
     def __init__(self, app: Any) -> None:
         self.clock = LoopClock(asyncio.get_running_loop())
@@ -93,14 +94,14 @@ class TestedServer:
         return transport
 
     async def wait(self, seconds: float) -> None:
-        """Waits; checks the deadlines every half second."""
+        """Waits; the server checks its deadlines every half second."""
         end_s = self.clock.monotonic_s() + seconds
         while self.clock.monotonic_s() < end_s:
             await asyncio.sleep(0.5)
             self.connections.check()
 
     async def send(self, transport: Transport, data: bytes, piece: int = 262_144) -> int:
-        """Sends until the server stops reading; returns the number of received bytes."""
+        """Sends until the server stops reading; returns the number of bytes that the server has received."""
         for start in range(0, len(data), piece):
             for _ in range(2000):
                 if not transport.paused:
@@ -114,8 +115,8 @@ class TestedServer:
         return len(data)
 
 
-async def echo(scope: Any, receive: Any, send: Any) -> None:
-    """Answers with the size of the body; reads a WebSocket until it closes."""
+async def respond_with_size(scope: Any, receive: Any, send: Any) -> None:
+    """An application that responds with the size of the body, and reads a WebSocket until it closes."""
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.accept"})
@@ -135,8 +136,10 @@ async def echo(scope: Any, receive: Any, send: Any) -> None:
     await send({"type": "http.response.body", "body": body})
 
 
-def run_with_server(scenario: Callable[[TestedServer], Coroutine[Any, Any, None]], app: Any = echo) -> None:
-    """Runs a test with a server and its connections."""
+def run_with_server(
+    scenario: Callable[[TestedServer], Coroutine[Any, Any, None]], app: Any = respond_with_size
+) -> None:
+    """Runs a scenario with a server."""
 
     async def run() -> None:
         await scenario(TestedServer(app))
