@@ -27,7 +27,7 @@ class Broken:
         raise ValueError
 
 
-def lines(pieces):
+def samples_of(pieces):
     return json.loads(json_response(history_view(pieces)).body)["samples"]
 
 
@@ -35,9 +35,9 @@ def lines(pieces):
 def test_a_long_history_is_encoded_in_pieces(count):
     pieces = list(history_pieces(vehicle(), [sample(n) for n in range(count)]))
     assert len(pieces) == -(-count // SAMPLES_PER_PIECE)
-    assert [line["value"]["n"] for line in lines(pieces)] == list(range(count))
+    assert [each["value"]["n"] for each in samples_of(pieces)] == list(range(count))
 
 
-def test_a_line_that_cannot_be_encoded_is_omitted():
+def test_a_sample_that_cannot_be_encoded_is_omitted():
     samples = [sample(0), sample(1, value=Broken()), sample(2)]
-    assert [line["value"]["n"] for line in lines(list(history_pieces(vehicle(), samples)))] == [0, 2]
+    assert [each["value"]["n"] for each in samples_of(list(history_pieces(vehicle(), samples)))] == [0, 2]

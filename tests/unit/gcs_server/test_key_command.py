@@ -13,7 +13,9 @@ KEY = bytes(range(32))
 
 
 @pytest.fixture
-def key(tmp_path, monkeypatch, capsys):
+def key_command(tmp_path, monkeypatch, capsys):
+    """Runs `gcs key` with these arguments; returns its exit code, output and errors."""
+
     def run(*arguments, typed=""):
         monkeypatch.setattr("sys.stdin", io.StringIO(typed))
         code = main(["key", *arguments, "--data", str(tmp_path)])
@@ -25,18 +27,18 @@ def key(tmp_path, monkeypatch, capsys):
     return run
 
 
-def test_keys_are_added_created_listed_and_removed(key):
-    assert key("list") == (0, "no signing keys\n", "")
-    assert key("add", "field", typed=KEY.hex() + "\n")[0] == 0
-    assert key("new", "random")[0] == 0
-    assert key("add", "sentence", "--passphrase", typed="correct horse battery staple\n")[0] == 0
-    assert key("list")[1].split() == ["field", "random", "sentence"]
-    assert key.store.read("field").reveal() == KEY
-    assert len({key.store.read(name).reveal() for name in ("field", "random", "sentence")}) == 3
-    for path in key.store._folder.iterdir():
+def test_keys_are_added_created_listed_and_removed(key_command):
+    assert key_command("list") == (0, "no signing keys\n", "")
+    assert key_command("add", "field", typed=KEY.hex() + "\n")[0] == 0
+    assert key_command("new", "random")[0] == 0
+    assert key_command("add", "sentence", "--passphrase", typed="correct horse battery staple\n")[0] == 0
+    assert key_command("list")[1].split() == ["field", "random", "sentence"]
+    assert key_command.store.read("field").reveal() == KEY
+    assert len({key_command.store.read(name).reveal() for name in ("field", "random", "sentence")}) == 3
+    for path in key_command.store._folder.iterdir():
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert key("remove", "sentence")[0] == 0
-    assert key("list")[1].split() == ["field", "random"]
+    assert key_command("remove", "sentence")[0] == 0
+    assert key_command("list")[1].split() == ["field", "random"]
 
 
 @pytest.mark.parametrize(
@@ -51,16 +53,16 @@ def test_keys_are_added_created_listed_and_removed(key):
         (("remove", "none"), "", "cannot be removed"),
     ],
 )
-def test_errors_never_show_the_key(key, arguments, typed, expected):
-    code, out, err = key(*arguments, typed=typed)
+def test_errors_never_show_the_key(key_command, arguments, typed, expected):
+    code, out, err = key_command(*arguments, typed=typed)
     assert (code, out) == (cli.EXIT_CANNOT_START, "")
     assert expected in err
-    assert key.store.names() == []
+    assert key_command.store.names() == []
 
 
-def test_a_key_is_not_overwritten(key):
-    assert key("add", "field", typed=KEY.hex())[0] == 0
-    code, _, err = key("new", "field")
+def test_a_key_is_not_overwritten(key_command):
+    assert key_command("add", "field", typed=KEY.hex())[0] == 0
+    code, _, err = key_command("new", "field")
     assert code == cli.EXIT_CANNOT_START
     assert "already" in err
-    assert key.store.read("field").reveal() == KEY
+    assert key_command.store.read("field").reveal() == KEY

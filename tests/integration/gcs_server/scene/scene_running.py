@@ -23,14 +23,14 @@ from gcs_server.scene.proxy import Bridges, ShownView, scene_router
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.view_request import ViewRequest
 from gcs_server.supervise import Supervisor
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying_vehicle
 
 
 class SceneServer:
     """A scene with its own HTTP server on a free port; it draws in the test's process."""
 
     def __init__(self) -> None:
-        self.fleet = FakeFleet([flying("1"), flying("2")])
+        self.fleet = FakeFleet([flying_vehicle("1"), flying_vehicle("2")])
         self.clicks: list[SceneClick] = []
         self.gizmos: list[SceneGizmo] = []
         self.bridges = Bridges(SystemClock())

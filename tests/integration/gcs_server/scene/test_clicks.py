@@ -14,7 +14,7 @@ from gcs_server.scene.clicks import REACH_M, ground_point
 from gcs_server.scene.tracks import Tracks
 from tests.integration.gcs_server.scene.scene_running import DOWN_NORTH, eventually, open_stream
 from tests.support.viser_camera import CAMERA
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying_vehicle
 
 
 def test_a_ray_intersects_the_level_ground():
@@ -35,7 +35,7 @@ def test_a_ray_that_does_not_reach_the_ground_gives_none(eye_z_m, ray):
 
 
 def test_the_ground_is_at_the_altitude_of_the_selected_vehicles_home():
-    tracks = Tracks(FakeFleet([flying("1"), flying("2")]), None, SystemClock())
+    tracks = Tracks(FakeFleet([flying_vehicle("1"), flying_vehicle("2")]), None, SystemClock())
     tracks.update(1000.0, 0.03)
     vehicle, lat_deg, lon_deg, alt_amsl_m = tracks.ground_position("2", (0.0, 0.0, 10.0), (0.0, 1.0, -0.1))
     assert vehicle == "2"

@@ -16,7 +16,7 @@ from gcs_server.scene.scene import Scene
 from gcs_server.scene.vehicle_node import VehicleNode
 from tests.integration.gcs_server.scene.scene_running import eventually, open_stream
 from tests.support.viser_camera import CAMERA
-from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying
+from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying_vehicle
 
 
 def test_viser_prints_nothing_and_leaves_no_files(capfd):
@@ -64,7 +64,7 @@ def test_a_scene_that_cannot_start_is_an_error_with_text(monkeypatch, tmp_path):
 
 def test_vehicles_are_added_one_by_one_and_the_followed_vehicle_first(scene_server, monkeypatch):
     """A new browser must not delay the pictures of the others."""
-    more_vehicles = [flying(name) for name in ("31", "32", "33", "34")]
+    more_vehicles = [flying_vehicle(name) for name in ("31", "32", "33", "34")]
     step, steps, nodes = Scene._step, [], []
 
     def count_step(self, now_s, dt_s):

@@ -31,7 +31,7 @@ from tests.integration.gcs_server.scene.scene_running import (
     types_in,
 )
 from tests.support.viser_camera import CAMERA
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying, local_position
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying_vehicle, local_position
 
 pack = msgspec.msgpack.encode
 
@@ -40,7 +40,7 @@ class Site:
     """A server with the 3D view in its process."""
 
     def __init__(self) -> None:
-        self.fleet = FakeFleet([flying("1"), flying("2")])
+        self.fleet = FakeFleet([flying_vehicle("1"), flying_vehicle("2")])
         self.clicks, self.gizmos = [], []
         self.scene = SceneProcess(
             self.fleet, SystemClock(), on_click=self.clicks.append, on_gizmo=self.gizmos.append

@@ -66,7 +66,7 @@ def test_a_newer_flight_command_removes_waiting_commands_of_its_vehicle_but_not_
     queue = SendQueue(SendCounts())
     queue.put(packet("arm", 2, group="1"), 0.0)
     queue.put(packet("arm 2", 2, group="2"), 0.0)
-    queue.put(packet("hold", 1, group="1"), 0.0)  # otherwise it would arm after a command to hold
+    queue.put(packet("hold", 1, group="1"), 0.0)  # the vehicle must not arm after a later Hold command
     queue.put(packet("stop", 0, key="s", group="1"), 0.0)
     queue.put(packet("terminate", 0, key="t", group="1"), 0.0)
     queue.put(packet("land", 1, group="1"), 0.0)
@@ -81,50 +81,52 @@ def test_packets_beyond_the_limit_are_dropped_but_not_stop_motors():
     assert [queue.put(packet(f"c{n}", 2), 0.0) for n in range(600)].count(True) == CLASS_LIMIT
     assert all(queue.put(packet(f"s{n}", MOST_URGENT), 0.0) for n in range(1000))
     assert counts.frames_dropped == 36 + 88
-    old = SendQueue(SendCounts())
-    assert all(old.put(packet(f"r{n}", LEAST_URGENT, size=1000, expires_s=1.0), 0.0) for n in range(64))
-    assert old.put(packet("new", LEAST_URGENT, size=1000), 2.0), (
+    full_queue = SendQueue(SendCounts())
+    assert all(
+        full_queue.put(packet(f"r{n}", LEAST_URGENT, size=1000, expires_s=1.0), 0.0) for n in range(64)
+    )
+    assert full_queue.put(packet("new", LEAST_URGENT, size=1000), 2.0), (
         "expired packets were not removed for a new one"
     )
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(seed):
+def test_under_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(seed):
     rng = random.Random(seed)
     counts = SendCounts()
     queue = SendQueue(counts)
-    put, taken, now_s, order = {}, set(), 0.0, 0
+    put, taken, now_s, count = {}, set(), 0.0, 0
     passed_over = [0] * CLASSES
-    stops_waiting = set()
+    waiting_stops = set()
     for _ in range(4000):
         now_s += rng.choice((0.0, 0.002, 0.02))
         for _ in range(rng.choice((0, 1, 1, 2, 5))):
             priority = rng.choices(range(CLASSES), (0.02, 0.1, 0.3, 1.0, 1.0))[0]
-            order += 1
-            lives_s = 1e9 if priority == MOST_URGENT else (0.5, 0.5, 0.1, 3.0)[priority - 1]
-            key = {3: f"sp{rng.randrange(4)}", 0: f"stop{order}"}.get(priority)
+            count += 1
+            lifetime_s = 1e9 if priority == MOST_URGENT else (0.5, 0.5, 0.1, 3.0)[priority - 1]
+            key = {3: f"sp{rng.randrange(4)}", 0: f"stop{count}"}.get(priority)
             group = f"v{rng.randrange(4)}" if priority < 3 and rng.random() < 0.5 else None
-            put[order] = (priority, now_s + lives_s)
+            put[count] = (priority, now_s + lifetime_s)
             if queue.put(
-                packet(str(order), priority, expires_s=now_s + lives_s, key=key, group=group), now_s
+                packet(str(count), priority, expires_s=now_s + lifetime_s, key=key, group=group), now_s
             ):
                 if priority == MOST_URGENT:
-                    stops_waiting.add(order)
+                    waiting_stops.add(count)
             else:
                 assert priority != MOST_URGENT
         for _ in range(rng.choice((0, 0, 1, 1, 2))):
             waiting = [bool(w) for w in queue._waiting]
             sent_packet = queue.take(now_s)
             if sent_packet is None:
-                assert not stops_waiting
+                assert not waiting_stops
                 continue
             number = int(sent_packet.finish())
             priority, expires_s = put[number]
             assert number not in taken
             taken.add(number)
             assert expires_s >= now_s, "an expired packet was sent"
-            assert priority == MOST_URGENT or not stops_waiting, "stop motors was not first"
-            stops_waiting.discard(number)
+            assert priority == MOST_URGENT or not waiting_stops, "stop motors was not first"
+            waiting_stops.discard(number)
             for other in range(1, CLASSES):
                 still_waiting = waiting[other] and bool(queue._waiting[other]) and other != priority
                 passed_over[other] = passed_over[other] + (priority != MOST_URGENT) if still_waiting else 0
@@ -133,4 +135,6 @@ def test_in_any_load_stop_motors_is_first_setpoints_expire_and_no_class_starves(
     assert len(taken) + counts.frames_expired + counts.frames_replaced + counts.frames_dropped + len(
         queue
     ) == len(put)
-    assert stops_waiting == {int(p.finish()) for p in queue._waiting[MOST_URGENT].values()}, "a stop was lost"
+    assert waiting_stops == {int(p.finish()) for p in queue._waiting[MOST_URGENT].values()}, (
+        "a stop motors command was lost"
+    )

@@ -25,6 +25,7 @@ from tests.support.link_recorder import LinkRecorder, run
 PEER = Peer("vehicle")
 SETPOINT, PARAM_READ, COMMAND = 84, 20, 76
 HOLD, ARM, STOP = (1.0, 4.0, 176), (1.0, 0.0, 400), (0.0, 21196.0, 400)
+"""Commands: param1, param2, MAV_CMD."""
 
 
 class FakeLoop:
@@ -82,21 +83,21 @@ class SlowLink(Link):
         return self.writer
 
     def setpoint(self, system=1):
-        """Sends a setpoint with its time of creation."""
+        """Sends a setpoint whose time_boot_ms is its time of creation."""
         created_ms = round((self.loop.now_s - 1000) * 1000)
         payload = struct.pack("<I11fHBBB", created_ms, *range(1, 12), 2552, system, 1, 1)
         return self.sender.send(SETPOINT, payload, PEER)
 
     def command(self, command, system=1, **options):
-        first, second, number = command
-        payload = struct.pack("<7fHBBB", first, second, 0, 0, 0, 0, 0, number, system, 1, 0)
+        param1, param2, command_id = command
+        payload = struct.pack("<7fHBBB", param1, param2, 0, 0, 0, 0, 0, command_id, system, 1, 0)
         return self.sender.send(COMMAND, payload, PEER, **options)
 
     def param(self, number):
         return self.sender.send(PARAM_READ, struct.pack("<hBB16s", number, 1, 1, b""), PEER)
 
     def under_load(self, for_s, stop_when=lambda: False):
-        """Sends a setpoint every 20 ms, and keeps parameter requests waiting."""
+        """Sends a setpoint every 20 ms; parameter requests keep 40 packets waiting."""
         for _ in range(round(for_s / 0.02)):
             self.setpoint()
             self.parameters = getattr(self, "parameters", itertools.count())
@@ -110,6 +111,7 @@ class SlowLink(Link):
         return [(at_s, frame) for at_s, frame in self.line.sent_frames if frame.msg_id == msg_id]
 
     def ages_s(self):
+        """For each sent setpoint, the time from its creation to its transmission."""
         return [
             at_s - 1000 - struct.unpack_from("<I", frame.payload)[0] / 1000
             for at_s, frame in self.sent(SETPOINT)
@@ -119,14 +121,14 @@ class SlowLink(Link):
 def test_under_load_stop_motors_is_sent_within_50_ms():
     link = SlowLink()
     link.under_load(2.0)
-    late_s = []
+    delays_s = []
     for number in range(20):
         link.loop.run(0.0013 * number)  # at different moments of the current transmission
         requested_s, sent_before = link.loop.now_s, len(link.sent(COMMAND))
         assert link.command(STOP)
         link.under_load(0.1)
-        late_s.append(link.sent(COMMAND)[sent_before][0] - requested_s)
-    assert max(late_s) < 0.05
+        delays_s.append(link.sent(COMMAND)[sent_before][0] - requested_s)
+    assert max(delays_s) < 0.05
     assert max(link.ages_s()) < 0.1
     assert len(link.sent(SETPOINT)) > 45 * 4, "the stream stopped"
     assert len(link.sent(PARAM_READ)) > 4 * 30, "parameters were not sent"
@@ -147,8 +149,8 @@ def test_after_a_stall_of_5_s_stop_motors_is_first_and_no_setpoint_is_late():
     assert stop_s - (stalled_s + 5.0) < 0.05
     after = [frame for at_s, frame in link.line.sent_frames if at_s > stalled_s + 5.0]
     assert sum(f.msg_id == SETPOINT for f in after[: after.index(link.sent(COMMAND)[0][1])]) <= 2
-    in_driver = 2  # the writer cannot remove setpoints that are already in the driver at the stall
-    assert sum(age_s > 0.1 for age_s in link.ages_s()) <= in_driver
+    # The writer cannot remove up to two setpoints that are in the serial driver when the stall begins.
+    assert sum(age_s > 0.1 for age_s in link.ages_s()) <= 2
     assert len(link.sent(COMMAND)) == 1, "the waiting arm command was sent after stop motors"
     assert sum(link.line.parser.lost.values()) == 0
     info = link.info()
@@ -190,7 +192,7 @@ def test_streams_beyond_the_line_rate_share_the_line_and_do_not_block_parameters
     assert len(link.sent(PARAM_READ)) > 10
 
 
-def test_a_partly_sent_frame_that_is_too_late_ends_with_a_wrong_checksum():
+def test_an_expired_frame_that_is_partly_sent_ends_with_a_wrong_checksum_so_that_it_is_dropped():
     free_bytes, out = [20], bytearray()
 
     def write(data, _peer):
@@ -233,7 +235,7 @@ def test_an_unsent_frame_does_not_use_its_sequence_number():
     assert link.recorded == out
 
 
-def test_a_frame_that_cannot_be_packed_affects_only_itself():
+def test_a_frame_that_cannot_be_packed_does_not_affect_other_frames():
     link = SlowLink()
     link.line.stall(0.1)
     link.under_load(0.06)

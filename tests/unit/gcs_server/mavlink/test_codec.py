@@ -1,4 +1,4 @@
-"""The server's framing compared with pymavlink's encoder: whole frames, pieces, and garbage between them."""
+"""The frame parser and encoder compared with pymavlink, with frames in pieces and garbage between them."""
 
 import math
 import struct
@@ -24,22 +24,26 @@ RANGES = {
 }
 
 
-def field(kind, length):
-    if kind == "char":
+def field_values(field_type, length):
+    """Values of a field; length 0: no array."""
+    if field_type == "char":
         return st.binary(min_size=length, max_size=length) if length else st.binary(min_size=1, max_size=1)
-    if kind in ("float", "double"):
-        value = st.floats(width=32 if kind == "float" else 64, allow_nan=False)
+    if field_type in ("float", "double"):
+        value = st.floats(width=32 if field_type == "float" else 64, allow_nan=False)
     else:
-        value = st.integers(*RANGES[kind])
+        value = st.integers(*RANGES[field_type])
     return st.lists(value, min_size=length, max_size=length) if length else value
 
 
 @st.composite
 def messages(draw, module=sim):
     cls = module.mavlink_map[draw(st.sampled_from(sorted(LAYOUTS.keys() & module.mavlink_map)))]
-    by_name = dict(zip(cls.ordered_fieldnames, cls.array_lengths, strict=True))
+    length_of = dict(zip(cls.ordered_fieldnames, cls.array_lengths, strict=True))
     return cls(
-        *[draw(field(kind, by_name[name])) for name, kind in zip(cls.fieldnames, cls.fieldtypes, strict=True)]
+        *[
+            draw(field_values(field_type, length_of[name]))
+            for name, field_type in zip(cls.fieldnames, cls.fieldtypes, strict=True)
+        ]
     )
 
 
@@ -113,21 +117,21 @@ def test_a_damaged_frame_is_dropped_and_the_next_frame_is_kept(message, data):
 
 def test_mavlink_1_and_signed_frames_are_read():
     heartbeat = sim.MAVLink_heartbeat_message(2, 12, 29, 50593792, 4, 3)
-    old = packed(heartbeat, 4, v1=True)
+    mavlink_1 = packed(heartbeat, 4, v1=True)
     mav = sim.MAVLink(None, srcSystem=3, srcComponent=7)
     mav.signing.secret_key, mav.signing.sign_outgoing = b"k" * 32, True
     signed = heartbeat.pack(mav)
     assert len(signed) == 21 + 13
-    frames = codec.FrameParser().feed(old + signed + old, 0.0)
-    assert [f.raw for f in frames] == [old, signed, old]
+    frames = codec.FrameParser().feed(mavlink_1 + signed + mavlink_1, 0.0)
+    assert [f.raw for f in frames] == [mavlink_1, signed, mavlink_1]
     assert {codec.decode(f).custom_mode for f in frames} == {50593792}
 
 
 def test_an_unknown_message_is_kept_as_bytes():
-    body = b"\xfd\x03\x00\x00\x05\x01\x01\xff\xff\x0a" + b"abc" + b"\x12\x34"
+    raw = b"\xfd\x03\x00\x00\x05\x01\x01\xff\xff\x0a" + b"abc" + b"\x12\x34"
     valid = packed(sim.MAVLink_ping_message(1, 2, 0, 0), 1)
     parser = codec.FrameParser()
-    unknown, known = parser.feed(body + valid, 0.0)
+    unknown, known = parser.feed(raw + valid, 0.0)
     assert (unknown.msg_id, unknown.payload, unknown.known) == (0x0AFFFF, b"abc", False)
     assert codec.decode(unknown) is None
     assert known.raw == valid

@@ -44,8 +44,8 @@ NOT_IN_PX4 = {
 
 
 def px4_definitions(shared):
-    """{id: (name, fields in wire order [(type, name, length)], crc_extra)} by the rules of MAVLink's
-    guide."""
+    """{id: (name, fields in wire order [(type, name, length)], crc_extra)}, computed as MAVLink's guide
+    describes it."""
     found = {}
     with tarfile.open(shared / "px4" / "mavlink-definitions.tar.xz") as archive:
         for member in archive.getmembers():
@@ -74,7 +74,7 @@ def px4_definitions(shared):
 
 
 @pytest.mark.parametrize("module", [dialect, sim], ids=["gcs_server", "vehicle_sim"])
-def test_every_message_of_px4_has_the_pinned_layout(shared, module):
+def test_every_message_of_px4_has_the_layout_of_its_definition(shared, module):
     definitions = px4_definitions(shared)
     assert len(definitions) > 200
     wrong = []
@@ -98,18 +98,19 @@ def test_every_message_of_px4_has_the_pinned_layout(shared, module):
 def test_the_decoders_formats_match_the_dialect():
     for msg_id, compiled in decoders.FORMATS.items():
 
-        def flat(text):
-            out, number = "", ""
-            for letter in text.lstrip("<"):
-                if letter.isdigit():
-                    number += letter
+        def expanded(struct_format):
+            """The format with repeated letters instead of counts: "2h" becomes "hh"."""
+            out, count = "", ""
+            for character in struct_format.lstrip("<"):
+                if character.isdigit():
+                    count += character
                 else:
-                    out += letter * int(number or 1)
-                    number = ""
+                    out += character * int(count or 1)
+                    count = ""
             return out
 
-        dialect_format = flat(dialect.mavlink_map[msg_id].unpacker.format)
-        assert dialect_format.startswith(flat(compiled.format)), dialect.mavlink_map[msg_id].msgname
+        dialect_format = expanded(dialect.mavlink_map[msg_id].unpacker.format)
+        assert dialect_format.startswith(expanded(compiled.format)), dialect.mavlink_map[msg_id].msgname
 
 
 def test_instance_offsets_match_the_dialect():

@@ -1,4 +1,5 @@
-"""Message signing compared with pymavlink, which shares no code; replays, forgeries, secrecy of keys."""
+"""Message signing compared with pymavlink, an independent implementation; replayed and forged frames; secret
+keys."""
 
 import io
 import logging
@@ -54,6 +55,7 @@ def verifier(key=KEY, at_s=NOW_S):
 
 
 def pymavlink(key, system_id=1, timestamp=NOW):
+    """A pymavlink peer that signs with this key and accepts only frames signed with it."""
     mav = common.MAVLink(io.BytesIO(), srcSystem=system_id, srcComponent=1)
     mav.robust_parsing = False
     mav.signing.secret_key = key
@@ -67,10 +69,10 @@ def pymavlink(key, system_id=1, timestamp=NOW):
 def test_pymavlink_accepts_frames_signed_by_the_server(key, link_id, system_id, seq, custom_mode):
     signer = FrameSigner(SecretKey(key), link_id, clock())
     payload = custom_mode.to_bytes(4, "little") + bytes([6, 8, 192, 4, 3])
-    other = pymavlink(key)
+    peer = pymavlink(key)
     for _ in range(3):
         raw = encode_frame(0, payload, seq, system_id, 190, signer)
-        message = other.decode(bytearray(raw))
+        message = peer.decode(bytearray(raw))
         assert (message.get_signed(), message.get_link_id(), message.custom_mode) == (
             True,
             link_id,
@@ -78,17 +80,17 @@ def test_pymavlink_accepts_frames_signed_by_the_server(key, link_id, system_id, 
         )
         assert raw[-12:-6] == signer.clock.now().to_bytes(6, "little")
     with pytest.raises(common.MAVError, match="signature"):
-        other.decode(bytearray(raw))
+        peer.decode(bytearray(raw))
     with pytest.raises(common.MAVError, match="signature"):
         pymavlink(bytes([key[0] ^ 1]) + key[1:]).decode(bytearray(raw))
 
 
 @given(keys, st.integers(1, 255), st.integers(0, 2**32 - 1))
 def test_frames_signed_by_pymavlink_are_accepted(key, system_id, custom_mode):
-    other, key_verifier = pymavlink(key, system_id), verifier(key)
+    peer, key_verifier = pymavlink(key, system_id), verifier(key)
     parser = FrameParser()
     for _ in range(3):
-        raw = common.MAVLink_heartbeat_message(6, 8, 192, custom_mode, 4, 3).pack(other)
+        raw = common.MAVLink_heartbeat_message(6, 8, 192, custom_mode, 4, 3).pack(peer)
         (frame,) = parser.feed(bytes(raw), 0.0)
         assert key_verifier.refusal(frame.raw, frame.system_id, frame.component_id) is None
         assert key_verifier.refusal(frame.raw, frame.system_id, frame.component_id) is Refusal.REPLAYED
@@ -130,7 +132,7 @@ def test_a_new_stream_may_be_a_minute_behind_but_not_more():
     key_verifier = verifier()
     assert key_verifier.refusal(signed(timestamp=NOW + 10 * MINUTE), 1, 1) is None
     assert key_verifier.refusal(signed(timestamp=NOW, system_id=2), 2, 1) is Refusal.TOO_OLD
-    # The time of a known stream may differ from other streams: its frames may come over a slower link.
+    # A known stream may be behind other streams, because its frames may come over a slower link.
     assert key_verifier.refusal(signed(timestamp=NOW + 10 * MINUTE + 1), 1, 1) is None
 
 
@@ -267,7 +269,7 @@ def test_timestamps_increase_over_a_restart_with_an_earlier_clock(tmp_path):
     first.open("one", SigningOptions("field", required=True))
     used = first.clock.next()
     first.store_timestamp()
-    clock.unix += 9.9  # not saved, as if the server was killed
+    clock.unix += 9.9  # the timestamp is not stored, as if the server was killed
     used = max(used, first.clock.next())
     clock.unix -= 86_400
     assert Signing(clock, key_store).clock.next() > used
@@ -381,7 +383,7 @@ def test_signing_without_a_key_or_with_an_invalid_mode_is_refused(url):
 
 @pytest.mark.parametrize("url", ["udpin://0.0.0.0:14550?key={}", "x?key={}", "tcp://h:1?forward=2&KEY={}"])
 @pytest.mark.parametrize("secret", [KEY.hex(), "AAECAwQFBgcICQoLDA0ODxAREhMUFRYXGBkaGxwdHh8="])
-def test_a_key_given_as_a_name_is_not_in_errors_or_journal(url, secret):
+def test_a_key_that_a_user_gives_instead_of_its_name_is_not_in_errors_or_journal(url, secret):
     with pytest.raises(InvalidRequest) as error:
         make_link(url.format(secret))
     error_text = f"{error.value} {error.value.remedy}"

@@ -86,7 +86,7 @@ def test_a_full_disk_stops_the_recording_until_there_is_space(tmp_path, monkeypa
     assert files(tmp_path)[0].stat().st_size == 8 + len(FRAME)
 
 
-def test_too_little_disk_space_is_reported_in_numbers(tmp_path):
+def test_too_little_disk_space_is_reported_with_the_limit(tmp_path):
     tlogs = recorder(tmp_path, keep_free_bytes=10**18)
     channel = tlogs.channel("a")
     channel.append(stamp(NOW_US), FRAME)
@@ -118,16 +118,16 @@ def test_a_removed_link_ends_its_file(tmp_path):
     tlogs.close()
 
 
-def test_a_fault_of_the_recorder_does_not_end_its_thread(tmp_path, monkeypatch):
+def test_the_recorders_thread_continues_after_a_fault(tmp_path, monkeypatch):
     monkeypatch.setattr(tlog_writer, "FLUSH_INTERVAL_S", 0.01)
     recorder = TlogRecorder(tmp_path, max_bytes=1 << 20, keep_free_bytes=0)
-    real, faults = TlogRecorder.flush, []
+    real_flush, faults = TlogRecorder.flush, []
 
     def flush(self):
         if not faults:
             faults.append(1)
             raise OverflowError("once")
-        real(self)
+        real_flush(self)
 
     monkeypatch.setattr(TlogRecorder, "flush", flush)
     recorder.start()

@@ -1,4 +1,4 @@
-"""Operations: progress, sharing, cancellation, limits, and failures. On simulated time."""
+"""Operations: progress, sharing, cancellation, limits and failures, on simulated time."""
 
 import asyncio
 from types import SimpleNamespace
@@ -128,7 +128,7 @@ def test_cancel_waits_for_the_cleanup_and_can_be_repeated():
     run_test(test)
 
 
-def test_an_operation_cancelled_before_its_first_step_has_ended():
+def test_an_operation_can_be_cancelled_before_its_first_step():
     async def test(context):
         started = start(context)
         assert (await context.operations.cancel(started.id)).state == "cancelled"
@@ -184,22 +184,22 @@ def test_a_lost_vehicle_ends_only_operations_that_need_it():
     run_test(test)
 
 
-def test_work_that_detects_the_loss_fails_with_its_own_error():
+def test_an_operation_that_detects_the_loss_itself_fails_with_its_own_error():
     async def test(context):
         async def work(report):
             await asyncio.sleep(1.5)
-            raise NoReply("It sent 12 of 929 parameters.", deadline_s=1)
+            raise NoReply("The vehicle sent 12 of 929 parameters.", deadline_s=1)
 
         started = start(context, work, vehicle="1", needs_vehicle=True)
         await asyncio.sleep(1)
         context.operations.vehicle_lost("1", "its link was closed")
         await asyncio.sleep(5)
-        assert context.operations.get(started.id).text == "It sent 12 of 929 parameters."
+        assert context.operations.get(started.id).text == "The vehicle sent 12 of 929 parameters."
 
     run_test(test)
 
 
-def test_a_server_stop_cancels_all_operations_and_no_operation_starts():
+def test_when_the_server_stops_all_operations_are_cancelled_and_no_operation_starts():
     async def test(context):
         started = [start(context, vehicle=str(n)) for n in range(3)]
         await asyncio.sleep(1)

@@ -110,7 +110,7 @@ def test_the_path_of_a_plan_begins_at_the_vehicles_altitude_and_the_dry_runs_hor
 
 
 @pytest.mark.parametrize(
-    ("dry_run", "ground", "expected"),
+    ("dry_run", "start_ned_m", "expected"),
     [
         (plan_dry_run(finished=False), PLAN_START_NED_M, "has not flown the whole plan"),
         (plan_dry_run(path=None), PLAN_START_NED_M, "has not flown the whole plan"),
@@ -121,6 +121,6 @@ def test_the_path_of_a_plan_begins_at_the_vehicles_altitude_and_the_dry_runs_hor
         ),
     ],
 )
-def test_a_dry_run_that_does_not_fit_the_start_of_a_plan_is_refused(dry_run, ground, expected):
+def test_a_dry_run_that_does_not_fit_the_start_of_a_plan_is_refused(dry_run, start_ned_m, expected):
     with pytest.raises(Refused, match=expected):
-        path_of(dry_run, PLAN, ground, ORIGIN)
+        path_of(dry_run, PLAN, start_ned_m, ORIGIN)

@@ -36,8 +36,8 @@ def waypoint(value_m: float, lat_deg: float = 47.401) -> dict[str, Any]:
 
 TAKEOFF = {"kind": "takeoff", **HOME_DEG, **altitude(20)}
 LAND = {"kind": "land", **HOME_DEG, **altitude(0)}
-ENDLESS = {"kind": "jump", "target_index": 1, "repeat": -1}
-CROSSED = {
+ENDLESS_JUMP = {"kind": "jump", "target_index": 1, "repeat": -1}
+SELF_CROSSING_FENCE = {
     "shape": "polygon",
     "inclusion": False,
     "polygon": [
@@ -53,10 +53,10 @@ PLANS: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
     "takeoff_landing_mismatch": ([TAKEOFF, waypoint(20)], {"MIS_TKO_LAND_REQ": 4.0}),
     "command_refused": ([TAKEOFF, {"kind": "set_servo", "servo": 1, "pulse_us": 1500}, waypoint(20)], {}),
     "complex_without_items": ([TAKEOFF, {"kind": "complex", "complex_type": "x", "original": "{}"}], {}),
-    "jump_target_missing": ([TAKEOFF, waypoint(20), {**ENDLESS, "target_index": 7, "repeat": 1}], {}),
-    "jump_stalls": ([TAKEOFF, {**ENDLESS, "repeat": 60_000}], {}),
-    "jump_endless": ([TAKEOFF, waypoint(20), ENDLESS], {}),
-    "endurance_endless": ([TAKEOFF, waypoint(20), ENDLESS], {}),
+    "jump_target_missing": ([TAKEOFF, waypoint(20), {**ENDLESS_JUMP, "target_index": 7, "repeat": 1}], {}),
+    "jump_stalls": ([TAKEOFF, {**ENDLESS_JUMP, "repeat": 60_000}], {}),
+    "jump_endless": ([TAKEOFF, waypoint(20), ENDLESS_JUMP], {}),
+    "endurance_endless": ([TAKEOFF, waypoint(20), ENDLESS_JUMP], {}),
     "items_never_reached": ([TAKEOFF, {"kind": "return_home"}, waypoint(20), waypoint(30)], {}),
     "speed_invalid": ([TAKEOFF, {"kind": "change_speed", "speed_m_s": 0}, waypoint(20)], {}),
     "speed_too_high": (
@@ -66,17 +66,17 @@ PLANS: dict[str, tuple[list[dict[str, Any]], dict[str, Any]]] = {
     "speed_too_high of the plan": ([TAKEOFF, waypoint(20)], {"hover_speed_m_s": 14.0}),
     "altitude_too_high": ([TAKEOFF, waypoint(150)], {}),
     "altitude_fence": ([TAKEOFF, waypoint(70)], {"GF_MAX_VER_DIST": 60.0}),
-    "fence_invalid": ([TAKEOFF, waypoint(20)], {"fence": [CROSSED]}),
+    "fence_invalid": ([TAKEOFF, waypoint(20)], {"fence": [SELF_CROSSING_FENCE]}),
 }
-"""For each code: items, and other fields of the plan or PX4's parameters."""
+"""For each finding code: items, and other fields of the plan or PX4's parameters."""
 FLY = "{step: fly, points: [{offset_ned_m: [20, 0, -10]}]"
-HIGH = "{step: fly, points: [{offset_ned_m: [20, 0, -150]}, {offset_ned_m: [40, 0, -50]}]}"
-AWAY = "{step: fly, points: [{lat_deg: 47.4002, lon_deg: 8.5, alt_amsl_m: 500}]}"
+FLY_HIGH = "{step: fly, points: [{offset_ned_m: [20, 0, -150]}, {offset_ned_m: [40, 0, -50]}]}"
+FLY_GLOBAL = "{step: fly, points: [{lat_deg: 47.4002, lon_deg: 8.5, alt_amsl_m: 500}]}"
 MISSIONS: dict[str, tuple[list[str], dict[str, Any]]] = {
     "takeoff_missing": ([FLY + "}", "{step: land}"], {}),
     "takeoff_in_air": (["TAKE_OFF", "{step: take_off, height_m: 8}", "{step: land}"], {}),
     "landing_missing": (["TAKE_OFF", FLY + "}"], {}),
-    "estimate_missing": (["TAKE_OFF", AWAY, "{step: land}"], {}),
+    "estimate_missing": (["TAKE_OFF", FLY_GLOBAL, "{step: land}"], {}),
     "speed_too_high": (["TAKE_OFF", FLY + ", speed_m_s: 9}", "{step: land}"], {"MPC_XY_VEL_MAX": 8.0}),
     "speed_too_high of the mission": (
         ["TAKE_OFF", FLY + "}", "{step: land}"],
@@ -87,10 +87,10 @@ MISSIONS: dict[str, tuple[list[str], dict[str, Any]]] = {
         {},
     ),
     "duration_too_short": (["TAKE_OFF", "{step: velocity, velocity_ned_m_s: [5, 0, 0], duration_s: 1}"], {}),
-    "altitude_too_high": (["TAKE_OFF", HIGH], {}),
+    "altitude_too_high": (["TAKE_OFF", FLY_HIGH], {}),
     "altitude_too_high of the take-off": (["{step: take_off, height_m: 130}", "{step: land}"], {}),
-    "altitude_fence": (["TAKE_OFF", HIGH], {"GF_MAX_VER_DIST": 80.0}),
-    "limit_exceeded": (["TAKE_OFF", HIGH], {"height_max_m": 40.0}),
+    "altitude_fence": (["TAKE_OFF", FLY_HIGH], {"GF_MAX_VER_DIST": 80.0}),
+    "limit_exceeded": (["TAKE_OFF", FLY_HIGH], {"height_max_m": 40.0}),
     "altitude_below_home": (["TAKE_OFF", "{step: fly, points: [{offset_ned_m: [20, 0, 3]}]}"], {}),
     "gimbal_steep": (["TAKE_OFF", "{step: gimbal, track: fixed, pitch_rad: 2}", FLY + "}"], {}),
     "gimbal_steep of a sweep": (

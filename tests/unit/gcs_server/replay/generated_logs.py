@@ -1,4 +1,4 @@
-"""Random telemetry logs for tests: two vehicles with changes of mode and texts, from a seed."""
+"""Random telemetry logs from a seed: two vehicles that change modes and send texts."""
 
 import random
 import struct

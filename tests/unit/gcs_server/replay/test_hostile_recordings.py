@@ -1,4 +1,4 @@
-"""Hostile recordings: index, jumps, memory and disk space stay within limits for any content."""
+"""Hostile recordings: index, seeking, memory and disk space stay within limits for any content."""
 
 import asyncio
 import gzip
@@ -29,8 +29,8 @@ from tests.unit.gcs_server.replay.generated_logs import (
 )
 
 
-def many_kinds(count, step_us=100):
-    """Bytes of records, each with another combination of system, component and message."""
+def many_senders(count, step_us=100):
+    """A log of records, each with another combination of system, component and message."""
     return b"".join(
         record(BEGIN_US + i * step_us, frame(1 + i % 250, i // 250 % 255, 500 + i // 63_750))
         for i in range(count)
@@ -57,8 +57,8 @@ def index_of(path):
         return make_index(file)
 
 
-def test_message_kinds_beyond_the_limit_are_omitted_and_counted(write_log):
-    index = index_of(write_log(many_kinds(index_module.MAX_KEYS + 2000)))
+def test_senders_and_messages_beyond_the_limit_are_omitted_and_counted(write_log):
+    index = index_of(write_log(many_senders(index_module.MAX_KEYS + 2000)))
     assert index.left_out == 2000
     assert max(len(c.newest) for c in index.checkpoints) <= 2 * index_module.MAX_KEYS
 
@@ -72,7 +72,7 @@ def test_too_many_events_are_cut_and_counted(write_log, monkeypatch):
     assert index.left_out == 70
 
 
-def test_checkpoints_are_limited_and_a_jump_restores_every_state(write_log, monkeypatch):
+def test_checkpoints_are_limited_and_seeking_restores_every_state(write_log, monkeypatch):
     monkeypatch.setattr(records, "BATCH_BYTES", 8192)
     path = write_log(log_bytes(flight(seconds=120)))
     full = index_of(path)
@@ -87,16 +87,16 @@ def test_checkpoints_are_limited_and_a_jump_restores_every_state(write_log, monk
 
 
 def newest(state):
-    """The last frame of each message that a jump feeds."""
+    """The last frame of each message that is fed after seeking."""
     return {raw[5:10]: raw for raw in (r.raw for r in state.records)}
 
 
-def test_a_jump_into_a_flood_of_texts_restores_a_limited_number(write_log, monkeypatch):
+def test_seeking_restores_a_limited_number_of_changes(write_log, monkeypatch):
     monkeypatch.setattr("gcs_server.replay.playback.CHANGES_RESTORED", 5)
     monkeypatch.setattr("gcs_server.replay.playback.TEXTS_RESTORED", 5)
     autopilot = FrameSource(1)
-    beats = (autopilot.frame(heartbeat(i % 2 << 16, armed=i % 2 > 0)) for i in range(500))
-    path = write_log(log_bytes([(BEGIN_US + i, raw) for i, raw in enumerate(beats)]))
+    heartbeats = (autopilot.frame(heartbeat(i % 2 << 16, armed=i % 2 > 0)) for i in range(500))
+    path = write_log(log_bytes([(BEGIN_US + i, raw) for i, raw in enumerate(heartbeats)]))
     index = index_of(path)
     with open_log(path) as file:
         state = state_at(file, index, index.end_us)
@@ -133,7 +133,7 @@ def test_unpacking_leaves_free_disk_space(write_log, monkeypatch):
         open_log(write_log(gzip.compress(log_bytes(flight(seconds=2))), "packed.tlog.gz"))
 
 
-@pytest.mark.parametrize("name", ["a" * 300 + ".tlog", "half \ud800.tlog", "new\0line.tlog", "..", ""])
+@pytest.mark.parametrize("name", ["a" * 300 + ".tlog", "surrogate \ud800.tlog", "new\0line.tlog", "..", ""])
 def test_an_invalid_name_is_an_unknown_recording(tmp_path, name):
     with pytest.raises(UnknownRecording, match="There is no recording"):
         Catalogue(tmp_path).path(name)
@@ -146,12 +146,12 @@ def test_a_file_name_that_is_not_text_is_not_listed(tmp_path):
     assert [info.name for info in Catalogue(tmp_path).all(frozenset())] == ["whole.tlog"]
 
 
-@pytest.mark.parametrize("playing", ["fast", "jump"])
-def test_the_number_of_records_per_turn_is_limited(write_log, monkeypatch, playing):
+@pytest.mark.parametrize("playing", ["fast", "seeking"])
+def test_the_number_of_records_per_loop_iteration_is_limited(write_log, monkeypatch, playing):
     """A recording with thousands of senders at the same time must not delay real vehicles."""
     monkeypatch.setattr(tlog, "RECORDS_PER_TICK", 50)
-    path = write_log(many_kinds(3000, step_us=10))
-    records_per_turn = []
+    path = write_log(many_senders(3000, step_us=10))
+    records_per_iteration = []
 
     async def scenario():
         link = TlogLink("made", "tlog:made", path, 50.0, index=index_of(path))
@@ -162,15 +162,15 @@ def test_the_number_of_records_per_turn_is_limited(write_log, monkeypatch, playi
 
         enough = asyncio.Event()
 
-        def turn():
+        def on_iteration():
             nonlocal handle
             trace.write("|")
             if trace.getvalue().count(".") >= 1000:
                 enough.set()
-            handle = loop.call_soon(turn)
+            handle = loop.call_soon(on_iteration)
 
-        handle = loop.call_soon(turn)
-        if playing == "jump":
+        handle = loop.call_soon(on_iteration)
+        if playing == "seeking":
             link.pause()
             await link.seek(BEGIN_US + 30_000)
         else:
@@ -178,8 +178,8 @@ def test_the_number_of_records_per_turn_is_limited(write_log, monkeypatch, playi
                 await enough.wait()
         handle.cancel()
         await link.close()
-        records_per_turn.extend(len(part) for part in trace.getvalue().split("|"))
+        records_per_iteration.extend(len(part) for part in trace.getvalue().split("|"))
 
     asyncio.run(scenario())
-    assert sum(records_per_turn) >= 1000
-    assert max(records_per_turn) <= 50
+    assert sum(records_per_iteration) >= 1000
+    assert max(records_per_iteration) <= 50

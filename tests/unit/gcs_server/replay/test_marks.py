@@ -1,4 +1,4 @@
-"""The marks of the time bar for flights of a real PX4."""
+"""The marks of the replay's time bar (modes, armed times, messages) for flights of a real PX4."""
 
 import pytest
 

@@ -39,9 +39,9 @@ def test_every_record_is_read_with_its_sender():
 
 @settings(deadline=None)
 @given(st.lists(st.integers(1, len(DATA) - 1), max_size=5))
-def test_records_are_equal_for_any_read_size(cuts):
+def test_records_are_equal_for_any_read_size(read_ends):
     cursor, found = Cursor(), []
-    for end in [*sorted(cuts), len(DATA)]:
+    for end in [*sorted(read_ends), len(DATA)]:
         batch = parse(DATA[cursor.offset : end], cursor, is_last=end == len(DATA))
         found += batch.records
         cursor = batch.after
@@ -54,7 +54,7 @@ def test_records_are_equal_for_any_read_size(cuts):
 def test_garbage_affects_only_the_records_around_it(index, garbage):
     found = parse_all(DATA[:index] + garbage + DATA[index:])
     lost = Counter(raw for _, raw in FLIGHT) - Counter(r.raw for r in found.records)
-    assert lost.total() <= 8  # the damaged record, and up to 290 bytes after a false header
+    assert lost.total() <= 8  # the damaged record, and records in up to 290 bytes after a false header
     times = [r.time_us for r in found.records]
     assert times == sorted(times)
     assert FLIGHT[0][0] <= times[0]
@@ -63,7 +63,7 @@ def test_garbage_affects_only_the_records_around_it(index, garbage):
 
 @settings(deadline=None)
 @given(st.binary(max_size=4000))
-def test_noise_never_raises(noise):
+def test_random_bytes_never_raise(noise):
     found = parse_all(noise)
     assert found.after.offset == len(noise)
     assert found.bytes_skipped + sum(len(r.raw) + 8 for r in found.records) == len(noise)

@@ -1,4 +1,4 @@
-"""After a jump in a log, the state of a vehicle is the same as after playing the log up to that time."""
+"""After seeking in a log, the state of a vehicle is the same as after playing the log up to that time."""
 
 import asyncio
 
@@ -16,13 +16,13 @@ from tests.protocol.memory_world import World
 from tests.unit.gcs_server.replay.generated_logs import flight, log_bytes
 
 
-class Tape(Link):
-    """Feeds records as the replay link does."""
+class FakeReplayLink(Link):
+    """A link that receives the records of a log as `TlogLink` does."""
 
     replay = True
 
     def __init__(self, begin_us):
-        super().__init__("tape", "tape")
+        super().__init__("replay", "replay")
         self.clock = ReplayClock(begin_us, 0)
 
     def _open(self):
@@ -45,15 +45,15 @@ def fleet_after(records, until_us, begin_us, *, ticks):
 
     async def scenario():
         world = World()
-        tape = Tape(begin_us)
-        world.router.add(tape)
+        link = FakeReplayLink(begin_us)
+        world.router.add(link)
         tick_us = begin_us
         for record in records:
             while ticks and record.time_us - tick_us > 250_000:
                 tick_us += 250_000
                 world.fleet.tick()
-            tape.feed(record)
-        tape.clock.time_us = until_us
+            link.feed(record)
+        link.clock.time_us = until_us
         world.fleet.tick()
         states = {vehicle.id: state_of(vehicle) for vehicle in world.fleet.all()}
         await world.close()
@@ -65,7 +65,7 @@ def fleet_after(records, until_us, begin_us, *, ticks):
 def state_of(vehicle):
     topics = {name: vehicle.topic(name) for name in TOPICS}
     events = [(round(e.unix_s, 3), e.kind, e.severity, e.text) for e in vehicle.events.since()]
-    # After a jump, links and components connect at the first record that the jump feeds.
+    # After seeking, links and components connect at the first record that is fed.
     texts = sorted(e for e in events if e[1] not in ("link", "component"))
     return vehicle.identity, vehicle.flight_state, vehicle.health.report, topics, texts
 
@@ -79,33 +79,33 @@ def all_records(file):
 
 
 def compare(path, fraction):
-    """Compares a jump to this fraction of the log with playing up to the same time.
+    """Compares seeking to this fraction of the log with playing up to the same time.
 
     Returns:
-        The states of the vehicles, the number of played records, and of records that the jump feeds.
+        The states of the vehicles, the number of played records, and the number of records fed after seeking.
     """
     with open_log(path) as file:
         index = make_index(file)
         until_us = index.begin_us + int((index.end_us - index.begin_us) * fraction)
         records = all_records(file)
         played_records = [r for r in records if r.time_us <= until_us]
-        state = state_at(file, index, until_us)
-        jumped = fleet_after(state.records, until_us, index.begin_us, ticks=False)
-        played = fleet_after(played_records, until_us, index.begin_us, ticks=True)
-        assert jumped == played
-        # after the jump, playing continues with the next record
-        rest = list(state.following)
-        batch = Batch([], state.after, at_end=state.at_end, bytes_skipped=0)
+        seek_state = state_at(file, index, until_us)
+        after_seeking = fleet_after(seek_state.records, until_us, index.begin_us, ticks=False)
+        after_playing = fleet_after(played_records, until_us, index.begin_us, ticks=True)
+        assert after_seeking == after_playing
+        # after seeking, playing continues with the next record
+        rest = list(seek_state.following)
+        batch = Batch([], seek_state.after, at_end=seek_state.at_end, bytes_skipped=0)
         while not batch.at_end:
             batch = read_batch(file, batch.after)
             rest += batch.records
         assert rest == records[len(played_records) :]
-        return jumped, len(played_records), len(state.records)
+        return after_seeking, len(played_records), len(seek_state.records)
 
 
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 1000), fraction=st.floats(0, 1))
-def test_a_jump_equals_playing_in_generated_flights(tmp_path, seed, fraction):
+def test_seeking_equals_playing_in_generated_flights(tmp_path, seed, fraction):
     path = tmp_path / "made.tlog"
     path.write_bytes(log_bytes(flight(seed, seconds=30)))
     compare(path, fraction)
@@ -114,7 +114,7 @@ def test_a_jump_equals_playing_in_generated_flights(tmp_path, seed, fraction):
 @pytest.mark.parametrize(
     "fraction", [0.31, 1.0, *(pytest.param(s, marks=pytest.mark.broad) for s in (0.0, 0.77))]
 )
-def test_a_jump_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, fraction):
+def test_seeking_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, fraction):
     path = tmp_path / "long.tlog"
     path.write_bytes(log_bytes(flight(3, seconds=500)))
     vehicles, played_count, fed_count = compare(path, fraction)
@@ -127,7 +127,7 @@ def test_a_jump_equals_playing_in_a_long_flight_with_checkpoints(tmp_path, fract
     ["flight-takeoff-reposition-orbit-gimbal-rtl.tlog.gz", "failsafe-battery.tlog", "offboard-api.tlog.gz"],
 )
 @pytest.mark.parametrize("fraction", [0.2, pytest.param(0.5, marks=pytest.mark.broad), 0.9])
-def test_a_jump_equals_playing_in_flights_of_a_real_px4(shared, name, fraction):
+def test_seeking_equals_playing_in_flights_of_a_real_px4(shared, name, fraction):
     vehicles, played_count, fed_count = compare(shared / "px4" / "tlogs" / name, fraction)
     assert len(vehicles) == 1
     assert played_count > 10 * fed_count
@@ -138,7 +138,7 @@ def test_a_jump_equals_playing_in_flights_of_a_real_px4(shared, name, fraction):
     assert events
 
 
-def test_condensed_playing_restores_the_same_state(tmp_path):
+def test_condensed_records_give_the_same_state(tmp_path):
     path = tmp_path / "made.tlog"
     path.write_bytes(log_bytes(flight(9, seconds=20)))
     with open_log(path) as file:

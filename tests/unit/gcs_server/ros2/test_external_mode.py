@@ -32,6 +32,7 @@ NAME, REQUEST_ID = "Fly Mode", 2199029506047954537
 REGISTERED: Values = MESSAGES["RegisterExtComponentReply"].decode(RECORDED[REGISTER_REPLY])
 CHECK: Values = MESSAGES["ArmingCheckRequest"].decode(RECORDED[CHECK_REQUEST])
 MASK = 1 << 23
+"""can_set_nav_states_mask of VehicleStatus while only external_1 is registered."""
 
 
 def new_mode(now_s: float = 0.0) -> ExternalMode:
@@ -243,16 +244,15 @@ def test_a_registered_mode_sends_px4_the_time_for_deferred_failsafes() -> None:
 
 
 def status_of(nav_state: int, defer_state: int) -> dict[str, int]:
-    mask = 1 << 23
     return {
         "arming_state": 2,
-        "can_set_nav_states_mask": mask,
+        "can_set_nav_states_mask": MASK,
         "nav_state": nav_state,
         "failsafe_defer_state": defer_state,
     }
 
 
-def test_the_overrides_are_repeated_if_px4_flies_the_mode_without_them() -> None:
+def test_the_overrides_are_sent_again_if_they_are_missing_while_the_mode_is_active() -> None:
     external_mode = deferring_mode()
     external_mode.on_reply(REGISTERED, 0.02)
     assert external_mode.on_status(status_of(4, 0)) == []
@@ -261,7 +261,7 @@ def test_the_overrides_are_repeated_if_px4_flies_the_mode_without_them() -> None
     assert registered_mode().on_status(status_of(23, 0)) == []
 
 
-def test_a_deferred_failsafe_is_reported_only_for_the_mode_that_flies() -> None:
+def test_a_deferred_failsafe_is_reported_only_for_the_active_mode() -> None:
     external_mode = deferring_mode()
     external_mode.on_reply(REGISTERED, 0.02)
     deferred: list[bool] = []
@@ -271,7 +271,7 @@ def test_a_deferred_failsafe_is_reported_only_for_the_mode_that_flies() -> None:
     assert deferred == [False, True, False, True, False]
 
 
-def test_a_lost_mode_defers_nothing() -> None:
+def test_a_lost_mode_reports_no_deferred_failsafe() -> None:
     external_mode = deferring_mode()
     external_mode.on_reply(REGISTERED, 0.02)
     external_mode.on_status(status_of(23, 2))

@@ -133,7 +133,7 @@ def test_a_vehicle_without_a_namespace_owns_the_topics_under_fmu(setup: Inspecti
     assert list(setup.topics("px4_1")) == [f"/px4_1{STATUS}"]
 
 
-def test_reading_ends_when_no_client_inspects_or_the_topic_ends(setup: InspectionSetup) -> None:
+def test_reading_ends_when_no_client_inspects_the_vehicle_or_the_topic_ends(setup: InspectionSetup) -> None:
     first, second = status_key(), status_key("px4_2")
     setup.port.announce(first, second)
     setup.read("px4_1", "px4_2")
@@ -153,7 +153,7 @@ def test_a_topic_that_dds_cannot_read_states_the_reason(setup: InspectionSetup) 
     assert setup.topics()[f"/px4_1{STATUS}"].problem == "DDS cannot read this topic (out of resources)."
 
 
-def test_during_a_flood_the_rate_is_a_lower_limit(setup: InspectionSetup) -> None:
+def test_if_messages_were_dropped_the_rate_is_a_lower_bound(setup: InspectionSetup) -> None:
     key = status_key()
     setup.port.announce(key)
     setup.port.overflowed = True

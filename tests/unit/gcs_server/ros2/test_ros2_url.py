@@ -52,7 +52,7 @@ def test_a_url_gives_domain_namespace_and_interface(
         ("ros2://0?interface=<x/>", "interface must be the name"),
     ],
 )
-def test_a_wrong_url_is_refused_with_the_reason(url: str, reason: str) -> None:
+def test_an_invalid_url_is_refused_with_the_reason(url: str, reason: str) -> None:
     with pytest.raises(InvalidRequest, match=reason):
         _link(url)
 

@@ -162,7 +162,7 @@ def test_health_has_the_prearm_check_and_manual_control(setup: ConverterSetup) -
     assert value.sensors_healthy & d.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
 
-def test_the_home_of_a_disarmed_vehicle_is_its_position_until_px4_sends_it(
+def test_the_home_of_a_vehicle_disarmed_on_the_ground_is_its_position_until_px4_sends_it(
     setup: ConverterSetup,
 ) -> None:
     setup.convert(LOCAL)
@@ -185,7 +185,7 @@ def test_in_flight_no_home_is_assumed(setup: ConverterSetup) -> None:
     assert "HOME_POSITION" not in setup.by_name
 
 
-def test_a_target_of_the_navigator_is_the_goto_target(setup: ConverterSetup) -> None:
+def test_the_navigators_position_setpoint_becomes_the_goto_target(setup: ConverterSetup) -> None:
     setup.convert(
         "/fmu/out/position_setpoint_triplet",
         **{"current.valid": True, "current.lat": 47.4, "current.lon": 8.5, "current.alt": 500.0},
@@ -196,13 +196,13 @@ def test_a_target_of_the_navigator_is_the_goto_target(setup: ConverterSetup) -> 
 
 
 @pytest.mark.parametrize("changes", [{"system_id": 0}, {"system_id": 255}, {"component_id": 0}])
-def test_an_address_that_no_vehicle_has_is_malformed(changes: dict[str, int]) -> None:
+def test_an_invalid_system_or_component_id_is_malformed(changes: dict[str, int]) -> None:
     with pytest.raises(MalformedMessage, match="not valid"):
         MavlinkConverter().convert(STATUS, _values(STATUS, **changes), 0.0)
 
 
 @pytest.mark.parametrize("lat", [math.nan, math.inf, 91.0, -1e300])
-def test_a_position_off_the_earth_is_malformed(setup: ConverterSetup, lat: float) -> None:
+def test_an_invalid_latitude_is_malformed(setup: ConverterSetup, lat: float) -> None:
     setup.convert(LOCAL)
     with pytest.raises(MalformedMessage, match="not a position"):
         setup.convert(GLOBAL, lat=lat)

@@ -70,13 +70,13 @@ def test_a_position_of_a_command_int_is_sent_in_degrees(vehicle: Vehicle) -> Non
     assert math.isnan(sent["param4"])
 
 
-def test_the_acknowledgement_of_our_command_has_our_mavlink_address(vehicle: Vehicle) -> None:
+def test_the_acknowledgement_of_a_ros_2_command_has_the_servers_mavlink_address(vehicle: Vehicle) -> None:
     (ack,) = vehicle.acknowledge(command=400, result=1, target_system=255, target_component=192)
     assert (ack.command, ack.result, ack.target_system, ack.target_component) == (400, 1, 255, 190)
     assert (ack.get_srcSystem(), ack.get_srcComponent()) == (1, 1)
 
 
-def test_the_acknowledgement_of_our_mavlink_command_is_not_repeated(vehicle: Vehicle) -> None:
+def test_the_acknowledgement_of_the_servers_mavlink_command_is_not_repeated(vehicle: Vehicle) -> None:
     assert vehicle.acknowledge(command=400, result=0, target_system=255, target_component=190) == []
 
 
@@ -131,7 +131,7 @@ def test_a_malformed_sample_is_reported_for_a_minute_and_other_samples_are_used(
     assert vehicle.link.problems(70.0) == []
 
 
-def test_frames_are_numbered(vehicle: Vehicle) -> None:
+def test_frames_have_consecutive_sequence_numbers(vehicle: Vehicle) -> None:
     frames = FrameParser().feed(vehicle.link.to_frames([(STATUS, recorded()[STATUS])] * 2, 0.0), 0.0)
     numbers = [frame.seq for frame in frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -49,7 +49,7 @@ def test_a_known_version_beside_another_version_causes_no_problem() -> None:
     assert versions.problems() == []
 
 
-def test_programs_at_the_other_end_of_a_topic_are_ignored() -> None:
+def test_topics_that_other_programs_subscribe_or_publish_are_ignored() -> None:
     versions = TopicVersions()
     versions.add_topic("rt/fmu/out/vehicle_attitude_v9", publishes=False)
     versions.add_topic("rt/fmu/in/vehicle_command_v9", publishes=True)
@@ -57,7 +57,7 @@ def test_programs_at_the_other_end_of_a_topic_are_ignored() -> None:
     assert versions.problems() == []
 
 
-def test_each_vehicle_has_one_text_that_counts_further_topics() -> None:
+def test_each_vehicle_has_one_problem_that_counts_further_topics() -> None:
     versions = TopicVersions()
     announce(versions, "/fmu/out/vehicle_attitude_v1", namespace="")
     announce(versions, *(f"{topic}_v9" for topic in sorted(SENT)[:5]))
@@ -68,7 +68,7 @@ def test_each_vehicle_has_one_text_that_counts_further_topics() -> None:
     assert versions.problems("px4_2") == []
 
 
-def test_the_number_of_texts_about_versions_is_limited() -> None:
+def test_the_number_of_problems_is_limited() -> None:
     versions = TopicVersions()
     for number in range(MAX_TOPICS + 100):
         announce(versions, "/fmu/out/vehicle_attitude_v1", namespace=f"v{number}")

@@ -44,16 +44,17 @@ class FakeIdentity:
 
 @dataclass(eq=False)
 class FakeVehicle:
+    """A vehicle whose topic values and history are set by the test."""
+
     id: str = "1"
     identity: FakeIdentity = field(default_factory=FakeIdentity)
     values: dict[str, object] = field(default_factory=dict)
     received_monotonic_s: float = 0.0
     clock: Clock = field(default_factory=SystemClock)
-    past: list[Sample] = field(default_factory=list)
+    stored_samples: list[Sample] = field(default_factory=list)
+    """The samples that `history` returns."""
     history_requests: int = 0
-    """Number of requests for the history."""
     topic_reads: int = 0
-    """Number of reads of a topic."""
 
     def topic(self, name: str) -> Sample | None:
         self.topic_reads += 1
@@ -65,7 +66,7 @@ class FakeVehicle:
 
     def history(self, topics: tuple[str, ...], since_unix_s: float) -> list[Sample]:
         self.history_requests += 1
-        return [s for s in self.past if s.topic in topics and s.received_unix_s >= since_unix_s]
+        return [s for s in self.stored_samples if s.topic in topics and s.received_unix_s >= since_unix_s]
 
 
 @dataclass
@@ -115,7 +116,8 @@ def home(lat: float, lon: float, alt_amsl_m: float, ned: tuple[float, float, flo
     return Home(lat, lon, alt_amsl_m, ned)
 
 
-def gimbal(q: Quaternion, *, earth: bool) -> Gimbal:
+def gimbal(q: Quaternion, *, yaw_in_earth_frame: bool) -> Gimbal:
+    earth = yaw_in_earth_frame
     return Gimbal(1, 0, 0, None, None, q, earth, earth, None, None, 0, None, None, None, None, 1)
 
 
@@ -123,7 +125,7 @@ def motors(*pwm: int) -> Motors:
     return Motors(pwm)
 
 
-def flying(vehicle_id: str = "1") -> FakeVehicle:
+def flying_vehicle(vehicle_id: str = "1") -> FakeVehicle:
     """An armed vehicle 10 m above its home, with a gimbal."""
     return FakeVehicle(
         vehicle_id,
@@ -134,7 +136,7 @@ def flying(vehicle_id: str = "1") -> FakeVehicle:
             "local_position": local_position(0.0, 0.0, -10.0),
             "global_position": global_position(47.397742, 8.545594, 498.0),
             "home": home(47.397742, 8.545594, 488.0, (0.0, 0.0, 0.0)),
-            "gimbal": gimbal(q_from_euler(0.0, -0.5, 0.0), earth=False),
+            "gimbal": gimbal(q_from_euler(0.0, -0.5, 0.0), yaw_in_earth_frame=False),
             "motors": motors(1500, 1500, 1500, 1500),
         },
     )

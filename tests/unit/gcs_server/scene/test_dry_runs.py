@@ -1,4 +1,4 @@
-"""A dry run in the 3D view: the position of its vehicle, its corridor, and the times that the views show."""
+"""A dry run in the 3D view: the position of its vehicle, its corridor, and the time that each view shows."""
 
 import math
 
@@ -10,11 +10,11 @@ from gcs_server.scene.dry_runs import corridor_edges, corridor_mesh, path_lines,
 from gcs_server.scene.proxy import ViewRequest
 from gcs_server.scene.scene import Scene
 from missions.frames import rotate, yaw_from_q
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying
+from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying_vehicle
 
 HALF = math.sqrt(0.5)
 EAST = (HALF, 0.0, 0.0, HALF)
-"""Attitude with heading east."""
+"""q_ned_frd of a level vehicle with heading east."""
 RESULT = {
     "nominal": {
         "origin": {"lat_deg": 47.4, "lon_deg": 8.5, "alt_amsl_m": 480.0},
@@ -35,7 +35,7 @@ RESULT = {
     "together": None,
 }
 NOT_FLOWN = {"nominal": {**RESULT["nominal"], "path": None}, "monte_carlo": None, "together": None}
-START = (100.0, 200.0, 5.0)
+START_ENU_M = (100.0, 200.0, 5.0)
 
 
 def path():
@@ -43,21 +43,21 @@ def path():
     return found
 
 
-def test_the_dry_runs_vehicle_is_interpolated_and_stays_at_the_ends():
-    at_15_s = pose_at(path(), 15.0, START)
+def test_the_position_in_a_dry_run_is_interpolated_and_stays_at_the_ends_of_its_path():
+    at_15_s = pose_at(path(), 15.0, START_ENU_M)
     assert at_15_s.position_enu_m == pytest.approx((120.0, 200.0, 15.0))
     assert yaw_from_q(at_15_s.q_enu_flu) == pytest.approx(0.0)
     assert (at_15_s.label, at_15_s.note) == ("dry run · 10.0 m above home", "00:15")
-    assert pose_at(path(), 99.0, START).position_enu_m == pytest.approx((140.0, 200.0, 15.0))
-    assert pose_at(path(), 0.0, START).position_enu_m == pytest.approx(START)
+    assert pose_at(path(), 99.0, START_ENU_M).position_enu_m == pytest.approx((140.0, 200.0, 15.0))
+    assert pose_at(path(), 0.0, START_ENU_M).position_enu_m == pytest.approx(START_ENU_M)
 
 
 @pytest.mark.parametrize(("t_s", "direction_enu"), [(0.0, (0, 1, 0)), (10.0, (0, 0, -1)), (20.0, (0, -1, 0))])
 def test_the_gimbal_points_as_in_the_dry_run(t_s, direction_enu):
-    pose = pose_at(path(), t_s, START)
+    pose = pose_at(path(), t_s, START_ENU_M)
     assert pose.q_body_camera is not None
-    ahead = rotate(pose.q_enu_flu, rotate(pose.q_body_camera, (1.0, 0.0, 0.0)))
-    assert ahead == pytest.approx(direction_enu, abs=1e-6)
+    camera_axis_enu = rotate(pose.q_enu_flu, rotate(pose.q_body_camera, (1.0, 0.0, 0.0)))
+    assert camera_axis_enu == pytest.approx(direction_enu, abs=1e-6)
 
 
 def test_the_corridor_has_the_width_and_height_of_the_simulated_flights():
@@ -99,7 +99,7 @@ def test_each_of_several_vehicles_has_a_path_labelled_with_its_role():
     together = {"roles": flights, "monte_carlo": None}
     found = paths_of({"nominal": RESULT["nominal"], "monte_carlo": None, "together": together})
     assert [each.role for each in found] == ["lead", "right"]
-    assert pose_at(found[1], 15.0, START).label == "right · 10.0 m above home"
+    assert pose_at(found[1], 15.0, START_ENU_M).label == "right · 10.0 m above home"
 
 
 def dry_run_after(scene, **request):
@@ -115,7 +115,7 @@ def test_a_view_keeps_the_shown_time_until_a_new_request():
             raise UnknownDryRun(f"There is no result of a dry run {dry_run!r}.")
         return paths_of(RESULT if dry_run == "1" else NOT_FLOWN)
 
-    scene = Scene(FakeFleet([flying("1")]), StillClock(), dry_runs=results)
+    scene = Scene(FakeFleet([flying_vehicle("1")]), StillClock(), dry_runs=results)
     first = dry_run_after(scene, dry_run={"id": "1", "t_s": 3.0, "follow": True})
     later = dry_run_after(scene, dry_run={"id": "1", "t_s": 4.0})
     assert (first.t_s, first.follow, later.t_s, later.follow) == (3.0, True, 4.0, False)

@@ -16,7 +16,7 @@ coordinates = st.floats(-1e3, 1e3)
 vectors = st.tuples(coordinates, coordinates, coordinates)
 
 
-def test_north_is_y_and_down_is_negative():
+def test_north_is_y_and_down_is_negative_z():
     assert frames.enu_from_ned((1.0, 2.0, 3.0)) == (2.0, 1.0, -3.0)
 
 
@@ -35,7 +35,7 @@ def test_a_level_vehicle_heading_east_points_along_x():
     assert rotate(q, (0, 0, 1)) == pytest.approx((0, 0, 1), abs=1e-9)
 
 
-def test_a_positive_pitch_points_up():
+def test_a_positive_pitch_points_the_nose_up():
     q = frames.q_enu_flu_from_q_ned_frd(q_from_euler(0.0, math.radians(30), 0.0))
     assert rotate(q, (1, 0, 0)) == pytest.approx((0, math.cos(math.radians(30)), 0.5), abs=1e-9)
 
@@ -47,7 +47,7 @@ def test_yaw_is_unchanged_after_conversion_and_back(yaw):
     assert math.cos(difference) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_a_gimbal_yaw_relative_to_the_vehicle_adds_its_heading():
+def test_the_vehicles_heading_is_added_to_a_gimbal_yaw_relative_to_the_vehicle():
     q = q_from_euler(0.0, -0.5, 0.3)
     relative = frames.q_ned_camera(q, yaw_in_earth_frame=False, vehicle_yaw_ned_rad=1.0)
     assert relative == pytest.approx(q_from_euler(0.0, -0.5, 1.3), abs=1e-9)
@@ -61,6 +61,6 @@ def test_a_thousandth_of_a_degree_is_111_m_north():
     assert north == pytest.approx(111.17, abs=0.05)
 
 
-def test_positions_are_continuous_across_the_date_line():
+def test_positions_are_continuous_across_180_degrees_of_longitude():
     east, _, _ = frames.enu_from_geodetic(0.0, -179.9999, 0.0, origin_deg_m=(0.0, 179.9999, 0.0))
     assert east == pytest.approx(22.26, abs=0.05)

@@ -1,6 +1,7 @@
-"""Drawn shapes of the 3D view: models, trails, smoothed poses, camera modes, colours."""
+"""What the 3D view draws: models, texts, trails, smoothed poses, camera views, colours."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from gcs_server.scene.smoothing import Smoother
 from gcs_server.scene.trail import MAX_POINTS, Trail
 from gcs_server.scene.views import CAMERAS, WorldPose, in_world, world_pose
 from missions.frames import IDENTITY, q_from_yaw, rotate
-from tests.unit.gcs_server.scene.scene_fakes import flying
+from tests.unit.gcs_server.scene.scene_fakes import flying_vehicle
 
 SOLIDS = {
     "shell": model.shell(),
@@ -24,7 +25,7 @@ SOLIDS = {
 }
 
 HEADING_RAD = math.pi / 2
-"""North, anticlockwise from east."""
+"""Heading north, as yaw in ENU: anticlockwise from east."""
 
 
 @pytest.mark.parametrize("name", SOLIDS)
@@ -71,7 +72,7 @@ def test_text_is_centred_and_has_the_given_height():
 
 
 @pytest.mark.parametrize("step_m", [10.0, 100.0, 1000.0])
-def test_every_scale_can_be_written(step_m):
+def test_every_grid_scale_has_a_label(step_m):
     assert np.isfinite(strokes.scale_marks(step_m)).all()
 
 
@@ -92,7 +93,7 @@ def test_hovering_adds_no_points_to_a_trail():
     assert sum(added) == 1
 
 
-def test_a_jump_starts_a_new_trail_and_nan_is_not_drawn():
+def test_a_position_jump_starts_a_new_trail_and_nan_is_not_drawn():
     trail = Trail()
     trail.add((0.0, 0.0, 0.0))
     assert not trail.add((math.nan, 0.0, 0.0))
@@ -101,13 +102,11 @@ def test_a_jump_starts_a_new_trail_and_nan_is_not_drawn():
 
 
 def pose():
-    vehicle = flying()
+    vehicle = flying_vehicle()
     return pose_of(vehicle, Placement().place(vehicle), None, 0.0)
 
 
 def test_the_drawn_position_converges_to_the_vehicles_position():
-    from dataclasses import replace
-
     smoother, measured = Smoother(), pose()
     smoother.step(measured, 0.03)
     moved = replace(measured, position_enu_m=(1.0, 0.0, 10.0))
@@ -118,17 +117,13 @@ def test_the_drawn_position_converges_to_the_vehicles_position():
     assert smoother.pose.position_enu_m == moved.position_enu_m
 
 
-def test_a_jump_of_the_position_is_not_smoothed():
-    from dataclasses import replace
-
+def test_a_position_jump_is_not_smoothed():
     smoother, measured = Smoother(), pose()
     smoother.step(measured, 0.03)
     assert smoother.step(replace(measured, position_enu_m=(100.0, 0.0, 0.0)), 0.03).position_enu_m[0] == 100.0
 
 
 def test_rotors_turn_in_their_directions_and_stop_when_disarmed():
-    from dataclasses import replace
-
     smoother, measured = Smoother(), pose()
     before = smoother.rotor_angles_rad
     smoother.step(measured, 0.02)
@@ -141,9 +136,7 @@ def test_rotors_turn_in_their_directions_and_stop_when_disarmed():
     assert smoother.rotor_angles_rad == stopped_angles
 
 
-def test_the_chase_heading_follows_smoothly_by_the_shorter_rotation():
-    from dataclasses import replace
-
+def test_the_heading_of_the_chase_view_turns_smoothly_and_in_the_shorter_direction():
     smoother = Smoother()
 
     def step(yaw_enu_rad: float, dt_s: float) -> float:
@@ -176,9 +169,9 @@ def test_the_chase_view_points_along_the_heading():
 def test_the_gimbal_view_points_along_the_camera_axis():
     measured = pose()  # camera 0.5 rad down
     world = world_pose("gimbal", measured, 0.0)
-    eye, ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
-    assert ahead[2] - eye[2] == pytest.approx(-math.sin(0.5), abs=1e-9)
-    assert ahead[1] - eye[1] == pytest.approx(math.cos(0.5), abs=1e-9)
+    camera_position, ahead = in_world(world, (0.0, 0.0, 0.0)), in_world(world, (1.0, 0.0, 0.0))
+    assert ahead[2] - camera_position[2] == pytest.approx(-math.sin(0.5), abs=1e-9)
+    assert ahead[1] - camera_position[1] == pytest.approx(math.cos(0.5), abs=1e-9)
 
 
 def test_the_free_view_does_not_move_the_scene():

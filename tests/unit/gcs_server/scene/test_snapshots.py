@@ -1,4 +1,4 @@
-"""Snapshots from the server to the process of the 3D view, and the fleet that this process builds."""
+"""Snapshots from the server to the process of the 3D view, and the mirror of the fleet in that process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ from gcs_server.scene.ports import OffboardTarget
 from gcs_server.scene.snapshots import DRAWN_TOPICS, SnapshotBuilder, SnapshotData
 from gcs_server.scene.tracks import Tracks
 from gcs_server.vehicle.samples import Sample
-from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, StillClock, flying, local_position, status
+from tests.unit.gcs_server.scene.scene_fakes import (
+    FakeFleet,
+    StillClock,
+    flying_vehicle,
+    local_position,
+    status,
+)
 
 
 class BuilderAndMirror:
@@ -31,7 +37,7 @@ class BuilderAndMirror:
 
 
 def test_the_mirror_has_all_drawn_topics():
-    vehicle = flying("1")
+    vehicle = flying_vehicle("1")
     setup = BuilderAndMirror(vehicle, offboard=lambda _: ((1.0, 2.0, 3.0), None, 0.5))
     setup.step(stalled=["7"])
     mirrored = setup.mirror.get("1")
@@ -44,7 +50,7 @@ def test_the_mirror_has_all_drawn_topics():
 
 
 def test_only_changed_samples_are_sent():
-    vehicle = flying("1")
+    vehicle = flying_vehicle("1")
     setup = BuilderAndMirror(vehicle)
     setup.step()
     assert setup.step().changed[0].samples == []
@@ -52,8 +58,8 @@ def test_only_changed_samples_are_sent():
     assert {s.topic for s in setup.step().changed[0].samples} == set(vehicle.values)
 
 
-def test_a_topic_that_becomes_unusable_is_removed():
-    vehicle = flying("1")
+def test_a_topic_without_a_value_is_removed():
+    vehicle = flying_vehicle("1")
     setup = BuilderAndMirror(vehicle)
     setup.step()
     vehicle.values.pop("gimbal")
@@ -63,7 +69,7 @@ def test_a_topic_that_becomes_unusable_is_removed():
 
 
 def test_vehicles_that_no_view_follows_are_in_every_third_snapshot():
-    setup = BuilderAndMirror(*(flying(str(i)) for i in range(1, 8)))
+    setup = BuilderAndMirror(*(flying_vehicle(str(i)) for i in range(1, 8)))
     assert len(setup.step("4").changed) == 7
     ids = [[v.id for v in setup.step("4").changed] for _ in range(3)]
     assert all("4" in each for each in ids)
@@ -72,10 +78,10 @@ def test_vehicles_that_no_view_follows_are_in_every_third_snapshot():
 
 
 def test_a_new_vehicle_with_the_id_of_a_removed_vehicle_is_another_vehicle():
-    setup = BuilderAndMirror(flying("1"), flying("2"))
+    setup = BuilderAndMirror(flying_vehicle("1"), flying_vehicle("2"))
     setup.step()
     earlier = setup.mirror.get("1")
-    setup.fleet.vehicles[0] = flying("1")
+    setup.fleet.vehicles[0] = flying_vehicle("1")
     setup.step()
     assert setup.mirror.get("1") is not earlier
     setup.fleet.vehicles = setup.fleet.vehicles[1:]
@@ -85,8 +91,8 @@ def test_a_new_vehicle_with_the_id_of_a_removed_vehicle_is_another_vehicle():
 
 
 def test_a_vehicle_that_cannot_be_read_is_reported_and_the_other_vehicles_are_drawn():
-    broken = flying("1")
-    setup = BuilderAndMirror(broken, flying("2"))
+    broken = flying_vehicle("1")
+    setup = BuilderAndMirror(broken, flying_vehicle("2"))
     broken.values["attitude"] = object()  # cannot be encoded
     setup.step()
     assert [v.id for v in setup.mirror.all()] == ["2"]
@@ -95,8 +101,8 @@ def test_a_vehicle_that_cannot_be_read_is_reported_and_the_other_vehicles_are_dr
 
 
 def test_a_vehicle_whose_snapshot_cannot_be_decoded_is_reported_and_the_other_vehicles_are_drawn():
-    broken = flying("1")
-    setup = BuilderAndMirror(broken, flying("2"))
+    broken = flying_vehicle("1")
+    setup = BuilderAndMirror(broken, flying_vehicle("2"))
     broken.values["attitude"] = status()
     setup.step()
     assert setup.mirror.get("2").topic("attitude") is not None
@@ -105,11 +111,11 @@ def test_a_vehicle_whose_snapshot_cannot_be_decoded_is_reported_and_the_other_ve
 
 
 def test_a_trail_is_built_once_the_server_has_sent_the_history():
-    clock, vehicle = StillClock(), flying("1")
+    clock, vehicle = StillClock(), flying_vehicle("1")
     vehicle.clock = clock
     for ago_s in (3, 2, 1):
         position = local_position(-10.0 * ago_s, 0.0, -10.0)
-        vehicle.past.append(
+        vehicle.stored_samples.append(
             Sample("local_position", None, clock.unix_s() - ago_s, clock.now_s - ago_s, position)
         )
     setup = BuilderAndMirror(vehicle)
@@ -127,7 +133,7 @@ def test_a_trail_is_built_once_the_server_has_sent_the_history():
 
 
 def test_a_history_that_is_received_after_a_pause_is_not_used():
-    clock, vehicle = StillClock(), flying("1")
+    clock, vehicle = StillClock(), flying_vehicle("1")
     vehicle.clock = clock
     setup = BuilderAndMirror(vehicle)
     setup.step()
@@ -141,7 +147,7 @@ def test_a_history_that_is_received_after_a_pause_is_not_used():
 
 
 def test_the_history_of_a_removed_vehicle_is_empty():
-    setup = BuilderAndMirror(flying("1"))
+    setup = BuilderAndMirror(flying_vehicle("1"))
     setup.step()
     setup.fleet.vehicles = []
     setup.step()

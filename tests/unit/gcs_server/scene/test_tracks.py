@@ -1,4 +1,4 @@
-"""Trails in the 3D view: no work without a view, and complete when a view opens."""
+"""Trails in the 3D view: they are built only while a view is open, and are complete when it opens."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.unit.gcs_server.scene.scene_fakes import (
     FakeFleet,
     FakeVehicle,
     StillClock,
-    flying,
+    flying_vehicle,
     global_position,
     local_position,
 )
@@ -27,12 +27,14 @@ def add_flight_north(vehicle: FakeVehicle, clock: StillClock, seconds: int) -> N
     """Adds a history: 1 m/s to the north, ending at the origin now, 10 m high."""
     for ago_s in range(seconds, 0, -1):
         unix_s, position = clock.unix_s() - ago_s, local_position(-float(ago_s), 0.0, -10.0)
-        vehicle.past.append(Sample("local_position", None, unix_s, clock.monotonic_s() - ago_s, position))
+        vehicle.stored_samples.append(
+            Sample("local_position", None, unix_s, clock.monotonic_s() - ago_s, position)
+        )
 
 
 def test_without_a_view_no_vehicle_is_read(monkeypatch):
     monkeypatch.setattr(ViserHost, "clients", lambda _: {})
-    vehicle = flying()
+    vehicle = flying_vehicle()
     scene = Scene(FakeFleet([vehicle]), StillClock())
     for i in range(100):
         scene._step(i * 0.25, 0.25)
@@ -41,7 +43,7 @@ def test_without_a_view_no_vehicle_is_read(monkeypatch):
 
 def test_the_trail_is_complete_when_a_view_opens():
     clock = StillClock()
-    vehicle = flying()
+    vehicle = flying_vehicle()
     vehicle.clock = clock
     add_flight_north(vehicle, clock, 100)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
@@ -54,7 +56,7 @@ def test_the_trail_is_complete_when_a_view_opens():
 
 def test_a_gap_is_filled_without_duplicates():
     clock = StillClock()
-    vehicle = flying()
+    vehicle = flying_vehicle()
     vehicle.clock = clock
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     vehicle.values["local_position"] = local_position(-60.0, 0.0, -10.0)
@@ -70,9 +72,9 @@ def test_a_gap_is_filled_without_duplicates():
     assert [p[1] for p in points(track)] == pytest.approx([-60.0, *range(-29, 1)])
 
 
-def test_the_trail_restarts_after_a_long_time():
+def test_the_trail_restarts_after_a_long_gap():
     clock = StillClock()
-    vehicle = flying()
+    vehicle = flying_vehicle()
     vehicle.clock = clock
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     for _ in range(2):
@@ -85,7 +87,7 @@ def test_the_trail_restarts_after_a_long_time():
 
 def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
     clock = StillClock()
-    vehicles = [flying(str(i)) for i in range(1, 6)]
+    vehicles = [flying_vehicle(str(i)) for i in range(1, 6)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     tracks.update(clock.monotonic_s(), 0.03, {"4"})
     assert [v.history_requests for v in vehicles] == [0, 0, 0, 1, 0]
@@ -95,7 +97,7 @@ def test_one_trail_per_update_is_built_and_the_followed_vehicle_is_first():
 
 
 def test_vehicles_that_no_view_follows_are_updated_every_third_time():
-    vehicles = [flying(str(i)) for i in range(1, 8)]
+    vehicles = [flying_vehicle(str(i)) for i in range(1, 8)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     tracks.update(0.0, 0.03, {"4"})  # the first update covers all vehicles
     poses = {v: track.smoother.pose for v, track in tracks.update(0.03, 0.03, {"4"}).items()}
@@ -115,7 +117,7 @@ def test_vehicles_that_no_view_follows_are_updated_every_third_time():
 
 
 def test_a_few_vehicles_are_all_updated_each_time():
-    vehicles = [flying(str(i)) for i in range(1, 4)]
+    vehicles = [flying_vehicle(str(i)) for i in range(1, 4)]
     tracks = Tracks(FakeFleet(vehicles), None, SystemClock())
     for index in range(3):
         before = {v: track.smoother.pose for v, track in tracks.update(index * 0.03, 0.03).items()}
@@ -125,12 +127,12 @@ def test_a_few_vehicles_are_all_updated_each_time():
     assert all(after[v] is not before[v] for v in ("1", "2", "3"))
 
 
-def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first_vehicle():
-    clock, fleet = StillClock(), FakeFleet([flying("1")])
+def test_another_vehicle_with_the_same_id_has_no_trail_of_the_first_vehicle():
+    clock, fleet = StillClock(), FakeFleet([flying_vehicle("1")])
     tracks = Tracks(fleet, None, SystemClock())
     for _ in range(2):
         tracks.update(clock.monotonic_s(), 0.03)
-    other = flying("1")
+    other = flying_vehicle("1")
     other.values = {"global_position": global_position(-33.0, 151.0, 50.0)}
     fleet.vehicles = [other]
     (track,) = tracks.update(clock.monotonic_s() + 5, 0.03).values()
@@ -142,7 +144,7 @@ def test_another_vehicle_under_the_same_id_starts_without_the_trail_of_the_first
 def test_global_positions_are_used_for_the_trail_if_there_are_no_local_positions():
     clock = StillClock()
     vehicle = FakeVehicle(clock=clock, values={"global_position": global_position(47.0, 8.0, 500.0)})
-    vehicle.past = [
+    vehicle.stored_samples = [
         Sample(
             "global_position",
             None,
@@ -157,14 +159,14 @@ def test_global_positions_are_used_for_the_trail_if_there_are_no_local_positions
 
 
 def test_a_replayed_vehicles_trail_uses_the_recordings_time():
-    replay_clock, vehicle = StillClock(5.0), flying()
+    replay_clock, vehicle = StillClock(5.0), flying_vehicle()
     vehicle.clock = replay_clock
     add_flight_north(vehicle, replay_clock, 4)
     tracks = Tracks(FakeFleet([vehicle]), None, SystemClock())
     (track,) = tracks.update(9e5, 0.03).values()
     assert [p[1] for p in points(track)] == pytest.approx([-4, -3, -2, -1])
     replay_clock.now_s += 2.0  # played at half speed, without a view
-    vehicle.past.append(
+    vehicle.stored_samples.append(
         Sample(
             "local_position",
             None,
@@ -178,7 +180,7 @@ def test_a_replayed_vehicles_trail_uses_the_recordings_time():
 
 
 def test_a_vehicle_with_an_invalid_position_is_not_drawn_and_the_other_vehicles_are() -> None:
-    broken, intact = flying("1"), flying("2")
+    broken, intact = flying_vehicle("1"), flying_vehicle("2")
     tracks = Tracks(FakeFleet([broken, intact]), None, SystemClock())
     broken.values["local_position"] = local_position("north", 0.0, -10.0)  # not a number
     assert list(tracks.update(1.0, 0.03)) == ["2"]

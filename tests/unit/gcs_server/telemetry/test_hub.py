@@ -41,7 +41,7 @@ class Fleet:
 
 
 class Socket:
-    """Sends instantly, or never while `stuck`."""
+    """A client's socket: it sends instantly while `writable` is set, otherwise not at all."""
 
     def __init__(self):
         self.sent = []
@@ -108,7 +108,7 @@ def test_a_slow_client_gets_the_newest_value_and_no_backlog():
     run_test(scenario)
 
 
-def test_a_topic_of_the_server_is_sent_after_a_subscription_and_when_it_changes():
+def test_a_topic_from_the_servers_state_is_sent_after_a_subscription_and_when_it_changes():
     async def scenario(fleet, socket, hub):
         message = json.dumps({"type": "subscribe", "topics": ["hud", "identity", "offboard"], "rate_hz": 50})
         stream = {"state": "idle"}
@@ -133,7 +133,7 @@ def test_a_topic_of_the_server_is_sent_after_a_subscription_and_when_it_changes(
     run_test(scenario)
 
 
-def test_a_vehicle_that_returns_under_its_id_is_sent_again():
+def test_the_topics_of_a_vehicle_that_is_added_again_are_sent_again():
     async def scenario(fleet, socket, hub):
         await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["identity"], "rate_hz": 50}))
         await asyncio.sleep(5)
@@ -155,7 +155,7 @@ def test_a_replaced_vehicle_is_announced_before_its_samples():
         socket.writable.clear()
         replays.append({"name": "replay-1"})
         await asyncio.sleep(0.1)
-        fleet.callbacks[0](Event(1, "vehicle_removed", "1", 1e9, 5, "the replay jumped"))
+        fleet.callbacks[0](Event(1, "vehicle_removed", "1", 1e9, 5, "the replay was moved to another time"))
         socket.writable.set()
         await asyncio.sleep(0.1)
         assert [f["type"] for f in socket.sent] == ["hello", "samples", "replays", "event", "samples"]
@@ -298,7 +298,7 @@ def test_ros_2_topics_are_inspected_only_for_a_client_that_names_them():
         assert inspections == []
         await socket.messages.put(json.dumps({"type": "subscribe", "topics": ["ros2_topics"], "rate_hz": 10}))
         await asyncio.sleep(5)
-        assert 9 <= len(inspections) <= 11, "not twice a second"
+        assert 9 <= len(inspections) <= 11, "the topics were not inspected twice a second"
         assert socket.values("ros2_topics")[-1] == {"topics": len(inspections)}
 
     run_test(scenario)

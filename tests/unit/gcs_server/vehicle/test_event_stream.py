@@ -59,7 +59,7 @@ def test_a_recovered_event_releases_the_later_events():
     assert stream.next_request(10.0) is None
 
 
-def test_the_current_sequence_number_reveals_missing_events_at_the_end():
+def test_missing_events_after_the_last_received_event_are_found_by_the_current_sequence_number():
     stream = EventStream()
     stream.current(14, 0)
     assert stream.expected == 15  # earlier events are not requested
@@ -80,7 +80,7 @@ def test_events_that_the_vehicle_no_longer_has_are_skipped():
     assert stream.take(19, 19) == [19, 20]
 
 
-def test_a_large_jump_or_a_reset_restarts_the_sequence():
+def test_a_large_gap_or_a_reset_restarts_the_sequence():
     stream = started_stream(1000)
     assert stream.take(1000 + MAX_GAP + 2, "far") == ["far"]
     assert stream.take(3, "restarted") == ["restarted"]

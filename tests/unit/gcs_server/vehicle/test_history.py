@@ -22,8 +22,8 @@ def test_a_frame_is_stored_once_and_returned_unchanged():
     attitude = frame(ATTITUDE, 1.0)
     history.store({ATTITUDE: attitude, HEARTBEAT: frame(HEARTBEAT, 1.0)}, 1.1)
     history.store({ATTITUDE: attitude}, 1.35)
-    ((kept_s, (stored,)),) = history.frames((ATTITUDE,))
-    assert kept_s == 1.1
+    ((stored_s, (stored,)),) = history.frames((ATTITUDE,))
+    assert stored_s == 1.1
     assert stored is not None
     assert (stored.raw, stored.payload, stored.received_monotonic_s) == (attitude.raw, attitude.payload, 1.0)
     assert (stored.system_id, stored.component_id, stored.seq) == (1, 2, 7)
@@ -35,7 +35,7 @@ def test_a_frame_is_repeated_at_each_time_until_the_message_is_received_again():
     for step in range(4):
         history.store({HEARTBEAT: heartbeat, ATTITUDE: frame(ATTITUDE, 1.0 + step)}, 1.0 + step)
     history_frames = list(history.frames((HEARTBEAT, ATTITUDE)))
-    assert [kept_s for kept_s, _ in history_frames] == [1.0, 2.0, 3.0, 4.0]
+    assert [stored_s for stored_s, _ in history_frames] == [1.0, 2.0, 3.0, 4.0]
     assert all(frames[0] is not None and frames[0].raw == heartbeat.raw for _, frames in history_frames)
     assert [f[1].received_monotonic_s for _, f in history_frames if f[1] is not None] == [1.0, 2.0, 3.0, 4.0]
 
@@ -45,6 +45,6 @@ def test_the_history_has_a_limited_length():
     steps = 2 * int(HISTORY_S)
     for step in range(steps):
         history.store({ATTITUDE: frame(ATTITUDE, float(step))}, float(step))
-    times = [kept_s for kept_s, _ in history.frames((ATTITUDE,))]
+    times = [stored_s for stored_s, _ in history.frames((ATTITUDE,))]
     assert len(times) == pytest.approx(HISTORY_S, abs=2)
     assert times[-1] == steps - 1

@@ -170,7 +170,7 @@ def test_a_damaged_file_and_an_invalid_file_have_different_errors():
     assert metadata_files.unpacked(packed, metadata_files.crc32(packed)) == parameters()
 
 
-def test_valid_entries_of_a_general_file_are_used():
+def test_valid_entries_of_the_general_metadata_file_are_used():
     lines = [
         3,
         {"type": "1", "uri": "a"},

@@ -19,8 +19,8 @@ class Clock:
         return self.now_s
 
 
-class ReceivingState:
-    """A vehicle state that gets messages every half second."""
+class VehicleStateSetup:
+    """A vehicle state with a fake clock."""
 
     def __init__(self):
         self.clock = Clock()
@@ -31,7 +31,8 @@ class ReceivingState:
         self.state.take(Frame(message.get_msgId(), 1, component_id, 0, raw, self.clock.now_s))
 
     def lost_after_s(self, *messages, component_id=AUTOPILOT, within_s=30.0):
-        """Receives these messages every 0.5 s; returns after which time the vehicle was lost, or None."""
+        """Time until the vehicle counts as lost while it sends these messages, checked every 0.5 s; None: it
+        does not."""
         began_s = self.clock.now_s
         while self.clock.now_s < began_s + within_s:
             self.clock.now_s += 0.5
@@ -43,37 +44,37 @@ class ReceivingState:
 
 
 @pytest.fixture
-def state_under_test():
-    receiving = ReceivingState()
-    receiving.take(HEARTBEAT)
-    return receiving
+def setup():
+    state_setup = VehicleStateSetup()
+    state_setup.take(HEARTBEAT)
+    return state_setup
 
 
 HEARTBEAT = d.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
 ATTITUDE = d.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0)
 
 
-def test_a_vehicle_that_sends_nothing_is_lost_after_three_and_a_half_seconds(state_under_test):
-    assert state_under_test.lost_after_s() == 4.0
-    assert state_under_test.state.reason_lost() == "no messages for 4.0 s"
+def test_a_vehicle_that_sends_nothing_is_lost_after_three_and_a_half_seconds(setup):
+    assert setup.lost_after_s() == 4.0
+    assert setup.state.reason_lost() == "no messages for 4.0 s"
 
 
-def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeats(state_under_test):
-    assert state_under_test.lost_after_s(ATTITUDE, within_s=9.0) is None
+def test_a_vehicle_that_sends_other_messages_is_not_lost_after_missing_heartbeats(setup):
+    assert setup.lost_after_s(ATTITUDE, within_s=9.0) is None
 
 
-def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(state_under_test):
-    assert state_under_test.lost_after_s(ATTITUDE) == 10.5
-    assert "no heartbeat for 10 s" in state_under_test.state.reason_lost()
+def test_without_a_heartbeat_for_ten_seconds_the_vehicle_is_lost(setup):
+    assert setup.lost_after_s(ATTITUDE) == 10.5
+    assert "no heartbeat for 10 s" in setup.state.reason_lost()
 
 
-def test_messages_of_a_camera_do_not_count_as_messages_of_the_autopilot(state_under_test):
-    assert state_under_test.lost_after_s(ATTITUDE, component_id=CAMERA) == 4.0
+def test_messages_of_a_camera_do_not_count_as_messages_of_the_autopilot(setup):
+    assert setup.lost_after_s(ATTITUDE, component_id=CAMERA) == 4.0
 
 
-def test_a_lost_vehicle_returns_only_with_a_heartbeat(state_under_test):
-    state_under_test.lost_after_s()
-    state_under_test.take(ATTITUDE)
-    assert state_under_test.state.link_lost
-    state_under_test.take(HEARTBEAT)
-    assert not state_under_test.state.link_lost
+def test_a_lost_vehicle_returns_only_with_a_heartbeat(setup):
+    setup.lost_after_s()
+    setup.take(ATTITUDE)
+    assert setup.state.link_lost
+    setup.take(HEARTBEAT)
+    assert not setup.state.link_lost

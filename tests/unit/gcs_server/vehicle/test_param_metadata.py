@@ -64,7 +64,7 @@ def table_with_hash(table, value):
 
 
 def test_nearly_all_recorded_values_are_within_their_ranges(metadata, recorded_parameters):
-    """The exceptions are values that the server's check would refuse without `force`."""
+    """The server would refuse to set the other values without `force`."""
     out_of_range = set()
     for name, recorded in recorded_parameters.items():
         try:

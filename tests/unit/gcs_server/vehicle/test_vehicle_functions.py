@@ -116,8 +116,8 @@ def test_px4s_gimbal_limits_are_in_degrees_and_its_roll_limit_is_unknown():
     value, _ = gimbal(payloads(device, px4), 1, 1)
     assert (value.pitch_min_rad, value.pitch_max_rad) == pytest.approx((-math.pi / 2, math.pi / 2))
     assert value.yaw_max_rad == pytest.approx(2 * math.pi)
-    spec = d.MAVLink_gimbal_manager_information_message(1, 0, 1, 0, 0, -1.5, 0.5, -3.0, 3.0)
-    value, _ = gimbal(payloads(device, spec), 1, 1)
+    as_specified = d.MAVLink_gimbal_manager_information_message(1, 0, 1, 0, 0, -1.5, 0.5, -3.0, 3.0)
+    value, _ = gimbal(payloads(device, as_specified), 1, 1)
     assert (value.pitch_min_rad, value.yaw_max_rad) == pytest.approx((-1.5, 3.0))
     broken = d.MAVLink_gimbal_manager_information_message(1, 0, 1, 0, 0, math.nan, 1, 0, 0)
     assert gimbal(payloads(device, broken), 1, 1)[0].pitch_min_rad is None
@@ -142,7 +142,7 @@ def test_chunks_are_joined_in_any_order_and_gaps_are_shown():
     assert joiner.feed(text(b"e" * 50, 7, 0), 4.1) == [(6, "d" * 50 + "‹…›")]
 
 
-def test_the_event_ids_are_px4s(shared):
+def test_px4_defines_all_event_ids_in_the_code(shared):
     metadata = json.loads(lzma.decompress((shared / "px4" / "events.json.xz").read_bytes()))
     known = set()
     for component, content in metadata["components"].items():

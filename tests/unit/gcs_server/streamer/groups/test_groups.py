@@ -105,16 +105,16 @@ def test_a_vehicle_without_reported_accuracy_gets_a_default_margin():
 
 
 def test_vehicles_with_a_low_tilt_limit_or_attitude_setpoints_are_stopped_earlier():
-    def brakes(tilt_deg, setpoint):
+    def decel_m_s2(tilt_deg, setpoint):
         bounds = Bounds(origin=origin(), tilt_rad=math.radians(tilt_deg))
         return motion_of(replace(snapshot(), bounds=bounds), 101.0, START, setpoint).decel_m_s2
 
-    steered, drifting = Velocity((1.0, 0.0, 0.0)), Attitude((1.0, 0.0, 0.0, 0.0), 0.5)
-    assert brakes(45, steered) == 2.5
-    assert brakes(10, steered) == pytest.approx(0.78, abs=0.01)
-    assert brakes(45, drifting) == pytest.approx(1.5)
-    weak_m = closest_m(*vectors((0, 0, 0), (4, 0, 0), (30, 0, 0), (0, 0, 0)), brakes(10, steered))
-    assert float(weak_m) == pytest.approx(30 - 4 * 0.8 - 16 / (2 * 0.778), abs=0.05)
+    velocity, attitude = Velocity((1.0, 0.0, 0.0)), Attitude((1.0, 0.0, 0.0, 0.0), 0.5)
+    assert decel_m_s2(45, velocity) == 2.5
+    assert decel_m_s2(10, velocity) == pytest.approx(0.78, abs=0.01)
+    assert decel_m_s2(45, attitude) == pytest.approx(1.5)
+    distance_m = closest_m(*vectors((0, 0, 0), (4, 0, 0), (30, 0, 0), (0, 0, 0)), decel_m_s2(10, velocity))
+    assert float(distance_m) == pytest.approx(30 - 4 * 0.8 - 16 / (2 * 0.778), abs=0.05)
 
 
 # --- prediction ---------------------------------------------------------------------------------
@@ -130,14 +130,14 @@ def test_positions_in_two_local_frames_are_compared_in_a_common_frame():
     assert "vehicles 1 and 2 would come within" in found.text(3.0)
 
 
-def test_two_vehicles_that_are_too_near_are_found_at_once():
+def test_two_vehicles_that_are_already_too_near_conflict_immediately():
     found = conflict(member("1", None), member("2", None, east_m=2.0))
     assert found is not None
     assert (found.after_s, found.distance_m) == (0.0, pytest.approx(2.0, abs=0.01))
     assert "are 2.0 m apart now (the minimum is 3 m, plus 0.8 m of margin)" in found.text(3.0)
 
 
-def test_paths_are_compared_in_time():
+def test_paths_are_compared_at_equal_times():
     def path_east(begin_s):
         points = [(0.0, (0.0, 0.0, -10.0)), (begin_s, (0.0, 0.0, -10.0)), (begin_s + 20, (0.0, 40.0, -10.0))]
         return Path(tuple(PathPoint(t_s, position) for t_s, position in points))
@@ -187,7 +187,7 @@ def test_a_followers_position_is_predicted_from_its_leaders():
     assert found.vehicles == ("2", "3")
 
 
-def test_vehicles_too_fast_to_stop_are_refused_even_if_they_would_pass():
+def test_crossing_paths_conflict_if_the_vehicles_could_not_stop_in_time():
     def pass_by(north_m, towards):
         points = [(0.0, (0.0, north_m, -10.0)), (10.0, (80.0 * towards, north_m, -10.0))]
         return Path(tuple(PathPoint(t, (n, e, d)) for t, (n, e, d) in points))
@@ -233,9 +233,9 @@ def test_a_long_prediction_yields_after_each_small_piece(monkeypatch, members):
 
         return run
 
-    def braking_samples(place_a, velocity_a, place_b, velocity_b, brakes_a, brakes_b):
+    def braking_samples(position_a, velocity_a, position_b, velocity_b, decel_a_m_s2, decel_b_m_s2):
         fastest_m_s = max(np.max(np.linalg.norm(v, axis=-1)) for v in (velocity_a, velocity_b))
-        return len(place_a) * (0.8 + fastest_m_s / min(brakes_a, brakes_b)) / 0.1
+        return len(position_a) * (0.8 + fastest_m_s / min(decel_a_m_s2, decel_b_m_s2)) / 0.1
 
     track = prediction._PredictedTrack
     monkeypatch.setattr(track, "__init__", counted("tracks", track.__init__))
@@ -320,9 +320,12 @@ def test_all_members_start_once_at_the_common_start():
 
 def test_a_missed_common_start_starts_no_member():
     group_guard = guard()
-    late = Snapshot(102.4, "offboard", START, None, 0.0, bounds=Bounds(origin=origin()))
-    other = Snapshot(102.4, "offboard", START, None, 0.0, bounds=Bounds(origin=origin(20.0)))
-    both = {"1": MemberView("streaming", HOVER, late, None), "2": MemberView("streaming", HOVER, other, None)}
+    first = Snapshot(102.4, "offboard", START, None, 0.0, bounds=Bounds(origin=origin()))
+    second = Snapshot(102.4, "offboard", START, None, 0.0, bounds=Bounds(origin=origin(20.0)))
+    both = {
+        "1": MemberView("streaming", HOVER, first, None),
+        "2": MemberView("streaming", HOVER, second, None),
+    }
     actions = group_guard.check(102.5, both)
     assert not actions.new_requests
     assert set(actions.hold) == {"1", "2"}
@@ -342,12 +345,12 @@ def test_two_members_that_come_too_close_hold_and_the_finding_has_their_distance
 
 
 def test_an_accelerating_member_is_stopped_in_time():
-    drift = StreamRequest(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
+    attitude_request = StreamRequest(Attitude((1.0, 0.0, 0.0, 0.0), 0.5), 60.0)
     gain_m_s2, delay_s, decel_m_s2 = 6.0, 0.3, 1.5
     group_guard = GroupGuard(
         "7",
         dict.fromkeys("12", HOVER),
-        dict.fromkeys("12", drift),
+        dict.fromkeys("12", attitude_request),
         minimum_m=3.0,
         start_s=101.0,
         duration_s=60.0,
@@ -357,9 +360,9 @@ def test_an_accelerating_member_is_stopped_in_time():
         now_s, speed_m_s = 101.0 + 0.05 * step, gain_m_s2 * 0.05 * step
         apart_m = 60.0 - 0.5 * gain_m_s2 * (0.05 * step) ** 2
         approaching = replace(snapshot(apart_m, velocity=(0.0, -speed_m_s, 0.0)), taken_s=now_s)
-        hovering = MemberView("streaming", drift, replace(snapshot(), taken_s=now_s), None)
+        hovering = MemberView("streaming", attitude_request, replace(snapshot(), taken_s=now_s), None)
         if group_guard.check(
-            now_s, {"1": hovering, "2": MemberView("streaming", drift, approaching, None)}
+            now_s, {"1": hovering, "2": MemberView("streaming", attitude_request, approaching, None)}
         ).hold:
             break
     else:
@@ -369,7 +372,7 @@ def test_an_accelerating_member_is_stopped_in_time():
     assert apart_m - stop_m >= 3.0, (apart_m, speed_m_s)
 
 
-def test_a_common_expiry_is_not_a_finding():
+def test_setpoints_of_all_members_that_expire_together_cause_no_finding():
     group_guard = guard()
     group_guard.check(101.0, views())
     group_guard._next_check_s = 0.0
@@ -389,7 +392,7 @@ def test_a_member_without_position_makes_all_members_hold():
     assert group_guard.findings[0].code == "place_unknown"
 
 
-def test_with_others_go_on_the_other_members_continue():
+def test_if_others_go_on_is_set_the_other_members_continue():
     group_guard = guard(others_go_on=True)
     group_guard.check(101.0, views())
     actions = group_guard.check(101.1, views(request=FLY, phase="holding"))

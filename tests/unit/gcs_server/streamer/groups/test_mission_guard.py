@@ -48,7 +48,7 @@ def test_an_armed_vehicle_without_position_stops_all_vehicles() -> None:
     assert mission_guard.findings[-1].code == "place_unknown"
 
 
-def test_a_vehicle_without_a_stream_has_not_left_the_mission() -> None:
+def test_a_vehicle_whose_stream_has_ended_stays_a_member_of_the_mission() -> None:
     landed = {"1": view_of(0.0), "2": view_of(15.0, "idle"), "3": view_of(30.0, "idle", armed=False)}
     mission_guard = guard()
     assert mission_guard.check(NOW_S, landed).hold == {}

@@ -1,4 +1,4 @@
-"""The brake: setpoints towards a measured obstacle are slowed down and stopped in front of it."""
+"""Obstacle brake: setpoints are limited so that the vehicle stops before a measured obstacle."""
 
 import math
 from random import Random
@@ -56,12 +56,12 @@ def test_body_velocities_are_limited_and_slow_velocities_or_other_directions_are
     assert body[0] == pytest.approx(
         limited(Velocity((8.0, 0.0, 0.0)), obstacle_at(6.0)).setpoint.velocity_ned_m_s[0]
     )
-    for free in (Velocity((1.0, 0.0, 0.0)), Velocity((-5.0, 0.0, 0.0)), Velocity((0.0, 5.0, 0.0))):
-        result = limited(free, obstacle_at(6.0))
-        assert (result.setpoint, result.notes) == (free, ())
+    for unlimited in (Velocity((1.0, 0.0, 0.0)), Velocity((-5.0, 0.0, 0.0)), Velocity((0.0, 5.0, 0.0))):
+        result = limited(unlimited, obstacle_at(6.0))
+        assert (result.setpoint, result.notes) == (unlimited, ())
 
 
-def test_a_target_behind_an_obstacle_is_moved_in_front_of_it():
+def test_a_position_setpoint_behind_an_obstacle_is_moved_in_front_of_it():
     result = limited(Position((30.0, 0.0, -5.0)), obstacle_at(4.0))
     north, east, down = result.setpoint.position_ned_m
     assert 0.0 < north <= 4.0 - MARGIN_M
@@ -139,12 +139,12 @@ def test_a_wall_is_detected_while_the_vehicle_pitches_forward():
 
 def test_measurements_are_used_for_two_seconds_at_the_same_altitude():
     ahead, above = ((1.0, 0.0, 0.0),), ((math.cos(0.5), 0.0, -math.sin(0.5)),)
-    for since_s, climbed_m, used in ((1.0, 0.0, True), (2.5, 0.0, False), (1.0, 1.5, False)):
+    for age_s, climbed_m, is_used in ((1.0, 0.0, True), (2.5, 0.0, False), (1.0, 1.5, False)):
         memory = BrakeMemory()
         memory.update(NOW_S, (Scan(NOW_S, ahead, (4.0,), 20.0),), HOVERING.position_ned_m, STILL)
-        later_s, position = NOW_S + since_s, (0.5, 0.0, -5.0 - climbed_m)
+        later_s, position = NOW_S + age_s, (0.5, 0.0, -5.0 - climbed_m)
         surroundings = memory.update(later_s, (Scan(later_s, above, (None,), 20.0),), position, STILL)
-        assert surroundings.points_ne_m.tolist() == ([[3.5, 0.0]] if used else [])
+        assert surroundings.points_ne_m.tolist() == ([[3.5, 0.0]] if is_used else [])
 
 
 def test_without_a_position_only_the_newest_measurements_are_used():
@@ -229,9 +229,9 @@ RAYS = tuple((math.cos(a), math.sin(a), 0.0) for a in (math.radians(5.0 * k) for
 
 
 def distance_to_the_box(ray, north_m, east_m):
-    """Distance along a ray to the front of the box; None: the ray passes it."""
-    far_m = (BOX_NORTH_M - north_m) / ray[0] if ray[0] > 0.05 else math.inf
-    return far_m if far_m < 20.0 and abs(east_m + far_m * ray[1]) < BOX_HALF_WIDTH_M else None
+    """Distance along a ray to the front of the box; None: the ray misses the box."""
+    to_front_m = (BOX_NORTH_M - north_m) / ray[0] if ray[0] > 0.05 else math.inf
+    return to_front_m if to_front_m < 20.0 and abs(east_m + to_front_m * ray[1]) < BOX_HALF_WIDTH_M else None
 
 
 def fly_braked(requested, seed, wind_m_s, seconds=60.0):
@@ -278,15 +278,15 @@ def test_a_braked_vehicle_stays_in_front_of_the_obstacle_and_does_not_drift_arou
     assert min(n for n, _ in track[len(track) // 2 :]) > BOX_NORTH_M - 2.5
 
 
-def braked_twice(first, second, aside_m, surroundings=None):
+def braked_twice(first_target, second_target, moved_east_m, surroundings=None):
     """The limited position of the second setpoint; the vehicle was braked and then moved to the east."""
     memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (4.0,), 20.0)
     memory.track_point_ne_m = limited(
-        Position(first), memory.update(NOW_S, (scan,), HOVERING.position_ned_m, STILL)
+        Position(first_target), memory.update(NOW_S, (scan,), HOVERING.position_ned_m, STILL)
     ).track_point_ne_m
-    moved = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
+    moved = VehicleMotion((0.0, moved_east_m, -5.0), STILL, 0.0)
     later = memory.update(NOW_S, surroundings or (scan,), moved.position_ned_m, STILL)
-    return limited(Position(second), later, moved).setpoint.position_ned_m
+    return limited(Position(second_target), later, moved).setpoint.position_ned_m
 
 
 def test_a_braked_vehicle_returns_to_its_track_without_going_nearer_to_an_obstacle_at_its_side():
@@ -294,12 +294,12 @@ def test_a_braked_vehicle_returns_to_its_track_without_going_nearer_to_an_obstac
     north, east, _ = braked_twice(ahead, ahead, 0.6)
     assert 0.0 < north < 3.0
     assert east == pytest.approx(0.0)
-    walled = Scan(NOW_S, ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)), (4.0, 1.2), 20.0)
-    _, east, _ = braked_twice(ahead, ahead, 0.6, (walled,))
+    with_wall_in_the_west = Scan(NOW_S, ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)), (4.0, 1.2), 20.0)
+    _, east, _ = braked_twice(ahead, ahead, 0.6, (with_wall_in_the_west,))
     assert 0.4 - 1e-9 <= east < 0.6, "the vehicle was moved into the margin of the wall"
 
 
-def test_the_track_follows_a_new_target_and_ends_where_the_brake_does_not_act():
+def test_the_track_follows_a_new_target_and_ends_when_the_brake_does_not_act():
     north, east, _ = braked_twice((30.0, 0.0, -5.0), (30.0, 30.0, -5.0), 0.3)
     assert (north > 0.0, east > 0.3) == (True, True)
     free = (-10.0, 5.0, -5.0)
@@ -316,8 +316,8 @@ def test_a_vehicle_that_was_moved_far_away_is_kept_on_a_new_track():
 def test_the_speed_limit_does_not_release_the_vehicle_from_its_track():
     slow = Bounds(approach_m_s=1.0)
     memory, scan = BrakeMemory(), Scan(NOW_S, ((1.0, 0.0, 0.0),), (1.6,), 20.0)
-    for aside_m in (0.0, 0.5):
-        motion = VehicleMotion((0.0, aside_m, -5.0), STILL, 0.0)
+    for moved_east_m in (0.0, 0.5):
+        motion = VehicleMotion((0.0, moved_east_m, -5.0), STILL, 0.0)
         surroundings = memory.update(NOW_S, (scan,), motion.position_ned_m, STILL)
         result = limited(Position((30.0, 0.0, -5.0)), surroundings, motion, slow)
         memory.track_point_ne_m = result.track_point_ne_m

@@ -24,12 +24,12 @@ from missions.setpoints import (
     VelocityBody,
 )
 
-number = st.floats(-500, 500)
-vector = st.tuples(number, number, number)
-angle = st.floats(-math.pi, math.pi)
+numbers = st.floats(-500, 500)
+vectors = st.tuples(numbers, numbers, numbers)
+angles = st.floats(-math.pi, math.pi)
 yaws = st.one_of(
     st.fixed_dictionaries({}),
-    st.fixed_dictionaries({"yaw_ned_rad": angle}),
+    st.fixed_dictionaries({"yaw_ned_rad": angles}),
     st.fixed_dictionaries({"yaw_rate_ned_rad_s": st.floats(-20, 20)}),
 )
 ORIGIN = LocalOrigin(47.4, 8.5, 480.0)
@@ -65,24 +65,26 @@ inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59), st.floats(-39, -1)).f
 well_inside = inside.filter(
     lambda p: all(FENCED.breach((p[0] + n, p[1] + e)) is None for n, e in ((1, 0), (-1, 0), (0, 1), (0, -1)))
 )
-vehicle_motions = st.builds(VehicleMotion, inside, st.tuples(*[st.floats(-12, 12)] * 3), angle)
-unit = st.builds(q_from_euler, angle, st.floats(-1.5, 1.5), angle)
+vehicle_motions = st.builds(VehicleMotion, inside, st.tuples(*[st.floats(-12, 12)] * 3), angles)
+unit_quaternions = st.builds(q_from_euler, angles, st.floats(-1.5, 1.5), angles)
 setpoints = st.one_of(
-    st.builds(lambda p, y: Position(p, **y), vector, yaws),
-    st.builds(lambda v, y: Velocity(v, **y), vector, yaws),
-    st.builds(lambda v, y: VelocityBody(v, **y), vector, yaws),
-    st.builds(lambda a, y: Acceleration(a, **y), vector, yaws),
-    st.builds(lambda p, v, a, y: Trajectory(p, v, a, **y), vector, vector, vector, yaws),
-    st.builds(lambda p, v: Trajectory((*p[:2], None), (None, None, v[2])), vector, vector),
+    st.builds(lambda p, y: Position(p, **y), vectors, yaws),
+    st.builds(lambda v, y: Velocity(v, **y), vectors, yaws),
+    st.builds(lambda v, y: VelocityBody(v, **y), vectors, yaws),
+    st.builds(lambda a, y: Acceleration(a, **y), vectors, yaws),
+    st.builds(lambda p, v, a, y: Trajectory(p, v, a, **y), vectors, vectors, vectors, yaws),
+    st.builds(lambda p, v: Trajectory((*p[:2], None), (None, None, v[2])), vectors, vectors),
     st.builds(
         lambda n, e, alt, y: PositionGlobal(47.4 + n / 1e5, 8.5 + e / 1e5, alt_amsl_m=480 + alt, **y),
-        number,
-        number,
-        number,
+        numbers,
+        numbers,
+        numbers,
         yaws,
     ),
-    st.builds(lambda q, t, r: Attitude(q, t, r), unit, st.floats(0, 1), st.none() | st.floats(-20, 20)),
-    st.builds(Rates, vector, st.floats(0, 1)),
+    st.builds(
+        lambda q, t, r: Attitude(q, t, r), unit_quaternions, st.floats(0, 1), st.none() | st.floats(-20, 20)
+    ),
+    st.builds(Rates, vectors, st.floats(0, 1)),
 )
 
 
@@ -119,8 +121,10 @@ def assert_stops_inside(velocity, motion, limits):
             <= limits.region.distance_to_edge_m((position[0], position[1]), (n / speed, e / speed)) + 1e-6
         )
     stop_m = abs(d) * 0.6 + d**2 / 2
-    left_m = (limits.region.down_max_m - position[2]) if d > 0 else (position[2] - limits.region.down_min_m)
-    assert stop_m <= left_m + 1e-6
+    remaining_m = (
+        (limits.region.down_max_m - position[2]) if d > 0 else (position[2] - limits.region.down_min_m)
+    )
+    assert stop_m <= remaining_m + 1e-6
 
 
 @settings(max_examples=400)
@@ -181,7 +185,7 @@ def test_values_that_are_not_finite_are_never_sent(requested, limits, not_finite
     assert "not a finite number" in result.stop_reason
 
 
-@given(vector, bounds())
+@given(vectors, bounds())
 def test_without_a_position_no_velocity_is_sent_inside_a_fence(velocity, limits):
     for requested in (Velocity(velocity), VelocityBody(velocity)):
         sent = apply_limits(requested, limits, None).setpoint
@@ -190,7 +194,7 @@ def test_without_a_position_no_velocity_is_sent_inside_a_fence(velocity, limits)
 
 
 def flight(requested, limits, motion, seconds, tau_s=0.5, dt_s=0.05):
-    """A vehicle that follows velocity setpoints as PX4 does: with a lag and at most 5 m/s²."""
+    """The motion of a vehicle that follows velocity setpoints as PX4 does: with a lag and at most 5 m/s²."""
     position, velocity = list(motion.position_ned_m), list(motion.velocity_ned_m_s)
     previous = None
     for _ in range(int(seconds / dt_s)):
@@ -209,14 +213,14 @@ def flight(requested, limits, motion, seconds, tau_s=0.5, dt_s=0.05):
 def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, velocity_down_m_s):
     limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, descent_m_s=4.0, region=FENCED)
     requested = Velocity((speed * math.cos(course), speed * math.sin(course), velocity_down_m_s))
-    for current in flight(requested, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), 50):
+    for current in flight(requested, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), seconds=50):
         n, e, d = current.position_ned_m
         assert FENCED.breach((n, e)) is None
-        assert -40.0 <= d <= 0.0  # in 50 s it would fly farther than the width of the fence
+        assert -40.0 <= d <= 0.0
 
 
-def test_turning_away_at_full_speed_in_front_of_the_fence_brakes_first():
-    """The new direction is along the fence, but the vehicle still moves towards it."""
+def test_a_setpoint_along_the_fence_is_stopped_while_the_vehicle_moves_towards_it():
+    """The vehicle flies at 8 m/s towards the fence, 10 m before it."""
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     motion = VehicleMotion((40.0, 0.0, -10.0), (8.0, 0.0, 0.0))
     sent = apply_limits(Velocity((0.0, 5.0, 0.0)), limits, motion).setpoint

@@ -21,7 +21,7 @@ from missions.setpoints import Position
 from tests.in_loop_scheduler import InLoopScheduler
 from tests.simulated_time import run_in_simulated_time
 
-UP = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
+POSITION = Position(position_ned_m=(0.0, 0.0, -5.0), yaw_ned_rad=0.0)
 PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
 
 
@@ -122,13 +122,14 @@ def run_test(scenario, stalls=()):
 
 def test_setpoints_are_streamed_before_offboard_is_requested_and_the_failsafe_is_reported():
     async def scenario(vehicle):
-        status = await vehicle.offboard.start(StreamRequest(UP, 60.0, client="me"))
-        assert vehicle.mode_requests == [("offboard", vehicle.mode_requests[0][1])]
-        assert vehicle.mode_requests[0][1] == pytest.approx(60, abs=2)  # 1.2 s at 50 Hz
+        status = await vehicle.offboard.start(StreamRequest(POSITION, 60.0, client="me"))
+        ((mode, sent_before),) = vehicle.mode_requests
+        assert mode == "offboard"
+        assert sent_before == pytest.approx(60, abs=2)  # 1.2 s at 50 Hz
         assert (status.state, status.client) == ("streaming", "me")
         assert "lands at its current position" in status.if_stream_stops
         with pytest.raises(Refused, match="already"):
-            await vehicle.offboard.start(StreamRequest(UP, 60.0))
+            await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
         await vehicle.offboard.stop()
         count = len(vehicle.sent)
         await asyncio.sleep(0.1)
@@ -143,7 +144,7 @@ def test_unsent_setpoints_do_not_count_as_streamed():
     setpoint."""
 
     async def scenario(vehicle):
-        await vehicle.offboard.start(StreamRequest(UP, 60.0))
+        await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
         assert vehicle.mode_requests[0][1] >= 60
 
     run_test(scenario, stalls=[(0.01, 1.3)])
@@ -152,7 +153,7 @@ def test_unsent_setpoints_do_not_count_as_streamed():
 def test_offboard_is_not_requested_without_a_steady_stream():
     async def scenario(vehicle):
         with pytest.raises(Refused, match="too busy"):
-            await vehicle.offboard.start(StreamRequest(UP, 60.0))
+            await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
         assert vehicle.mode_requests == []
         assert not vehicle.offboard.status().streaming
 
@@ -163,10 +164,10 @@ def test_a_refusal_stops_the_stream_and_is_raised():
     async def scenario(vehicle):
         vehicle.mode_error = Rejected("Offboard is not available", reasons=("no",))
         with pytest.raises(Rejected, match="not available"):
-            await vehicle.offboard.start(StreamRequest(UP, 60.0))
+            await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
         assert not vehicle.offboard.status().streaming
         with pytest.raises(Refused, match="no setpoint stream"):
-            await vehicle.offboard.setpoint(StreamRequest(UP, 60.0))
+            await vehicle.offboard.setpoint(StreamRequest(POSITION, 60.0))
 
     run_test(scenario)
 
@@ -175,13 +176,13 @@ def test_a_refused_start_explains_the_missing_prerequisite():
     async def scenario(vehicle):
         vehicle.has_position = False
         with pytest.raises(Refused, match="estimate"):
-            await vehicle.offboard.start(StreamRequest(UP))
+            await vehicle.offboard.start(StreamRequest(POSITION))
         vehicle.has_position = True
         with pytest.raises(Refused, match="2000 m"):
             await vehicle.offboard.start(StreamRequest(Position(position_ned_m=(2000.0, 0.0, 0.0))))
         vehicle.status.mode = "offboard"
         with pytest.raises(Refused, match="another program"):
-            await vehicle.offboard.start(StreamRequest(UP))
+            await vehicle.offboard.start(StreamRequest(POSITION))
         assert vehicle.sent == []
 
     run_test(scenario)
@@ -189,7 +190,7 @@ def test_a_refused_start_explains_the_missing_prerequisite():
 
 def test_leaving_offboard_ends_the_stream_with_an_event():
     async def scenario(vehicle):
-        await vehicle.offboard.start(StreamRequest(UP, 60.0))
+        await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
         vehicle.status.mode = "position"
         await asyncio.sleep(0.35)
         assert not vehicle.offboard.status().streaming
@@ -200,7 +201,7 @@ def test_leaving_offboard_ends_the_stream_with_an_event():
 
 def test_a_mode_commanded_by_a_client_ends_the_stream_without_a_warning():
     async def scenario(vehicle):
-        await vehicle.offboard.start(StreamRequest(UP, 60.0))
+        await vehicle.offboard.start(StreamRequest(POSITION, 60.0))
         vehicle.latest_command = ModeCommand("Land", "land", "page", 0.0)
         vehicle.status.mode = "land"
         await asyncio.sleep(0.35)
@@ -212,9 +213,7 @@ def test_a_mode_commanded_by_a_client_ends_the_stream_without_a_warning():
     run_test(scenario)
 
 
-def test_shutdown_stops_all_streams_at_once_within_the_deadline(
-    monkeypatch,
-):
+def test_shutdown_stops_all_streams_at_the_same_time_within_the_deadline(monkeypatch):
     monkeypatch.setattr(streamer_module, "STOP_ALL_S", 0.4)
 
     async def run():
@@ -226,7 +225,7 @@ def test_shutdown_stops_all_streams_at_once_within_the_deadline(
             streamer.attach(vehicle)
         streamer.start(supervisor)
         try:
-            await asyncio.gather(*(v.offboard.start(StreamRequest(UP, 60.0)) for v in fleet))
+            await asyncio.gather(*(v.offboard.start(StreamRequest(POSITION, 60.0)) for v in fleet))
             fleet[1].mode_request_hangs = fleet[2].mode_request_hangs = True
             began_s = clock.monotonic_s()
             results = {s.vehicle: s for s in await streamer.stop_all()}

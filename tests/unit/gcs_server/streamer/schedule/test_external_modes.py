@@ -39,7 +39,7 @@ class Clock:
         return 1_700_000_000.0 + self.now_s
 
     async def sleep(self, seconds: float) -> None:
-        raise AssertionError("nothing may wait")
+        raise AssertionError("the stream process must not sleep here")
 
 
 class Px4:
@@ -178,9 +178,7 @@ def test_in_other_modes_or_while_disarmed_no_setpoint_is_sent(
     assert set(setup.px4.topics()) == {CHECK_REPLY}
 
 
-def test_modes_are_registered_and_removed_in_sequence(
-    setup: ModesSetup,
-) -> None:
+def test_modes_are_registered_and_removed_one_after_another(setup: ModesSetup) -> None:
     setup.register("Square")
     setup.register("Circle")
     setup.run(3.0)
@@ -227,7 +225,7 @@ def test_a_registration_waits_for_dds_and_is_refused_without_a_reply() -> None:
     assert setup.states() == [("Line", "refused")]
 
 
-def test_the_completion_of_a_mode_is_reported_by_the_name_of_its_slot(setup: ModesSetup) -> None:
+def test_the_completion_of_a_mode_is_reported_for_its_external_mode_slot(setup: ModesSetup) -> None:
     setup.modes.complete("1", "external_2", success=True)
     setup.modes.complete("2", "external_1", success=True)
     assert setup.px4.topics() == []

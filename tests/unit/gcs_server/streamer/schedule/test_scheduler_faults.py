@@ -1,4 +1,4 @@
-"""The scheduler with a fake clock: a server that stalls, and vehicles whose streams fail."""
+"""The stream scheduler with a fake clock: an event loop that stalls, and vehicles whose streams fail."""
 
 import math
 import struct
@@ -71,7 +71,7 @@ def test_an_event_loop_stall_of_0_4_s_leaves_no_gap():
     assert setup.codes() == []
 
 
-def test_a_stall_of_3_s_ends_the_stream_with_an_event():
+def test_an_event_loop_stall_of_3_s_ends_the_stream_with_an_event():
     setup = SchedulerSetup()
     setup.run(1.0, server_alive=True)
     stalled_s = setup.clock.now_s
@@ -89,7 +89,7 @@ def test_a_stall_of_3_s_ends_the_stream_with_an_event():
 def test_a_resumed_process_sends_no_old_setpoints(first):
     setup = SchedulerSetup()
     setup.run(1.0, server_alive=True)
-    setup.clock.now_s += 3.0  # neither loop nor scheduler ran
+    setup.clock.now_s += 3.0  # the process was stopped: neither the event loop nor the scheduler ran
     count = len(setup.sent)
     if first == "update_snapshots":
         setup.update_snapshots()
@@ -221,7 +221,7 @@ def test_a_fault_of_a_member_does_not_prevent_the_others_from_holding(monkeypatc
 
 
 @pytest.mark.parametrize("invalid_number", [math.nan, math.inf, 1e300])
-def test_a_member_with_implausible_numbers_holds_only_its_group(invalid_number):
+def test_if_a_member_has_implausible_numbers_only_its_group_holds(invalid_number):
     setup = setup_with_two()
     bounds = start_group(setup, "bad")
     for _ in range(3):
@@ -235,7 +235,7 @@ def test_a_member_with_implausible_numbers_holds_only_its_group(invalid_number):
     assert setup.streams.state("1").phase == "streaming"
 
 
-def test_a_failing_guard_holds_its_group_and_other_streams_continue(monkeypatch):
+def test_if_a_guard_fails_its_group_holds_and_other_streams_continue(monkeypatch):
     setup = setup_with_two()
     bounds = start_group(setup, "bad")
 

@@ -1,4 +1,4 @@
-"""The state machine of a setpoint stream in whole flights, with a fake clock."""
+"""The state machine of a setpoint stream from start to end, with a fake clock."""
 
 import itertools
 import struct
@@ -78,7 +78,13 @@ class Flight:
 def fields(msg_id, payload):
     if msg_id == COMMAND:
         values = struct.unpack("<fffffffHBBB", payload)
-        return {"p1": values[0], "main": values[1], "sub": values[2], "command": values[7], "try": values[10]}
+        return {
+            "param1": values[0],
+            "main_mode": values[1],
+            "sub_mode": values[2],
+            "command": values[7],
+            "confirmation": values[10],
+        }
     v = struct.unpack("<IfffffffffffHBBB", payload)
     return {
         "position": v[1:4],
@@ -131,7 +137,7 @@ def test_setpoints_without_yaw_keep_the_heading_from_the_start():
     assert sent["yaw"] == pytest.approx(0.25)
 
 
-def test_after_a_client_is_killed_its_velocity_stream_holds_the_position_and_then_requests_hold():
+def test_after_a_client_is_killed_the_stream_holds_the_position_and_then_requests_hold():
     flight = start_flight(NORTH, valid_for_s=0.5, on_expiry=OnExpiry("hold", 2.0))
     flight.velocity = (3.0, 0.0, 0.0)
     assert all(sent["velocity"][0] == 3.0 for _, _, sent in flight.run(0.49))
@@ -142,7 +148,9 @@ def test_after_a_client_is_killed_its_velocity_stream_holds_the_position_and_the
     assert holding[-1][2]["position"] == pytest.approx((10.0, 2.0, -5.0), abs=0.1)
     assert flight.report_codes() == ["expired"]
     requests = [sent for _, msg_id, sent in flight.run(0.2) if msg_id == COMMAND]
-    assert [(a["command"], a["p1"], a["main"], a["sub"]) for a in requests] == [(176, 1.0, 4.0, 3.0)]
+    assert [(a["command"], a["param1"], a["main_mode"], a["sub_mode"]) for a in requests] == [
+        (176, 1.0, 4.0, 3.0)
+    ]
     assert [m for _, m, _ in flight.run(0.1)].count(SETPOINT) >= 4, (
         "the stream ended before the vehicle was in Hold"
     )
@@ -165,7 +173,7 @@ def test_a_new_setpoint_while_holding_resumes_the_stream():
 def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
     flight = start_flight(NORTH, valid_for_s=0.1, on_expiry=OnExpiry("hold", 0.0))
     out = flight.run(MAX_MODE_REQUESTS + 2.0)
-    requests = [sent["try"] for _, msg_id, sent in out if msg_id == COMMAND]
+    requests = [sent["confirmation"] for _, msg_id, sent in out if msg_id == COMMAND]
     assert requests == list(range(MAX_MODE_REQUESTS))
     assert flight.report_codes()[-1] == "not_confirmed"
     assert flight.run(1.0) == []
@@ -175,7 +183,7 @@ def test_expiry_without_a_position_estimate_lands():
     flight = start_flight(NORTH, valid_for_s=0.5)
     flight.position = None
     out = flight.run(1.0)
-    assert [(s["main"], s["sub"]) for _, m, s in out if m == COMMAND] == [(4.0, 6.0)]
+    assert [(s["main_mode"], s["sub_mode"]) for _, m, s in out if m == COMMAND] == [(4.0, 6.0)]
     last = [sent for _, m, sent in out if m == SETPOINT][-1]
     assert (last["mask"], last["velocity"]) == (1479, (0.0, 0.0, 0.0))
     flight.mode = "land"
@@ -231,7 +239,7 @@ def test_stop_holds_the_position_and_sends_nothing_afterwards():
     flight.stream.request_stop(flight.now_s, flight.snapshot())
     assert {sent["mask"] for _, _, sent in flight.run(0.2)} == {2552}
     assert not flight.change(NORTH, valid_for_s=60), "a late setpoint cancelled the stop"
-    flight.stream.end("stopped", "asked")
+    flight.stream.end("stopped", "stopped by the client")
     assert flight.run(5.0) == []
 
 
@@ -244,7 +252,7 @@ def test_setpoints_do_not_expire_while_starting_but_the_start_has_a_deadline():
     assert flight.report_codes() == ["not_confirmed"]
 
 
-def test_a_late_thread_sends_one_setpoint_and_keeps_the_schedule():
+def test_after_a_late_wake_up_one_setpoint_is_sent_and_the_rate_is_kept():
     flight = start_flight(HOVER, valid_for_s=60)
     flight.run(0.1)
     flight.now_s += 0.3

@@ -39,7 +39,7 @@ NOW_US = 1_795_000_000_000_000
 HALF = (0.0, 0.0, -0.5)
 """Half thrust, upwards in FRD."""
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-KINDS: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
+EXPECTED: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
     (
         Position((1.0, 2.0, -3.0), 0.5),
         "position",
@@ -84,6 +84,7 @@ KINDS: list[tuple[DirectSetpoint, str, dict[str, dict[str, Any]]]] = [
         },
     ),
 ]  # fmt: skip
+"""For each setpoint: the flag of OffboardControlMode, and the fields of the other messages by topic."""
 
 
 class Topics:
@@ -112,7 +113,9 @@ def _equal_or_both_nan(sent: Any, expected: Any) -> bool:
     return sent == expected or (math.isnan(sent) and math.isnan(expected))
 
 
-@pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
+@pytest.mark.parametrize(
+    ("setpoint", "flag", "expected"), EXPECTED, ids=lambda each: getattr(each, "type", "")
+)
 def test_each_setpoint_type_is_sent_with_its_control_mode_and_topics(
     setpoint: DirectSetpoint, flag: str, expected: dict[str, dict[str, Any]]
 ) -> None:
@@ -129,7 +132,9 @@ def test_each_setpoint_type_is_sent_with_its_control_mode_and_topics(
             assert _equal_or_both_nan(values[name], value), (topic, name, values[name])
 
 
-@pytest.mark.parametrize(("setpoint", "flag", "expected"), KINDS, ids=lambda each: getattr(each, "type", ""))
+@pytest.mark.parametrize(
+    ("setpoint", "flag", "expected"), EXPECTED, ids=lambda each: getattr(each, "type", "")
+)
 def test_the_topics_of_a_setpoint_type_include_the_topics_of_its_messages(
     setpoint: DirectSetpoint, flag: str, expected: dict[str, Any]
 ) -> None:

@@ -14,8 +14,10 @@ from missions.setpoints import Path, PathPoint
 
 def longest_path():
     """5000 points in an hour, inside a fence of 200 corners."""
-    turn = [2 * math.pi * k / 5000 for k in range(5000)]
-    points = [PathPoint(k * 0.72, (40 * math.cos(a), 40 * math.sin(a), -10.0)) for k, a in enumerate(turn)]
+    angles_rad = [2 * math.pi * k / 5000 for k in range(5000)]
+    points = [
+        PathPoint(k * 0.72, (40 * math.cos(a), 40 * math.sin(a), -10.0)) for k, a in enumerate(angles_rad)
+    ]
     fence = [(60 * math.cos(a), 60 * math.sin(a)) for a in (2 * math.pi * k / 200 for k in range(200))]
     bounds = Bounds(speed_m_s=12.0, region=Region(polygons=(Polygon(tuple(fence), "the operator's fence"),)))
     return points, bounds
