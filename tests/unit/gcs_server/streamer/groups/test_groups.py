@@ -188,13 +188,9 @@ def test_a_followers_position_is_predicted_from_its_leaders():
 
 
 def test_crossing_paths_conflict_if_the_vehicles_could_not_stop_in_time():
-    def pass_by(north_m, towards):
-        points = [(0.0, (0.0, north_m, -10.0)), (10.0, (80.0 * towards, north_m, -10.0))]
-        return Path(tuple(PathPoint(t, (n, e, d)) for t, (n, e, d) in points))
-
-    crossing = Path((PathPoint(0.0, (40.0, -34.0, -10.0)), PathPoint(12.0, (40.0, 60.0, -10.0))))
-    first = member("1", pass_by(0.0, 1.0))
-    found = conflict(first, member("2", crossing, position=(40.0, -34.0, -10.0)))
+    north = Path((PathPoint(0.0, START), PathPoint(10.0, (80.0, 0.0, -10.0))))
+    east = Path((PathPoint(0.0, (40.0, -34.0, -10.0)), PathPoint(12.0, (40.0, 60.0, -10.0))))
+    found = conflict(member("1", north), member("2", east, position=(40.0, -34.0, -10.0)))
     assert found is not None
     assert found.while_stopping or found.distance_m < 3.0
 
@@ -320,12 +316,8 @@ def test_all_members_start_once_at_the_common_start():
 
 def test_a_missed_common_start_starts_no_member():
     group_guard = guard()
-    first = Snapshot(102.4, "offboard", START, None, 0.0, bounds=Bounds(origin=origin()))
-    second = Snapshot(102.4, "offboard", START, None, 0.0, bounds=Bounds(origin=origin(20.0)))
-    both = {
-        "1": MemberView("streaming", HOVER, first, None),
-        "2": MemberView("streaming", HOVER, second, None),
-    }
+    snapshots = (replace(snapshot(east_m), taken_s=102.4) for east_m in (0.0, 20.0))
+    both = {v: MemberView("streaming", HOVER, each, None) for v, each in zip("12", snapshots, strict=True)}
     actions = group_guard.check(102.5, both)
     assert not actions.new_requests
     assert set(actions.hold) == {"1", "2"}
