@@ -65,7 +65,7 @@ POSITION = {"type": "position", "position_ned_m": [0, 0, -5]}
         ("gimbal/angles", '{"pitch_deg": NaN, "yaw_deg": 0}', "pitch_deg"),
     ],
 )
-def test_bad_values_are_422_and_name_the_field(client, path, body, field):
+def test_invalid_values_get_status_422_and_the_error_names_the_field(client, path, body, field):
     response = client.post(
         f"/api/v1/vehicles/1/{path}", content=body, headers={"Content-Type": "application/json"}
     )
@@ -78,7 +78,7 @@ def test_bad_values_are_422_and_name_the_field(client, path, body, field):
 
 
 @pytest.mark.parametrize("path", ["arm", "hold", "offboard/stop", "gimbal/take"])
-def test_an_unknown_vehicle_is_404_and_is_journaled(client, path):
+def test_a_command_to_an_unknown_vehicle_gets_status_404_and_is_journaled(client, path):
     response = client.post(f"/api/v1/vehicles/77/{path}", headers={"X-Client": "tester"})
     assert response.status_code == 404
     assert response.json()["vehicle"] == "77"
@@ -117,7 +117,7 @@ DECREASING_TIMES = {"type": "path", "points": [{"t_s": t, "position_ned_m": [0, 
         ("/1/setpoints", {"setpoints": [MEMBERS[0]] * 2}, "body", "setpoints: vehicle 1 is named twice"),
     ],
 )
-def test_a_bad_group_is_422_and_names_the_field(client, path, body, field, text):
+def test_an_invalid_group_gets_status_422_and_the_error_names_the_field(client, path, body, field, text):
     response = client.post(f"/api/v1/groups{path}", json=body)
     assert response.status_code == 422
     problem = response.json()
@@ -125,7 +125,7 @@ def test_a_bad_group_is_422_and_names_the_field(client, path, body, field, text)
     assert text in problem["detail"]
 
 
-def test_a_group_of_unknown_vehicles_is_404_and_lists_each_vehicle(client):
+def test_a_group_of_unknown_vehicles_gets_status_404_and_each_vehicle_is_journaled(client):
     response = client.post("/api/v1/groups", json={"members": MEMBERS}, headers={"X-Client": "tester"})
     assert (response.status_code, response.json()["code"]) == (404, "unknown_vehicle")
     entries = client.get("/api/v1/journal?limit=2").json()["entries"]
@@ -150,7 +150,7 @@ def test_changes_of_a_group_are_sent_as_events(client):
     assert (event["text"], event["group"]["id"]) == ("Group 4 has begun.", "4")
 
 
-def test_links_are_added_and_removed_and_a_bad_url_is_refused(client):
+def test_links_are_added_and_removed_and_an_invalid_url_is_refused(client):
     assert client.post("/api/v1/links", json={"url": "carrier-pigeon://x"}).status_code == 422
     added = client.post("/api/v1/links", json={"url": "udpin://127.0.0.1:0", "name": "any"})
     assert added.status_code == 201

@@ -147,7 +147,7 @@ def test_invalid_dry_runs_are_refused_and_the_error_names_the_cause(client, body
     assert text in refused.text
 
 
-def test_an_unknown_vehicle_plan_or_dry_run_is_404(client):
+def test_an_unknown_vehicle_plan_or_dry_run_gets_status_404(client):
     assert client.post("dry_runs", json={"plan": PLAN, "vehicle": "9"}).json()["code"] == "unknown_vehicle"
     assert client.post("dry_runs", json={"plan_id": "none"}).json()["code"] == "unknown_plan"
     assert client.get("dry_runs/77").json()["code"] == "unknown_dry_run"

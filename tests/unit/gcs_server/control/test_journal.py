@@ -43,7 +43,7 @@ def lines_of(path):
     return [json.loads(line) for line in text.splitlines()]
 
 
-def test_lines_are_json_and_the_tail_is_newest_first(tmp_path):
+def test_lines_are_json_and_the_newest_entries_are_read_first(tmp_path):
     journal = Journal(SystemClock(), tmp_path / "journal.jsonl")
     for command in ("arm", "takeoff", "land"):
         add(journal, command)

@@ -168,7 +168,7 @@ def test_a_too_large_result_fails_the_operation():
     run_test(test)
 
 
-def test_a_lost_vehicle_ends_only_operations_that_need_it():
+def test_when_a_vehicle_is_lost_only_the_operations_that_need_it_fail():
     async def test(context):
         upload = start(context, kind="upload", vehicle="1", needs_vehicle=True)
         dry_run = start(context, kind="dry_run", vehicle="1")

@@ -62,7 +62,7 @@ def test_plans_and_versions_are_stored_across_a_restart(tmp_path):
     run_with_store(tmp_path, work)
 
 
-def test_a_save_on_an_older_version_is_refused_and_the_error_names_the_other_client(tmp_path):
+def test_a_save_based_on_an_older_version_is_refused_and_the_error_names_the_other_client(tmp_path):
     async def work(context):
         first = await context.store.create("Tower", plan(), by=ANNA)
         second = await context.store.save(first.id, "Tower", plan(6.0), base_version=1, by=BOB)

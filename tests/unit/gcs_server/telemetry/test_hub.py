@@ -172,7 +172,7 @@ def test_nan_is_sent_as_null():
     run_test(scenario)
 
 
-def test_events_are_never_conflated_and_too_many_unread_events_disconnect_the_client():
+def test_every_event_is_sent_and_too_many_unread_events_disconnect_the_client():
     async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         for n in range(10):
@@ -233,7 +233,7 @@ def test_an_invalid_request_is_explained_and_the_socket_stays_open(message):
     run_test(scenario)
 
 
-def test_invalid_requests_of_a_client_that_reads_nothing_use_no_memory():
+def test_errors_for_a_client_that_reads_nothing_use_little_memory():
     async def scenario(fleet, socket, hub):
         await asyncio.sleep(0.02)
         socket.writable.clear()

@@ -96,7 +96,7 @@ def test_the_text_of_an_event_has_a_limited_length():
     assert count_lines_run(lambda: definition.text(b"\xff" * 40)) < 10_000
 
 
-def test_a_too_large_precision_shows_few_decimals():
+def test_a_too_large_precision_in_a_text_is_limited():
     definitions = event_document.parse(
         events(message="{1:.999} {1:.2}", arguments=[{"name": "a", "type": "float"}])
     )

@@ -174,7 +174,7 @@ def test_a_checksum_that_is_not_a_finite_number_is_ignored():
         assert table.hash is None
 
 
-def test_invalid_parameter_names_complete_the_list_and_are_counted():
+def test_parameters_with_invalid_names_are_counted_and_do_not_keep_the_list_incomplete():
     table = ParamTable()
     for index, name in enumerate(("GOOD", "\ufffd\ufffd", "A B", "", "A\nB", "A.B")):
         table.put(ParamReport(Param(name, 1, True), index, 6))

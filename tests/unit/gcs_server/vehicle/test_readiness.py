@@ -203,7 +203,7 @@ def test_event_texts_are_filled_in_by_their_format():
             event_document.parse(invalid)
 
 
-def test_restrictions_of_chunks_add_up_and_a_missing_chunk_drops_the_report():
+def test_the_restrictions_of_all_chunks_apply_and_a_report_with_a_missing_chunk_is_dropped():
     def chunk(number, can_arm, errors, *checks):
         return [
             payload(ARMING_SUMMARY_ID, 0x88, struct.pack("<BIIII", number, errors, 0, can_arm, can_arm)),
@@ -304,7 +304,7 @@ def test_a_report_of_usual_length_is_complete():
         ("offboard", False, ["acro"], None),
     ],
 )
-def test_a_mode_that_prevents_arming_offers_another_mode(mode, armed, can_arm, offered):
+def test_if_a_mode_prevents_arming_another_mode_is_offered(mode, armed, can_arm, offered):
     report = HealthReport(sum(1 << BY_NAME[name].nav_state for name in can_arm), 0)
     found = readiness.offers(report, BY_NAME[mode], armed)
     assert [(o.code, o.mode) for o in found] == ([] if offered is None else [("choose_mode", offered)])

@@ -130,7 +130,7 @@ def text(value, text_id=0, chunk=0):
     return encode_payload(d.MAVLink_statustext_message(6, value, text_id, chunk))
 
 
-def test_chunks_are_joined_in_any_order_and_gaps_are_shown():
+def test_chunks_of_a_status_text_are_joined_in_any_order_and_gaps_are_shown():
     joiner = TextJoiner()
     assert joiner.feed(text(b"b" * 10, 5, 1), 0.0) == []
     assert joiner.feed(text(b"a" * 50, 5, 0), 0.1) == [(6, "a" * 50 + "b" * 10)]

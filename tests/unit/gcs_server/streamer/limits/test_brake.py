@@ -172,7 +172,7 @@ def test_an_old_measurement_is_moved_by_the_vehicles_motion_and_is_finally_disca
 @pytest.mark.parametrize(
     "requested", [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates(STILL, 0.5), Acceleration((0.0, 0.0, 0.0))]
 )
-def test_setpoints_without_position_control_are_stopped_before_an_obstacle(requested):
+def test_streams_without_position_control_are_stopped_before_an_obstacle(requested):
     fast = VehicleMotion((0.0, 0.0, -5.0), (4.0, 0.0, 0.0), 0.0)
     near = obstacle_at(5.0, velocity=fast.velocity_ned_m_s)
     assert "hit an obstacle" in limited(requested, near, fast).stop_reason

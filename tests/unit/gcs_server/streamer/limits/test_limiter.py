@@ -210,7 +210,7 @@ def flight(requested, limits, motion, seconds, tau_s=0.5, dt_s=0.05):
 
 @settings(max_examples=40, deadline=None, phases=[Phase.generate])  # shrinking would take minutes
 @given(well_inside, st.floats(-math.pi, math.pi), st.floats(3, 12), st.sampled_from((-3.0, 0.0, 3.0)))
-def test_a_velocity_towards_any_fence_stays_inside(start, course, speed, velocity_down_m_s):
+def test_with_a_velocity_towards_any_fence_the_vehicle_stays_inside(start, course, speed, velocity_down_m_s):
     limits = Bounds(speed_m_s=12.0, climb_m_s=4.0, descent_m_s=4.0, region=FENCED)
     requested = Velocity((speed * math.cos(course), speed * math.sin(course), velocity_down_m_s))
     for current in flight(requested, limits, VehicleMotion(start, (0.0, 0.0, 0.0)), seconds=50):
@@ -227,7 +227,7 @@ def test_a_setpoint_along_the_fence_is_stopped_while_the_vehicle_moves_towards_i
     assert sent.velocity_ned_m_s[:2] == (0.0, 0.0)
 
 
-def test_from_outside_only_velocities_back_inside_are_sent():
+def test_outside_the_fence_only_velocities_back_inside_are_sent():
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     motion = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     assert apply_limits(Velocity((-3.0, 0.0, 0.0)), limits, motion).setpoint.velocity_ned_m_s == (
@@ -240,7 +240,7 @@ def test_from_outside_only_velocities_back_inside_are_sent():
     assert "only a velocity back inside" in stopped.notes[0]
 
 
-def test_near_the_edge_the_vehicle_is_moved_back():
+def test_near_the_edge_of_the_fence_the_vehicle_is_moved_back():
     """PX4's integrator moves the vehicle for seconds after the setpoint has become zero."""
     limits = Bounds(region=Region(-20.0, math.inf, (Circle((0.0, 0.0), 50.0, "50 m"),)))
     motion = VehicleMotion((0.0, 49.6, -19.8), (0.0, 0.4, 0.0))
@@ -248,7 +248,7 @@ def test_near_the_edge_the_vehicle_is_moved_back():
     assert sent == pytest.approx((0.0, -0.6, 0.3))
 
 
-def test_from_outside_a_target_beyond_the_fence_is_moved_inside():
+def test_outside_the_fence_a_target_beyond_it_is_moved_inside():
     limits = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))
     motion = VehicleMotion((60.0, 0.0, -10.0), (0.0, 0.0, 0.0))
     (n, e, _) = apply_limits(Position((90.0, 0.0, -10.0)), limits, motion).setpoint.position_ned_m
@@ -259,7 +259,7 @@ def test_from_outside_a_target_beyond_the_fence_is_moved_inside():
     "requested",
     [Attitude((1.0, 0.0, 0.0, 0.0), 0.5), Rates((0.0, 0.0, 0.0), 0.5), Acceleration((0.0, 0.0, 0.0))],
 )
-def test_setpoints_without_position_control_are_stopped_before_the_fence(requested):
+def test_streams_without_position_control_are_stopped_before_the_fence(requested):
     limits = Bounds(region=FENCED)
     assert (
         apply_limits(requested, limits, VehicleMotion((-30.0, -30.0, -20.0), (1.0, 0.0, 0.0))).stop_reason

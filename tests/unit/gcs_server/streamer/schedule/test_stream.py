@@ -118,7 +118,7 @@ def test_setpoints_are_streamed_at_50_hz_in_local_ned():
     assert flight.stream.cadence.achieved_hz(flight.now_s) == pytest.approx(50, rel=0.03)
 
 
-def test_a_changed_setpoint_is_sent_at_once():
+def test_a_changed_setpoint_is_sent_immediately():
     flight = Flight(rate_hz=2.0)
     flight.begin(HOVER, valid_for_s=60)
     flight.run(1.1)
@@ -179,7 +179,7 @@ def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
     assert flight.run(1.0) == []
 
 
-def test_expiry_without_a_position_estimate_lands():
+def test_on_expiry_without_a_position_estimate_the_stream_requests_land():
     flight = start_flight(NORTH, valid_for_s=0.5)
     flight.position = None
     out = flight.run(1.0)

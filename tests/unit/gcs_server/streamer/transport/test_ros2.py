@@ -233,7 +233,7 @@ def test_a_global_position_is_sent_in_the_local_frame() -> None:
 
 
 @pytest.mark.parametrize("setpoint", [ThrustTorque((0.0, 0.0, -0.5), (0.0, 0.0, 0.0)), Actuators((0.5,))])
-def test_thrust_and_motor_setpoints_stop_without_a_position_if_a_fence_is_set(
+def test_streams_of_thrust_or_motor_setpoints_stop_without_a_position_if_a_fence_is_set(
     setpoint: DirectSetpoint,
 ) -> None:
     fenced = Bounds(region=Region(circles=(Circle((0.0, 0.0), 50.0, "50 m"),)))

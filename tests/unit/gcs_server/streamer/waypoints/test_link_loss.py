@@ -44,5 +44,5 @@ from gcs_server.streamer.waypoints.link_loss import link_loss_text
         ),
     ],
 )
-def test_the_action_is_a_sentence_with_the_parameter_that_decides_it(parameters, text):
+def test_the_action_after_link_loss_is_described_with_the_parameter_that_sets_it(parameters, text):
     assert link_loss_text(parameters) == text
