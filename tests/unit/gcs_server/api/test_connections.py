@@ -14,6 +14,8 @@ class Clock:
 
 
 class Socket:
+    """A fake socket with this number of unread bytes."""
+
     def __init__(self, unread=0):
         self.unread, self.ended = unread, False
 
@@ -103,7 +105,7 @@ def test_an_address_at_its_limit_gets_429_unless_the_client_is_in_control(setup)
     assert setup.connections.admit(setup.connect("2.2.2.2"), "other") == 0
 
 
-def test_the_reserve_is_limited_and_reused_for_new_connections(setup):
+def test_the_reserved_connections_are_limited_and_used_again_for_new_clients(setup):
     for n in range(10):
         setup.connect(f"7.7.7.{n}", f"busy {n}", busy=True)
     new_connections = [setup.connect(f"2.2.2.{n}") for n in range(5)]

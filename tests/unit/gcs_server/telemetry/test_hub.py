@@ -17,6 +17,8 @@ from tests.simulated_time import run_in_simulated_time
 
 
 class Fleet:
+    """A fake fleet of one vehicle; the test sets its samples and calls the subscribers in `callbacks`."""
+
     def __init__(self):
         self.samples = {}
         self.vehicle = SimpleNamespace(

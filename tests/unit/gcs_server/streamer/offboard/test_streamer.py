@@ -26,6 +26,11 @@ PARAMS = {"COM_OF_LOSS_T": 1.0, "COM_OBL_RC_ACT": 0}
 
 
 class Vehicle:
+    """A fake vehicle, which is also its own command and parameter service.
+
+    `mode_requests` has each requested mode and the number of setpoints sent before the request.
+    """
+
     def __init__(self, clock):
         self.id = "1"
         self.identity = SimpleNamespace(system_id=1, component_id=1, replayed=False, firmware=None)

@@ -58,18 +58,18 @@ class Flight:
 
     def run(self, seconds):
         """Runs the stream at its due times; returns the sent messages as (time, id, fields)."""
-        out = []
+        messages = []
         end_s = self.now_s + seconds
         while self.now_s < end_s - 1e-9:
             if self.loop_alive:
                 self.loop_message_s = self.now_s
             for item in self.stream.tick(self.now_s, self.snapshot(), self.loop_message_s):
                 self.transport.send(item)
-            out += self.sending
+            messages += self.sending
             self.sending.clear()
             self.now_s = min(end_s, max(self.now_s + 0.001, self.stream.due_s(self.loop_message_s)))
-        self.sent += out
-        return out
+        self.sent += messages
+        return messages
 
     def report_codes(self):
         return [report.code for report in self.stream.reports]
@@ -107,9 +107,9 @@ def start_flight(setpoint, **validity):
 
 def test_setpoints_are_streamed_at_50_hz_in_local_ned():
     flight = start_flight(HOVER, valid_for_s=60)
-    out = flight.run(2.0)
-    assert 99 <= len(out) <= 101
-    _, msg_id, sent = out[0]
+    messages = flight.run(2.0)
+    assert 99 <= len(messages) <= 101
+    _, msg_id, sent = messages[0]
     assert msg_id == SETPOINT
     assert sent["target"] == (7, 1)
     assert sent["frame"] == 1
@@ -125,8 +125,8 @@ def test_a_changed_setpoint_is_sent_immediately():
     flight.engage()
     flight.run(0.05)
     assert flight.change(NORTH, valid_for_s=60)
-    out = flight.run(0.01)
-    assert [sent["mask"] for _, _, sent in out] == [2503]
+    messages = flight.run(0.01)
+    assert [sent["mask"] for _, _, sent in messages] == [2503]
 
 
 def test_setpoints_without_yaw_keep_the_heading_from_the_start():
@@ -172,8 +172,8 @@ def test_a_new_setpoint_while_holding_resumes_the_stream():
 
 def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
     flight = start_flight(NORTH, valid_for_s=0.1, on_expiry=OnExpiry("hold", 0.0))
-    out = flight.run(MAX_MODE_REQUESTS + 2.0)
-    requests = [sent["confirmation"] for _, msg_id, sent in out if msg_id == COMMAND]
+    messages = flight.run(MAX_MODE_REQUESTS + 2.0)
+    requests = [sent["confirmation"] for _, msg_id, sent in messages if msg_id == COMMAND]
     assert requests == list(range(MAX_MODE_REQUESTS))
     assert flight.report_codes()[-1] == "not_confirmed"
     assert flight.run(1.0) == []
@@ -182,9 +182,9 @@ def test_an_unconfirmed_hold_ends_the_stream_so_that_the_failsafe_acts():
 def test_on_expiry_without_a_position_estimate_the_stream_requests_land():
     flight = start_flight(NORTH, valid_for_s=0.5)
     flight.position = None
-    out = flight.run(1.0)
-    assert [(s["main_mode"], s["sub_mode"]) for _, m, s in out if m == COMMAND] == [(4.0, 6.0)]
-    last = [sent for _, m, sent in out if m == SETPOINT][-1]
+    messages = flight.run(1.0)
+    assert [(s["main_mode"], s["sub_mode"]) for _, m, s in messages if m == COMMAND] == [(4.0, 6.0)]
+    last = [sent for _, m, sent in messages if m == SETPOINT][-1]
     assert (last["mask"], last["velocity"]) == (1479, (0.0, 0.0, 0.0))
     flight.mode = "land"
     assert flight.run(1.0) == []
@@ -207,8 +207,8 @@ def test_a_stall_of_the_loop_leaves_no_gap_and_a_loop_that_stays_blocked_ends_th
     flight.loop_alive = True
     flight.run(0.2)
     flight.loop_alive = False
-    out = flight.run(3.0)
-    assert 1.4 < out[-1][0] - out[0][0] < 1.52
+    messages = flight.run(3.0)
+    assert 1.4 < messages[-1][0] - messages[0][0] < 1.52
     assert flight.report_codes() == ["server_silent"]
 
 
@@ -218,9 +218,9 @@ def test_expiry_during_a_stall_holds_the_vehicles_current_position():
     flight.run(0.4)
     flight.loop_alive = False
     flight.snapshot()
-    out = flight.run(0.3)
-    assert out[-1][2]["mask"] == 2552
-    assert 1.2 < out[-1][2]["position"][0] < 1.6
+    messages = flight.run(0.3)
+    assert messages[-1][2]["mask"] == 2552
+    assert 1.2 < messages[-1][2]["position"][0] < 1.6
 
 
 @pytest.mark.parametrize("mode", ["position", "rtl", "mission"])
