@@ -88,7 +88,7 @@ def view(response):
     return json.loads(response.body)
 
 
-def with_routes(jump, scenario, *, flying=True, loss=0.0, seed=0):
+def with_routes(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
     """Runs a test with a flying vehicle and the server's routes, on simulated time."""
 
     async def run():
@@ -107,4 +107,4 @@ def with_routes(jump, scenario, *, flying=True, loss=0.0, seed=0):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)

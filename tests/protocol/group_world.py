@@ -13,7 +13,7 @@ DEG_M = math.radians(1) * 6_371_000.0
 STREAM_PERIOD_S = 0.02
 
 
-def with_routes(jump, scenario, *, count=3, spacing_m=10.0):
+def with_routes(run_simulated, scenario, *, count=3, spacing_m=10.0):
     """Runs a test with vehicles 1, 2, … in a row to the east, in flight, each with its own local origin."""
 
     async def run():
@@ -49,7 +49,7 @@ def with_routes(jump, scenario, *, count=3, spacing_m=10.0):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def position(north_m=0.0, east_m=0.0, down_m=-5.0):

@@ -71,7 +71,9 @@ class World:
 
 
 def run_test(
-    jump: Any, scenario: Callable[[Any], Awaitable[None]], world_from_fields: Callable[[], World] = World
+    run_simulated: Any,
+    scenario: Callable[[Any], Awaitable[None]],
+    world_from_fields: Callable[[], World] = World,
 ) -> Any:
     """Runs a scenario in a new world on simulated time."""
 
@@ -82,11 +84,13 @@ def run_test(
         finally:
             await world.close()
 
-    return jump(run)
+    return run_simulated(run)
 
 
 def run_with_vehicle(
-    jump: Any, scenario: Callable[..., Awaitable[None]], world_from_fields: Callable[[], World] = World
+    run_simulated: Any,
+    scenario: Callable[..., Awaitable[None]],
+    world_from_fields: Callable[[], World] = World,
 ) -> Any:
     """Runs a scenario with a new world, a connected autopilot, and the server's vehicle."""
 
@@ -94,4 +98,4 @@ def run_with_vehicle(
         autopilot = world.autopilot(world.link())
         await scenario(world, autopilot, await world.ready())
 
-    return run_test(jump, connected, world_from_fields)
+    return run_test(run_simulated, connected, world_from_fields)

@@ -77,7 +77,7 @@ class Missions:
         await until(lambda: self.state in states, within_s)
 
 
-def run_in_flight(jump: Any, tmp_path: Path, mission: OffboardMission, scenario: Any) -> None:
+def run_in_flight(run_simulated: Any, tmp_path: Path, mission: OffboardMission, scenario: Any) -> None:
     """Runs a test with a scripted vehicle in flight that flies a mission; Alice has control."""
 
     async def run() -> None:
@@ -97,7 +97,7 @@ def run_in_flight(jump: Any, tmp_path: Path, mission: OffboardMission, scenario:
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def event_codes(vehicle: Vehicle) -> list[str]:

@@ -110,7 +110,7 @@ class Modes:
 Scenario = Callable[[Modes], Awaitable[None]]
 
 
-def fly(jump: Any, scenario: Scenario, *, in_air: bool = True) -> None:
+def fly(run_simulated: Any, scenario: Scenario, *, in_air: bool = True) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         world.mavlink_on = False
@@ -120,7 +120,7 @@ def fly(jump: Any, scenario: Scenario, *, in_air: bool = True) -> None:
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 class UnavailablePlanWork:

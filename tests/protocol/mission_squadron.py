@@ -188,7 +188,7 @@ class Squadron:
 
 
 def fly(
-    jump: Any, tmp_path: Path, scenario: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str
+    run_simulated: Any, tmp_path: Path, scenario: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str
 ) -> None:
     """Runs a test with vehicles in the middle of each kind of step."""
 
@@ -202,4 +202,4 @@ def fly(
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)

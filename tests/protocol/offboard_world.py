@@ -143,7 +143,7 @@ async def seconds(duration_s: float) -> None:
     await asyncio.sleep(duration_s)
 
 
-def flight(jump, scenario, *, flying=True, loss=0.0, seed=0):
+def flight(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
     """Runs a scenario with the world, the server's vehicle, its scripted autopilot and its link."""
 
     async def run():
@@ -159,7 +159,7 @@ def flight(jump, scenario, *, flying=True, loss=0.0, seed=0):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def codes(vehicle):

@@ -4,6 +4,7 @@ import struct
 
 from gcs_server.vehicle.modes import BY_NAME
 from gcs_server.vehicle.px4_events import ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID
+from tests.protocol.memory_world import World
 
 HOLD_ONLY = 1 << BY_NAME["hold"].nav_state
 """Bit mask of Hold mode in an arming report."""
@@ -11,11 +12,11 @@ LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4), (0.2, 6)]
 """The share of packets lost in each direction, and the seed of the losses."""
 
 
-def run_scenario(kit, jump, scenario, *, loss=0.0, seed=0):
+def run_scenario(run_simulated, scenario, *, loss=0.0, seed=0):
     """Runs a scenario with the world, the server's vehicle and its scripted autopilot."""
 
     async def run():
-        world = kit.World()
+        world = World()
         link = world.link()
         autopilot = world.autopilot(link, loss=loss, seed=seed)
         try:
@@ -24,7 +25,7 @@ def run_scenario(kit, jump, scenario, *, loss=0.0, seed=0):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def send_readiness(autopilot, can_arm, present=1):

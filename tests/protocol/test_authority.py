@@ -30,7 +30,7 @@ def control_changes(vehicle):
     return [(e.data["action"], e.text) for e in vehicle.events.since() if e.kind == "control"]
 
 
-def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(jump):
+def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client_in_control(run_simulated):
     async def scenario(rig):
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
         received = len(rig.autopilot.commands(DO_SET_MODE))
@@ -50,11 +50,11 @@ def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client
         assert not rig.autopilot.commands(ARM_DISARM)
         assert lines(rig.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("command", ["hold", "land_now", "kill"])
-def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_informed(jump, command):
+def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_informed(run_simulated, command):
     async def scenario(rig):
         await offboard_routes.start("1", START, rig.station, ANNA)
         if command == "hold":
@@ -76,10 +76,10 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
         assert lines(rig.station)[-1] == ("bob", command, "1", "ok")
         assert view(await control_routes.show("1", rig.station, ANNA))["yours"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_land_now_without_confirmation_sends_nothing(jump):
+def test_land_now_without_confirmation_sends_nothing(run_simulated):
     async def scenario(rig):
         for body in ("yes", "vehicle 2 lands now", ""):
             with pytest.raises(InvalidRequest, match="is not the required text"):
@@ -89,10 +89,10 @@ def test_land_now_without_confirmation_sends_nothing(jump):
         assert not mode_requests(rig.autopilot, LAND)
         assert control_changes(rig.vehicle) == []
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
+def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
             await offboard_routes.start("1", START, rig.station, ANNA)
@@ -113,10 +113,10 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(jump):
             assert rig.autopilot.mode == HOLD
         assert [action for action, _ in control_changes(rig.vehicle)] == ["taken", "requested", "granted"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump):
+def test_control_taken_by_force_is_journaled_and_the_other_client_informed(run_simulated):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA)
@@ -131,10 +131,10 @@ def test_control_taken_by_force_is_journaled_and_the_other_client_informed(jump)
         assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
         assert lines(rig.station)[-1] == ("bob", "control/take", "1", "ok")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_any_request_renews_control_and_disconnecting_releases_it(jump):
+def test_any_request_renews_control_and_disconnecting_releases_it(run_simulated):
     async def scenario(rig):
         await control_routes.take("1", rig.station, ANNA)
         for _ in range(5):
@@ -145,15 +145,15 @@ def test_any_request_renews_control_and_disconnecting_releases_it(jump):
         assert control_changes(rig.vehicle)[-1][0] == "released"
         assert lines(rig.station)[-1] == ("anna", "control/release", "1", "ok")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
+def test_control_of_an_unknown_vehicle_cannot_be_taken(run_simulated):
     async def scenario(rig):
         with pytest.raises(UnknownVehicle):
             await control_routes.take("77", rig.station, ANNA)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 # --- control expires ------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(jump):
         ("hold", OFFBOARD, OFFBOARD),
     ],
 )
-def test_on_expiry_is_executed_but_never_against_a_pilot(jump, on_expiry, mode, mode_after):
+def test_on_expiry_is_executed_but_never_against_a_pilot(run_simulated, on_expiry, mode, mode_after):
     async def scenario(rig):
         rig.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
         rig.autopilot.mode = mode
@@ -187,10 +187,10 @@ def test_on_expiry_is_executed_but_never_against_a_pilot(jump, on_expiry, mode, 
         assert server_lines[0] == ("server", "control/expired", "1", "ok")
         assert server_lines[1:] == ([] if mode_after == mode else [("server", on_expiry, "1", "ok")])
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_expired_control_commands_nothing_on_the_ground(jump):
+def test_expired_control_commands_nothing_on_the_ground(run_simulated):
     async def scenario(rig):
         rig.autopilot.mode = MISSION
         await seconds(2.5)
@@ -198,7 +198,7 @@ def test_expired_control_commands_nothing_on_the_ground(jump):
         await seconds(40)
         assert not rig.autopilot.commands(DO_SET_MODE)
 
-    with_routes(jump, scenario, flying=False)
+    with_routes(run_simulated, scenario, flying=False)
 
 
 # --- external control -----------------------------------------------------------------------------
@@ -214,7 +214,7 @@ def transmitter(autopilot):
     autopilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
 
 
-def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
+def test_a_pilots_switch_to_position_is_reported_and_never_reversed(run_simulated):
     async def scenario(rig):
         transmitter(rig.autopilot)
         await offboard_routes.start("1", START, rig.station, ANNA)
@@ -227,10 +227,10 @@ def test_a_pilots_switch_to_position_is_reported_and_never_reversed(jump):
         cause = view(await control_routes.show("1", rig.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
+def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulated):
     async def scenario(rig):
         await offboard_routes.start("1", START, rig.station, ANNA)
         rig.autopilot.send(sim.MAVLink_command_ack_message(DO_SET_MODE, 0, 0, 0, 245, 190))
@@ -244,10 +244,10 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(jump):
         )
         assert rig.autopilot.mode == RTL
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(jump):
+def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(run_simulated):
     async def scenario(rig):
         await vehicle_routes.rtl("1", rig.station, ANNA)
         await seconds(1)
@@ -258,10 +258,10 @@ def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control
         await seconds(0.1)
         assert mode_lines(rig.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_failsafe_is_reported_as_failsafe(jump):
+def test_a_failsafe_is_reported_as_failsafe(run_simulated):
     async def scenario(rig):
         await seconds(10)
         rig.autopilot.mode = RTL
@@ -269,10 +269,10 @@ def test_a_failsafe_is_reported_as_failsafe(jump):
         await seconds(0.1)
         assert mode_lines(rig.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
+def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(run_simulated):
     async def scenario(rig):
         await seconds(10)
         rig.autopilot.mode = RTL
@@ -283,10 +283,10 @@ def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(jump):
         await seconds(0.1)
         assert rig.vehicle.mode_cause.source == "failsafe"
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
+def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(run_simulated):
     async def scenario(rig):
         await rig.vehicle.gimbal.take_control()
         await seconds(2.5)
@@ -301,10 +301,10 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(jump):
         with pytest.raises(Refused, match="controlled by system 245"):
             await rig.vehicle.gimbal.set_angles(-10, 0)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_recording_has_no_control_lease(jump):
+def test_a_recording_has_no_control_lease(run_simulated):
     async def run():
         world = OffboardWorld()
         link = world.link("tape", replay=True)
@@ -321,10 +321,10 @@ def test_a_recording_has_no_control_lease(jump):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_control(jump):
+def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_control(run_simulated):
     async def scenario(rig):
         await offboard_routes.start("1", START, rig.station, ANNA)
         await seconds(31)
@@ -334,10 +334,10 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
         assert rig.autopilot.mode == HOLD
         assert stream_request().valid_for_s == START.valid_for_s
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_stream_reports_its_clients_key(jump):
+def test_a_stream_reports_its_clients_key(run_simulated):
     first, second = Principal.from_identity("anna", "one tab"), Principal.from_identity("anna", "another tab")
 
     async def scenario(rig):
@@ -349,4 +349,4 @@ def test_a_stream_reports_its_clients_key(jump):
         await seconds(0.5)
         assert rig.vehicle.offboard.status().client_key == second.key != first.key
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

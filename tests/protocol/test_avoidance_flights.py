@@ -74,7 +74,7 @@ class Flight:
             )
 
 
-def fly(jump, scenario):
+def fly(run_simulated, scenario):
     async def run():
         station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
         world = SimulatedWorld(sim=station.sim)
@@ -89,22 +89,22 @@ def fly(jump, scenario):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.story
-def test_without_avoidance_and_brake_the_straight_path_hits_the_box(jump):
+def test_without_avoidance_and_brake_the_straight_path_hits_the_box(run_simulated):
     async def scenario(flight):
         await flight.offboard.operator_limits.set(OperatorLimits(obstacle_brake=False), by="test")
         await flight.offboard.setpoint(request_to(GOAL_NED_M))
         await until(lambda: not flight.is_undamaged(), 30)
         assert flight.position_ned_m[0] < BOX_NORTH_M[0]
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_over_it(jump):
+def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_over_it(run_simulated):
     async def scenario(flight):
         offboard = flight.offboard
         await offboard.setpoint(request_to(GOAL_NED_M))
@@ -123,11 +123,11 @@ def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_ov
         offboard.avoidance.switch_off()
         await until(lambda: flight.avoidance.state is None, 2)
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_avoidance_flies_around_the_box_and_rejoins_the_path_behind_it(jump):
+def test_avoidance_flies_around_the_box_and_rejoins_the_path_behind_it(run_simulated):
     async def scenario(flight):
         await flight.offboard.avoidance.switch_on("around")
         points = tuple(PathPoint(t, (1.5 * t, 0.0, -2.0), 0.0) for t in (0.0, 6.0, 12.0))
@@ -138,11 +138,11 @@ def test_avoidance_flies_around_the_box_and_rejoins_the_path_behind_it(jump):
         assert max(-down for _, _, down, _ in flight.track) < 3.0
         assert max(abs(east) for _, east, _, _ in flight.track) > 2.5
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(jump):
+def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(run_simulated):
     async def scenario(flight):
         await flight.offboard.avoidance.switch_on("over")
         await flight.offboard.setpoint(request_to(GOAL_NED_M))
@@ -161,10 +161,10 @@ def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(jump):
         await until(lambda: flight.is_near(GOAL_NED_M), 60)
         assert flight.is_undamaged()
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(jump):
+def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(run_simulated):
     async def run():
         world = SimulatedWorld(sim=hovering(Station, 2.0, links=(("gcs", "gcs"),)).sim)
         try:
@@ -180,4 +180,4 @@ def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(jump):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)

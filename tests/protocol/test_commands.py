@@ -18,10 +18,11 @@ from tests.protocol.command_numbers import (
     TAKEOFF_COMMAND,
 )
 from tests.protocol.one_vehicle import LOSS, run_scenario
+from vehicle_sim.mavlink import generated_dialect as sim
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
+def test_a_flight_from_arming_to_kill(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
         async def within(seconds, call):
             began = world.loop.time()
@@ -53,11 +54,11 @@ def test_a_flight_from_arming_to_kill(kit, jump, loss, seed):
         assert not vehicle.status.armed
         assert autopilot.commands(ARM_DISARM)[-1].param2 == FORCE
 
-    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, seed):
+def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(run_simulated, seed):
     async def scenario(world, vehicle, autopilot):
         for _ in range(5):
             await vehicle.command.arm()
@@ -65,10 +66,10 @@ def test_commands_succeed_at_twenty_percent_loss_within_the_deadline(kit, jump, 
             await vehicle.command.set_mode("hold")
             await vehicle.command.disarm()
 
-    run_scenario(kit, jump, scenario, loss=0.2, seed=100 + seed)
+    run_scenario(run_simulated, scenario, loss=0.2, seed=100 + seed)
 
 
-def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(kit, jump):
+def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success(run_simulated):
     async def scenario(world, vehicle, autopilot):
         dropped = []
         autopilot.handlers.append(
@@ -84,11 +85,11 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
         await asyncio.sleep(10)
         assert len(autopilot.commands(ARM_DISARM)) == 3
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.2, 11), (0.2, 12)])
-def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(kit, jump, loss, seed):
+def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
         autopilot.armed, autopilot.landed = True, 2
         await asyncio.sleep(4)
@@ -99,10 +100,10 @@ def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(ki
             assert caught.value.reasons == ("Switching to Manual is currently not available",)
         assert vehicle.status.mode == "hold"
 
-    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
+def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.arm_denied = True
         summary = struct.pack("<BIIII", 0, 1048576, 128, 0, 0)
@@ -124,20 +125,20 @@ def test_a_refusal_to_arm_lists_the_failed_checks(kit, jump):
         assert autopilot.commands(RUN_PREARM_CHECKS)
         assert vehicle.status.mode == "hold"  # not left in Takeoff, where arming would make it climb
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_disarming_in_flight_is_refused(kit, jump):
+def test_disarming_in_flight_is_refused(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.armed, autopilot.landed = True, 2
         await asyncio.sleep(3)
         with pytest.raises(Rejected, match="not landed"):
             await vehicle.command.disarm()
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
+def test_an_acknowledgement_without_the_state_is_not_a_success(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.handlers.append(
             lambda m: (
@@ -149,20 +150,20 @@ def test_an_acknowledgement_without_the_state_is_not_a_success(kit, jump):
         with pytest.raises(Rejected, match="accepted the request to arm"):
             await vehicle.command.arm()
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_the_state_without_an_acknowledgement_is_a_success(kit, jump):
+def test_the_state_without_an_acknowledgement_is_a_success(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.ack = lambda *_: None
         await vehicle.command.arm()
         await vehicle.command.set_mode("offboard")
         assert vehicle.status.mode == "offboard"
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_command_without_a_reply_fails_at_its_deadline(kit, jump):
+def test_a_command_without_a_reply_fails_at_its_deadline(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.silent_commands.add(ARM_DISARM)
         began = world.loop.time()
@@ -170,14 +171,14 @@ def test_a_command_without_a_reply_fails_at_its_deadline(kit, jump):
             await vehicle.command.arm()
         assert world.loop.time() - began == pytest.approx(caught.value.deadline_s, abs=0.1)
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
+def test_acknowledgements_to_other_stations_are_ignored(run_simulated):
     async def scenario(world, vehicle, autopilot):
         def acknowledge_to_another_station(m):
             if m.get_type() == "COMMAND_LONG" and m.command == ARM_DISARM:
-                autopilot.send(kit.sim.MAVLink_command_ack_message(ARM_DISARM, 2, 0, 0, 42, 1))
+                autopilot.send(sim.MAVLink_command_ack_message(ARM_DISARM, 2, 0, 0, 42, 1))
                 return True
             return False
 
@@ -185,10 +186,10 @@ def test_acknowledgements_to_other_stations_are_ignored(kit, jump):
         with pytest.raises(NoReply):
             await vehicle.command.arm()
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_progress_extends_the_deadline(kit, jump):
+def test_progress_extends_the_deadline(run_simulated):
     async def scenario(world, vehicle, autopilot):
         fractions = []
 
@@ -219,10 +220,10 @@ def test_progress_extends_the_deadline(kit, jump):
         assert expected in [dict(e.data) for e in progress_events]
         assert not [e for e in vehicle.events.since() if e.kind == "progress"]  # not stored in any history
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, jump):
+def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(run_simulated):
     async def scenario(world, vehicle, autopilot):
         def refuse_command_long(m):
             return (
@@ -235,10 +236,10 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(kit, ju
         await vehicle.command.arm()
         assert [m.get_type() for m in autopilot.commands(ARM_DISARM)] == ["COMMAND_LONG", "COMMAND_INT"]
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_newer_command_ends_an_older_command(kit, jump):
+def test_a_newer_command_ends_an_older_command(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.lift = lambda: None
         takeoff = asyncio.ensure_future(vehicle.command.takeoff(10))
@@ -248,10 +249,10 @@ def test_a_newer_command_ends_an_older_command(kit, jump):
             await takeoff
         assert vehicle.status.mode == "hold"
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
+def test_a_lost_link_fails_pending_commands_at_once(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.silent_commands.add(ARM_DISARM)
         waiting = asyncio.ensure_future(vehicle.command.arm())
@@ -267,7 +268,7 @@ def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
             await vehicle.command.hold()
         assert world.fleet.get("1") is vehicle
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(
@@ -288,7 +289,7 @@ def test_a_lost_link_fails_pending_commands_at_once(kit, jump):
         (lambda c: c.goto(47, 8, alt_home_m=5, max_distance_m=math.nan), "max_distance_m"),
     ],
 )
-def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(kit, jump, call, field):
+def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(run_simulated, call, field):
     async def scenario(world, vehicle, autopilot):
         before = len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")])
         with pytest.raises(InvalidRequest) as caught:
@@ -296,10 +297,10 @@ def test_the_error_about_an_invalid_value_names_its_field_and_nothing_is_sent(ki
         assert caught.value.field == field
         assert len([m for m in autopilot.received if m.get_type().startswith("COMMAND_")]) == before
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
+def test_the_server_refuses_values_that_px4_would_accept(run_simulated):
     async def scenario(world, vehicle, autopilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
@@ -317,10 +318,10 @@ def test_the_server_refuses_values_that_px4_would_accept(kit, jump):
             await vehicle.command.takeoff(10)
         assert not [c for c in (DO_REPOSITION, TAKEOFF_COMMAND) if autopilot.commands(c)]
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_and_the_fix(kit, jump):
+def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_and_the_fix(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.home = (*autopilot.home[:2], autopilot.position[2] - 30.4)
         await asyncio.sleep(3)
@@ -333,11 +334,11 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_with_the_field_a
         await vehicle.command.takeoff(32)
         assert vehicle.status.mode == "takeoff"
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("autopilot_type", "kind"), [(3, 2), (12, 1), (12, 10)])
-def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, autopilot_type, kind):
+def test_unverified_vehicles_are_shown_and_commands_to_them_refused(run_simulated, autopilot_type, kind):
     async def scenario(world, vehicle, autopilot):
         autopilot.autopilot_type, autopilot.vehicle_type = autopilot_type, kind
         await asyncio.sleep(2)
@@ -347,4 +348,4 @@ def test_unverified_vehicles_are_shown_and_commands_to_them_refused(kit, jump, a
                 await call()
         assert len(autopilot.commands(ARM_DISARM)) == before
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)

@@ -89,7 +89,7 @@ def kinds(vehicle):
     return [(c.component_id, c.kind, c.lost) for c in vehicle.components.all()]
 
 
-def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
+def test_components_are_known_by_their_heartbeats_until_they_are_lost(run_simulated):
     async def scenario(world, autopilot, vehicle):
         camera, companion = OtherComponent(autopilot, 101, 30), OtherComponent(autopilot, 191, 18)
         gimbal, other = OtherComponent(autopilot, 154, 26), OtherComponent(autopilot, 68, 0)
@@ -115,10 +115,10 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(jump):
             "component_id": 68, "kind": "other", "mav_type": 0, "lost": False, "last_heard_unix_s": None,
         }  # fmt: skip
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_the_number_of_components_is_limited(jump):
+def test_the_number_of_components_is_limited(run_simulated):
     async def scenario(world, autopilot, vehicle):
         for component_id in range(2, 256):
             OtherComponent(autopilot, component_id, 0).heartbeat()
@@ -128,10 +128,10 @@ def test_the_number_of_components_is_limited(jump):
         assert kinds(vehicle)[0] == (1, "autopilot", False)
         assert not vehicle.status.link_lost
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle(jump):
+def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle(run_simulated):
     async def run():
         world = World()
         try:
@@ -151,10 +151,10 @@ def test_a_peripheral_that_claims_to_be_an_autopilot_does_not_become_the_vehicle
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_batteries_and_distances_of_another_component_do_not_replace_the_autopilots(jump):
+def test_batteries_and_distances_of_another_component_do_not_replace_the_autopilots(run_simulated):
     async def scenario(world, autopilot, vehicle):
         battery = OtherComponent(autopilot, 180, 36)
         cells = [16000, *[65535] * 9]
@@ -170,10 +170,10 @@ def test_batteries_and_distances_of_another_component_do_not_replace_the_autopil
         sensors = vehicle.topic("distance_sensors").value.sensors
         assert [(s.sensor_id, s.distance_m) for s in sensors] == [(0, 3.0), (1, 4.0)]
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
+def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
     async def scenario(world, autopilot, vehicle):
         station = station_of(world)
         second = OtherComponent(autopilot, 171, 26)
@@ -221,10 +221,10 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(jump):
             "the first gimbal is used after 3 s without its attitude"
         )
 
-    run_with_vehicle(jump, scenario, OffboardWorld)
+    run_with_vehicle(run_simulated, scenario, OffboardWorld)
 
 
-def test_two_devices_of_one_manager_are_distinguished(jump):
+def test_two_devices_of_one_manager_are_distinguished(run_simulated):
     async def scenario(world, autopilot, vehicle):
         gimbals = OtherComponent(autopilot, 1, 2)
         autopilot.handlers.clear()
@@ -245,10 +245,10 @@ def test_two_devices_of_one_manager_are_distinguished(jump):
         assert [(m.param3, m.param7) for m in autopilot.commands(GIMBAL_PITCHYAW)] == [(1, 2), (3, 1)]
         assert [g.gimbal_device_id for g in vehicle.topic("gimbal").value.gimbals] == [1, 2]
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_no_component_replaces_the_autopilots_gimbal(jump):
+def test_no_component_replaces_the_autopilots_gimbal(run_simulated):
     async def scenario(world, autopilot, vehicle):
         impostor = OtherComponent(autopilot, 171, 26)
         impostor.control = {1: (42, 1)}
@@ -271,10 +271,10 @@ def test_no_component_replaces_the_autopilots_gimbal(jump):
         assert autopilot.control == (255, 190)
         assert impostor.commands(GIMBAL_CONFIGURE) == []
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_picture_is_taken_by_the_connected_camera(jump):
+def test_a_picture_is_taken_by_the_connected_camera(run_simulated):
     async def scenario(world, autopilot, vehicle):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, second.heartbeat)
@@ -287,10 +287,10 @@ def test_a_picture_is_taken_by_the_connected_camera(jump):
         await vehicle.camera.take_picture()
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 2)
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_request_chooses_the_camera_by_its_component(jump):
+def test_a_request_chooses_the_camera_by_its_component(run_simulated):
     async def scenario(world, autopilot, vehicle):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, first.heartbeat, second.heartbeat)
@@ -306,13 +306,13 @@ def test_a_request_chooses_the_camera_by_its_component(jump):
             await camera_routes.picture("1", station, ANNA, 102)
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
 
-    run_with_vehicle(jump, scenario, OffboardWorld)
+    run_with_vehicle(run_simulated, scenario, OffboardWorld)
 
 
-def test_the_error_about_a_missing_camera_names_the_requested_component(jump):
+def test_the_error_about_a_missing_camera_names_the_requested_component(run_simulated):
     async def scenario(world, autopilot, vehicle):
         with pytest.raises(NoReply, match="No camera") as refused:
             await vehicle.camera.take_picture()
         assert "component 100" in refused.value.remedy
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)

@@ -23,7 +23,7 @@ def setpoint_request(setpoint, **fields):
     return SetpointRequest.model_validate({"setpoint": setpoint, **fields})
 
 
-def with_two_equal_ids(jump, scenario):
+def with_two_equal_ids(run_simulated, scenario):
     async def run():
         world = OffboardWorld()
         autopilots = {}
@@ -41,7 +41,7 @@ def with_two_equal_ids(jump, scenario):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def with_two_equal_ids(jump, scenario):
         ("1", ""),
     ],
 )
-def test_kill_with_a_wrong_confirmation_sends_nothing(jump, vehicle_id, confirm):
+def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id, confirm):
     async def scenario(world, station, first, second):
         with pytest.raises(InvalidRequest, match="nothing was sent"):
             await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
@@ -66,11 +66,11 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(jump, vehicle_id, confirm)
             assert not autopilot.commands(ARM_DISARM)
         assert lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
-def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
+def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
     async def scenario(world, station, first, second):
         confirm = f"motors stop, vehicle {vehicle_id} falls"
         await vehicle_routes.kill(vehicle_id, models.KillRequest(confirm=confirm), station, ME)
@@ -79,10 +79,10 @@ def test_kill_is_sent_only_to_the_named_vehicle(jump, vehicle_id):
         assert other.armed
         assert not other.commands(ARM_DISARM)
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)
 
 
-def test_kill_is_sent_to_a_lost_vehicle(jump):
+def test_kill_is_sent_to_a_lost_vehicle(run_simulated):
     async def scenario(world, station, first, second):
         first.send_raw = lambda raw: None
         await seconds(4)
@@ -94,20 +94,20 @@ def test_kill_is_sent_to_a_lost_vehicle(jump):
         assert not first.armed
         assert second.armed
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)
 
 
-def test_kill_of_an_unknown_vehicle_is_404(jump):
+def test_kill_of_an_unknown_vehicle_is_404(run_simulated):
     async def scenario(world, station, first, second):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
         assert lines(station) == [("me", "kill", "3", "unknown_vehicle")]
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)
 
 
-def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
+def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simulated):
     """Vehicle `1~2` receives setpoints when it is identified as vehicle `1` on another link. Its id is
     removed and may be used again."""
 
@@ -125,10 +125,10 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(jump):
             "not_confirmed",
         ]
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)
 
 
-def test_a_handover_of_control_journals_both_clients(jump):
+def test_a_handover_of_control_journals_both_clients(run_simulated):
     async def scenario(world, station, first, second):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
@@ -164,10 +164,10 @@ def test_a_handover_of_control_journals_both_clients(jump):
         ]
         assert not second.setpoints
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)
 
 
-def test_hold_by_another_client_ends_the_stream(jump):
+def test_hold_by_another_client_ends_the_stream(run_simulated):
     async def scenario(world, station, first, second):
         body = StartRequest.model_validate({"setpoint": HOVER, "valid_for_s": 60})
         await offboard_routes.start("1", body, station, ANNA)
@@ -179,7 +179,7 @@ def test_hold_by_another_client_ends_the_stream(jump):
         assert len(first.setpoints) == sent
         assert "bert" in world.fleet.get("1").offboard.status().ended
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)
 
 
 BAD = [
@@ -221,7 +221,7 @@ def test_invalid_rates_are_refused_before_the_stream(bad):
 @pytest.mark.parametrize(
     "position_ned_m", [[1100.0, 0, -5], [0, -1100.0, -5], [0, 0, -1100.0], [800, 800, -5], [0, 0, 1100]]
 )
-def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, position_ned_m):
+def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(run_simulated, position_ned_m):
     async def scenario(world, station, first, second):
         far = {"type": "position", "position_ned_m": position_ned_m}
         with pytest.raises(Refused, match="at most 1000 m"):
@@ -235,4 +235,4 @@ def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(jump, p
         await seconds(0.2)
         assert first.setpoints[-1][1].z == -5.0
 
-    with_two_equal_ids(jump, scenario)
+    with_two_equal_ids(run_simulated, scenario)

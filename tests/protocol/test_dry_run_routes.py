@@ -49,7 +49,7 @@ def commands(autopilot):
     return [m for m in received if getattr(m, "command", 0) not in MESSAGE_REQUESTS]
 
 
-def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(jump):
+def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(run_simulated):
     async def scenario(rig):
         request, run_info = await request_by(rig)
         aircraft = request["aircraft"]
@@ -64,20 +64,20 @@ def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(jump):
         assert set(request["origin"]) == {"lat_deg", "lon_deg", "alt_amsl_m"}
         json.dumps(request, allow_nan=False)
 
-    with_routes(jump, scenario, flying=False)
+    with_routes(run_simulated, scenario, flying=False)
 
 
-def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(jump):
+def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(run_simulated):
     async def scenario(rig):
         request, run_info = await request_by(rig)
         home = rig.vehicle.topic("home").value
         assert request["aircraft"]["home"]["lat_deg"] == home.lat_deg
         assert any("starts on the ground at its home" in text for text in run_info["assumed"])
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(jump):
+def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(run_simulated):
     async def scenario(rig):
         await control_routes.take("1", rig.station, BOB, FORCE)
         await seconds(1.0)
@@ -87,4 +87,4 @@ def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(jump):
         assert [str(m) for m in commands(rig.autopilot)[before:]] == []
         assert rig.station.authority.control("1").status().holder_key == BOB.key
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

@@ -30,7 +30,7 @@ from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 
 
-def with_vehicle(jump, scenario, height_m=8.0):
+def with_vehicle(run_simulated, scenario, height_m=8.0):
     """Runs a test that begins with one vehicle in Hold."""
 
     async def run():
@@ -42,7 +42,7 @@ def with_vehicle(jump, scenario, height_m=8.0):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def local(vehicle):
@@ -72,7 +72,7 @@ def distance_m(vehicle, position_ned_m):
 
 
 @pytest.mark.story
-def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
+def test_position_velocity_and_acceleration_setpoints_are_flown(run_simulated):
     async def scenario(world, vehicle):
         started = await vehicle.offboard.start(stream_request(Position((3.0, 2.0, -8.0), yaw_ned_rad=1.0)))
         assert started.ordered_type == "position"
@@ -121,11 +121,11 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(jump):
         await vehicle.offboard.stop()
         assert vehicle.status.mode == "hold"
 
-    with_vehicle(jump, scenario)
+    with_vehicle(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
+def test_attitude_and_rates_setpoints_are_flown_and_expire(run_simulated):
     async def scenario(world, vehicle):
         thrust = 0.49
         await vehicle.offboard.start(stream_request(Position((0.0, 0.0, -12.0), yaw_ned_rad=0.0)))
@@ -147,10 +147,10 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(jump):
         assert distance_m(vehicle, hold_position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
-    with_vehicle(jump, scenario, 12.0)
+    with_vehicle(run_simulated, scenario, 12.0)
 
 
-def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
+def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(run_simulated):
     """The simulator's internal interface accepts these setpoints. While it flies by them, the server detects
     another program's Offboard and sends nothing."""
 
@@ -179,10 +179,10 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(jump):
         assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120)
         await vehicle.command.hold()
 
-    with_vehicle(jump, scenario)
+    with_vehicle(run_simulated, scenario)
 
 
-def test_a_path_is_flown_in_time_without_its_client(jump):
+def test_a_path_is_flown_in_time_without_its_client(run_simulated):
     async def scenario(world, vehicle):
         begin = local(vehicle).position_ned_m
         corners = ((0, 0), (6, 0), (6, 6), (0, 6), (0, 0))
@@ -211,11 +211,11 @@ def test_a_path_is_flown_in_time_without_its_client(jump):
             await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=5.0), by="me")
             await vehicle.offboard.start(stream_request(Path(fast)))
 
-    with_vehicle(jump, scenario)
+    with_vehicle(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(jump):
+def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated):
     async def scenario(world, vehicle):
         home = vehicle.topic("home").value
         await vehicle.offboard.operator_limits.set(
@@ -251,11 +251,11 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(jump):
         assert farthest < 25.2
         await until(lambda: vehicle.status.mode == "hold", 8)
 
-    with_vehicle(jump, scenario)
+    with_vehicle(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_one_vehicle_follows_another_until_the_other_is_lost(jump):
+def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
     async def run():
         world = SimulatedWorld(2)
         try:
@@ -290,4 +290,4 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(jump):
         assert follower.offboard.status().state in ("holding", "to_hold", "idle")
         await until(lambda: follower.status.mode == "hold", 6)
 
-    jump(run)
+    run_simulated(run)

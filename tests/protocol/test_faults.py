@@ -45,7 +45,7 @@ async def send_setpoints(rig, client, duration_s, every_s=0.3):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
-def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, loss, seed):
+def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_simulated, loss, seed):
     async def scenario(rig):
         await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
         await send_setpoints(rig, ANNA, 3.0)
@@ -64,11 +64,11 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(jump, l
         assert rig.autopilot.failsafes == 0
         await vehicle_routes.rtl("1", rig.station, BOB)  # the next client gets control
 
-    with_routes(jump, scenario, loss=loss, seed=seed)
+    with_routes(run_simulated, scenario, loss=loss, seed=seed)
 
 
 @pytest.mark.story
-def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
+def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(run_simulated):
     async def scenario(rig):
         with rig.station.authority.connected(
             ANNA
@@ -90,11 +90,11 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(jump):
             "stream held",
         ]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("on_expiry", [pytest.param("nothing", marks=pytest.mark.broad), "hold"])
-def test_without_network_the_vehicle_executes_its_configured_action(jump, on_expiry):
+def test_without_network_the_vehicle_executes_its_configured_action(run_simulated, on_expiry):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
@@ -110,10 +110,12 @@ def test_without_network_the_vehicle_executes_its_configured_action(jump, on_exp
         assert narrative(rig.vehicle) == expected
         assert rig.autopilot.mode == (HOLD if on_expiry == "hold" else MISSION)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the_link_is_restored(jump):
+def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the_link_is_restored(
+    run_simulated,
+):
     async def scenario(rig):
         await offboard_routes.start("1", LONG_START, rig.station, ANNA)
         rig.autopilot.loss = 1.0
@@ -133,10 +135,10 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the
             "control expired",
         ]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_the_vehicle(jump):
+def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_the_vehicle(run_simulated):
     async def scenario(rig):
         with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
             await offboard_routes.start("1", LONG_START, rig.station, ANNA)
@@ -169,11 +171,11 @@ def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_t
             "mode hold by command",
         ]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
-def test_a_pilot_takes_over_the_vehicle_with_position_mode(jump, loss, seed):
+def test_a_pilot_takes_over_the_vehicle_with_position_mode(run_simulated, loss, seed):
     async def scenario(rig):
         await offboard_routes.start("1", LONG_START, rig.station, ANNA)
         requests_before = len(mode_requests(rig.autopilot, HOLD)) + len(
@@ -194,10 +196,10 @@ def test_a_pilot_takes_over_the_vehicle_with_position_mode(jump, loss, seed):
             ["control expired"],
         )
 
-    with_routes(jump, scenario, loss=loss, seed=seed)
+    with_routes(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
+def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(run_simulated):
     async def scenario(rig):
         await offboard_routes.start("1", LONG_START, rig.station, ANNA)
         rig.autopilot.estimates = False
@@ -211,4 +213,4 @@ def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(jump):
         events = narrative(rig.vehicle)
         assert sorted(events[2:]) == ["mode land by failsafe", "stream left_offboard"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

@@ -8,6 +8,7 @@ import pytest
 from gcs_server.telemetry.hub import EncodedSamples
 from tests.protocol.command_numbers import REQUEST_MESSAGE
 from tests.protocol.memory_world import run_test
+from vehicle_sim.mavlink import generated_dialect as sim
 
 INFORMATION, VERSION = 280, 148
 
@@ -16,7 +17,7 @@ def requests_for(autopilot, msg_id):
     return sum(int(m.param1) == msg_id for m in autopilot.commands(REQUEST_MESSAGE))
 
 
-def reply_with_limits(kit, autopilot, lost=0):
+def reply_with_limits(autopilot, lost=0):
     """Replies as PX4 after `lost` lost requests: angles in degrees, and an uninitialised roll limit."""
     lost_count = [lost]
 
@@ -30,7 +31,7 @@ def reply_with_limits(kit, autopilot, lost=0):
         lost_count[0] -= 1
         if lost_count[0] < 0:
             autopilot.send(
-                kit.sim.MAVLink_gimbal_manager_information_message(
+                sim.MAVLink_gimbal_manager_information_message(
                     autopilot.boot_ms(), 132530, 1, 3e-41, 2e-44, -90.0, 90.0, -360.0, 360.0
                 )
             )
@@ -39,10 +40,10 @@ def reply_with_limits(kit, autopilot, lost=0):
     autopilot.handlers.append(handler)
 
 
-def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(kit, jump):
+def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(run_simulated):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
-        reply_with_limits(kit, autopilot, lost=2)
+        reply_with_limits(autopilot, lost=2)
         vehicle = await world.ready()
         autopilot.gimbal_attitude()
         await asyncio.sleep(4)
@@ -57,12 +58,12 @@ def test_gimbal_limits_are_requested_until_received_and_again_after_a_lost_link(
         await asyncio.sleep(3)
         assert requests_for(autopilot, INFORMATION) == 4
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("autopilot_type", "gimbal", "times"), [(12, False, 5), (3, False, 0), (3, True, 5)])
 def test_gimbal_limits_are_requested_from_px4_always_and_from_other_autopilots_if_they_have_a_gimbal_manager(
-    kit, jump, autopilot_type, gimbal, times
+    run_simulated, autopilot_type, gimbal, times
 ):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
@@ -71,11 +72,11 @@ def test_gimbal_limits_are_requested_from_px4_always_and_from_other_autopilots_i
         await asyncio.sleep(30)
         assert requests_for(autopilot, INFORMATION) == times
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
 def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_unknown_before_its_reply(
-    kit, jump
+    run_simulated,
 ):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
@@ -101,16 +102,16 @@ def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_
         )  # sent again to every client
         assert b'"simulated":true' in second_json
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("autopilot_type", "simulated"), [(12, False), (3, None)])
-def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, autopilot_type, simulated):
+def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(run_simulated, autopilot_type, simulated):
     async def scenario(world):
         autopilot = world.autopilot(world.link(), uid=0x1122)
         autopilot.autopilot_type = autopilot_type
         autopilot.autopilot_version = lambda: autopilot.send(
-            kit.sim.MAVLink_autopilot_version_message(
+            sim.MAVLink_autopilot_version_message(
                 1, 0x011000FF, 0, 0, 56, [0] * 8, [0] * 8, [0] * 8, 0x26AC, 0x11, 0x1122, [0] * 18
             )
         )
@@ -118,4 +119,4 @@ def test_hardware_is_known_if_px4_reports_it_and_otherwise_unknown(kit, jump, au
         assert vehicle.identity.firmware == "1.16.0"
         assert vehicle.identity.simulated is simulated
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)

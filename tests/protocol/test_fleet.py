@@ -6,7 +6,9 @@ import pytest
 
 from gcs_server.errors import InvalidRequest, Refused, UnknownLink, UnknownVehicle
 from tests.protocol.command_numbers import ARM_DISARM, REQUEST_MESSAGE, SET_MESSAGE_INTERVAL
-from tests.protocol.memory_world import run_test
+from tests.protocol.fake_autopilot import TAKEOFF
+from tests.protocol.memory_world import World, run_test
+from vehicle_sim.mavlink import generated_dialect as sim
 
 HARDWARE_A, HARDWARE_B = 0x0011223344556677, 0x0011223344556688
 
@@ -15,7 +17,7 @@ def ids(world):
     return [v.id for v in world.fleet.all()]
 
 
-def test_a_simulator_is_identified_by_its_uid(kit, jump):
+def test_a_simulator_is_identified_by_its_uid(run_simulated):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
         vehicle = await world.ready()
@@ -26,10 +28,10 @@ def test_a_simulator_is_identified_by_its_uid(kit, jump):
         with pytest.raises(UnknownVehicle):
             world.fleet.get("9")
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_several_vehicles_share_a_link(kit, jump):
+def test_several_vehicles_share_a_link(run_simulated):
     async def scenario(world):
         link = world.link()
         autopilots = [world.autopilot(link, peer=f"127.0.0.1:{18570 + n}", system=n + 1) for n in range(3)]
@@ -39,13 +41,13 @@ def test_several_vehicles_share_a_link(kit, jump):
         assert [p.armed for p in autopilots] == [False, True, False]
         assert world.fleet.warnings() == []
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(
     ("first", "second"), [(HARDWARE_A, HARDWARE_B), (0x4954414C44494E4F, 0x4954414C44494E4F), (0, 0)]
 )
-def test_two_peers_with_the_same_system_id_are_two_vehicles(kit, jump, first, second):
+def test_two_peers_with_the_same_system_id_are_two_vehicles(run_simulated, first, second):
     async def scenario(world):
         link = world.link()
         first_autopilot = world.autopilot(link, peer="a", uid=first)
@@ -63,10 +65,10 @@ def test_two_peers_with_the_same_system_id_are_two_vehicles(kit, jump, first, se
         assert "system id 1" in vehicle.identity.warnings[0]
         assert {n.vehicle for n in world.fleet.warnings()} == {"1", "1~2"}
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
+def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(run_simulated):
     async def scenario(world):
         cable, radio = world.link("cable"), world.link("radio")
         world.autopilot(cable, uid=HARDWARE_A)
@@ -80,11 +82,11 @@ def test_one_vehicle_with_a_hardware_uid_on_two_links_is_one_vehicle(kit, jump):
         assert second.armed
         assert not vehicle.status.link_lost
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("other_boot_s", "expected"), [(900.2, ["1"]), (700.0, ["1", "1~2"])])
-def test_simulators_on_two_links_are_distinguished_by_their_boot_time(kit, jump, other_boot_s, expected):
+def test_simulators_on_two_links_are_distinguished_by_their_boot_time(run_simulated, other_boot_s, expected):
     async def scenario(world):
         world.autopilot(world.link("gcs"))
         await world.ready()
@@ -92,10 +94,10 @@ def test_simulators_on_two_links_are_distinguished_by_their_boot_time(kit, jump,
         await asyncio.sleep(6)
         assert ids(world) == expected
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit, jump):
+def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(run_simulated):
     async def scenario(world):
         first = world.autopilot(world.link("a"), uid=HARDWARE_A)
         second = world.autopilot(world.link("b"), uid=HARDWARE_A)
@@ -109,10 +111,10 @@ def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(kit
         assert world.fleet.get("1").identity.warnings == ()
         assert any(e.kind == "vehicle_removed" for e in world.fleet.events.since())
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump):
+def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(run_simulated):
     async def scenario(world):
         link = world.link()
         first = world.autopilot(link, peer="a")
@@ -126,25 +128,25 @@ def test_a_vehicle_that_returns_from_another_port_is_the_same_vehicle(kit, jump)
         await world.fleet.get("1").command.arm()
         assert returned.armed
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_other_stations_and_companions_are_not_vehicles(kit, jump):
+def test_other_stations_and_companions_are_not_vehicles(run_simulated):
     async def scenario(world):
         link = world.link()
         autopilot = world.autopilot(link)
         vehicle = await world.ready()
         for system, component in ((255, 190), (245, 191), (1, 191)):
-            mav = kit.sim.MAVLink(None, srcSystem=system, srcComponent=component)
-            link.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "other")
-            link.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "peer")
+            mav = sim.MAVLink(None, srcSystem=system, srcComponent=component)
+            link.inject(sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "other")
+            link.inject(sim.MAVLink_heartbeat_message(6, 8, 0xC0, 77, 4, 3).pack(mav), "peer")
         assert ids(world) == ["1"]
         assert vehicle.status.custom_mode == autopilot.mode
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_commands(kit, jump):
+def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_commands(run_simulated):
     async def scenario(world):
         world.autopilot(world.link())
         await world.ready()
@@ -160,15 +162,15 @@ def test_a_recorded_vehicle_is_shown_beside_the_real_vehicle_and_refuses_command
         ):
             with pytest.raises(Refused, match="recording"):
                 await call
-        assert not vehicle.send(kit.sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        assert not vehicle.send(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
         assert replay.sent == []
         await world.router.remove_link("tape")
         assert ids(world) == ["1"]
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_heartbeats_are_sent_once_a_second_to_every_peer(kit, jump):
+def test_heartbeats_are_sent_once_a_second_to_every_peer(run_simulated):
     async def scenario(world):
         link = world.link()
         autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
@@ -188,10 +190,10 @@ def test_heartbeats_are_sent_once_a_second_to_every_peer(kit, jump):
             seqs = [m.get_seq() for m in autopilot.received]
             assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
 
-    run_test(jump, scenario, lambda: kit.World(system_id=42))
+    run_test(run_simulated, scenario, lambda: World(system_id=42))
 
 
-def test_stream_rates_are_not_changed(kit, jump):
+def test_stream_rates_are_not_changed(run_simulated):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
         await world.ready()
@@ -199,42 +201,42 @@ def test_stream_rates_are_not_changed(kit, jump):
         assert autopilot.commands(SET_MESSAGE_INTERVAL) == []
         assert not [m for m in autopilot.received if m.get_type() == "REQUEST_DATA_STREAM"]
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_another_station_gets_all_messages_and_reaches_its_target(kit, jump):
+def test_another_station_gets_all_messages_and_reaches_its_target(run_simulated):
     async def scenario(world):
         link = world.link()
         autopilots = [world.autopilot(link, peer=p, system=n) for n, p in enumerate(("a", "b"), 1)]
         station = world.link("qgc", forward=True)
-        qgc = kit.sim.MAVLink(None, srcSystem=255, srcComponent=190)
-        station.inject(kit.sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
+        qgc = sim.MAVLink(None, srcSystem=255, srcComponent=190)
+        station.inject(sim.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(qgc), "qgc")
         await world.ready("2")
         system_ids = {system_id_of(data) for data, _ in station.sent}
         assert system_ids == {1, 2}
         received = [len(p.received) for p in autopilots]
         before = [len(p.commands(ARM_DISARM)) for p in autopilots]
         station.inject(
-            kit.sim.MAVLink_command_long_message(2, 1, ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
+            sim.MAVLink_command_long_message(2, 1, ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
         )
         await asyncio.sleep(0.05)
         assert [len(p.commands(ARM_DISARM)) - b for p, b in zip(autopilots, before, strict=True)] == [0, 1]
         assert received
-        fake = kit.sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the vehicle's system id: no loop
+        fake = sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the vehicle's system id: no loop
         received = [len(p.received) for p in autopilots]
-        station.inject(kit.sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
+        station.inject(sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
         await asyncio.sleep(0.02)
         assert not [m for p in autopilots for m in p.received if m.get_type() == "PING"]
         assert ids(world) == ["1", "2"]
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
 def system_id_of(data):
     return data[5]
 
 
-def test_links_are_added_and_removed_by_name(kit, jump):
+def test_links_are_added_and_removed_by_name(run_simulated):
     async def scenario(world):
         world.link("one")
         with pytest.raises(InvalidRequest, match="already"):
@@ -244,10 +246,10 @@ def test_links_are_added_and_removed_by_name(kit, jump):
         await world.router.remove_link("one")
         assert world.router.links() == []
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_texts_events_and_modes_become_one_line_each(kit, jump):
+def test_texts_events_and_modes_become_one_line_each(run_simulated):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
         vehicle = await world.ready()
@@ -260,7 +262,7 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
         await asyncio.sleep(1)
         autopilot.event(99999, 0x44)
         await asyncio.sleep(2)
-        autopilot.armed, autopilot.mode = True, kit.TAKEOFF
+        autopilot.armed, autopilot.mode = True, TAKEOFF
         await asyncio.sleep(2)
         lines = [(e.kind, e.text) for e in vehicle.events.since(start)]
         assert lines == [
@@ -273,10 +275,10 @@ def test_texts_events_and_modes_become_one_line_each(kit, jump):
         ]
         assert {kind for kind, _ in lines[5:]} == {"armed", "mode_changed"}
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jump):
+def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(run_simulated):
     async def scenario(world):
         world.autopilot(world.link())
         vehicle = await world.ready()
@@ -289,10 +291,10 @@ def test_the_history_has_four_samples_a_second_of_the_last_five_minutes(kit, jum
         oldest = vehicle.history(("global_position", "status"), 0)[0]
         assert world.clock.unix_s() - oldest.received_unix_s == pytest.approx(300, abs=2)
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)
 
 
-def test_a_topic_is_decoded_once_for_each_message(kit, jump):
+def test_a_topic_is_decoded_once_for_each_message(run_simulated):
     async def scenario(world):
         world.autopilot(world.link())
         vehicle = await world.ready()
@@ -301,4 +303,4 @@ def test_a_topic_is_decoded_once_for_each_message(kit, jump):
         with pytest.raises(KeyError):
             vehicle.topic("nothing")
 
-    run_test(jump, scenario, kit.World)
+    run_test(run_simulated, scenario)

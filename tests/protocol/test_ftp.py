@@ -9,6 +9,7 @@ import pytest
 from gcs_server.errors import Disconnected, NoReply
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpError, FtpFailed
+from tests.protocol.memory_world import World
 from tests.protocol.sim_world import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, PARAMETERS, crc32
 
@@ -16,9 +17,9 @@ FTP_ID = 110
 _header = struct.Struct("<HBBBBBBI")
 
 
-def run_ftp(kit, jump, work, *, loss=0.0, seed=0):
+def run_ftp(run_simulated, work, *, loss=0.0, seed=0):
     async def run():
-        world = kit.World()
+        world = World()
         autopilot = SimulatedAutopilot(world.link())
         try:
             vehicle = await world.ready()
@@ -29,11 +30,11 @@ def run_ftp(kit, jump, work, *, loss=0.0, seed=0):
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.05, 2), (0.2, 3)])
-def test_a_file_is_read_completely_at_any_packet_loss(kit, jump, loss, seed):
+def test_a_file_is_read_completely_at_any_packet_loss(run_simulated, loss, seed):
     async def work(world, ftp, autopilot, _):
         reports = []
         content = await ftp.read(PARAMETERS, progress=lambda *p: reports.append(p))
@@ -44,10 +45,10 @@ def test_a_file_is_read_completely_at_any_packet_loss(kit, jump, loss, seed):
         if not loss:  # in bursts of 40 kB, not piece by piece
             assert autopilot.count(FTP_ID) < 12
 
-    run_ftp(kit, jump, work, loss=loss, seed=seed)
+    run_ftp(run_simulated, work, loss=loss, seed=seed)
 
 
-def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
+def test_each_refusal_has_its_reason_and_leaves_no_session_open(run_simulated):
     async def work(world, ftp, autopilot, _):
         for path, error, text in (
             ("nothing/here.txt", FtpError.FILE_NOT_FOUND, "there is no such file"),
@@ -64,20 +65,20 @@ def test_each_refusal_has_its_reason_and_leaves_no_session_open(kit, jump):
             await ftp.read("a" * 300)
         assert await ftp.read(PARAMETERS) == BUILT_IN[PARAMETERS]()
 
-    run_ftp(kit, jump, work)
+    run_ftp(run_simulated, work)
 
 
-def test_a_session_left_open_by_an_earlier_run_is_closed_first(kit, jump):
+def test_a_session_left_open_by_an_earlier_run_is_closed_first(run_simulated):
     async def work(world, ftp, autopilot, vehicle):
         before = FtpService(vehicle)
         reading = asyncio.ensure_future(before._open(PARAMETERS))
         await reading  # the earlier server was killed after this request
         assert len(await ftp.read(PARAMETERS)) == len(BUILT_IN[PARAMETERS]())
 
-    run_ftp(kit, jump, work)
+    run_ftp(run_simulated, work)
 
 
-def test_a_repeated_request_has_the_same_number(kit, jump):
+def test_a_repeated_request_has_the_same_number(run_simulated):
     """So the vehicle repeats its reply instead of executing the request again."""
 
     async def work(world, ftp, autopilot, _):
@@ -92,10 +93,10 @@ def test_a_repeated_request_has_the_same_number(kit, jump):
             assert requests.setdefault(sequence, (opcode, offset)) == (opcode, offset)
         assert len(requests) < len(sent)  # some were repeated
 
-    run_ftp(kit, jump, work, loss=0.2, seed=8)
+    run_ftp(run_simulated, work, loss=0.2, seed=8)
 
 
-def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
+def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(run_simulated):
     async def work(world, ftp, autopilot, vehicle):
         requests = asyncio.gather(ftp.read(PARAMETERS), ftp.list("etc/extras"))
         await asyncio.sleep(0.1)
@@ -110,12 +111,12 @@ def test_two_reads_run_one_after_the_other_and_a_lost_link_ends_both(kit, jump):
             await reading
         assert world.loop.time() - began < 6
 
-    run_ftp(kit, jump, work)
+    run_ftp(run_simulated, work)
 
 
-def test_a_vehicle_that_does_not_reply_is_reported_at_the_deadline(kit, jump):
+def test_a_vehicle_that_does_not_reply_is_reported_at_the_deadline(run_simulated):
     async def run():
-        world = kit.World()
+        world = World()
         world.autopilot(world.link())  # a vehicle without FTP
         try:
             vehicle = await world.ready()
@@ -124,4 +125,4 @@ def test_a_vehicle_that_does_not_reply_is_reported_at_the_deadline(kit, jump):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)

@@ -32,7 +32,7 @@ from tests.protocol.offboard_world import POSITION, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 
 
-def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump):
+def test_setpoints_of_several_vehicles_change_together_and_expire_together(run_simulated):
     async def scenario(rig):
         await begin(rig, {"1": position(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": position(4)})
         await seconds(1)
@@ -57,10 +57,10 @@ def test_setpoints_of_several_vehicles_change_together_and_expire_together(jump)
         with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changed, rig.station, ANNA)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_an_empty_list_renews_the_setpoints_of_all(jump):
+def test_an_empty_list_renews_the_setpoints_of_all(run_simulated):
     async def scenario(rig):
         await begin(rig, ALL_NORTH, valid_for_s=3.0)
         for _ in range(3):
@@ -72,11 +72,13 @@ def test_an_empty_list_renews_the_setpoints_of_all(jump):
         ended = view(await group_routes.show("1", rig.station))
         assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
-def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_go_on(jump, others_go_on):
+def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_go_on(
+    run_simulated, others_go_on
+):
     async def scenario(rig):
         await begin(rig, ALL_NORTH, others_go_on=others_go_on)
         await seconds(1)
@@ -100,10 +102,10 @@ def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_g
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
                 await group_routes.setpoints("1", changes({"2": position(5)}), rig.station, ANNA)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(jump):
+def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(run_simulated):
     async def scenario(rig):
         await begin(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(2)
@@ -117,10 +119,10 @@ def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(jump):
         await seconds(8)
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_member_can_follow_another_of_the_group(jump):
+def test_a_member_can_follow_another_of_the_group(run_simulated):
     async def scenario(rig):
         beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
         await begin(rig, {"1": position(4), "2": beside})
@@ -134,10 +136,10 @@ def test_a_member_can_follow_another_of_the_group(jump):
         with pytest.raises(NotTogether, match="would come within"):
             await group_routes.setpoints("1", changes({"2": nearer}), rig.station, ANNA)
 
-    with_routes(jump, scenario, count=2)
+    with_routes(run_simulated, scenario, count=2)
 
 
-def test_a_server_shutdown_puts_a_group_into_hold_without_findings(jump):
+def test_a_server_shutdown_puts_a_group_into_hold_without_findings(run_simulated):
     async def scenario(rig):
         await begin(rig, ALL_NORTH)
         await seconds(1)
@@ -148,13 +150,13 @@ def test_a_server_shutdown_puts_a_group_into_hold_without_findings(jump):
         group = view(await group_routes.show("1", rig.station))
         assert (group["ended"], group["findings"]) == ("The server was shut down.", [])
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 # With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. After 3.5 s without a
 # heartbeat the vehicle counts as lost, so no vehicle moves and the group cannot be flown.
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(jump, seed):
+def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(run_simulated, seed):
     async def scenario(rig):
         for index, autopilot in enumerate(rig.autopilots.values()):
             autopilot.loss, autopilot.random = 0.2, random.Random(seed * 10 + index)
@@ -170,12 +172,12 @@ def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(jump, se
         assert set(modes(rig).values()) == {HOLD}
         assert sum(autopilot.failsafes for autopilot in rig.autopilots.values()) == 0
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
 def test_the_guard_works_while_the_event_loop_stalls_and_puts_all_into_hold_after_a_second(
-    jump, stall_s, code
+    run_simulated, stall_s, code
 ):
     async def scenario(rig):
         await begin(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
@@ -189,17 +191,17 @@ def test_the_guard_works_while_the_event_loop_stalls_and_puts_all_into_hold_afte
         assert [finding["code"] for finding in findings] == ([] if code is None else [code])
         assert set(modes(rig).values()) == ({OFFBOARD} if code is None else {HOLD})
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_killed_client_leaves_all_in_hold(jump):
+def test_a_killed_client_leaves_all_in_hold(run_simulated):
     async def scenario(rig):
         await begin(rig, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
         await seconds(9)
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
         assert view(await group_routes.show("1", rig.station))["ended"] == "The setpoints expired."
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 # --- simulated PX4s -------------------------------------------------------------------------------
@@ -219,7 +221,7 @@ def smallest_distance_m(vehicles):
     return min(math.dist(position_m(a), position_m(b)) for a, b in itertools.combinations(vehicles, 2))
 
 
-def with_simulated_vehicles(jump, scenario, count=2):
+def with_simulated_vehicles(run_simulated, scenario, count=2):
     async def run():
         world = SimulatedWorld(count)
         try:
@@ -232,11 +234,11 @@ def with_simulated_vehicles(jump, scenario, count=2):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.story
-def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minimum_distance(jump):
+def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minimum_distance(run_simulated):
     async def scenario(rig, vehicles):
         await begin(rig, {"1": position(0, -10, -8), "2": position(0, 10, -8)}, minimum_separation_m=1)
         await until(lambda: smallest_distance_m(vehicles) > 22, 30)
@@ -269,4 +271,4 @@ def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minim
         warnings = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
         assert any("Vehicles 1 and 2 are" in text and "requesting Hold mode" in text for text in warnings)
 
-    with_simulated_vehicles(jump, scenario)
+    with_simulated_vehicles(run_simulated, scenario)

@@ -45,7 +45,7 @@ def pilot_takes_over(rig, vehicle_id):
     autopilot.current_mode()
 
 
-def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monkeypatch):
+def test_a_member_that_leaves_during_the_prediction_cancels_the_start(run_simulated, monkeypatch):
     async def scenario(rig):
         async def event():
             assert set(modes(rig).values()) == {OFFBOARD}
@@ -62,10 +62,10 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(jump, monk
         assert_nobody_moved(rig)
         assert view(await group_routes.show("1", rig.station))["state"] == "ended"
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
+def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch):
     async def scenario(rig):
         async def event():
             await group_routes.hold("1", rig.station, BOB)
@@ -78,10 +78,10 @@ def test_hold_during_the_prediction_cancels_the_start(jump, monkeypatch):
         assert_nobody_moved(rig)
         assert view(await group_routes.show("1", rig.station))["state"] == "ended"
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monkeypatch):
+def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(run_simulated, monkeypatch):
     async def scenario(rig):
         async def event():
             alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
@@ -93,10 +93,10 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(jump, monk
         assert rig.vehicles["3"].offboard.status().state == "streaming"
         assert not any(mode_requests(rig.autopilots[v], OFFBOARD) for v in "12")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_one_of_two_starts_with_a_common_vehicle_is_refused(jump):
+def test_one_of_two_starts_with_a_common_vehicle_is_refused(run_simulated):
     async def scenario(rig):
         both = (
             begin(rig, {"1": position(4), "2": position(4)}),
@@ -108,10 +108,10 @@ def test_one_of_two_starts_with_a_common_vehicle_is_refused(jump):
         assert "Vehicle 2 is already in group 1" in str(refused[0])
         assert len(view(await group_routes.show_all(rig.station))["groups"]) == 1
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypatch):
+def test_vehicles_that_approach_during_the_prediction_are_refused(run_simulated, monkeypatch):
     async def scenario(rig):
         async def event():
             north_m, _, down_m = rig.autopilots["2"].ned
@@ -123,12 +123,12 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(jump, monkeypa
             await begin(rig, ALL_NORTH)
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
 def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_none(
-    jump, monkeypatch, others_go_on
+    run_simulated, monkeypatch, others_go_on
 ):
     async def scenario(rig):
         async def event():
@@ -147,10 +147,10 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_none(
         assert modes(rig) == {"1": others, "2": POSITION, "3": others}
         assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(jump, monkeypatch):
+def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(run_simulated, monkeypatch):
     async def scenario(rig):
         async def disconnect_during(call):
             reached = asyncio.Event()
@@ -183,4 +183,4 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
         await seconds(0.1)
         assert rig.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

@@ -83,7 +83,7 @@ async def fly_encounter(rig, vehicles, setpoints):
     raise AssertionError("the vehicles were not stopped")
 
 
-def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters=None):
+def encounters(run_simulated, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters=None):
     """Smallest true distance of each encounter; messages reach the server up to `late_s` late."""
 
     async def run():
@@ -112,7 +112,7 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
         finally:
             await world.close()
 
-    return jump(run)
+    return run_simulated(run)
 
 
 @pytest.mark.broad
@@ -121,9 +121,9 @@ def encounters(jump, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters
     [(2, 0.4, ("head_on",)), (2, 0.4, tuple(ENCOUNTERS)), (1, 0.0, tuple(ENCOUNTERS))],
 )
 def test_the_true_distance_stays_above_the_minimum_with_noise_wind_and_late_snapshots(
-    jump, seed, late_s, names
+    run_simulated, seed, late_s, names
 ):
-    nearest_m = encounters(jump, seed, late_s, 4.0, names)
+    nearest_m = encounters(run_simulated, seed, late_s, 4.0, names)
     assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
     near_encounters = [name for name, apart_m in nearest_m.items() if apart_m < 4 * MINIMUM_M]
     assert len(near_encounters) >= min(3, len(names)), (

@@ -29,7 +29,7 @@ from tests.protocol.group_world import (
 from tests.protocol.offboard_world import POSITION, mode_requests, seconds
 
 
-def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period(jump):
+def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period(run_simulated):
     async def scenario(rig):
         rig.autopilots["2"].take_offboard_after_s = 1.4
         started = await begin(rig, ALL_NORTH)
@@ -50,10 +50,10 @@ def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period
         assert [state for _, state, _ in rig.group_changes] == ["starting", "waiting", "flying"]
         assert lines(rig.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_the_start_returns_each_members_limits(jump):
+def test_the_start_returns_each_members_limits(run_simulated):
     async def scenario(rig):
         await rig.vehicles["2"].offboard.operator_limits.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
         limits = (await begin(rig, ALL_NORTH))["limits"]
@@ -64,10 +64,10 @@ def test_the_start_returns_each_members_limits(jump):
         }
         assert (limits["2"]["origin"]["set_by"], limits["2"]["origin"]["restored"]) == ("bob", False)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_the_start_time_can_be_given(jump):
+def test_the_start_time_can_be_given(run_simulated):
     async def scenario(rig):
         unix_s = rig.world.clock.unix_s()
         instant_s = rig.world.loop.time() + 8.0
@@ -78,21 +78,21 @@ def test_the_start_time_can_be_given(jump):
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
         assert min(start_times_s) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("ahead_s", [-5.0, 1.0, 400.0])
-def test_an_impossible_start_time_is_refused(jump, ahead_s):
+def test_an_impossible_start_time_is_refused(run_simulated, ahead_s):
     async def scenario(rig):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
             await begin(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + ahead_s)
         assert refused.value.field == "start_at_unix_s"
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
+def test_with_a_start_time_before_all_are_in_offboard_none_moves(run_simulated):
     async def scenario(rig):
         rig.autopilots["3"].take_offboard_after_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
@@ -101,10 +101,10 @@ def test_with_a_start_time_before_all_are_in_offboard_none_moves(jump):
         assert set(modes(rig).values()) == {HOLD}
         assert_nobody_moved(rig)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
+def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(run_simulated):
     async def scenario(rig):
         rig.autopilots["2"].has_stream = lambda: False  # the vehicle refuses Offboard
         with pytest.raises(NotTogether, match=r"so none moves\. Vehicle 2: ") as refused:
@@ -119,10 +119,10 @@ def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(jump):
         assert "Vehicle 2" in ended["ended"]
         assert lines(rig.station)[-1][1:] == ("group/start", "1", "not_together")
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_vehicle_that_never_confirms_stops_all(jump):
+def test_a_vehicle_that_never_confirms_stops_all(run_simulated):
     async def scenario(rig):
         rig.autopilots["3"].take_offboard_after_s = 30.0
         with pytest.raises(NotTogether, match="Vehicle 3: "):
@@ -131,10 +131,10 @@ def test_a_vehicle_that_never_confirms_stops_all(jump):
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
         assert_nobody_moved(rig)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_sent(jump):
+def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_sent(run_simulated):
     async def scenario(rig):
         with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
             far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
@@ -154,10 +154,10 @@ def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_se
             await group_routes.show("7", rig.station)
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(jump):
+def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(run_simulated):
     async def scenario(rig):
         alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
         await offboard_routes.start("3", alone, rig.station, ANNA)
@@ -170,10 +170,10 @@ def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(ju
         await seconds(1)
         assert set(modes(rig).values()) == {OFFBOARD}
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_another_clients_control_of_one_member_refuses_the_group(jump):
+def test_another_clients_control_of_one_member_refuses_the_group(run_simulated):
     async def scenario(rig):
         await vehicle_routes.hold("2", rig.station, BOB)  # Hold needs no control, and takes no control
         rig.station.authority.control("2").lease.take(BOB)
@@ -192,10 +192,10 @@ def test_another_clients_control_of_one_member_refuses_the_group(jump):
         assert set(modes(rig).values()) == {HOLD}
         assert lines(rig.station)[-3:] == [("bob", "hold", v, "ok") for v in "321"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distance(jump):
+def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distance(run_simulated):
     async def scenario(rig):
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 10.0 m apart now") as refused:
             await begin(rig, ALL_NORTH, minimum_separation_m=12)
@@ -212,10 +212,10 @@ def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distanc
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
         await begin(rig, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": position(20)})
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_problem_before_the_common_start_prevents_all_motion(jump):
+def test_a_problem_before_the_common_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
         started = asyncio.ensure_future(
             group_routes.start(
@@ -231,10 +231,10 @@ def test_a_problem_before_the_common_start_prevents_all_motion(jump):
         assert modes(rig) == {"1": POSITION, "2": HOLD, "3": HOLD}
         assert_nobody_moved(rig)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_hold_before_the_common_start_prevents_all_motion(jump):
+def test_hold_before_the_common_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
         await begin(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
         await group_routes.hold("1", rig.station, ANNA)
@@ -243,10 +243,10 @@ def test_hold_before_the_common_start_prevents_all_motion(jump):
         assert_nobody_moved(rig)
         assert view(await group_routes.show("1", rig.station))["findings"] == []
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump):
+def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(run_simulated):
     async def scenario(rig):
         await begin(rig, ALL_NORTH)
         await seconds(1)
@@ -263,10 +263,10 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(jump)
         await member.start(alone.to_stream_request(ANNA))
         assert member.status().owner == "operator"
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump):
+def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
         await begin(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
         other = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
@@ -278,4 +278,4 @@ def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(jump
         finding = view(await group_routes.show("1", rig.station))["findings"][0]
         assert "Vehicle 1 received another setpoint before the common start" in finding["text"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

@@ -6,15 +6,17 @@ import pytest
 from gcs_server.errors import NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.mavlink.codec import encode_payload
+from tests.protocol.fake_autopilot import HOLD, OFFBOARD
+from tests.protocol.memory_world import World
 from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.sim_world import SimulatedAutopilot
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 
 
-def with_simulated_vehicle(kit, jump, work, *, loss=0.0, seed=0, **options):
+def with_simulated_vehicle(run_simulated, work, *, loss=0.0, seed=0, **options):
     async def run():
-        world = kit.World()
+        world = World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed, **options)
         try:
             vehicle = await world.ready()
@@ -24,7 +26,7 @@ def with_simulated_vehicle(kit, jump, work, *, loss=0.0, seed=0, **options):
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 async def until(world, condition, what, timeout_s=20.0):
@@ -39,7 +41,7 @@ def modes(vehicle):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit, jump, loss, seed):
+def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(run_simulated, loss, seed):
     async def work(world, vehicle, autopilot):
         events = []
         vehicle.events.subscribe(lambda e: events.append(e) if e.kind == "readiness" else None)
@@ -69,11 +71,11 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(kit
         await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the end of the outage")
         assert report_matches()
 
-    with_simulated_vehicle(kit, jump, work, loss=loss, seed=seed)
+    with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_lost_events_are_recovered_and_reported_once(kit, jump, loss, seed):
+def test_lost_events_are_recovered_and_reported_once(run_simulated, loss, seed):
     async def work(world, vehicle, autopilot):
         announcer = autopilot.sim.autopilots[0].announcer
         for n in range(12):
@@ -91,10 +93,10 @@ def test_lost_events_are_recovered_and_reported_once(kit, jump, loss, seed):
         if not loss:
             assert autopilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
 
-    with_simulated_vehicle(kit, jump, work, loss=loss, seed=seed)
+    with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
 
 
-def test_the_report_is_requested_only_once(kit, jump):
+def test_the_report_is_requested_only_once(run_simulated):
     async def work(world, vehicle, autopilot):
         await world.clock.sleep(30)
         requests = [m for m in autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
@@ -104,17 +106,17 @@ def test_the_report_is_requested_only_once(kit, jump):
         assert vehicle.health.readiness.known is False
 
     async def run():
-        world = kit.World()
+        world = World()
         autopilot = world.autopilot(world.link())  # acknowledges none of these requests
         try:
             await work(world, await world.ready(), autopilot)
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
+def test_checks_run_on_request_and_a_reboot_discards_the_report(run_simulated):
     async def work(world, vehicle, autopilot):
         await world.clock.sleep(15)
         report = await vehicle.health.check()
@@ -128,14 +130,14 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(kit, jump):
         assert vehicle.health.revision == revision + 1
         assert vehicle.health.readiness.known is False
 
-    with_simulated_vehicle(kit, jump, work)
+    with_simulated_vehicle(run_simulated, work)
 
 
-def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(kit, jump):
+def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(run_simulated):
     async def scenario(world, vehicle, autopilot):
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
-        autopilot.mode = kit.OFFBOARD
+        autopilot.mode = OFFBOARD
         await world.clock.sleep(3)
         send_readiness(autopilot, HOLD_ONLY)
         await world.clock.sleep(3)
@@ -143,9 +145,9 @@ def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selecte
         assert (suggestion.code, suggestion.mode, suggestion.label) == ("choose_mode", "hold", "Hold")
         assert suggestion.text == "The vehicle is in Offboard and cannot be armed in it. Choose Hold."
         report_count = len(reports)
-        autopilot.mode = kit.HOLD
+        autopilot.mode = HOLD
         await world.clock.sleep(3)
         assert vehicle.health.readiness.offers == ()
         assert len(reports) > report_count
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)

@@ -15,7 +15,7 @@ async def hold(rig, vehicles, client=BOB):
     return view(await hold_routes.hold_several(body, rig.station, client))["results"]
 
 
-def test_all_hold_at_once_without_control_and_their_streams_end(jump):
+def test_all_hold_at_once_without_control_and_their_streams_end(run_simulated):
     async def scenario(rig):
         await begin(rig, ALL_NORTH, ANNA)
         began_s = rig.world.clock.monotonic_s()
@@ -32,10 +32,10 @@ def test_all_hold_at_once_without_control_and_their_streams_end(jump):
         await seconds(2)
         assert {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()} == before
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_from_hold(jump):
+def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_from_hold(run_simulated):
     async def scenario(rig):
         for autopilot in rig.autopilots.values():
             autopilot.mode = MANUAL
@@ -47,20 +47,20 @@ def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_fr
         assert (results["2"]["problem"]["code"], results["2"]["problem"]["status"]) == ("no_reply", 504)
         assert modes(rig) == {"1": HOLD, "2": MANUAL, "3": HOLD}
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_without_ids_all_armed_vehicles_hold(jump):
+def test_without_ids_all_armed_vehicles_hold(run_simulated):
     async def scenario(rig):
         rig.autopilots["1"].armed = False
         await seconds(2)
         assert [r["vehicle"] for r in await hold(rig, None)] == ["2", "3"]
         assert mode_requests(rig.autopilots["1"], HOLD) == []
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_an_error_for_one_vehicle_is_raised_after_the_others_are_in_hold(jump):
+def test_an_error_for_one_vehicle_is_raised_after_the_others_are_in_hold(run_simulated):
     async def scenario(rig):
         for autopilot in rig.autopilots.values():
             autopilot.mode = MANUAL
@@ -74,4 +74,4 @@ def test_an_error_for_one_vehicle_is_raised_after_the_others_are_in_hold(jump):
             await hold(rig, ("1", "2", "3"))
         assert modes(rig) == {"1": MANUAL, "2": HOLD, "3": HOLD}
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

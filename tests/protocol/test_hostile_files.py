@@ -11,7 +11,7 @@ from tests.protocol.one_vehicle import run_scenario
 SIZE = 20_000
 
 
-def read_until_error(kit, jump, text, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
+def read_until_error(run_simulated, text, *, size=SIZE, error=FtpFailed, within_s=None, **behaviour):
     requests = {}
 
     async def scenario(world, vehicle, autopilot):
@@ -23,19 +23,18 @@ def read_until_error(kit, jump, text, *, size=SIZE, error=FtpFailed, within_s=No
         limit_s = EXTRA_TIME_S + size / MIN_BYTES_S if within_s is None else within_s
         assert world.loop.time() - began_s <= limit_s + 10
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
     return requests
 
 
-def test_a_read_of_a_file_in_one_byte_pieces_is_cancelled(kit, jump):
-    requests = read_until_error(kit, jump, "too many pieces", read=lambda offset, size: [(offset, b"x")])
+def test_a_read_of_a_file_in_one_byte_pieces_is_cancelled(run_simulated):
+    requests = read_until_error(run_simulated, "too many pieces", read=lambda offset, size: [(offset, b"x")])
     assert requests[READ] < SIZE / 8
 
 
-def test_a_burst_of_one_byte_pieces_is_cancelled(kit, jump):
+def test_a_burst_of_one_byte_pieces_is_cancelled(run_simulated):
     requests = read_until_error(
-        kit,
-        jump,
+        run_simulated,
         "too many pieces",
         burst=lambda offset, size: [(offset + 2 * i, b"x") for i in range(2000)],
         read=lambda offset, size: [(offset, b"x")],
@@ -43,10 +42,9 @@ def test_a_burst_of_one_byte_pieces_is_cancelled(kit, jump):
     assert requests[BURST] < 20
 
 
-def test_pieces_of_another_offset_are_refused(kit, jump):
+def test_pieces_of_another_offset_are_refused(run_simulated):
     requests = read_until_error(
-        kit,
-        jump,
+        run_simulated,
         "answered with byte 1,000 instead of 0",
         read=lambda offset, size: [(1000, b"x" * size)],
         within_s=10,
@@ -54,10 +52,9 @@ def test_pieces_of_another_offset_are_refused(kit, jump):
     assert requests[READ] == 1
 
 
-def test_an_endless_burst_without_data_is_cancelled(kit, jump):
+def test_an_endless_burst_without_data_is_cancelled(run_simulated):
     read_until_error(
-        kit,
-        jump,
+        run_simulated,
         "too many pieces|not finished within",
         burst=lambda offset, size: [(offset, b"")] * 100_000,
         every_s=0.3,
@@ -65,24 +62,26 @@ def test_an_endless_burst_without_data_is_cancelled(kit, jump):
 
 
 @pytest.mark.story
-def test_a_read_of_one_piece_per_second_is_cancelled(kit, jump):
+def test_a_read_of_one_piece_per_second_is_cancelled(run_simulated):
     def pieces(offset, size):
         return [(offset + 239 * i, b"x" * 239) for i in range(2000)]
 
-    read_until_error(kit, jump, "not finished within", size=400_000, burst=pieces, every_s=0.58)
+    read_until_error(run_simulated, "not finished within", size=400_000, burst=pieces, every_s=0.58)
 
 
-def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(kit, jump):
-    requests = read_until_error(kit, jump, "4,000,000,000 bytes; more than", size=4_000_000_000, within_s=10)
+def test_a_file_that_claims_to_be_larger_than_allowed_is_not_read(run_simulated):
+    requests = read_until_error(
+        run_simulated, "4,000,000,000 bytes; more than", size=4_000_000_000, within_s=10
+    )
     assert READ not in requests
     assert BURST not in requests
 
 
-def test_a_vehicle_that_replies_only_to_the_opening_is_an_error(kit, jump):
-    read_until_error(kit, jump, "did not answer", error=NoReply, read=lambda offset, size: [])
+def test_a_vehicle_that_replies_only_to_the_opening_is_an_error(run_simulated):
+    read_until_error(run_simulated, "did not answer", error=NoReply, read=lambda offset, size: [])
 
 
-def test_an_endless_directory_list_is_cancelled(kit, jump):
+def test_an_endless_directory_list_is_cancelled(run_simulated):
     async def scenario(world, vehicle, autopilot):
         HostileFiles(autopilot, SIZE, every_s=0.2)
         began_s = world.loop.time()
@@ -90,10 +89,10 @@ def test_an_endless_directory_list_is_cancelled(kit, jump):
             await FtpService(vehicle).list("etc")
         assert world.loop.time() - began_s < LIST_TIMEOUT_S + 1
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
+def test_the_event_loop_runs_between_the_pieces_of_a_burst(run_simulated):
     """All pieces of a burst are already queued when the reader runs."""
 
     async def scenario(world, vehicle, autopilot):
@@ -120,4 +119,4 @@ def test_the_event_loop_runs_between_the_pieces_of_a_burst(kit, jump):
         assert len(content) == 239 * 1000
         assert max_pieces[0] <= 64
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)

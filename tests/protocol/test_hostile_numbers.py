@@ -59,7 +59,7 @@ def replace_values(autopilot, kind: str, **fields: float):
 
 
 @pytest.mark.parametrize("roll_rad", INVALID)
-def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad):
+def test_an_angle_that_is_not_a_number_removes_only_the_attitude(run_simulated, roll_rad):
     async def scenario(world):
         invalid, _ = await two_vehicles(world)
         restore = replace_values(invalid, "ATTITUDE", roll=roll_rad)
@@ -80,10 +80,10 @@ def test_an_angle_that_is_not_a_number_removes_only_the_attitude(jump, roll_rad)
         assert vehicle_views(world)[0]["topics"]["attitude"]["value"]["roll_rad"] == 0.0
         assert not [w for w in world.fleet.warnings() if w.kind == "telemetry"]
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
-def test_after_an_invalid_home_the_last_valid_home_is_kept(jump):
+def test_after_an_invalid_home_the_last_valid_home_is_kept(run_simulated):
     async def scenario(world):
         invalid, _ = await two_vehicles(world)
         vehicle = world.fleet.get("1")
@@ -92,11 +92,13 @@ def test_after_an_invalid_home_the_last_valid_home_is_kept(jump):
         assert vehicle.topic("home").value.lat_deg == pytest.approx(47.397742)
         assert any("home" in w.text for w in world.fleet.warnings())
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
 @pytest.mark.parametrize("value", INVALID)
-def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_streams_continue(jump, value):
+def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_streams_continue(
+    run_simulated, value
+):
     async def scenario(world):
         invalid, other = await two_vehicles(world)
         vehicles = [world.fleet.get("1"), world.fleet.get("2")]
@@ -118,10 +120,10 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
             "not the action of a connected vehicle without an estimate for a position hold"
         )
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
-def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(jump):
+def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_continue(run_simulated):
     async def scenario(world):
         invalid, other = await two_vehicles(world)
         for vehicle in world.fleet.all():
@@ -145,7 +147,7 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         )
         assert other.setpoints[-1][0] > world.loop.time() - 0.05
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
 class Socket:
@@ -168,7 +170,7 @@ class Socket:
         raise AssertionError(reason)
 
 
-def test_a_lost_and_recovered_link_is_reported(jump):
+def test_a_lost_and_recovered_link_is_reported(run_simulated):
     async def scenario(world):
         invalid, _ = await two_vehicles(world)
         hub, socket = Hub(world.clock, world.fleet), Socket()
@@ -192,4 +194,4 @@ def test_a_lost_and_recovered_link_is_reported(jump):
             assert received_unix_s == sorted(received_unix_s), "a status is older than the previous one"
             serving.cancel()
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)

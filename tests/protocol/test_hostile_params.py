@@ -47,7 +47,7 @@ class HostileParams:
         self.autopilot.send_raw(encode_frame(22, payload, self.autopilot.mav.seq, self.autopilot.system, 1))
 
 
-def check_refresh(kit, jump, replies, check, *, raises=None, **options):
+def check_refresh(run_simulated, replies, check, *, raises=None, **options):
     async def scenario(world, vehicle, autopilot):
         hostile = HostileParams(autopilot, replies, **options)
         began_s = world.loop.time()
@@ -59,7 +59,7 @@ def check_refresh(kit, jump, replies, check, *, raises=None, **options):
         assert world.loop.time() - began_s < READ_TIMEOUT_S + 60
         await check(vehicle, hostile)
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
 async def response_of(vehicle):
@@ -72,32 +72,34 @@ async def no_check(*_):
     pass
 
 
-def test_a_list_that_claims_65535_parameters_is_not_read(kit, jump):
+def test_a_list_that_claims_65535_parameters_is_not_read(run_simulated):
     async def check(vehicle, hostile):
         assert vehicle.params.list.state == "failed"
         assert hostile.requests == 1
 
-    check_refresh(kit, jump, lambda: [(b"A", 0, 65535)], check, raises="reports 65,535")
+    check_refresh(run_simulated, lambda: [(b"A", 0, 65535)], check, raises="reports 65,535")
 
 
-def test_a_list_that_repeats_one_parameter_endlessly_is_cancelled(kit, jump):
-    check_refresh(kit, jump, lambda: [(b"A", 0, 5)] * 6000, no_check, raises="repeats values", every_s=0.001)
+def test_a_list_that_repeats_one_parameter_endlessly_is_cancelled(run_simulated):
+    check_refresh(
+        run_simulated, lambda: [(b"A", 0, 5)] * 6000, no_check, raises="repeats values", every_s=0.001
+    )
 
 
 @pytest.mark.story
-def test_a_list_that_never_completes_is_cancelled(kit, jump):
+def test_a_list_that_never_completes_is_cancelled(run_simulated):
     check_refresh(
-        kit, jump, lambda: [(b"A", 0, 5)] * 2000, no_check, raises="not complete within", every_s=0.45
+        run_simulated, lambda: [(b"A", 0, 5)] * 2000, no_check, raises="not complete within", every_s=0.45
     )
 
 
-def test_a_list_that_changes_its_length_is_cancelled(kit, jump):
+def test_a_list_that_changes_its_length_is_cancelled(run_simulated):
     check_refresh(
-        kit, jump, lambda: [(b"A", n, 5 + n) for n in range(5)], no_check, raises="changed in number"
+        run_simulated, lambda: [(b"A", n, 5 + n) for n in range(5)], no_check, raises="changed in number"
     )
 
 
-def test_any_bit_patterns_of_values_and_names_are_valid_json(kit, jump):
+def test_any_bit_patterns_of_values_and_names_are_valid_json(run_simulated):
     names = [b"OK", b"\xff\xfe\xfd", b"A\0B", b'"},{"', b"\x01\x02", b"NAN", b"INF", b"", b"A" * 16]
     bits = [bytes(4), NAN, NAN, NAN, NAN, NAN, b"\0\0\x80\x7f", NAN, b"\xff\xff\x7f\x7f"]
 
@@ -110,18 +112,18 @@ def test_any_bit_patterns_of_values_and_names_are_valid_json(kit, jump):
         assert values["NAN"] is values["INF"] is None
 
     replies = [(n, i, len(names), b) for i, (n, b) in enumerate(zip(names, bits, strict=True))]
-    check_refresh(kit, jump, lambda: replies, check)
+    check_refresh(run_simulated, lambda: replies, check)
 
 
-def test_a_checksum_that_is_not_a_number_counts_as_missing(kit, jump):
+def test_a_checksum_that_is_not_a_number_counts_as_missing(run_simulated):
     async def check(vehicle, _):
         assert vehicle.params.list.state == "ready"
         assert vehicle.params.list.hash is None
 
-    check_refresh(kit, jump, lambda: [(b"A", 0, 1)], check, checksum=NAN)
+    check_refresh(run_simulated, lambda: [(b"A", 0, 1)], check, checksum=NAN)
 
 
-def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(kit, jump):
+def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(run_simulated):
     async def scenario(world, vehicle, autopilot):
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
@@ -153,10 +155,10 @@ def test_endless_unrequested_parameters_are_limited_and_encoded_in_small_parts(k
         assert len(json.loads(response.body)["params"]) == MAX_PARAMETERS
         assert max_viewed[0] <= param_routes.MAX_ENCODED_AT_ONCE
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump):
+def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(run_simulated):
     async def scenario(world, vehicle, autopilot):
         hostile = HostileParams(autopilot, lambda: [(b"A", 0, 1)])
         await vehicle.params.refresh()
@@ -165,4 +167,4 @@ def test_a_parameter_that_changes_its_type_is_shown_with_the_new_type(kit, jump)
             await asyncio.sleep(0.1)
             assert vehicle.params.known("A").is_integer is expected
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)

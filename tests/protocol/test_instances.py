@@ -14,7 +14,7 @@ def send_battery(autopilot, battery_id, percent, millivolts):
     autopilot.send(sim.MAVLink_battery_status_message(battery_id, 0, 0, 0, cells, 100, 0, 0, percent))
 
 
-def test_the_less_charged_of_two_batteries_is_shown(jump):
+def test_the_less_charged_of_two_batteries_is_shown(run_simulated):
     async def scenario(_world, autopilot, vehicle):
         values = set()
         for _ in range(10):
@@ -35,10 +35,10 @@ def test_the_less_charged_of_two_batteries_is_shown(jump):
             "the other battery is shown 10 s after its last message"
         )
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_the_number_of_batteries_is_limited(jump):
+def test_the_number_of_batteries_is_limited(run_simulated):
     async def scenario(_world, autopilot, vehicle):
         for battery_id in range(256):
             send_battery(autopilot, battery_id, 50, 16000)
@@ -46,10 +46,10 @@ def test_the_number_of_batteries_is_limited(jump):
         await asyncio.sleep(0.1)
         assert len(vehicle.topic("battery").value.batteries) == 8
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_two_groups_of_outputs_are_stored_separately(jump):
+def test_two_groups_of_outputs_are_stored_separately(run_simulated):
     async def scenario(_world, autopilot, vehicle):
         for _ in range(5):
             for port in (1, 0):
@@ -61,7 +61,7 @@ def test_two_groups_of_outputs_are_stored_separately(jump):
         assert value.pwm_us == (1500,) * 4
         assert [(g.port, g.pwm_us) for g in value.groups] == [(0, (1500,) * 4), (1, (1501,) * 4)]
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
 def send_gimbal_attitude(autopilot, component, pitch_q):
@@ -71,7 +71,7 @@ def send_gimbal_attitude(autopilot, component, pitch_q):
     autopilot.send_raw(message.pack(sim.MAVLink(None, srcSystem=1, srcComponent=component)))
 
 
-def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(jump):
+def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(run_simulated):
     level, down = [1.0, 0.0, 0.0, 0.0], [0.7071068, 0.0, -0.7071068, 0.0]
 
     async def scenario(_world, autopilot, vehicle):
@@ -86,10 +86,10 @@ def test_the_first_of_two_gimbals_is_shown_until_it_stops_sending(jump):
             await asyncio.sleep(0.1)
         assert vehicle.topic("gimbal").value.pitch_rad == pytest.approx(-1.5708, abs=1e-2)
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
+def test_a_companion_that_sends_the_same_messages_changes_nothing(run_simulated):
     async def scenario(world, autopilot, vehicle):
         companion = sim.MAVLink(None, srcSystem=1, srcComponent=191)
         before = vehicle.topic("global_position").value
@@ -109,10 +109,10 @@ def test_a_companion_that_sends_the_same_messages_changes_nothing(jump):
         assert vehicle.identity.component_id == 1
         assert vehicle.endpoints[0].boot_at_s == pytest.approx(boot_at_s, abs=0.5)
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_topics_time_is_the_time_of_its_newest_sample(jump):
+def test_a_topics_time_is_the_time_of_its_newest_sample(run_simulated):
     async def scenario(_world, autopilot, vehicle):
         def check_times():
             for topic in TOPICS:
@@ -129,4 +129,4 @@ def test_a_topics_time_is_the_time_of_its_newest_sample(jump):
         assert vehicle.status.link_lost
         assert before_s < changed_s < check_times(), "the lost connection gave no new sample of the status"
 
-    run_with_vehicle(jump, scenario)
+    run_with_vehicle(run_simulated, scenario)

@@ -75,7 +75,7 @@ async def start_crossing(rig, **heights):
 
 
 @pytest.mark.story
-def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(jump):
+def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(run_simulated):
     async def scenario(rig):
         await start(rig, show())
         await reach(rig, "done", "done", within_s=120)
@@ -85,7 +85,7 @@ def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(ju
         assert rig.station.groups.all() == []
         assert rig.station.missions.others_on_mission("1") == ()
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
 def dry_run_of(rig, **roles):
@@ -112,7 +112,7 @@ def outside_m(rig):
 
 
 @pytest.mark.story
-def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(jump):
+def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(run_simulated):
     async def scenario(rig):
         rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0, left=APART_M))
         started = await start(rig, show(), dry_run="7")
@@ -121,10 +121,10 @@ def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(jump):
         assert max(outside_m(rig)) < 3.0, "a vehicle is not above its own start"
         await until(lambda: min(outside_m(rig)) > 5.0, 20)
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(jump):
+def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(run_simulated):
     async def scenario(rig):
         rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0))
         with pytest.raises(Refused, match="has no corridor of the role 'left'"):
@@ -132,10 +132,10 @@ def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(jump):
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
         assert rig.station.missions.others_on_mission("1") == ()
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_their_mission_ends(jump):
+def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_their_mission_ends(run_simulated):
     async def scenario(rig):
         await start_crossing(rig, lead_m=10, left_m=13)
         min_distance_m = APART_M
@@ -152,10 +152,10 @@ def test_two_vehicles_that_come_too_near_are_put_into_hold_by_the_guard_and_thei
         assert len(reasons) == 1
         assert "m apart" in reasons.pop()
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(jump):
+def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(run_simulated):
     async def scenario(rig):
         await start_crossing(rig)
         await vehicle_routes.hold("2", rig.station, BOB)
@@ -164,11 +164,11 @@ def test_hold_of_one_vehicle_puts_the_other_into_hold_and_ends_the_mission(jump)
         assert [vehicle.status.mode for vehicle in rig.vehicles] == ["hold", "hold"]
         assert "left has left the mission" in rig.vehicles[0].offboard_mission.status().reason
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump):
+def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(run_simulated):
     async def scenario(rig):
         await start_crossing(rig)
         await routes.pause("2", rig.station, ANNA)
@@ -196,10 +196,10 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(jump
             == 1
         )
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_a_joint_mission_starts_only_if_all_vehicles_can(jump):
+def test_a_joint_mission_starts_only_if_all_vehicles_can(run_simulated):
     async def scenario(rig):
         with pytest.raises(PlanFindings) as unsafe:
             await start(rig, show(10, 12))
@@ -218,10 +218,10 @@ def test_a_joint_mission_starts_only_if_all_vehicles_can(jump):
         assert [vehicle.offboard_mission.status() for vehicle in rig.vehicles] == [None, None]
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
+def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(run_simulated):
     async def scenario(rig):
         rig.world.sim.simulation.set_battery_remaining(1, 0.02)
         await until(lambda: rig.vehicles[1].topic("health").value.ready_to_arm is False, 20)
@@ -230,11 +230,11 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(jump):
         await seconds(2)
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_a_mission_for_several_vehicles_cannot_be_started_on_one_vehicle(jump):
+def test_a_mission_for_several_vehicles_cannot_be_started_on_one_vehicle(run_simulated):
     async def scenario(rig):
         body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
         rig.station.plan_work = PlanWork(Path("no elevation"))
@@ -242,4 +242,4 @@ def test_a_mission_for_several_vehicles_cannot_be_started_on_one_vehicle(jump):
             await routes.start("1", body, rig.station, ANNA)
         assert rig.vehicles[0].offboard_mission.status() is None
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)

@@ -32,7 +32,7 @@ def parse(stored):
     return LimitsRequest.model_validate(stored).to_limits()
 
 
-def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
+def with_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_uid=None):
     """One run of a server with this data folder, and a vehicle with system id 1 in flight."""
 
     async def run():
@@ -61,20 +61,20 @@ def with_server(jump, folder, scenario, *, uid=7, version=True, twin_uid=None):
             await world.close()
             store.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def set_limits(jump, folder, **options):
+def set_limits(run_simulated, folder, **options):
     async def scenario(world, vehicle, store):
         await vehicle.offboard.operator_limits.set(LIMITS, by="anna")
         assert vehicle.offboard.operator_limits.origin().kept
 
-    with_server(jump, folder, scenario, **options)
+    with_server(run_simulated, folder, scenario, **options)
 
 
 @pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
-def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, known_by):
-    set_limits(jump, tmp_path, uid=uid)
+def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_path, uid, known_by):
+    set_limits(run_simulated, tmp_path, uid=uid)
 
     async def check(world, vehicle, store):
         origin = vehicle.offboard.status().limits_origin
@@ -98,23 +98,25 @@ def test_limits_are_restored_after_a_restart_and_reported(jump, tmp_path, uid, k
         await seconds(0.3)
         assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
 
-    with_server(jump, tmp_path, check, uid=uid)
+    with_server(run_simulated, tmp_path, check, uid=uid)
 
 
 @pytest.mark.parametrize(("before", "after"), [(7, 8), (7, SITL_UID), (SITL_UID, 7)])
-def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(jump, tmp_path, before, after):
-    set_limits(jump, tmp_path, uid=before)
+def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(
+    run_simulated, tmp_path, before, after
+):
+    set_limits(run_simulated, tmp_path, uid=before)
 
     async def scenario(world, vehicle, store):
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert not vehicle.offboard.status().limits_origin.active
         assert codes(vehicle) == []
 
-    with_server(jump, tmp_path, scenario, uid=after)
+    with_server(run_simulated, tmp_path, scenario, uid=after)
 
 
-def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
-    set_limits(jump, tmp_path, uid=7)
+def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, tmp_path):
+    set_limits(run_simulated, tmp_path, uid=7)
 
     async def different_uids(world, vehicle, store):
         twins = {v.identity.uid: v for v in world.fleet.all()}
@@ -122,7 +124,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
         assert twins[f"{7:016x}"].offboard.limits().operator == LIMITS
         assert twins[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
 
-    with_server(jump, tmp_path, different_uids, uid=7, twin_uid=8)
+    with_server(run_simulated, tmp_path, different_uids, uid=7, twin_uid=8)
 
     async def same_uid(world, vehicle, store):
         first, second = world.fleet.all()
@@ -133,11 +135,11 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(jump, tmp_path):
         assert "not stored" in second.offboard.operator_limits.origin().warning
         assert second.offboard.limits().operator.speed_max_m_s == 1.0  # still applied
 
-    with_server(jump, tmp_path / "other", same_uid, uid=SITL_UID, twin_uid=SITL_UID)
+    with_server(run_simulated, tmp_path / "other", same_uid, uid=SITL_UID, twin_uid=SITL_UID)
 
 
-def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp_path):
-    set_limits(jump, tmp_path, uid=7)
+def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(run_simulated, tmp_path):
+    set_limits(run_simulated, tmp_path, uid=7)
 
     async def scenario(world, vehicle, store):
         assert vehicle.offboard.limits().operator == LIMITS
@@ -148,11 +150,11 @@ def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(jump, tmp
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert "limits_other_vehicle" in codes(vehicle)
 
-    with_server(jump, tmp_path, scenario, uid=7)
+    with_server(run_simulated, tmp_path, scenario, uid=7)
 
 
-def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing(jump, tmp_path):
-    set_limits(jump, tmp_path, uid=7)
+def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing(run_simulated, tmp_path):
+    set_limits(run_simulated, tmp_path, uid=7)
 
     async def scenario(world, vehicle, store):
         await vehicle.offboard.start(stream_request())
@@ -162,22 +164,22 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
         await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert "once the vehicle is identified" in vehicle.offboard.operator_limits.origin().warning
 
-    with_server(jump, tmp_path, scenario, version=False)
+    with_server(run_simulated, tmp_path, scenario, version=False)
 
 
-def test_removed_limits_stay_removed(jump, tmp_path):
-    set_limits(jump, tmp_path)
+def test_removed_limits_stay_removed(run_simulated, tmp_path):
+    set_limits(run_simulated, tmp_path)
 
     async def clear(world, vehicle, store):
         await vehicle.offboard.operator_limits.set(OperatorLimits(), by="bob")
 
-    with_server(jump, tmp_path, clear)
+    with_server(run_simulated, tmp_path, clear)
 
     async def scenario(world, vehicle, store):
         assert not vehicle.offboard.status().limits_origin.active
         assert codes(vehicle) == []
 
-    with_server(jump, tmp_path, scenario)
+    with_server(run_simulated, tmp_path, scenario)
 
 
 def stored_record(tmp_path):
@@ -202,8 +204,8 @@ CORRUPTIONS = {
 
 
 @pytest.mark.parametrize("name", list(CORRUPTIONS))
-def test_an_unreadable_file_causes_a_warning_and_no_error(jump, tmp_path, name):
-    set_limits(jump, tmp_path)
+def test_an_unreadable_file_causes_a_warning_and_no_error(run_simulated, tmp_path, name):
+    set_limits(run_simulated, tmp_path)
     path = tmp_path / f"uid-{7:016x}.json"
     path.write_bytes(CORRUPTIONS[name](stored_record(tmp_path)))
 
@@ -219,21 +221,21 @@ def test_an_unreadable_file_causes_a_warning_and_no_error(jump, tmp_path, name):
         assert vehicle.offboard.operator_limits.origin().warning is None
         assert store.warnings() == []
 
-    with_server(jump, tmp_path, scenario)
-    set_limits(jump, tmp_path)
+    with_server(run_simulated, tmp_path, scenario)
+    set_limits(run_simulated, tmp_path)
 
 
-def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(jump, tmp_path):
+def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(run_simulated, tmp_path):
     os.mkfifo(tmp_path / f"uid-{7:016x}.json")
     (tmp_path / f"uid-{8:016x}.json").mkdir()
 
     async def scenario(world, vehicle, store):
         assert "not a file" in vehicle.offboard.status().limits_origin.warning
 
-    with_server(jump, tmp_path, scenario)
+    with_server(run_simulated, tmp_path, scenario)
 
 
-def test_an_unreadable_folder_is_reported_for_every_vehicle(jump, tmp_path):
+def test_an_unreadable_folder_is_reported_for_every_vehicle(run_simulated, tmp_path):
     folder = tmp_path / "limits"
     folder.write_text("a file")
 
@@ -244,7 +246,7 @@ def test_an_unreadable_folder_is_reported_for_every_vehicle(jump, tmp_path):
         assert "lost when the server restarts" in vehicle.offboard.operator_limits.origin().warning
         assert len(store.warnings()) == 2
 
-    with_server(jump, folder, scenario)
+    with_server(run_simulated, folder, scenario)
 
 
 def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):

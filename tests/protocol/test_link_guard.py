@@ -26,7 +26,7 @@ async def close(rig, client, confirm=None, name="memory"):
     await station_routes.remove_link(name, rig.station, client, confirm)
 
 
-def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(jump):
+def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(run_simulated):
     async def scenario(rig):
         await offboard_routes.start("1", START, rig.station, ANNA)
         for confirm in (None, CONFIRMATION):
@@ -38,11 +38,11 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
         assert len(rig.autopilot.setpoints) > received + 30
         assert link_names(rig) == ["memory"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("situation", ["streamed to", "armed", "armed and not controlled"])
-def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, situation):
+def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated, situation):
     async def scenario(rig):
         if situation == "streamed to":
             await offboard_routes.start("1", START, rig.station, ANNA)
@@ -58,10 +58,10 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(jump, situatio
         assert link_names(rig) == []
         assert ("anna", "links/remove", None, "ok") in lines(rig.station)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_with_a_second_link_no_confirmation_is_needed(jump):
+def test_with_a_second_link_no_confirmation_is_needed(run_simulated):
     async def scenario(rig):
         second = rig.world.link("second")
         rig.world.offboard_autopilot(second).fly()
@@ -70,20 +70,20 @@ def test_with_a_second_link_no_confirmation_is_needed(jump):
         await close(rig, ANNA)
         assert link_names(rig) == ["second"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(jump):
+def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(run_simulated):
     async def scenario(rig):
         await close(rig, BOB)
         assert link_names(rig) == []
         with pytest.raises(UnknownLink):
             await close(rig, BOB)
 
-    with_routes(jump, scenario, flying=False)
+    with_routes(run_simulated, scenario, flying=False)
 
 
-def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(jump):
+def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(run_simulated):
     async def scenario(rig):
         await control_routes.take("1", rig.station, ANNA, FORCE)
         with pytest.raises(NotInControl):
@@ -91,10 +91,10 @@ def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_
         await close(rig, ANNA)
         assert link_names(rig) == []
 
-    with_routes(jump, scenario, flying=False)
+    with_routes(run_simulated, scenario, flying=False)
 
 
-def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
+def test_the_link_of_a_vehicle_lost_in_flight_stays_open(run_simulated):
     async def scenario(rig):
         take = control_models.TakeControl()
         await control_routes.take("1", rig.station, ANNA, take)
@@ -105,10 +105,10 @@ def test_the_link_of_a_vehicle_lost_in_flight_stays_open(jump):
         with pytest.raises(Refused, match="last link"):
             await close(rig, ANNA)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)
 
 
-def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
+def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(run_simulated):
     async def scenario(rig):
         request = models.LinkRequest(url="udpin://127.0.0.1:0?forward=1", name="station")
         await vehicle_routes.mode("1", models.ModeRequest(mode="position"), rig.station, ANNA)
@@ -123,4 +123,4 @@ def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(jump):
         await close(rig, BOB, name="more")
         assert link_names(rig) == ["memory"]
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

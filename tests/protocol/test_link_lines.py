@@ -3,17 +3,18 @@
 import asyncio
 
 from gcs_server.mavlink import tlog_writer
-from tests.protocol.memory_world import run_test
+from tests.protocol.memory_world import World, run_test
+from vehicle_sim.mavlink import generated_dialect as sim
 
 
-def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
+def test_invalid_bytes_are_counted_also_for_a_lost_peer(run_simulated):
     async def scenario(world):
         link = world.link()
         world.autopilot(link)
         await world.ready()
         before = world.router.links()[0]
         assert (before.bytes_skipped, before.crc_errors, before.frames_lost) == (0, 0, 0)
-        raw = bytearray(kit.sim.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(world.autopilot(link).mav))
+        raw = bytearray(sim.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3).pack(world.autopilot(link).mav))
         raw[-1] ^= 0x55
         link.inject(bytes(raw), "stranger")
         link.inject(b"AT+RST\r\n" * 20, "stranger")
@@ -30,10 +31,12 @@ def test_invalid_bytes_are_counted_also_for_a_lost_peer(kit, jump):
         assert world.router.links()[0].frames_received > before.frames_received
         assert not world.fleet.get("1").status.link_lost
 
-    run_test(jump, scenario)
+    run_test(run_simulated, scenario)
 
 
-def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, jump, tmp_path, monkeypatch):
+def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(
+    run_simulated, tmp_path, monkeypatch
+):
     async def scenario(world):
         link = world.link()
         no_recording = world.router.links()[0].recording
@@ -62,12 +65,12 @@ def test_the_recording_of_a_link_is_listed_with_the_reason_why_it_stopped(kit, j
         assert world.router.connection(replay.name).info().recording is None
 
     monkeypatch.setattr(tlog_writer.TlogRecorder, "start", lambda self: None)
-    run_test(jump, scenario, lambda: kit.World(recording_dir=tmp_path, recording_keep_free_bytes=0))
+    run_test(run_simulated, scenario, lambda: World(recording_dir=tmp_path, recording_keep_free_bytes=0))
 
 
-def test_without_a_recorder_the_recording_of_a_link_is_null(kit, jump):
+def test_without_a_recorder_the_recording_of_a_link_is_null(run_simulated):
     async def scenario(world):
         world.link()
         assert world.router.links()[0].recording is None
 
-    run_test(jump, scenario)
+    run_test(run_simulated, scenario)

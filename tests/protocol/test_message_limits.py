@@ -11,6 +11,7 @@ from gcs_server.vehicle import metadata_files
 from gcs_server.vehicle.px4_events import TEXTS
 from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
 from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
+from tests.protocol.memory_world import World
 from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
 from tests.protocol.sim_world import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
@@ -28,7 +29,9 @@ def lines(vehicle, *kinds):
     return [e.text for e in vehicle.events.since(0) if e.kind in kinds]
 
 
-def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_report_remains(kit, jump):
+def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last_report_remains(
+    run_simulated,
+):
     async def scenario(world, vehicle, autopilot):
         reports = []
         vehicle.events.subscribe(lambda e: reports.append(e) if e.kind == "readiness" else None)
@@ -38,12 +41,12 @@ def test_frequently_changing_reports_are_shown_a_few_times_a_second_and_the_last
         assert 1 <= len(reports) <= 5
         assert [m.can_arm for m in vehicle.health.readiness.modes if m.mode == "hold"] == [True]
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, jump):
+def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_simulated):
     async def run():
-        world = kit.World()
+        world = World()
         autopilot = SimulatedAutopilot(world.link())
         try:
             vehicle = await world.ready()
@@ -70,10 +73,10 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(kit, j
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
+def test_the_line_of_an_event_without_text_names_its_component(run_simulated):
     async def scenario(world, vehicle, autopilot):
         for _ in range(100):
             autopilot.event(17980399, 0x66)
@@ -84,20 +87,20 @@ def test_the_line_of_an_event_without_text_names_its_component(kit, jump):
         requests = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
         assert 1 <= len(requests) <= 3 * 6
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_status_text_describes_an_event_without_metadata(kit, jump):
+def test_a_status_text_describes_an_event_without_metadata(run_simulated):
     async def scenario(world, vehicle, autopilot):
         autopilot.event(99999, 0x44)
         autopilot.text("The event's text\t", 4)
         await world.clock.sleep(2)
         assert lines(vehicle, "event", "status_text") == ["The event's text"]
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is_shown(kit, jump):
+def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is_shown(run_simulated):
     async def scenario(world, vehicle, autopilot):
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
@@ -110,7 +113,7 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is
         await world.clock.sleep(1)
         assert lines(vehicle, "status_text")[-1] == "The next text"
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("chunk", [0, 7, 19, 255])

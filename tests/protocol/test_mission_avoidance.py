@@ -20,7 +20,7 @@ BOX_HALF_WIDTH_M = 2.0
 BEHIND_THE_BOX_NE_M = (10.0, 0.0)
 
 
-def fly_through_the_box(jump, tmp_path, scenario, avoidance):
+def fly_through_the_box(run_simulated, tmp_path, scenario, avoidance):
     """Runs a test with a vehicle at the box's height that flies a mission straight north."""
 
     async def run():
@@ -41,7 +41,7 @@ def fly_through_the_box(jump, tmp_path, scenario, avoidance):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def estimated_down_m(vehicle):
@@ -67,7 +67,7 @@ async def highest_over_the_box_m(missions, position_ned_m):
 
 
 @pytest.mark.story
-def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_step(jump, tmp_path):
+def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_step(run_simulated, tmp_path):
     async def scenario(missions, vehicle, position_ned_m):
         assert vehicle.offboard.status().avoidance.on
         start_down_m = estimated_down_m(vehicle)
@@ -79,11 +79,11 @@ def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_s
         view = vehicle.offboard.status().avoidance
         assert (view.on, view.state) == (False, None)
 
-    fly_through_the_box(jump, tmp_path, scenario, "plan")
+    fly_through_the_box(run_simulated, tmp_path, scenario, "plan")
 
 
 @pytest.mark.story
-def test_a_step_with_avoidance_around_passes_the_box_at_the_same_altitude(jump, tmp_path):
+def test_a_step_with_avoidance_around_passes_the_box_at_the_same_altitude(run_simulated, tmp_path):
     async def scenario(missions, vehicle, position_ned_m):
         assert vehicle.offboard.status().avoidance.way == "around"
         start_down_m, farthest_east_m = estimated_down_m(vehicle), 0.0
@@ -98,11 +98,11 @@ def test_a_step_with_avoidance_around_passes_the_box_at_the_same_altitude(jump, 
         assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert not has_collided(vehicle)
 
-    fly_through_the_box(jump, tmp_path, scenario, "around")
+    fly_through_the_box(run_simulated, tmp_path, scenario, "around")
 
 
 @pytest.mark.broad
-def test_without_avoidance_the_brake_stops_the_vehicle_until_avoidance_is_enabled(jump, tmp_path):
+def test_without_avoidance_the_brake_stops_the_vehicle_until_avoidance_is_enabled(run_simulated, tmp_path):
     async def scenario(missions, vehicle, position_ned_m):
         await asyncio.sleep(25)
         assert missions.state == "flying"
@@ -114,24 +114,24 @@ def test_without_avoidance_the_brake_stops_the_vehicle_until_avoidance_is_enable
         assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert vehicle.offboard.status().avoidance.on, "avoidance that the operator enabled was disabled"
 
-    fly_through_the_box(jump, tmp_path, scenario, "off")
+    fly_through_the_box(run_simulated, tmp_path, scenario, "off")
 
 
 @pytest.mark.broad
-def test_avoidance_that_the_operator_disables_stays_disabled_for_this_mission(jump, tmp_path):
+def test_avoidance_that_the_operator_disables_stays_disabled_for_this_mission(run_simulated, tmp_path):
     async def scenario(missions, vehicle, position_ned_m):
         vehicle.offboard.avoidance.switch_off()
         await asyncio.sleep(15)
         assert vehicle.offboard.status().avoidance.state is None
         assert (missions.state, position_ned_m[0] < BOX_NORTH_M[0]) == ("flying", True)
 
-    fly_through_the_box(jump, tmp_path, scenario, "plan")
+    fly_through_the_box(run_simulated, tmp_path, scenario, "plan")
 
 
-def test_without_avoidance_and_brake_the_vehicle_hits_the_box(jump, tmp_path):
+def test_without_avoidance_and_brake_the_vehicle_hits_the_box(run_simulated, tmp_path):
     async def scenario(missions, vehicle, position_ned_m):
         await until(lambda: has_collided(vehicle), 30)
         assert position_ned_m[0] < BOX_NORTH_M[0]
         await missions.reach("stopped", within_s=5)
 
-    fly_through_the_box(jump, tmp_path, scenario, "no brake")
+    fly_through_the_box(run_simulated, tmp_path, scenario, "no brake")

@@ -7,7 +7,7 @@ from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.protocol.small_plan import plan_about
 
 
-def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
+def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(run_simulated):
     async def scenario():
         world = SimulatedWorld()
         try:
@@ -39,4 +39,4 @@ def test_a_plan_is_uploaded_flown_paused_resumed_and_lands(jump):
         finally:
             await world.close()
 
-    jump(scenario)
+    run_simulated(scenario)

@@ -31,7 +31,7 @@ async def flown_path(missions, vehicle):
 
 
 @pytest.mark.story
-def test_an_ended_mission_is_compared_with_its_plan(jump, tmp_path):
+def test_an_ended_mission_is_compared_with_its_plan(run_simulated, tmp_path):
     async def scenario():
         world = SimulatedWorld()
         missions = Missions(world, tmp_path)
@@ -64,10 +64,10 @@ def test_an_ended_mission_is_compared_with_its_plan(jump, tmp_path):
             assert sample["deviation_m"] == pytest.approx(distance_m, abs=0.01)
         assert flown["deviation_max_m"] == max(sample["deviation_m"] for sample in streamed)
 
-    jump(scenario)
+    run_simulated(scenario)
 
 
-def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abort(jump, tmp_path):
+def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abort(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         in_flight = await flown_path(missions, vehicle)
         await seconds(5)
@@ -81,12 +81,12 @@ def test_a_mission_is_shown_while_it_is_flown_and_its_duration_ends_with_an_abor
         assert ended["over"]
         assert (await flown_path(missions, vehicle))["duration_s"] == ended["duration_s"]
 
-    run_in_flight(jump, tmp_path, mission(HOVER), scenario)
+    run_in_flight(run_simulated, tmp_path, mission(HOVER), scenario)
 
 
-def test_a_vehicle_without_an_offboard_mission_has_no_flown_path(jump):
+def test_a_vehicle_without_an_offboard_mission_has_no_flown_path(run_simulated):
     async def scenario(rig):
         with pytest.raises(Refused, match="no offboard mission"):
             await routes.show_flown(rig.vehicle, rig.station)
 
-    with_routes(jump, scenario)
+    with_routes(run_simulated, scenario)

@@ -61,7 +61,7 @@ def height_m(rig: Modes) -> float:
     return -rig.vehicle.topic("local_position").value.position_ned_m[2]
 
 
-def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(jump: Any) -> None:
+def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         rig.station.authority.control("1").lease.release(ANNA)
@@ -95,11 +95,13 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(j
         assert rig.vehicle.status.mode == "hold"
         assert rig.vehicle.status.landed_state == "on_ground"
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
-def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_again(jump: Any) -> None:
+def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_again(
+    run_simulated: Any,
+) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig, {**MISSION, "steps": [TAKE_OFF, {"step": "land"}]})
         rig.station.authority.control("1").lease.release(ANNA)
@@ -111,11 +113,11 @@ def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_
             await until(lambda: rig.mission == "done", 90)
             await rig.mode("hold")
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
-def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(jump: Any) -> None:
+def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig, {**MISSION, "steps": [TAKE_OFF, FLY]})
         await arm(rig)
@@ -125,12 +127,12 @@ def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(jump:
         await until(lambda: not rig.station.missions.flight("1")._executor.in_charge, 2)
         assert executor_commands(rig) == [NAV_TAKEOFF, SET_NAV_STATE]
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.broad
 @pytest.mark.parametrize("phase", ["takeoff", "flying", "land"])
-def test_after_a_takeover_the_executor_sends_nothing_more(jump: Any, phase: str) -> None:
+def test_after_a_takeover_the_executor_sends_nothing_more(run_simulated: Any, phase: str) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
@@ -157,10 +159,10 @@ def test_after_a_takeover_the_executor_sends_nothing_more(jump: Any, phase: str)
         await until(lambda: rig.mission == "done", 90)
         assert not rig.vehicle.status.armed
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
-def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(jump: Any) -> None:
+def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
@@ -174,10 +176,12 @@ def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(jump: Any
         await seconds(3)
         assert executor_commands(rig) == [NAV_TAKEOFF]
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
-def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_charge(jump: Any) -> None:
+def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_charge(
+    run_simulated: Any,
+) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
@@ -188,10 +192,10 @@ def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_cha
         assert rig.vehicle.status.mode == "hold"
         assert executor_commands(rig) == [NAV_TAKEOFF]
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
-def test_refused_arming_does_not_start_the_mission(jump: Any) -> None:
+def test_refused_arming_does_not_start_the_mission(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         rig.world.streamer._streams._record_loop_message, record = (
@@ -206,11 +210,11 @@ def test_refused_arming_does_not_start_the_mission(jump: Any) -> None:
         assert executor_commands(rig) == []
         rig.world.streamer._streams._record_loop_message = record
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 def test_a_mission_with_a_take_off_that_is_selected_in_the_air_switches_to_hold_and_gives_the_reason(
-    jump: Any,
+    run_simulated: Any,
 ) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
@@ -225,7 +229,7 @@ def test_a_mission_with_a_take_off_that_is_selected_in_the_air_switches_to_hold_
         assert rig.mission is None
         assert executor_commands(rig) == []
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 async def change_settings(rig: Modes) -> None:
@@ -243,7 +247,7 @@ async def mode_is_ready(rig: Modes, ready: bool) -> dict[str, Any]:
     raise AssertionError(f"ready did not become {ready}")
 
 
-def test_slow_plan_work_does_not_delay_the_take_off_after_arming(jump: Any) -> None:
+def test_slow_plan_work_does_not_delay_the_take_off_after_arming(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         rig.station.plan_work = SlowPlanWork(12.0)
@@ -251,11 +255,11 @@ def test_slow_plan_work_does_not_delay_the_take_off_after_arming(jump: Any) -> N
         await rig.mode("takeoff", 1.5)
         assert rig.warnings() == []
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 def test_a_mission_is_compiled_again_and_takes_off_if_px4_arms_before_it_knows_of_the_change(
-    jump: Any,
+    run_simulated: Any,
 ) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
@@ -268,10 +272,10 @@ def test_a_mission_is_compiled_again_and_takes_off_if_px4_arms_before_it_knows_o
         await rig.mode("takeoff", 5)
         assert rig.warnings() == []
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
-def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(jump: Any) -> None:
+def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         rig.station.plan_work, plan_work = UnavailablePlanWork(), rig.station.plan_work
@@ -286,12 +290,12 @@ def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(jump: An
         await arm(rig)
         await rig.mode("takeoff", 1.5)
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
 @pytest.mark.parametrize("lost_topic", [COMMAND_ACK, MODE_COMPLETED])
-def test_lost_replies_do_not_stop_the_mission(jump: Any, lost_topic: str) -> None:
+def test_lost_replies_do_not_stop_the_mission(run_simulated: Any, lost_topic: str) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         drop_messages(rig, lost_topic)
@@ -299,10 +303,10 @@ def test_lost_replies_do_not_stop_the_mission(jump: Any, lost_topic: str) -> Non
         await until(lambda: rig.mission == "done", 120)
         assert not rig.vehicle.status.armed
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
-def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(jump: Any) -> None:
+def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         topics = rig.world.topics[0]
@@ -328,10 +332,10 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(jum
         await rig.mode("takeoff")
         assert rig.mission == "taking_off"
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
-def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(jump: Any) -> None:
+def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
@@ -344,4 +348,4 @@ def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(ju
         assert rig.vehicle.status.armed
         assert COMMAND in {topic for topic, _ in rig.world.topics[0].sent}
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)

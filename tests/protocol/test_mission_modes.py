@@ -25,7 +25,7 @@ from tests.protocol.simulated_world import until
 from vehicle_sim.mavlink import generated_dialect as sim
 
 
-def test_a_registered_mission_has_its_name_in_every_ground_station(jump: Any) -> None:
+def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         assert NAME not in await rig.other_station.modes()
         began_s = rig.world.loop.time()
@@ -42,10 +42,10 @@ def test_a_registered_mission_has_its_name_in_every_ground_station(jump: Any) ->
         assert NAME not in await rig.other_station.modes()
         assert not rig.warnings()
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
-def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> None:
+def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
         assert rig.vehicle.status.mode_label == NAME
@@ -63,11 +63,11 @@ def test_a_mission_started_by_another_station_completes_in_hold(jump: Any) -> No
         assert {topic for topic, _ in rig.world.topics[0].sent[before:]} == {CHECK_REPLY}
         assert (await rig.list_modes())["modes"][0]["state"] == "registered"
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_a_mission_mode_can_be_started_repeatedly_by_this_server(jump: Any) -> None:
+def test_a_mission_mode_can_be_started_repeatedly_by_this_server(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register())["mode"]
         for _ in range(2):
@@ -78,10 +78,10 @@ def test_a_mission_mode_can_be_started_repeatedly_by_this_server(jump: Any) -> N
             await rig.mode("hold")
             assert rig.north_m() - start_north_m == pytest.approx(8, abs=1.5)
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(jump: Any) -> None:
+def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
         rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
@@ -94,10 +94,10 @@ def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(jump:
         await until(lambda: rig.mission == "flying", 5)
         await until(lambda: rig.mission == "done", 20)
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump: Any) -> None:
+def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register())["mode"]
         await rig.vehicle.command.set_mode(mode)
@@ -110,11 +110,11 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(jump
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
         assert [message["result"] for message in completed] == [100]
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected(jump: Any) -> None:
+def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register(mission=LOITER))["mode"]
         rig.other_station.select_mode(mode)
@@ -135,10 +135,10 @@ def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected
         await rig.mode("hold")
         assert rig.mission == "suspended"
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(jump: Any) -> None:
+def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
         rig.world.streamer._streams.mode_ports[-1].working = False
@@ -151,11 +151,11 @@ def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(j
         assert rig.station.mission_modes.all("1")[0].state == "lost"
         assert rig.station.missions.status("1").reason == "The vehicle's failsafe switched to Rtl"
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
+def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await rig.start_in_flight()
         streams = rig.world.streamer._streams
@@ -168,10 +168,10 @@ def test_a_stalled_event_loop_makes_px4_return(jump: Any) -> None:
         streams._record_loop_message, flight.update = record, update
         await until(lambda: rig.mission == "suspended", 2)
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(jump: Any) -> None:
+def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await rig.start_in_flight()
         (stopped,) = await rig.station.streamer.stop_all()
@@ -182,10 +182,10 @@ def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(jump
         assert NAME not in await rig.other_station.modes()
         assert rig.vehicle.status.mode == "hold"
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_a_mission_without_a_take_off_does_not_start_on_the_ground(jump: Any) -> None:
+def test_a_mission_without_a_take_off_does_not_start_on_the_ground(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register())["mode"]
         rig.other_station.select_mode(mode)
@@ -195,11 +195,11 @@ def test_a_mission_without_a_take_off_does_not_start_on_the_ground(jump: Any) ->
         assert not rig.vehicle.status.armed
         assert rig.mission is None
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
-def test_a_mode_that_cannot_start_switches_to_hold_and_reports_the_reason(jump: Any) -> None:
+def test_a_mode_that_cannot_start_switches_to_hold_and_reports_the_reason(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register())["mode"]
         rig.station.plan_work = UnavailablePlanWork()
@@ -209,10 +209,10 @@ def test_a_mode_that_cannot_start_switches_to_hold_and_reports_the_reason(jump: 
         assert any("No worker. Try later. The vehicle holds." in text for text in rig.warnings())
         assert rig.mission is None
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(jump: Any) -> None:
+def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         await rig.register()
         with pytest.raises(Refused, match="already registered"):
@@ -234,10 +234,10 @@ def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(ju
             await rig.unregister()
         assert len(rig.sent(UNREGISTER)) == sent
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_over_mavlink_only_a_mode_cannot_be_registered(jump: Any) -> None:
+def test_over_mavlink_only_a_mode_cannot_be_registered(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.register()
         for endpoint in rig.vehicle.endpoints:
@@ -247,11 +247,11 @@ def test_over_mavlink_only_a_mode_cannot_be_registered(jump: Any) -> None:
             await rig.register(name="Other")
         assert mode["state"] == "registered"
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
-def test_resuming_the_mission_selects_its_mode(jump: Any) -> None:
+def test_resuming_the_mission_selects_its_mode(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
         await rig.vehicle.command.hold()
@@ -260,10 +260,10 @@ def test_resuming_the_mission_selects_its_mode(jump: Any) -> None:
         await rig.mode(mode)
         await until(lambda: rig.mission == "done", 20)
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)
 
 
-def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None:
+def test_with_both_links_the_arming_report_has_the_modes_name(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         rig.world.mavlink_on = True
         await until(lambda: "MAVLink" in rig.vehicle.reach.protocols, 10)
@@ -278,13 +278,13 @@ def test_with_both_links_the_arming_report_has_the_modes_name(jump: Any) -> None
         assert labels[mode] == NAME
         assert labels["hold"] == "Hold"
 
-    fly(jump, scenario, in_air=False)
+    fly(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
 @pytest.mark.parametrize("deferral_s", [0, DEFERRAL_S])
 def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed(
-    jump: Any, deferral_s: int
+    run_simulated: Any, deferral_s: int
 ) -> None:
     async def scenario(rig: Modes) -> None:
         for name, value in (("NAV_DLL_ACT", 3), ("COM_DL_LOSS_T", 5)):
@@ -305,4 +305,4 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
         assert not rig.station.mission_modes.all("1")[0].failsafe_deferred
         assert rig.mission == "suspended"
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)

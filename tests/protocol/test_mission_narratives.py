@@ -15,7 +15,7 @@ SUSPENDED = dict.fromkeys(STEPS, "suspended")
 
 
 @pytest.mark.broad
-def test_a_pause_stops_all_and_resume_completes_all_missions(jump, tmp_path):
+def test_a_pause_stops_all_and_resume_completes_all_missions(run_simulated, tmp_path):
     async def scenario(squadron):
         for flight in squadron.flights.values():
             flight.pause("Alice")
@@ -30,11 +30,11 @@ def test_a_pause_stops_all_and_resume_completes_all_missions(jump, tmp_path):
         await asyncio.sleep(1.0)
         await squadron.end_normally()
 
-    fly(jump, tmp_path, scenario)
+    fly(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
-def test_after_an_abort_all_hold_and_nothing_is_sent(jump, tmp_path):
+def test_after_an_abort_all_hold_and_nothing_is_sent(run_simulated, tmp_path):
     async def scenario(squadron):
         for flight in squadron.flights.values():
             flight.abort("Alice", "hold")
@@ -44,11 +44,11 @@ def test_after_an_abort_all_hold_and_nothing_is_sent(jump, tmp_path):
         await squadron.stay([kind for kind in STEPS if kind != "take_off"])
         assert set(squadron.modes().values()) == {"hold"}
 
-    fly(jump, tmp_path, scenario)
+    fly(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
-def test_an_operators_hold_suspends_all_missions_and_each_resumes_at_its_position(jump, tmp_path):
+def test_an_operators_hold_suspends_all_missions_and_each_resumes_at_its_position(run_simulated, tmp_path):
     async def scenario(squadron):
         async with asyncio.TaskGroup() as tasks:
             for vehicle in squadron.vehicles.values():
@@ -62,12 +62,12 @@ def test_an_operators_hold_suspends_all_missions_and_each_resumes_at_its_positio
         await squadron.reach({kind: ("flying", "waiting", "landing", "done") for kind in STEPS})
         await squadron.end_normally()
 
-    fly(jump, tmp_path, scenario)
+    fly(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
 @pytest.mark.parametrize("how", ["stick", "switch"])
-def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump, tmp_path, how):
+def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(run_simulated, tmp_path, how):
     async def scenario(squadron):
         for row in range(len(STEPS)):
             squadron.sim.set_parameter(row, "COM_RC_OVERRIDE", 3)
@@ -95,11 +95,13 @@ def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(jump
         finally:
             sending.cancel()
 
-    fly(jump, tmp_path, scenario, link_loss="continue", low_battery="return", failure="return")
+    fly(run_simulated, tmp_path, scenario, link_loss="continue", low_battery="return", failure="return")
 
 
 @pytest.mark.broad
-def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_its_failsafe(jump, tmp_path):
+def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_its_failsafe(
+    run_simulated, tmp_path
+):
     async def scenario(squadron):
         announced = {kind: squadron.flights[kind].status().if_stream_stops for kind in FLOWN_BY_SETPOINTS}
         assert all(announced.values())
@@ -117,11 +119,11 @@ def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_it
             "hold",
         }  # the stream's last command
 
-    fly(jump, tmp_path, scenario, link_loss="continue")
+    fly(run_simulated, tmp_path, scenario, link_loss="continue")
 
 
 @pytest.mark.broad
-def test_a_low_battery_makes_all_vehicles_return_except_a_landing_vehicle(jump, tmp_path):
+def test_a_low_battery_makes_all_vehicles_return_except_a_landing_vehicle(run_simulated, tmp_path):
     async def scenario(squadron):
         for row in range(len(STEPS)):
             squadron.sim.simulation.set_battery_remaining(row, 0.12)
@@ -131,11 +133,11 @@ def test_a_low_battery_makes_all_vehicles_return_except_a_landing_vehicle(jump, 
         assert all("Battery" in squadron.reasons()[kind] for kind in rest)
         await squadron.reach({"land": "done"}, within_s=40)
 
-    fly(jump, tmp_path, scenario)
+    fly(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
-def test_a_lost_position_makes_all_descend(jump, tmp_path):
+def test_a_lost_position_makes_all_descend(run_simulated, tmp_path):
     async def scenario(squadron):
         for row in range(len(STEPS)):
             squadron.sim.simulation.set_gps_enabled(row, False)
@@ -145,11 +147,13 @@ def test_a_lost_position_makes_all_descend(jump, tmp_path):
         descents_m = {kind: before + squadron.position(kind)[2] for kind, before in altitudes_m.items()}
         assert all(descents_m[kind] > 1.0 or -squadron.position(kind)[2] < 0.5 for kind in STEPS), descents_m
 
-    fly(jump, tmp_path, scenario)
+    fly(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
-def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_failsafe(jump, tmp_path):
+def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_failsafe(
+    run_simulated, tmp_path
+):
     async def scenario(squadron):
         announced = {squadron.flights[kind].status().if_stream_stops for kind in FLOWN_BY_SETPOINTS}
         assert all("without" in text or "lands" in text for text in announced), announced
@@ -161,7 +165,7 @@ def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_f
         assert modes["take_off"] in ("takeoff", "hold")
         assert modes["land"] == "land"
 
-    fly(jump, tmp_path, scenario)
+    fly(run_simulated, tmp_path, scenario)
 
 
 def test_each_kind_of_step_is_flown_by_one_of_the_vehicles():

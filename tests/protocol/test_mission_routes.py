@@ -32,7 +32,7 @@ PLAN = {
 OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **POSITION, "lat_deg": 47.41}]}
 
 
-def with_rig(jump, tmp_path, work, **autopilot_options):
+def with_rig(run_simulated, tmp_path, work, **autopilot_options):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -48,7 +48,7 @@ def with_rig(jump, tmp_path, work, **autopilot_options):
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 async def upload(rig, plan=PLAN, *, by=ANNA, wait=True, **fields):
@@ -64,7 +64,7 @@ def start(rig, by=ANNA, **body):
     return mission_routes.start("1", rig.station, by, mission_models.StartRequest.model_validate(body))
 
 
-def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(jump, tmp_path):
+def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simulated, tmp_path):
     async def work(rig):
         stored = await rig.station.plans.create(
             "Tower", mission_models.WhichPlan.model_validate({"plan": PLAN}).plan, by=("anna", "key")
@@ -97,10 +97,10 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(jump, tm
         assert [item["kind"] for item in read["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
         assert (read["still_held"], read["notes"], read["plan"]["fence"][0]["radius_m"]) == (True, [], 200)
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(jump, tmp_path):
+def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         many = {**PLAN, "items": PLAN["items"][:2] * 20}
@@ -111,10 +111,10 @@ def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(jump, tmp_path)
         await seconds(2)
         assert ((await show(rig))["holds"]["state"], (await show(rig))["mission"]["count"]) == ("plan", 3)
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
+def test_without_control_upload_clear_and_start_are_refused(run_simulated, tmp_path):
     async def work(rig):
         await control_routes.take("1", rig.station, BOB)
         for attempt in (
@@ -127,10 +127,10 @@ def test_without_control_upload_clear_and_start_are_refused(jump, tmp_path):
                 await attempt
         assert rig.autopilot.service._plans[0] == []
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
+def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed = True, MISSION, 2
@@ -150,10 +150,10 @@ def test_changing_the_mission_in_flight_needs_confirmation(jump, tmp_path):
         await mission_routes.clear("1", rig.station, ANNA, "vehicle 1 loses the mission that it flies")
         assert rig.autopilot.service._plans[0] == []
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(jump, tmp_path):
+def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simulated, tmp_path):
     async def work(rig):
         with pytest.raises(PlanFindings) as unknown:
             await start(rig)
@@ -171,10 +171,10 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(jump, tm
         await OtherStation(rig.autopilot).upload([])
         await seconds(2)
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(jump, tmp_path):
+def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated, tmp_path):
     corners = ((-2e-4, -2e-4), (2e-4, -2e-4), (2e-4, 2e-4), (-2e-4, 2e-4))
     polygon = [{"lat_deg": POSITION["lat_deg"] + n, "lon_deg": POSITION["lon_deg"] + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 50, "reference": "home"}, "polygon": polygon}
@@ -191,10 +191,10 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(jump, tmp_pat
         response = view(await start(rig, despite=sorted(others)))
         assert response["status"]["armed"], "obstacles of a deleted plan kept the vehicle on the ground"
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
+def test_a_mission_starts_at_an_item_and_continues_after_hold(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         with pytest.raises(Refused, match="not flying"):
@@ -207,10 +207,10 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(jump, tmp_path):
         await mission_routes.resume("1", rig.station, ANNA)
         assert (rig.autopilot.mode, rig.autopilot.flight.current) == (MISSION, 1)
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(jump, tmp_path):
+def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         rig.autopilot.arm_denied = True
@@ -219,10 +219,10 @@ def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(jump, tmp_pa
         await seconds(1)
         assert (rig.autopilot.armed, rig.vehicle.status.mode) == (False, "hold")
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
+def test_differences_to_a_plan_are_listed_by_item(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         body = mission_models.WhichPlan.model_validate({"plan": PLAN})
@@ -248,10 +248,10 @@ def test_differences_to_a_plan_are_listed_by_item(jump, tmp_path):
             20,
         )
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_path):
+def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)  # a plan without a name on this server
         plan_choice = mission_models.WhichPlan.model_validate
@@ -268,10 +268,10 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(jump, tmp_pat
         await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": stored.id}), rig.station)
         assert (await show(rig))["holds"]["state"] == "another"
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
+def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path):
     async def work(rig):
         with pytest.raises(Refused, match="has not been downloaded"):
             await mission_routes.downloaded_plan(rig.vehicle)
@@ -287,7 +287,7 @@ def test_a_download_shows_the_mission_of_another_station(jump, tmp_path):
         read = view(await mission_routes.downloaded_plan(rig.vehicle))
         assert (len(read["plan"]["items"]), read["plan_name"], read["still_held"]) == (1, None, True)
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
 @pytest.mark.parametrize("body", [{}, {"plan": PLAN, "plan_id": "x"}, {"plan": PLAN, "version": 1}])
@@ -296,7 +296,7 @@ def test_a_request_with_no_plan_or_several_is_refused(body):
         mission_models.WhichPlan.model_validate(body)
 
 
-def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(jump, tmp_path):
+def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(run_simulated, tmp_path):
     async def work(rig):
         uploading = asyncio.ensure_future(upload(rig, {**PLAN, "items": PLAN["items"][:2] * 50}))
         await seconds(0.2)
@@ -305,10 +305,10 @@ def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(jump, tmp_path):
         assert "lost" in str(result)
         assert rig.vehicle.mission.running_transfer is None
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_an_offboard_mission_cannot_be_uploaded(jump, tmp_path):
+def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
     async def work(rig):
         mission = OffboardMission(name="Mast", steps=(Land(),), missions={})
         stored = await rig.station.plans.create("Mast", mission, by=("anna", "key"))
@@ -316,4 +316,4 @@ def test_an_offboard_mission_cannot_be_uploaded(jump, tmp_path):
         with pytest.raises(InvalidRequest, match="the server flies it"):
             await mission_routes.upload("1", body, rig.station, ANNA)
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)

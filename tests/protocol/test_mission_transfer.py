@@ -22,7 +22,7 @@ WAYPOINT, TAKEOFF, CHANGE_SPEED, UNSUPPORTED, FENCE_VERTEX, RALLY_POINT = 16, 22
 """Commands of mission items."""
 
 
-def with_rig(jump, work, *, loss=0.0, seed=0):
+def with_rig(run_simulated, work, *, loss=0.0, seed=0):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -39,7 +39,7 @@ def with_rig(jump, work, *, loss=0.0, seed=0):
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def waypoint(seq, rng=None, command=WAYPOINT):
@@ -88,7 +88,7 @@ def bytes_of(items):
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS[:2], pytest.param(*LOSS[2], marks=pytest.mark.broad)])
-def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(jump, loss, seed):
+def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(run_simulated, loss, seed):
     sent = plan(1000, seed)
 
     async def work(rig):
@@ -101,11 +101,11 @@ def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(jump, loss
         for part in PARTS:
             assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(sent[part])
 
-    with_rig(jump, work, loss=loss, seed=seed)
+    with_rig(run_simulated, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, (0.3, 4), (0.3, 5), (0.3, 6), (0.3, 7)])
-def test_small_plans_replace_each_other_and_empty_parts_are_cleared(jump, loss, seed):
+def test_small_plans_replace_each_other_and_empty_parts_are_cleared(run_simulated, loss, seed):
     async def work(rig):
         await rig.mission.upload(plan(4), PLAN)
         other = {"mission": mission(7, seed=9), "fence": (), "rally": ()}
@@ -119,10 +119,10 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(jump, loss, 
         assert rig.vehicle.topic("mission").value.count == 0
         assert rig.mission.items_on_vehicle.plan is None
 
-    with_rig(jump, work, loss=loss, seed=seed)
+    with_rig(run_simulated, work, loss=loss, seed=seed)
 
 
-def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump):
+def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_simulated):
     async def work(rig):
         await rig.mission.upload(plan(4), PLAN)
         for index in (0, 3, 6):
@@ -136,10 +136,10 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(jump
         read = await rig.mission.download()
         assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
-def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
+def test_parts_that_were_stored_before_the_refusal_are_listed(run_simulated):
     async def work(rig):
         await rig.mission.upload(plan(4), PLAN)
         bad = {"mission": (waypoint(0, command=UNSUPPORTED),), "fence": square(9_000), "rally": rally()}
@@ -148,12 +148,14 @@ def test_parts_that_were_stored_before_the_refusal_are_listed(jump):
         await seconds(1.5)
         assert rig.mission.plan_on_vehicle() == "another"
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
 @pytest.mark.parametrize("after_s", [0.0, 0.01, 0.05, 0.1, 0.3, 0.6, 1.0, 2.0, 3.0])
-def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which(jump, after_s, loss):
+def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which(
+    run_simulated, after_s, loss
+):
     async def work(rig):
         old, new = plan(5), plan(60, seed=4)
         await rig.mission.upload(old, PLAN)
@@ -174,10 +176,10 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
             holds == "plan",
         )
 
-    with_rig(jump, work, loss=loss, seed=int(after_s * 100) + 1)
+    with_rig(run_simulated, work, loss=loss, seed=int(after_s * 100) + 1)
 
 
-def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
+def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simulated):
     async def work(rig):
         await rig.mission.upload(plan(4), PLAN)
         await OtherStation(rig.autopilot).upload([waypoint(n) for n in range(3)])
@@ -192,11 +194,11 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(jump):
         await rig.mission.upload(plan(4), PLAN)
         assert rig.mission.plan_on_vehicle() == "plan"
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
-def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
+def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, after_s):
     """PX4 accepts items from any station. So unrequested items may corrupt an upload, which the server
     reports."""
 
@@ -213,10 +215,10 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(jump, after_s):
         is_uploaded = bytes_of(read.items["mission"]) == bytes_of(uploaded["mission"])
         assert claimed == is_uploaded
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
-def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
+def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(run_simulated):
     async def work(rig):
         short = asyncio.ensure_future(OtherStation(rig.autopilot).upload([waypoint(n) for n in range(40)]))
         await seconds(0.3)
@@ -231,10 +233,10 @@ def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(jump):
             await rig.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
         long.cancel()
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
-def test_a_transfer_is_refused_until_another_transfer_has_ended(jump):
+def test_a_transfer_is_refused_until_another_transfer_has_ended(run_simulated):
     async def work(rig):
         first = asyncio.ensure_future(rig.mission.upload(plan(30), PLAN))
         await seconds(0.05)
@@ -244,10 +246,10 @@ def test_a_transfer_is_refused_until_another_transfer_has_ended(jump):
         await first
         await rig.mission.download()
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
-def test_a_vehicle_without_mission_replies_is_reported(jump):
+def test_a_vehicle_without_mission_replies_is_reported(run_simulated):
     async def work(rig):
         rig.autopilot.receive = lambda _: None
         with pytest.raises(NoReply, match="did not answer for 8 s"):
@@ -257,4 +259,4 @@ def test_a_vehicle_without_mission_replies_is_reported(jump):
         with pytest.raises(NoReply, match="clear the geofence"):
             await rig.mission.clear()
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)

@@ -41,7 +41,7 @@ class Program:
         self._send(UNREGISTER, "UnregisterExtComponent", name=name, **ids)
 
 
-def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(jump: Any) -> None:
+def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         vehicle = await world.ready_to_arm()
@@ -57,11 +57,11 @@ def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(jump: A
         await until(lambda: not names, 10)
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def test_a_mode_that_was_registered_before_the_server_connected_has_its_name_when_the_vehicle_enters_it(
-    jump: Any,
+    run_simulated: Any,
 ) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
@@ -75,4 +75,4 @@ def test_a_mode_that_was_registered_before_the_server_connected_has_its_name_whe
         await until(lambda: vehicle.status.mode_label == NAME, 3)
         await world.close()
 
-    jump(run)
+    run_simulated(run)

@@ -51,7 +51,7 @@ NEED_POSITION = {"position", "position_global", "position_body", "path", "follow
         (0, set(KINDS)),
     ],
 )
-def test_the_available_setpoints_depend_on_the_vehicles_estimates(jump, flags, expected):
+def test_the_available_setpoints_depend_on_the_vehicles_estimates(run_simulated, flags, expected):
     async def scenario(world, vehicle, autopilot, link):
         send_estimator_flags(autopilot, flags)
         await seconds(0.1)
@@ -59,10 +59,12 @@ def test_the_available_setpoints_depend_on_the_vehicles_estimates(jump, flags, e
         for name in expected - NEVER_AVAILABLE:
             assert "estimate" in vehicle.offboard.available()[name].why_not
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_before_anything_is_sent(jump):
+def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_before_anything_is_sent(
+    run_simulated,
+):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
         await seconds(1.5)
@@ -77,10 +79,10 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         assert autopilot.mode == OFFBOARD
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_setpoints_that_are_never_available_have_a_reason(jump):
+def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         for setpoint, error, text in (
             (Position((None, None, None), yaw_ned_rad=1.0), InvalidRequest, "only yaw is controlled"),
@@ -92,10 +94,10 @@ def test_setpoints_that_are_never_available_have_a_reason(jump):
                 await vehicle.offboard.start(StreamRequest(setpoint))
         assert autopilot.setpoints == []
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_confirmed(jump):
+def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_confirmed(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
         autopilot.params["MPC_THR_HOVER"] = (9, 0.44)
@@ -110,10 +112,10 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
         assert abs(targets[-1][1].q[1]) < 1e-6
         assert [int(m.param3) for m in autopilot.commands(DO_SET_MODE)][-1] == 6  # Land has been requested
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_stall(jump):
+def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_stall(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         targets = autopilot.other_targets
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
@@ -129,10 +131,10 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
         await seconds(0.2)
         assert "server_silent" in codes(vehicle)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(jump):
+def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.params |= {
             "MPC_XY_VEL_MAX": (9, 4.0),
@@ -158,10 +160,10 @@ def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(jump):
         with pytest.raises(Refused, match="limit of 60 m from home"):
             await vehicle.offboard.setpoint(stream_request(position=(70.0, 0.0, -5.0)))
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(jump):
+def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.estimates = False
         await vehicle.offboard.operator_limits.set(
@@ -172,10 +174,10 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ju
             await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5)))
         assert autopilot.commands(DO_SET_MODE) == []
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(jump):
+def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         targets = autopilot.other_targets
         target = PositionGlobal(47.397742, 8.545594, alt_home_m=7.0)
@@ -183,10 +185,10 @@ def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(jump
         assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
         assert vehicle.offboard.status().setpoint["alt_amsl_m"] == pytest.approx(496.0)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_verified(jump):
+def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_verified(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.ensure_parameters()
         before = vehicle.offboard.failsafe()
@@ -205,10 +207,10 @@ def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_v
         with pytest.raises(Rejected, match="still has COM_OF_LOSS_T"):
             await vehicle.offboard.set_failsafe(None, 5.0)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_health_reports_the_time_until_the_failsafe(jump):
+def test_health_reports_the_time_until_the_failsafe(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         assert vehicle.offboard.status().health.failsafe_in_s is None
         autopilot.params["COM_OF_LOSS_T"] = (9, 0.5)
@@ -223,10 +225,10 @@ def test_health_reports_the_time_until_the_failsafe(jump):
         assert health.echo is None  # this vehicle sends no COM_OF_LOSS_T
         assert health.position_error_m == pytest.approx(0.0, abs=0.01)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_limit_changed_in_flight_applies_at_once(jump):
+def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(9.0, 0.0, 0.0)))
         known = {"MPC_XY_VEL_MAX": 3.0, "COM_OBL_RC_ACT": 4}
@@ -235,10 +237,10 @@ def test_a_limit_changed_in_flight_applies_at_once(jump):
         assert autopilot.setpoints[-1][1].vx == pytest.approx(3.0)
         assert vehicle.offboard.failsafe().action == "land"
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_setpoint_after_the_end_is_refused_with_the_reason(jump):
+def test_a_setpoint_after_the_end_is_refused_with_the_reason(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5, client="anna"))
         await seconds(3)
@@ -247,4 +249,4 @@ def test_a_setpoint_after_the_end_is_refused_with_the_reason(jump):
         ):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)

@@ -21,7 +21,7 @@ from tests.protocol.offboard_world import (
 # --- whole flights --------------------------------------------------------------------------------
 
 
-def test_nothing_is_sent_after_stop(jump):
+def test_nothing_is_sent_after_stop(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(2)
@@ -31,10 +31,10 @@ def test_nothing_is_sent_after_stop(jump):
         assert max(gaps_s(autopilot)) < 0.05
         assert autopilot.failsafes == 0
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
+def test_nothing_is_sent_after_the_vehicle_left_offboard(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(1)
@@ -43,11 +43,11 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(jump):
         await assert_silent(autopilot, link, settle_s=0.15)
         assert codes(vehicle) == ["left_offboard"]
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("seed", range(21))
-def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
+def test_a_stream_starts_changes_and_stops_at_20_percent_loss(run_simulated, seed):
     async def scenario(world, vehicle, autopilot, link):
         began = world.loop.time()
         await vehicle.offboard.start(stream_request())
@@ -62,11 +62,11 @@ def test_a_stream_starts_changes_and_stops_at_20_percent_loss(jump, seed):
         assert autopilot.failsafes == 0
         await assert_silent(autopilot, link)
 
-    flight(jump, scenario, loss=0.2, seed=seed)
+    flight(run_simulated, scenario, loss=0.2, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(21))
-def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
+def test_each_command_ends_in_time_at_20_percent_loss(run_simulated, seed):
     async def scenario(world, vehicle, autopilot, link):
         command = vehicle.command
         calls = [(6, command.hold), (6, command.land), (6, command.hold), (6, command.rtl), (6, command.kill)]
@@ -76,13 +76,13 @@ def test_each_command_ends_in_time_at_20_percent_loss(jump, seed):
             assert world.loop.time() - began <= limit_s
         assert not autopilot.armed
 
-    flight(jump, scenario, loss=0.2, seed=seed)
+    flight(run_simulated, scenario, loss=0.2, seed=seed)
 
 
 # --- starting -------------------------------------------------------------------------------------
 
 
-def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(jump):
+def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await asyncio.sleep(0)
@@ -91,10 +91,10 @@ def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(jump):
         assert (await first).client == "a"
         assert autopilot.mode == OFFBOARD
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stop_before_the_offboard_request_prevents_it(jump):
+def test_a_stop_before_the_offboard_request_prevents_it(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.5)
@@ -105,10 +105,10 @@ def test_a_stop_before_the_offboard_request_prevents_it(jump):
         assert not mode_requests(autopilot, OFFBOARD)
         assert autopilot.mode == HOLD
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
+def test_a_stop_during_the_offboard_switch_ends_in_hold(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -122,10 +122,10 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(jump):
         assert autopilot.mode == HOLD
         await assert_silent(autopilot, link)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stopped_start_affects_no_later_start(jump):
+def test_a_stopped_start_affects_no_later_start(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         first = asyncio.ensure_future(vehicle.offboard.start(stream_request(client="a")))
         await seconds(0.5)
@@ -138,10 +138,10 @@ def test_a_stopped_start_affects_no_later_start(jump):
         assert vehicle.offboard.status().state == "streaming"
         assert autopilot.failsafes == 0
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_without_a_stream(jump):
+def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.6
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -155,10 +155,10 @@ def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_wit
         assert autopilot.mode == HOLD
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_without_a_stream(jump):
+def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -172,10 +172,10 @@ def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_wi
         assert autopilot.mode == HOLD
         await assert_silent(autopilot, link)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_switch_to_offboard_after_the_deadline_is_reversed(jump):
+def test_a_switch_to_offboard_after_the_deadline_is_reversed(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
@@ -184,10 +184,10 @@ def test_a_switch_to_offboard_after_the_deadline_is_reversed(jump):
         await seconds(10)
         assert autopilot.failsafes == 0 or isinstance(caught.value, Rejected)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_after_a_late_refusal_the_stream_ends_at_once(jump):
+def test_after_a_late_refusal_the_stream_ends_at_once(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False
         with pytest.raises(Rejected):
@@ -195,10 +195,10 @@ def test_after_a_late_refusal_the_stream_ends_at_once(jump):
         await assert_silent(autopilot, link)
         assert autopilot.mode == HOLD
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
+def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.3)
@@ -211,10 +211,10 @@ def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(jump):
         assert autopilot.failsafes == 0
         await assert_silent(autopilot, link)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(jump):
+def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.params["COM_OF_LOSS_T"] = (9, 0.4)
         with pytest.raises(Refused, match="too few"):
@@ -222,10 +222,10 @@ def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(jump):
         await assert_silent(autopilot, link)
         await vehicle.offboard.start(stream_request(), rate_hz=5.0)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
+def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.mode = autopilot.requested_mode = 4 << 16 | 4 << 24
         await seconds(2)
@@ -233,23 +233,23 @@ def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(jump):
         await vehicle.offboard.start(stream_request())
         assert autopilot.mode == OFFBOARD
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(jump):
+def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
         assert autopilot.mode == HOLD, "an armed vehicle would not stay on the ground"
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, scenario, flying=False)
+    flight(run_simulated, scenario, flying=False)
 
 
 # --- expiry ---------------------------------------------------------------------------------------
 
 
-def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(jump):
+def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         async def move():
             while True:
@@ -268,10 +268,10 @@ def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(jum
         assert hold_setpoint.x == pytest.approx(north_m, abs=0.6), "more than 60 ms at 10 m/s"
         moving.cancel()
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
+def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(10.0, 0.0, 0.0), valid_for_s=1.6))
         autopilot.send_raw = lambda raw: None  # the vehicle receives, the server does not
@@ -283,10 +283,10 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(jump):
         await seconds(8)
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_after_expiry_a_vehicle_that_lost_its_position_lands(jump):
+def test_after_expiry_a_vehicle_that_lost_its_position_lands(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
         autopilot.estimates = False
@@ -294,11 +294,11 @@ def test_after_expiry_a_vehicle_that_lost_its_position_lands(jump):
         assert autopilot.mode == LAND
         assert not mode_requests(autopilot, HOLD)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed):
+def test_hold_is_requested_until_confirmed_while_the_stream_continues(run_simulated, seed):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         await seconds(9)
@@ -306,10 +306,10 @@ def test_hold_is_requested_until_confirmed_while_the_stream_continues(jump, seed
         assert autopilot.failsafes == 0
         assert codes(vehicle) == ["expired", "held"]
 
-    flight(jump, scenario, loss=0.2, seed=seed)
+    flight(run_simulated, scenario, loss=0.2, seed=seed)
 
 
-def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
+def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
         autopilot.refuse[DO_SET_MODE] = 1
@@ -319,10 +319,10 @@ def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(jump):
         assert autopilot.failsafes == 1
         await assert_silent(autopilot, link)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(jump):
+def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=1.0))
         await seconds(0.8)
@@ -335,20 +335,20 @@ def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_req
         with pytest.raises(Refused, match="ending"):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_start_during_expiry_is_refused(jump):
+def test_a_start_during_expiry_is_refused(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=5.0))
         await seconds(1)
         with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(stream_request())
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
+def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, action="land"))
         autopilot.silent_commands.add(DO_SET_MODE)
@@ -359,10 +359,10 @@ def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(jump):
         await seconds(3)
         assert autopilot.mode == LAND
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stop_on_a_lost_link_is_repeated(jump):
+def test_a_stop_on_a_lost_link_is_repeated(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(hold_for_s=3600.0))
         autopilot.silent_commands.add(DO_SET_MODE)
@@ -374,10 +374,10 @@ def test_a_stop_on_a_lost_link_is_repeated(jump):
         assert autopilot.mode == HOLD
         await assert_silent(autopilot, link)
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_the_last_setpoint_of_two_clients_applies_and_each_client_may_stop(jump):
+def test_the_last_setpoint_of_two_clients_applies_and_each_client_may_stop(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(client="a"))
         for number in range(10):
@@ -391,4 +391,4 @@ def test_the_last_setpoint_of_two_clients_applies_and_each_client_may_stop(jump)
         with pytest.raises(Refused, match="stopped"):
             await vehicle.offboard.setpoint(stream_request(client="a"))
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)

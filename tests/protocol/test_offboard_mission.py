@@ -36,7 +36,7 @@ def hover(**actions):
     return document.model_copy(update={"actions": document.actions.model_copy(update=actions)})
 
 
-def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lands(jump, tmp_path):
+def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lands(run_simulated, tmp_path):
     async def scenario():
         world = SimulatedWorld(camera=True)
         missions = Missions(world, tmp_path)
@@ -61,13 +61,13 @@ def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lan
         finally:
             await world.close()
 
-    jump(scenario)
+    run_simulated(scenario)
 
 
 # --- operator and pilot ---------------------------------------------------------------------------
 
 
-def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
+def test_a_paused_mission_holds_in_offboard_and_resumes(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         missions.flight.pause("Alice")
         await missions.reach("paused", within_s=5)
@@ -78,10 +78,10 @@ def test_a_paused_mission_holds_in_offboard_and_resumes(jump, tmp_path):
         await seconds(5)
         assert missions.flight.status().remaining_s < left_s - 2
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
+def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         with pytest.raises(Refused, match="flies the mission 'Test'") as refused:
             await vehicle.offboard.setpoint(stream_request())
@@ -92,10 +92,10 @@ def test_a_setpoint_during_a_mission_is_refused_with_a_remedy(jump, tmp_path):
             missions.begin(vehicle, hover(), in_air=True)
         assert missions.state == "flying"
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(jump, tmp_path):
+def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
@@ -106,20 +106,20 @@ def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(jump, tmp_pa
         await missions.reach("flying", within_s=10)
         assert autopilot.mode == OFFBOARD
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_stopping_a_missions_stream_suspends_it_like_hold(jump, tmp_path):
+def test_stopping_a_missions_stream_suspends_it_like_hold(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await vehicle.offboard.stop()
         await missions.reach("suspended", within_s=2)
         await assert_silent(autopilot, None)
         assert autopilot.mode == HOLD
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(jump, tmp_path):
+def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         missions.flight.abort("Alice", "hold")
         assert missions.state == "aborted"
@@ -128,10 +128,12 @@ def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(jump, tmp_
         with pytest.raises(Refused, match="has ended"):
             missions.flight.resume("Alice")
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_mission(jump, tmp_path):
+def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_mission(
+    run_simulated, tmp_path
+):
     async def scenario(missions, vehicle, autopilot):
         autopilot.mode = autopilot.requested_mode = POSITION
         autopilot.current_mode()
@@ -141,10 +143,10 @@ def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    run_in_flight(jump, tmp_path, hover(low_battery="return", link_loss="continue"), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(low_battery="return", link_loss="continue"), scenario)
 
 
-def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(jump, tmp_path):
+def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
@@ -157,10 +159,10 @@ def test_a_pilot_who_takes_over_during_the_resume_keeps_the_vehicle(jump, tmp_pa
         await assert_silent(autopilot, None, 5.0, settle_s=0.3)
         assert (len(mode_requests(autopilot, OFFBOARD)), autopilot.mode) == (request_count, POSITION)
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back(jump, tmp_path):
+def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
@@ -183,10 +185,10 @@ def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back
         missions.flight.resume("Alice")
         await missions.reach("flying", within_s=10)
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp_path):
+def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         assert missions.flight.reading().wind_speed_m_s is None
         for orientation, centimetres in ((0, 150), (25, 420)):
@@ -206,13 +208,13 @@ def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(jump, tmp
             None,
         )
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
 # --- control --------------------------------------------------------------------------------------
 
 
-def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
+def test_a_change_of_control_pauses_the_mission_in_offboard(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         lease = missions.authority.control("1").lease
         lease.request(BOB)
@@ -221,27 +223,29 @@ def test_a_change_of_control_pauses_the_mission_in_offboard(jump, tmp_path):
         assert autopilot.mode == OFFBOARD
         assert "control_taken" in event_codes(vehicle)
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
 @pytest.mark.parametrize(
     ("action", "state", "mode"), [("hold", "suspended", HOLD), ("continue", "flying", OFFBOARD)]
 )
-def test_expired_control_triggers_the_missions_action(jump, tmp_path, action, state, mode):
+def test_expired_control_triggers_the_missions_action(run_simulated, tmp_path, action, state, mode):
     async def scenario(missions, vehicle, autopilot):
         missions.authority.control("1").lease.release(ALICE)
         await seconds(LEASE_S + 3)
         assert (missions.state, autopilot.mode) == (state, mode)
         assert autopilot.failsafes == 0
 
-    run_in_flight(jump, tmp_path, hover(control_lost=action), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(control_lost=action), scenario)
 
 
 # --- faults ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("action", "state"), [("hold", "suspended"), ("continue", "flying")])
-def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp_path, action, state):
+def test_a_mission_executes_its_link_loss_action_when_the_link_returns(
+    run_simulated, tmp_path, action, state
+):
     async def scenario(missions, vehicle, autopilot):
         autopilot.loss = 1.0
         await seconds(8)
@@ -250,10 +254,12 @@ def test_a_mission_executes_its_link_loss_action_when_the_link_returns(jump, tmp
         await until(lambda: not vehicle.status.link_lost, 10)
         await missions.reach(state, within_s=12)
 
-    run_in_flight(jump, tmp_path, hover(link_loss=action), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(link_loss=action), scenario)
 
 
-def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(jump, tmp_path):
+def test_a_mission_without_updates_from_the_server_holds_position_and_then_switches_to_hold(
+    run_simulated, tmp_path
+):
     async def scenario(missions, vehicle, autopilot):
         missions.offboard.update = lambda: None
         await seconds(4)
@@ -261,10 +267,10 @@ def test_a_mission_without_updates_from_the_server_holds_position_and_then_switc
         await until(lambda: autopilot.mode == HOLD, 10)
         assert autopilot.failsafes == 0
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
+def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         assert "Position" in missions.flight.status().if_stream_stops
         streamer, update = missions.world.streamer, missions.offboard.update
@@ -279,30 +285,30 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(jump, tmp_path):
         await assert_silent(autopilot, None, settle_s=0.5)
         assert autopilot.failsafes == 1
 
-    run_in_flight(jump, tmp_path, hover(link_loss="continue", failure="return"), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(link_loss="continue", failure="return"), scenario)
 
 
-def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(jump, tmp_path):
+def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await missions.world.streamer.stop_all()
         assert autopilot.mode == HOLD
         await asyncio.sleep(0.3)
         assert missions.state == "suspended"
 
-    run_in_flight(jump, tmp_path, hover(), scenario)
+    run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
 # --- routes --------------------------------------------------------------------------------------
 
 
-def run_with_routes(jump, scenario):
+def run_with_routes(run_simulated, scenario):
     async def with_missions(rig):
         rig.station.plan_work = InlinePlanWork()
         rig.station.missions.attach(rig.vehicle)
         rig.station.missions.start()
         await scenario(rig)
 
-    with_routes(jump, with_missions)
+    with_routes(run_simulated, with_missions)
 
 
 async def start_mission(rig, document=HOVER, by=ANNA, **fields):
@@ -311,7 +317,9 @@ async def start_mission(rig, document=HOVER, by=ANNA, **fields):
     return view(await routes.start("1", body, rig.station, by))["mission"]
 
 
-def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_command_is_journaled(jump):
+def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_command_is_journaled(
+    run_simulated,
+):
     async def scenario(rig):
         started_mission = await start_mission(rig)
         assert (started_mission["state"], started_mission["client"], started_mission["plan_id"]) == (
@@ -339,10 +347,10 @@ def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_comma
         commands = [line[1] for line in lines(rig.station) if line[3] == "ok"]
         assert commands == [f"offboard_mission/{a}" for a in ("start", "pause", "resume", "skip", "abort")]
 
-    run_with_routes(jump, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
-def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
+def test_a_mission_beyond_the_operators_limits_is_not_started(run_simulated):
     far = HOVER + "- {step: fly, points: [{offset_ned_m: [40, 0, -5]}]}\n- {step: land}\n"
 
     async def scenario(rig):
@@ -353,10 +361,10 @@ def test_a_mission_beyond_the_operators_limits_is_not_started(jump):
         await rig.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=50.0), by="anna")
         await start_mission(rig, far)
 
-    run_with_routes(jump, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
-def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(jump):
+def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(run_simulated):
     bad = HOVER + "- {step: velocity, velocity_ned_m_s: [90, 0, 0], duration_s: 5}\n- {step: land}\n"
 
     async def scenario(rig):
@@ -367,10 +375,10 @@ def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(jump):
         await start_mission(rig, bad, despite=list(refused.value.codes))
         assert rig.vehicle.offboard_mission.status().state != "aborted"
 
-    run_with_routes(jump, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
-def test_without_a_position_a_mission_is_refused_before_anything_is_sent(jump):
+def test_without_a_position_a_mission_is_refused_before_anything_is_sent(run_simulated):
     async def scenario(rig):
         rig.autopilot.estimates = False
         await seconds(2)
@@ -378,13 +386,13 @@ def test_without_a_position_a_mission_is_refused_before_anything_is_sent(jump):
             await start_mission(rig)
         assert rig.autopilot.setpoints == []
 
-    run_with_routes(jump, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
-def test_a_vehicle_without_an_offboard_mission_refuses_its_commands(jump):
+def test_a_vehicle_without_an_offboard_mission_refuses_its_commands(run_simulated):
     async def scenario(rig):
         assert view(await routes.show_mission(rig.vehicle, rig.station))["mission"] is None
         with pytest.raises(Refused, match="no offboard mission"):
             await routes.pause("1", rig.station, ANNA)
 
-    run_with_routes(jump, scenario)
+    run_with_routes(run_simulated, scenario)

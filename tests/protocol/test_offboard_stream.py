@@ -50,7 +50,7 @@ def north(metres, **fields):
     return {"setpoint": setpoint, "valid_for_s": 60, **fields}
 
 
-def with_socket(jump, scenario, *, start=True):
+def with_socket(run_simulated, scenario, *, start=True):
     async def fly(world, vehicle, autopilot, link):
         station = station_of(world)
         if start:
@@ -67,10 +67,10 @@ def with_socket(jump, scenario, *, start=True):
             with suppress(ExceptionGroup):  # the socket's own end
                 await serving
 
-    flight(jump, fly)
+    flight(run_simulated, fly)
 
 
-def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(jump):
+def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(1, 51):
             before = len(autopilot.setpoints)
@@ -83,10 +83,10 @@ def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(
         assert last["applied"] == {"type": "position", "position_ned_m": [5.0, 0.0, -5.0], "yaw_ned_rad": 0.5}
         assert last["limited"] == []
 
-    with_socket(jump, scenario)
+    with_socket(run_simulated, scenario)
 
 
-def test_the_newest_valid_of_several_pending_setpoints_is_sent(jump):
+def test_the_newest_valid_of_several_pending_setpoints_is_sent(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(10):
             socket.submit(seq=seq, **north(seq))
@@ -98,7 +98,7 @@ def test_the_newest_valid_of_several_pending_setpoints_is_sent(jump):
         assert all(replies[seq] == {"seq": seq, "superseded": True} for seq in range(9))
         assert {m.x for _, m in autopilot.setpoints[-3:]} == {9.0}
 
-    with_socket(jump, scenario)
+    with_socket(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,9 @@ def test_the_newest_valid_of_several_pending_setpoints_is_sent(jump):
         ),
     ],
 )
-def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump, message, text, field):
+def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(
+    run_simulated, message, text, field
+):
     async def scenario(vehicle, autopilot, socket):
         await seconds(0.1)
         before = (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask)
@@ -169,10 +171,10 @@ def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(jump
         assert field is None or reply["error"]["field"] == field
         assert (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask) == before
 
-    with_socket(jump, scenario)
+    with_socket(run_simulated, scenario)
 
 
-def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(jump):
+def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         socket.submit(seq=1, **north(1))
         await seconds(0.1)
@@ -180,11 +182,11 @@ def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(j
         assert "offboard/start" in socket.received[0]["error"]["remedy"]
         assert autopilot.setpoints == []
 
-    with_socket(jump, scenario, start=False)
+    with_socket(run_simulated, scenario, start=False)
 
 
 @pytest.mark.story
-def test_setpoints_of_a_client_that_reads_no_replies_are_applied(jump):
+def test_setpoints_of_a_client_that_reads_no_replies_are_applied(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         socket.reading.clear()
         for seq in range(1000):
@@ -196,7 +198,7 @@ def test_setpoints_of_a_client_that_reads_no_replies_are_applied(jump):
         assert len(socket.received) <= 202  # the oldest replies were dropped
         assert socket.received[-1]["seq"] == 999
 
-    with_socket(jump, scenario)
+    with_socket(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(
@@ -207,7 +209,7 @@ def test_setpoints_of_a_client_that_reads_no_replies_are_applied(jump):
         pytest.param('{"type": "' + "y" * 500_000 + '"}', marks=pytest.mark.broad),
     ],
 )
-def test_invalid_setpoints_with_unread_replies_use_no_memory_and_do_not_end_the_stream(jump, text):
+def test_invalid_setpoints_with_unread_replies_use_no_memory_and_do_not_end_the_stream(run_simulated, text):
     async def scenario(vehicle, autopilot, socket):
         socket.reading.clear()
         for _ in range(100):
@@ -221,10 +223,10 @@ def test_invalid_setpoints_with_unread_replies_use_no_memory_and_do_not_end_the_
         assert sum(len(json.dumps(reply)) for reply in socket.received) < MAX_RESPONSES_BYTES + 10_000
         assert socket.received[-1]["seq"] == 7
 
-    with_socket(jump, scenario)
+    with_socket(run_simulated, scenario)
 
 
-def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
+def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         for seq in range(FLOOD_PER_S + 10):
             socket.submit(seq=seq, **north(seq / 1000, valid_for_s=0.5))
@@ -234,10 +236,10 @@ def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(jump):
         assert autopilot.mode != OFFBOARD  # position hold in Offboard, then Hold
         assert autopilot.failsafes == 0
 
-    with_socket(jump, scenario)
+    with_socket(run_simulated, scenario)
 
 
-def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(jump):
+def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(run_simulated):
     async def scenario(vehicle, autopilot, socket):
         socket.submit(seq=1, **(north(3) | {"valid_for_s": 4}))
         await seconds(0.1)
@@ -248,4 +250,4 @@ def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(jump):
         assert (autopilot.mode, autopilot.failsafes) != (OFFBOARD, 1)
         assert vehicle.offboard.status().state == "idle"
 
-    with_socket(jump, scenario)
+    with_socket(run_simulated, scenario)

@@ -24,7 +24,7 @@ from tests.protocol.offboard_world import (
 # --- changes by the vehicle -----------------------------------------------------------------------
 
 
-def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
+def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(0.5)
@@ -38,10 +38,10 @@ def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(jump):
         with pytest.raises(Refused):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(jump):
+def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
@@ -58,10 +58,10 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_th
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
+def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await seconds(0.5)
@@ -72,10 +72,10 @@ def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(jump):
         await assert_silent(autopilot, link, settle_s=1.2)
         assert codes(vehicle) == ["disarmed"]
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
+def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         autopilot.alive = False
@@ -84,20 +84,20 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(jump):
         assert not vehicle.offboard.status().streaming
         assert codes(vehicle) == ["lost", "not_confirmed"]
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_kill_in_flight_ends_the_stream(jump):
+def test_a_kill_in_flight_ends_the_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await vehicle.command.kill()
         await assert_silent(autopilot, link, settle_s=0.2)
         assert codes(vehicle) == ["disarmed"]
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline(jump):
+def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline(run_simulated):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -121,10 +121,10 @@ def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
+def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
         autopilot.take_offboard_after_s = 0.3
@@ -146,10 +146,10 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(jump):
         with pytest.raises((Refused, Rejected)):
             await starting
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
+def test_a_refused_hold_is_reported_even_after_replacing_a_command(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.take_offboard_after_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -162,11 +162,11 @@ def test_a_refused_hold_is_reported_even_after_replacing_a_command(jump):
         with pytest.raises((Refused, Rejected)):
             await starting
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("call", ["land", "rtl"])
-def test_the_stream_does_not_request_hold_during_another_command(jump, call):
+def test_the_stream_does_not_request_hold_during_another_command(run_simulated, call):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.handlers.append(lambda m: getattr(m, "command", None) == DO_SET_MODE and m.param3 == 3)
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.2))
@@ -184,13 +184,13 @@ def test_the_stream_does_not_request_hold_during_another_command(jump, call):
         assert vehicle.status.mode == call
         assert autopilot.failsafes == 0
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
 # --- receivers ------------------------------------------------------------------------------------
 
 
-def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(jump):
+def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(run_simulated):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -216,10 +216,10 @@ def test_two_vehicles_on_one_link_each_get_only_their_own_setpoints(jump):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(jump):
+def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(run_simulated):
     async def run():
         world = OffboardWorld()
         links = [world.link("one"), world.link("two")]
@@ -243,7 +243,7 @@ def test_vehicles_with_equal_ids_on_two_links_get_only_their_own_messages(jump):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def unreachable(data, peer):
@@ -251,7 +251,7 @@ def unreachable(data, peer):
 
 
 @pytest.mark.parametrize("how", ["silent", "write_fails"])
-def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsafe(jump, how):
+def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsafe(run_simulated, how):
     async def run():
         world = OffboardWorld()
         first, second = world.link("one"), world.link("two")
@@ -289,4 +289,4 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)

@@ -25,7 +25,7 @@ async def read_inline(kind, packed, crc):
     return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
 
-def with_rig(jump, work):
+def with_rig(run_simulated, work):
     async def run():
         world = OffboardWorld()
         autopilot = SimulatedAutopilot(world.link(), seed=1)
@@ -38,7 +38,7 @@ def with_rig(jump, work):
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 async def refresh(rig, principal, body=None):
@@ -49,7 +49,7 @@ async def newest(rig):
     return view(await operation_routes.list_operations(rig.station))["operations"][-1]
 
 
-def test_reading_the_parameters_is_an_operation_with_progress(jump):
+def test_reading_the_parameters_is_an_operation_with_progress(run_simulated):
     async def work(rig):
         first = await refresh(rig, ANNA)
         assert (first.status_code, view(first)["state"]) == (202, "reading")
@@ -66,10 +66,12 @@ def test_reading_the_parameters_is_an_operation_with_progress(jump):
         assert now["result"] == {"received": 929, "source": "vehicle"}
         assert view(await refresh(rig, ANNA, WAIT))["received"] == 929
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
-def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_no_other_client_has_control(jump):
+def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_no_other_client_has_control(
+    run_simulated,
+):
     async def work(rig):
         await control_routes.take("1", rig.station, BOB)
         reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT))
@@ -89,10 +91,10 @@ def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_no_other_cl
         assert rig.vehicle.params.list.state == "failed"
         assert view(await refresh(rig, ANNA, WAIT))["state"] == "ready"
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
-def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
+def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(run_simulated):
     async def work(rig):
         reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT))
         await asyncio.sleep(0.01)
@@ -109,13 +111,13 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(jump):
         assert json.loads(json.dumps(failed)) == failed
         await seconds(2)
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)
 
 
-def test_concurrent_reads_share_one_operation_and_one_request(jump):
+def test_concurrent_reads_share_one_operation_and_one_request(run_simulated):
     async def work(rig):
         await asyncio.gather(refresh(rig, ANNA, WAIT), refresh(rig, BOB, WAIT))
         assert rig.autopilot.count(d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST) == 1
         assert len(rig.station.operations.all()) == 1
 
-    with_rig(jump, work)
+    with_rig(run_simulated, work)

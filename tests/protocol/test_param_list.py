@@ -8,6 +8,7 @@ from gcs_server.errors import Disconnected, InvalidRequest, NoReply
 from gcs_server.mavlink import dialect as d
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import metadata_files
+from tests.protocol.memory_world import World
 from tests.protocol.sim_world import SimulatedAutopilot
 
 LIST, READ, SET, FTP = (
@@ -28,9 +29,9 @@ async def read_inline(kind, packed, crc):
     return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
 
-def run_with_vehicle(kit, jump, scenario, *, loss=0.0, seed=0, cache=None):
+def run_with_vehicle(run_simulated, scenario, *, loss=0.0, seed=0, cache=None):
     async def run():
-        world = kit.World()
+        world = World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed)
         try:
             vehicle = await world.ready()
@@ -42,7 +43,7 @@ def run_with_vehicle(kit, jump, scenario, *, loss=0.0, seed=0, cache=None):
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def true_values(autopilot):
@@ -50,7 +51,7 @@ def true_values(autopilot):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, seed):
+def test_all_parameters_have_exact_values_and_their_metadata(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
         assert vehicle.params.list.state == "unknown"
         assert autopilot.count(LIST) == autopilot.count(FTP) == 0  # nothing is read without a request
@@ -66,10 +67,10 @@ def test_all_parameters_have_exact_values_and_their_metadata(kit, jump, loss, se
             # The list, and the checksum twice.
             assert (autopilot.count(LIST), autopilot.count(READ)) == (1, 2)
 
-    run_with_vehicle(kit, jump, scenario, loss=loss, seed=seed)
+    run_with_vehicle(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
+def test_with_an_equal_checksum_nothing_is_read_again(run_simulated, tmp_path):
     cache = Cache(tmp_path)
 
     async def first(world, vehicle, autopilot):
@@ -93,11 +94,11 @@ def test_with_an_equal_checksum_nothing_is_read_again(kit, jump, tmp_path):
         await vehicle.params.refresh(ignore_cache=True)
         assert autopilot.count(LIST) == 2
 
-    run_with_vehicle(kit, jump, first, cache=cache)
-    run_with_vehicle(kit, jump, second, cache=cache)
+    run_with_vehicle(run_simulated, first, cache=cache)
+    run_with_vehicle(run_simulated, second, cache=cache)
 
 
-def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
+def test_a_value_is_checked_by_the_vehicles_metadata(run_simulated):
     async def scenario(world, vehicle, autopilot):
         params = vehicle.params
         await params.set("MPC_XY_CRUISE", 19.5)  # before its metadata is read: PX4 accepts any value
@@ -113,10 +114,10 @@ def test_a_value_is_checked_by_the_vehicles_metadata(kit, jump):
         assert next(p for p in params.all() if p.name == "COM_OBL_RC_ACT").value == 99
         assert (await params.set("COM_RC_OVERRIDE", 3)).value == 3
 
-    run_with_vehicle(kit, jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated(kit, jump):
+def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated(run_simulated):
     async def scenario(world, vehicle, autopilot):
         reading = asyncio.ensure_future(vehicle.params.refresh())
         await world.clock.sleep(0.4)
@@ -139,12 +140,12 @@ def test_a_lost_vehicle_ends_the_read_with_a_reason_and_the_read_can_be_repeated
         await world.clock.sleep(2)
         assert vehicle.params.list.state == "outdated"
 
-    run_with_vehicle(kit, jump, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_vehicle_without_parameters_is_reported(kit, jump):
+def test_a_vehicle_without_parameters_is_reported(run_simulated):
     async def run():
-        world = kit.World()
+        world = World()
         autopilot = world.autopilot(world.link())
         try:
             vehicle = await world.ready()
@@ -158,10 +159,10 @@ def test_a_vehicle_without_parameters_is_reported(kit, jump):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
+def test_event_texts_come_from_the_vehicles_metadata(run_simulated, tmp_path):
     async def scenario(world, vehicle, autopilot):
         before = (await vehicle.health.check()).findings
         vehicle.health.apply_definitions(await vehicle.metadata.events())
@@ -174,4 +175,4 @@ def test_event_texts_come_from_the_vehicles_metadata(kit, jump, tmp_path):
         assert autopilot.count(FTP) == fetched  # cached by its checksum
         assert len(list(tmp_path.iterdir())) == 2
 
-    run_with_vehicle(kit, jump, scenario, cache=Cache(tmp_path), loss=0.05, seed=4)
+    run_with_vehicle(run_simulated, scenario, cache=Cache(tmp_path), loss=0.05, seed=4)

@@ -12,7 +12,7 @@ from tests.protocol.one_vehicle import LOSS, run_scenario
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
+def test_parameters_are_read_and_written_bit_for_bit(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
         assert (await vehicle.params.get("MPC_XY_VEL_MAX")).value == 12.0
         assert (await vehicle.params.set("MPC_XY_VEL_MAX", 9.3)).value == pytest.approx(9.3, abs=1e-6)
@@ -21,10 +21,10 @@ def test_parameters_are_read_and_written_bit_for_bit(kit, jump, loss, seed):
             assert (param.value, param.is_integer) == (value, True)
             assert autopilot.params["NAV_DLL_ACT"] == (6, value)
 
-    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_refused_parameters_have_a_reason(kit, jump):
+def test_refused_parameters_have_a_reason(run_simulated):
     async def scenario(world, vehicle, autopilot):
         with pytest.raises(NoReply, match="NO_SUCH"):
             await vehicle.params.get("NO_SUCH")
@@ -38,10 +38,10 @@ def test_refused_parameters_have_a_reason(kit, jump):
         with pytest.raises(Rejected, match="still has MPC_XY_VEL_MAX = 12"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 50)
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(kit, jump):
+def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(run_simulated):
     async def scenario(world, vehicle, autopilot):
         station = [255, 190]
 
@@ -62,11 +62,11 @@ def test_a_parameter_error_is_reported_at_once_unless_it_is_for_another_station(
         with pytest.raises(Rejected, match="MPC_XY_VEL_MAX: the value is out of its range"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 500)
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_gimbal_control_is_taken_used_and_released(kit, jump, loss, seed):
+def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
         with pytest.raises(Refused, match="not controlled"):
             await vehicle.gimbal.set_angles(-30, 0)
@@ -94,10 +94,10 @@ def test_gimbal_control_is_taken_used_and_released(kit, jump, loss, seed):
         await vehicle.gimbal.release_control()
         assert autopilot.control == (0, 0)
 
-    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
+def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(run_simulated):
     async def scenario(world, vehicle, autopilot):
         for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
             with pytest.raises(InvalidRequest):
@@ -108,7 +108,7 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(kit, jump):
         with pytest.raises(NoReply, match="gimbal"):
             await vehicle.gimbal.set_angles(0, 0)
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
 def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
@@ -135,7 +135,7 @@ def simulate_turning(autopilot, *, pitch_min_deg, rate_deg_s=60.0):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, jump, loss, seed):
+def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-45.0)
         await vehicle.gimbal.take_control()
@@ -145,10 +145,10 @@ def test_a_gimbal_that_stops_at_an_unreported_limit_is_reported_as_limited(kit, 
         assert "pitch -45° instead of -90°" in limited.text
         assert await vehicle.gimbal.set_angles(-30, 0) is None
 
-    run_scenario(kit, jump, scenario, loss=loss, seed=seed)
+    run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
 
-def test_without_wait_a_gimbal_command_returns_at_its_acknowledgement(kit, jump):
+def test_without_wait_a_gimbal_command_returns_at_its_acknowledgement(run_simulated):
     async def scenario(world, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
@@ -156,10 +156,10 @@ def test_without_wait_a_gimbal_command_returns_at_its_acknowledgement(kit, jump)
         assert await vehicle.gimbal.set_angles(-90, 0, wait=False) is None
         assert world.loop.time() - began_s < 0.3
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)
 
 
-def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit, jump):
+def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(run_simulated):
     async def scenario(world, vehicle, autopilot):
         simulate_turning(autopilot, pitch_min_deg=-90.0, rate_deg_s=10.0)
         await vehicle.gimbal.take_control()
@@ -169,4 +169,4 @@ def test_a_gimbal_that_is_slow_or_does_not_report_is_not_reported_as_limited(kit
         autopilot.gimbal_attitude = lambda: None
         assert await vehicle.gimbal.set_angles(0, 0) is None
 
-    run_scenario(kit, jump, scenario)
+    run_scenario(run_simulated, scenario)

@@ -30,7 +30,7 @@ COMMANDS_OF_ITEMS = (
 """Items that PX4 executes as commands."""
 
 
-def with_rig(jump, tmp_path, work):
+def with_rig(run_simulated, tmp_path, work):
     async def run():
         world = SimulatedWorld()
         try:
@@ -43,7 +43,7 @@ def with_rig(jump, tmp_path, work):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 async def import_file(rig):
@@ -99,7 +99,9 @@ async def flown_commands(rig):
 @pytest.mark.parametrize(
     "loss", [0.05, *(pytest.param(loss, marks=pytest.mark.broad) for loss in (0.0, 0.3))]
 )
-def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(jump, tmp_path, loss):
+def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
+    run_simulated, tmp_path, loss
+):
     async def work(rig):
         stored = await import_file(rig)
         _, document = await rig.station.plans.get(stored.id, None)
@@ -132,4 +134,4 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
             json.loads(FILE.read_bytes())
         )
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)

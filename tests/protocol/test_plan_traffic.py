@@ -83,7 +83,7 @@ async def warnings_of_check(rig, plan=THROUGH_FENCE):
     return [(finding["code"], finding["place"]["row"]) for finding in found]
 
 
-def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_has_landed(jump):
+def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_has_landed(run_simulated):
     async def scenario(rig):
         await upload(rig, "1", HOP)
         await upload(rig, "2", THROUGH_FENCE)
@@ -104,10 +104,10 @@ def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_othe
         await start(rig, "2", "fence_crossed")
         assert rig.second.status.armed
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_the_second_of_two_simultaneous_starts_is_compared_with_the_first_and_can_be_accepted(jump):
+def test_the_second_of_two_simultaneous_starts_is_compared_with_the_first_and_can_be_accepted(run_simulated):
     async def scenario(rig):
         await upload(rig, "1", HOP)
         await upload(rig, "2", {"items": OVER_VEHICLE_1})
@@ -118,10 +118,10 @@ def test_the_second_of_two_simultaneous_starts_is_compared_with_the_first_and_ca
         await start(rig, "2", "separation")
         assert (rig.second.status.armed, rig.second.status.mode) == (True, "mission")
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_later_starts_are_not_compared_with_a_failed_start(jump):
+def test_later_starts_are_not_compared_with_a_failed_start(run_simulated):
     async def scenario(rig):
         await upload(rig, "1", HOP)
         await upload(rig, "2", {"items": OVER_VEHICLE_1})
@@ -131,11 +131,11 @@ def test_later_starts_are_not_compared_with_a_failed_start(jump):
         await start(rig, "2")
         assert rig.second.status.armed
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
 @pytest.mark.story
-def test_a_start_over_a_hovering_vehicle_is_refused_and_near_an_unknown_path_gives_a_warning(jump):
+def test_a_start_over_a_hovering_vehicle_is_refused_and_near_an_unknown_path_gives_a_warning(run_simulated):
     async def scenario(rig):
         await upload(rig, "2", {"items": OVER_VEHICLE_1})
         await rig.first.command.takeoff(6.0)
@@ -147,7 +147,7 @@ def test_a_start_over_a_hovering_vehicle_is_refused_and_near_an_unknown_path_giv
         assert "of vehicle 1 (hovering)" in refusal.reasons[0]
         assert "The time of vehicle 1 at this position is not known." in refusal.reasons[0]
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
 HOLD_STEP = "- {step: hold, duration_s: 30}\n"
@@ -161,7 +161,7 @@ async def start_mission(rig, vehicle_id, steps, *despite):
     await offboard_mission_routes.start(vehicle_id, body, rig.station, ANNA)
 
 
-def test_an_offboard_mission_that_comes_too_near_is_refused_and_can_be_accepted(jump):
+def test_an_offboard_mission_that_comes_too_near_is_refused_and_can_be_accepted(run_simulated):
     async def scenario(rig):
         await upload(rig, "1", HOP)
         await start(rig, "1")
@@ -176,10 +176,12 @@ def test_an_offboard_mission_that_comes_too_near_is_refused_and_can_be_accepted(
         await start_mission(rig, "2", FLY_TO_VEHICLE_1, "separation")
         await until(lambda: rig.second.status.armed, 10)
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_compared_with_the_first(jump):
+def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_compared_with_the_first(
+    run_simulated,
+):
     async def scenario(rig):
         missions = (start_mission(rig, "1", HOLD_STEP), start_mission(rig, "2", FLY_TO_VEHICLE_1))
         results = await asyncio.gather(*missions, return_exceptions=True)
@@ -188,10 +190,10 @@ def test_the_second_of_two_offboard_missions_started_at_the_same_time_is_compare
         await seconds(1.0)
         assert not rig.second.status.armed
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)
 
 
-def test_an_offboard_mission_in_flight_is_compared_along_its_steps(jump):
+def test_an_offboard_mission_in_flight_is_compared_along_its_steps(run_simulated):
     async def scenario(rig):
         await upload(rig, "2", {"items": OVER_VEHICLE_1})
         await start_mission(rig, "1", HOLD_STEP)
@@ -199,4 +201,4 @@ def test_an_offboard_mission_in_flight_is_compared_along_its_steps(jump):
         assert refusal.codes == ("separation",)
         assert "of vehicle 1 (step " in refusal.reasons[0]
 
-    run_with_two_vehicles(jump, scenario)
+    run_with_two_vehicles(run_simulated, scenario)

@@ -25,7 +25,7 @@ def send_heartbeat(link, system, peer):
     link.inject(encode_frame(d.MAVLINK_MSG_ID_HEARTBEAT, HEARTBEAT, 0, system, 1), peer)
 
 
-def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
+def test_many_sources_with_one_system_id_are_limited_and_reported(run_simulated):
     async def scenario(world):
         link = world.link()
         tracemalloc.start()
@@ -47,11 +47,11 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(jump):
             "the warning is still shown"
         )
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
 @pytest.mark.story
-def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump):
+def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(run_simulated):
     async def scenario(world):
         links = [world.link(name) for name in ("a", "b")]
         autopilot = world.offboard_autopilot(links[0], peer="real")
@@ -69,11 +69,11 @@ def test_a_flood_of_fake_vehicles_is_limited_and_replaces_no_known_vehicle(jump)
         await asyncio.sleep(4.0)
         assert not real.status.link_lost
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
 @pytest.mark.story
-def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(jump):
+def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(run_simulated):
     async def scenario(world):
         link = world.link()
         for system in range(2, 255):
@@ -87,10 +87,10 @@ def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(jump):
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_VEHICLES_ON_LINK
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
-def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_vehicle(jump):
+def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_vehicle(run_simulated):
     async def scenario(world):
         world.fleet.on_vehicle_removed(world.streamer.detach)
         link = world.link()
@@ -116,10 +116,10 @@ def test_a_silent_vehicle_can_be_removed_and_returns_as_a_new_vehicle(jump):
         await returned.offboard.start(stream_request(valid_for_s=60.0))
         assert returned.status.mode == "offboard"
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)
 
 
-def test_equal_system_ids_give_one_warning(jump):
+def test_equal_system_ids_give_one_warning(run_simulated):
     async def scenario(world):
         link = world.link()
         for second in range(60):
@@ -129,4 +129,4 @@ def test_equal_system_ids_give_one_warning(jump):
             await asyncio.sleep(1.0)
         assert [len(vehicle.identity.warnings) for vehicle in world.fleet.all()] == [1] * MAX_WITH_SAME_ID
 
-    run_test(jump, scenario, OffboardWorld)
+    run_test(run_simulated, scenario, OffboardWorld)

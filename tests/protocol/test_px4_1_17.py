@@ -96,7 +96,7 @@ class NewerPx4:
 
 
 @pytest.mark.story
-def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(jump: Any) -> None:
+def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run_simulated: Any) -> None:
     async def scenario() -> None:
         world = SimulatedWorld()
         newer = NewerPx4(world)
@@ -135,4 +135,4 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(jum
         finally:
             await world.close()
 
-    jump(scenario)
+    run_simulated(scenario)

@@ -7,6 +7,7 @@ import struct
 
 import pytest
 
+from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LOGS = [
@@ -38,11 +39,11 @@ def records(path):
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
+def test_the_api_shows_the_values_of_the_log(shared, run_simulated, name):
     path = shared / "px4" / "tlogs" / name
 
     async def scenario():
-        world = kit.World()
+        world = World()
         link = world.link("tape", replay=True)
         reference_decoder, newest, vehicle, compared = sim.MAVLink(None), {}, None, 0
         last_us = None
@@ -67,7 +68,7 @@ def test_the_api_shows_the_values_of_the_log(shared, kit, jump, name):
         finally:
             await world.close()
 
-    jump(scenario)
+    run_simulated(scenario)
 
 
 def compare(vehicle, newest):

@@ -44,7 +44,7 @@ PLAN = {
 }
 
 
-def with_rig(jump, tmp_path, work):
+def with_rig(run_simulated, tmp_path, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service."""
 
     async def run():
@@ -62,7 +62,7 @@ def with_rig(jump, tmp_path, work):
             autopilot.alive = False
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 async def start_server(rig):
@@ -120,7 +120,7 @@ async def interrupt_at_item_4(rig):
     await land(rig)
 
 
-def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(jump, tmp_path):
+def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_simulated, tmp_path):
     async def work(rig):
         assert ((await mission_view(rig))["resume"], (await mission_view(rig))["no_resume"]) == (None, None)
         await interrupt_at_item_4(rig)
@@ -153,10 +153,12 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(jump
         await land(rig)
         assert (await mission_view(rig))["resume"]["item"] == 3
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(jump, tmp_path):
+def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(
+    run_simulated, tmp_path
+):
     async def work(rig):
         await interrupt_at_item_4(rig)
         rig.progress.close()
@@ -174,10 +176,10 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
         await mission_routes.compare(rig.vehicle, body, rig.station)
         assert (await mission_view(rig))["resume"]["item"] == 1
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_another_plan_is_not_resumed_and_the_reason_is_shown(jump, tmp_path):
+def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_path):
     async def work(rig):
         await interrupt_at_item_4(rig)
         offer = (await mission_view(rig))["resume"]
@@ -201,10 +203,10 @@ def test_another_plan_is_not_resumed_and_the_reason_is_shown(jump, tmp_path):
         await seconds(2)
         assert (await mission_view(rig))["resume"] is None
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resumed(jump, tmp_path):
+def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resumed(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         await start(rig, item=0)
@@ -227,10 +229,10 @@ def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resu
         shown = await mission_view(rig)
         assert (shown["resume"], shown["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
-def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(jump, tmp_path):
+def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_simulated, tmp_path):
     async def work(rig):
         corners = ((170, -30), (190, -30), (190, 30), (170, 30))
         polygon = [{"lat_deg": LAT + n * NORTH_DEG, "lon_deg": LON + e * NORTH_DEG} for n, e in corners]
@@ -262,7 +264,7 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(jump, t
         await start(rig, BOB, item=offer["item"], despite=["flight_from_here"])
         assert (rig.autopilot.armed, rig.autopilot.flight.current) == (True, 1)
 
-    with_rig(jump, tmp_path, work)
+    with_rig(run_simulated, tmp_path, work)
 
 
 SHORT = {
@@ -280,7 +282,9 @@ QUICK_RETURN = {"COM_LOW_BAT_ACT": 3, "RTL_RETURN_ALT": 6, "RTL_DESCEND_ALT": 6,
 
 
 @pytest.mark.story
-def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_all_pictures(jump, tmp_path):
+def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_all_pictures(
+    run_simulated, tmp_path
+):
     async def run():
         world = SimulatedWorld(parameters=QUICK_RETURN)
         rig = SimpleNamespace(world=world, folder=tmp_path)
@@ -321,4 +325,4 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_al
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)

@@ -30,7 +30,7 @@ MISSION = """
 
 
 @pytest.mark.story
-def test_an_offboard_mission_takes_off_flies_and_lands(jump: Any, tmp_path: Path) -> None:
+def test_an_offboard_mission_takes_off_flies_and_lands(run_simulated: Any, tmp_path: Path) -> None:
     async def run() -> None:
         world = Ros2World()
         missions = Missions(world, tmp_path)
@@ -47,11 +47,11 @@ def test_an_offboard_mission_takes_off_flies_and_lands(jump: Any, tmp_path: Path
         assert event_codes(vehicle) == ["done"]
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def test_a_mission_whose_program_needs_mavlink_is_flown_and_reports_what_was_refused(
-    jump: Any, tmp_path: Path
+    run_simulated: Any, tmp_path: Path
 ) -> None:
     async def run() -> None:
         world = Ros2World()
@@ -63,11 +63,11 @@ def test_a_mission_whose_program_needs_mavlink_is_flown_and_reports_what_was_ref
         assert any("carries no camera commands" in text for text in texts), texts
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.story
-def test_a_group_starts_together_and_switches_to_hold_together(jump: Any) -> None:
+def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World(2)
         vehicles = [await world.in_the_air(v, height_m=10.0) for v in ("1", "2")]
@@ -92,7 +92,7 @@ def test_a_group_starts_together_and_switches_to_hold_together(jump: Any) -> Non
         await until(lambda: all(v.status.mode == "hold" for v in vehicles), 5)
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 async def fly_apart(vehicle: Vehicle) -> None:
@@ -109,7 +109,7 @@ def distance_m(vehicle: Vehicle, position_ned_m: Vector3) -> float:
     return math.dist(value_of(vehicle, "local_position").position_ned_m, position_ned_m)
 
 
-def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_over_ros2(jump: Any) -> None:
+def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_over_ros2(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         world.mavlink_on = False
@@ -124,4 +124,4 @@ def test_a_take_off_to_an_altitude_below_the_vehicle_is_refused_over_ros2(jump: 
         assert not vehicle.status.armed
         await world.close()
 
-    jump(run)
+    run_simulated(run)

@@ -34,7 +34,7 @@ def test_each_feature_has_a_request_that_is_refused() -> None:
     assert set(REQUESTS) == set(FEATURES) == set(NEEDS_MAVLINK)
 
 
-def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(jump: Any) -> None:
+def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World()
         vehicle = await world.ready_to_arm()
@@ -49,10 +49,10 @@ def test_over_ros_2_only_a_request_that_needs_mavlink_is_refused_at_once(jump: A
         assert len(world.topics[0].sent) == sent
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_routes_refuse_before_they_start_an_operation(jump: Any) -> None:
+def test_routes_refuse_before_they_start_an_operation(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World()
         vehicle = await world.ready_to_arm()
@@ -77,10 +77,10 @@ def test_routes_refuse_before_they_start_an_operation(jump: Any) -> None:
         }
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(jump: Any) -> None:
+def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         vehicle = await world.ready_to_arm()
@@ -100,4 +100,4 @@ def test_with_both_protocols_commands_use_mavlink_and_setpoints_ros_2(jump: Any)
         await until(lambda: not vehicle.reach.missing, 5)
         await world.close()
 
-    jump(run)
+    run_simulated(run)

@@ -156,7 +156,7 @@ LEVELS = [
 
 
 @pytest.mark.story
-def test_the_seven_control_levels_are_flown_in_one_flight(jump: Any) -> None:
+def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World()
         vehicle = await world.in_the_air(height_m=HEIGHT_M)
@@ -170,7 +170,7 @@ def test_the_seven_control_levels_are_flown_in_one_flight(jump: Any) -> None:
         assert not vehicle.offboard.status().streaming
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 async def hover(vehicle: Vehicle) -> None:

@@ -33,7 +33,7 @@ def set_other_version(world: Ros2World, topic: str, row: int = 0) -> None:
 
 
 @pytest.mark.parametrize("topic", [TRAJECTORY, CONTROL_MODE])
-def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(jump: Any, topic: str) -> None:
+def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(run_simulated: Any, topic: str) -> None:
     async def run() -> None:
         world = Ros2World(2)
         vehicle, other = await world.ready_to_arm("1"), await world.ready_to_arm("2")
@@ -58,10 +58,12 @@ def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(jump: Any, topic: 
                 await world.streamer.offboard("1").setpoint(request_of(UP))
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connected(jump: Any) -> None:
+def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connected(
+    run_simulated: Any,
+) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         vehicle = await world.ready_to_arm()
@@ -80,10 +82,10 @@ def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connect
             await offboard.start(request_of(UP))
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
-def test_a_mission_is_refused_before_take_off(jump: Any, tmp_path: Path) -> None:
+def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path) -> None:
     async def run() -> None:
         world = Ros2World()
         missions = Missions(world, tmp_path)
@@ -98,11 +100,11 @@ def test_a_mission_is_refused_before_take_off(jump: Any, tmp_path: Path) -> None
         assert not vehicle.status.armed
         await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.parametrize("topic", [REGISTER, TRAJECTORY])
-def test_a_mode_is_refused_at_once(jump: Any, topic: str) -> None:
+def test_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
     async def scenario(modes: Modes) -> None:
         world = modes.world
         set_other_version(world, topic)
@@ -112,4 +114,4 @@ def test_a_mode_is_refused_at_once(jump: Any, topic: str) -> None:
         assert world.loop.time() - began_s < 1.0
         assert not modes.sent(REGISTER)
 
-    fly(jump, scenario)
+    fly(run_simulated, scenario)

@@ -65,7 +65,7 @@ class SignedWorld(World):
         return self.router.connection(name).info()
 
 
-def with_signed_world(jump, scenario, tmp_path, **settings):
+def with_signed_world(run_simulated, scenario, tmp_path, **settings):
     async def run():
         world = SignedWorld(tmp_path, **settings)
         try:
@@ -73,11 +73,11 @@ def with_signed_world(jump, scenario, tmp_path, **settings):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.parametrize("required", [True, False])
-def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(jump, tmp_path, required):
+def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(run_simulated, tmp_path, required):
     async def scenario(world):
         autopilot = world.signed_autopilot(world.signed_link(required=required))
         vehicle = await world.ready()
@@ -92,10 +92,10 @@ def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(jump, tmp_p
         assert (info.frames_refused, info.signing.key, info.signing.link_id) == (0, "field", 0)
         assert info.frames_received > 20
 
-    with_signed_world(jump, scenario, tmp_path)
+    with_signed_world(run_simulated, scenario, tmp_path)
 
 
-def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(jump, tmp_path):
+def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(run_simulated, tmp_path):
     async def scenario(world):
         world.signed_autopilot(world.signed_link(), timestamp=0)
         await world.ready()
@@ -103,7 +103,7 @@ def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(jump, 
         assert report.too_old > 0
         assert report.wrong_signature == report.unsigned == report.replayed == 0
 
-    with_signed_world(jump, scenario, tmp_path)
+    with_signed_world(run_simulated, scenario, tmp_path)
 
 
 def intruder_frames(world):
@@ -115,7 +115,7 @@ def intruder_frames(world):
     return unsigned, forged
 
 
-def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_path):
+def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(run_simulated, tmp_path):
     async def scenario(world):
         link = world.signed_link()
         autopilot = world.signed_autopilot(link)
@@ -144,7 +144,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
         world.router._recorder.flush()
 
     folder = tmp_path / "recordings"
-    with_signed_world(jump, scenario, tmp_path, recording_dir=folder)
+    with_signed_world(run_simulated, scenario, tmp_path, recording_dir=folder)
     (recording,) = folder.glob("*radio*.tlog")
     frames = [raw for _, raw in read_tlog(recording)]
     assert len(frames) > 20
@@ -155,7 +155,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(jump, tmp_
         assert KEY.hex().encode() not in file.read_bytes()
 
 
-def test_a_vehicle_with_another_key_is_not_flown_and_a_warning_names_it(jump, tmp_path):
+def test_a_vehicle_with_another_key_is_not_flown_and_a_warning_names_it(run_simulated, tmp_path):
     async def scenario(world):
         link = world.signed_link()
         autopilot = world.signed_autopilot(link, key=OTHER_KEY, system=6)
@@ -165,20 +165,20 @@ def test_a_vehicle_with_another_key_is_not_flown_and_a_warning_names_it(jump, tm
         (warning,) = [text for kind, _, text in world.router.warnings() if kind == "signing"]
         assert warning.startswith("System 6 sends frames with a wrong signature")
 
-    with_signed_world(jump, scenario, tmp_path)
+    with_signed_world(run_simulated, scenario, tmp_path)
 
 
-def test_a_link_whose_key_is_missing_is_not_opened_unsigned(jump, tmp_path):
+def test_a_link_whose_key_is_missing_is_not_opened_unsigned(run_simulated, tmp_path):
     async def scenario(world):
         with pytest.raises(InvalidRequest, match="There is no signing key 'none'; known: field") as error:
             world.router.add_link("udpin://127.0.0.1:0?key=none", "radio")
         assert error.value.field == "url"
         assert world.router.links() == []
 
-    with_signed_world(jump, scenario, tmp_path)
+    with_signed_world(run_simulated, scenario, tmp_path)
 
 
-def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(jump, tmp_path):
+def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(run_simulated, tmp_path):
     async def scenario(world):
         link = world.link("plain")
         autopilot = world.signed_autopilot(link)
@@ -188,4 +188,4 @@ def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(jump, tmp_pa
         assert world.info("plain").frames_unverified > 10
         assert world.info("plain").signing is None
 
-    with_signed_world(jump, scenario, tmp_path)
+    with_signed_world(run_simulated, scenario, tmp_path)

@@ -65,7 +65,7 @@ def ignore_kill(autopilot, for_s):
 
 
 @pytest.mark.parametrize("name", list(CALLS))
-def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(jump, name):
+def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(run_simulated, name):
     async def scenario(world, vehicle, autopilot, link):
         times = ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill(by="anna"))
@@ -80,10 +80,10 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(j
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
         await CALLS["hold"](vehicle)  # after stop motors, commands are accepted again
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_stop_motors_ends_pending_commands(jump):
+def test_stop_motors_ends_pending_commands(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.silent_commands.add(DO_SET_MODE)
         hold = asyncio.ensure_future(vehicle.command.hold())
@@ -96,10 +96,10 @@ def test_stop_motors_ends_pending_commands(jump):
         await kill
         assert len(autopilot.commands(DO_SET_MODE)) == sent
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
+def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=2.0, hold_for_s=0.5))
         ignore_kill(autopilot, 5.0)
@@ -110,10 +110,10 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(jump):
         assert len(autopilot.commands(DO_SET_MODE)) == mode_requests
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
+def test_a_stop_of_the_stream_waits_for_stop_motors(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         mode_requests = len(autopilot.commands(DO_SET_MODE))
@@ -128,10 +128,10 @@ def test_a_stop_of_the_stream_waits_for_stop_motors(jump):
         await stop
         assert not vehicle.offboard.status().streaming
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
+def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simulated):
     async def scenario(rig):
         await begin(rig, {"1": position(), "2": position()})
         await seconds(2.0)
@@ -149,10 +149,10 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(jump):
         assert rig.vehicles["2"].status.mode == "hold"
         assert rig.autopilots["2"].armed
 
-    with_routes(jump, scenario, count=2)
+    with_routes(run_simulated, scenario, count=2)
 
 
-def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
+def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         results = itertools.cycle([2, 0, 4, 5])
         began_s = world.loop.time()
@@ -172,10 +172,10 @@ def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(jump):
         with pytest.raises(Rejected, match="refused to stop its motors"):
             await vehicle.command.kill()
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_stop_motors_continues_after_its_caller_is_cancelled(jump):
+def test_stop_motors_continues_after_its_caller_is_cancelled(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         ignore_kill(autopilot, 3.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
@@ -188,10 +188,10 @@ def test_stop_motors_continues_after_its_caller_is_cancelled(jump):
         assert not autopilot.armed
         await vehicle.command.hold()
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
+def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         send_raw = autopilot.send_raw
         autopilot.send_raw = lambda raw: None
@@ -205,10 +205,10 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(jump):
         assert times[-1] - times[0] > 5.5
         autopilot.send_raw = send_raw
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
-def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
+def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.armed, autopilot.landed = False, 1
         await seconds(2.0)
@@ -232,11 +232,11 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(jump):
         await seconds(2.0)
         assert not autopilot.armed
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD)])
-def test_on_expiry_waits_for_stop_motors(jump, ignored_s, mode_after):
+def test_on_expiry_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
     async def scenario(rig):
         rig.autopilot.mode = MISSION
         await seconds(2.5)
@@ -251,10 +251,10 @@ def test_on_expiry_waits_for_stop_motors(jump, ignored_s, mode_after):
         assert bool(rig.autopilot.commands(DO_SET_MODE)) == (mode_after is not None)
         assert rig.autopilot.mode == (mode_after or MISSION)
 
-    with_station(jump, scenario)
+    with_station(run_simulated, scenario)
 
 
-def test_a_server_shutdown_waits_for_stop_motors(jump):
+def test_a_server_shutdown_waits_for_stop_motors(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         ignore_kill(autopilot, 2.0)
         kill = asyncio.ensure_future(vehicle.command.kill())
@@ -263,11 +263,11 @@ def test_a_server_shutdown_waits_for_stop_motors(jump):
         assert not autopilot.armed
         await kill
 
-    flight(jump, scenario)
+    flight(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
-def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, loss, seed):
+def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot, link):
         dice = random.Random(seed)
         if dice.random() < 0.5:
@@ -298,4 +298,4 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(jump, los
         assert not between
         await asyncio.gather(*running)
 
-    flight(jump, scenario, loss=loss, seed=seed)
+    flight(run_simulated, scenario, loss=loss, seed=seed)

@@ -83,7 +83,7 @@ def codes(rig):
     return [fields["code"] for fields in data if fields.get("source") == "waypoint_flight"]
 
 
-def with_rig(jump, monkeypatch, work):
+def with_rig(run_simulated, monkeypatch, work):
     monkeypatch.setattr(dry_runs, "run_process", simulate_in_process)
 
     async def run():
@@ -96,11 +96,13 @@ def with_rig(jump, monkeypatch, work):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 @pytest.mark.story
-def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_it(jump, monkeypatch):
+def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_it(
+    run_simulated, monkeypatch
+):
     async def work(rig):
         assert await flight(rig) is None
         dry_run = await run_dry_run(rig, flights=3)
@@ -150,10 +152,10 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
             "the flown mission changed after the flight"
         )
 
-    with_rig(jump, monkeypatch, work)
+    with_rig(run_simulated, monkeypatch, work)
 
 
-def run_scripted(jump, work):
+def run_scripted(run_simulated, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service and no position."""
 
     async def run():
@@ -171,7 +173,7 @@ def run_scripted(jump, work):
             autopilot.alive = False
             await rig.world.close()
 
-    jump(run)
+    run_simulated(run)
 
 
 def select(rig, mode):
@@ -179,7 +181,7 @@ def select(rig, mode):
     rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed = True, mode, 2
 
 
-def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(jump):
+def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(run_simulated):
     async def work(rig):
         await upload(rig)
         select(rig, MISSION)
@@ -205,10 +207,12 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
         flown = view(await mission_routes.show_flown(rig.vehicle, rig.station))["flown"]
         assert (flown["over"], flown["planned_by"], flown["deviation_max_m"]) == (True, "plan", None)
 
-    run_scripted(jump, work)
+    run_scripted(run_simulated, work)
 
 
-def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_the_current_item(jump):
+def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_the_current_item(
+    run_simulated,
+):
     async def work(rig):
         await upload(rig)
         select(rig, MISSION)
@@ -223,7 +227,7 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_t
         await seconds(2.5)
         assert (await flight(rig))["state"] == "stopped"
 
-    run_scripted(jump, work)
+    run_scripted(run_simulated, work)
 
 
 async def inline(work):
@@ -232,7 +236,9 @@ async def inline(work):
 
 
 @pytest.mark.parametrize("damage", [None, "cut", "of another plan"])
-def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command(jump, tmp_path, damage):
+def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command(
+    run_simulated, tmp_path, damage
+):
     cache = ItemsCache(Cache(tmp_path), inline)
 
     async def restart(rig):
@@ -284,10 +290,10 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         await seconds(2.5)
         assert (await flight(rig))["reason"] == "The vehicle has another plan now."
 
-    run_scripted(jump, work)
+    run_scripted(run_simulated, work)
 
 
-def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(jump):
+def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(run_simulated):
     async def announced_action(rig):
         response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
         await seconds(2)
@@ -312,10 +318,10 @@ def test_before_the_start_the_server_states_what_px4_does_without_a_ground_stati
         ]
         assert read == [*PARAMETERS, *PARAMETERS]
 
-    run_scripted(jump, work)
+    run_scripted(run_simulated, work)
 
 
-def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(jump):
+def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(run_simulated):
     async def work(rig):
         with pytest.raises(Refused, match="has not flown a plan that the server knows"):
             await mission_routes.show_flown(rig.vehicle, rig.station)
@@ -332,7 +338,7 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(jump
         await start(rig)
         assert ((await flight(rig))["client"], codes(rig)) == ("anna", [])
 
-    run_scripted(jump, work)
+    run_scripted(run_simulated, work)
 
 
 def store_dry_run(rig, plan=PLAN, north_m=0.0):
@@ -349,7 +355,7 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
     return "1"
 
 
-def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(jump):
+def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_simulated):
     async def work(rig):
         await upload(rig)
         select(rig, MISSION)
@@ -369,4 +375,4 @@ def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(jump):
             "a refused start began a flight"
         )
 
-    run_scripted(jump, work)
+    run_scripted(run_simulated, work)

@@ -11,7 +11,7 @@ from tests.support.snapshot import snapshot
 ready = functools.cache(ready_in_a_row)
 
 
-def run_with_two_vehicles(jump, scenario, apart_m):
+def run_with_two_vehicles(run_simulated, scenario, apart_m):
     """Runs a test with vehicle 2 this far east of vehicle 1; both can be armed."""
 
     async def run():
@@ -32,4 +32,4 @@ def run_with_two_vehicles(jump, scenario, apart_m):
         finally:
             await world.close()
 
-    jump(run)
+    run_simulated(run)
