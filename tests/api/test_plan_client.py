@@ -9,8 +9,8 @@ from gcs_server.app import create_app
 from gcs_server.client import Gcs, Refused, Unknown
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
-from tests.protocol.mission_world import MissionAutopilot
 from tests.simulated_time import run_in_simulated_time
+from tests.protocol.mission_autopilot import MissionAutopilot
 from tests.support.api_client import settings_for
 
 AT_20_M = {"value_m": 20, "reference": "home"}
@@ -98,7 +98,7 @@ def test_a_plan_is_uploaded_downloaded_compared_and_flown(tmp_path):
         assert (await mission.compare(PLAN))["equal"]
         await mission.start(1)
         assert (autopilot.armed, autopilot.flight.current) == (True, 1)
-        autopilot.landed = 2
+        autopilot.landed_state = 2
         await vehicle.until(lambda v: v["status"]["landed_state"] == "in_air", what="in the air")
         await vehicle.hold()
         await mission.resume()

@@ -7,7 +7,6 @@ import re
 from dataclasses import dataclass, field
 from typing import Any
 
-from tests.contract.given import GIVEN, LATE_S
 from tests.contract.recordings import (
     STATE_MESSAGES,
     Dialogue,
@@ -20,6 +19,7 @@ from tests.contract.recordings import (
     stored,
 )
 from tests.contract.replay_vehicle import DO_SET_MODE, HOLD, Received, Vehicle
+from tests.contract.unrecorded_states import GIVEN, LATE_S
 from vehicle_sim.mavlink.dialect import LAYOUTS
 
 RIGHT_AFTER_BOOT_S = 0.3

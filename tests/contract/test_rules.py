@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.contract import rules
-from tests.contract.given import GIVEN, LATE_S
 from tests.contract.recordings import STREAMED_ON, completed, grid_200
 from tests.contract.replay_vehicle import Received
+from tests.contract.unrecorded_states import GIVEN, LATE_S
 from vehicle_sim.mavlink.services.mission_items import opaque_id
 
 

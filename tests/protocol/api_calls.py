@@ -80,15 +80,15 @@ def station_of(world, progress=None):
     return station
 
 
-def lines(station):
+def journal_lines(station):
     return [(e.client, e.command, e.vehicle, e.result) for e in reversed(station.journal.tail(1000))]
 
 
-def view(response):
+def json_of(response):
     return json.loads(response.body)
 
 
-def with_routes(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
+def run_with_routes(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
     """Runs a test with a flying vehicle and the server's routes, on simulated time."""
 
     async def run():

@@ -16,6 +16,8 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 HOLD, TAKEOFF, LAND, RTL = (4 << 16 | sub << 24 for sub in (3, 2, 6, 5))
 MANUAL, OFFBOARD = 1 << 16, 6 << 16
+ON_GROUND, IN_AIR = sim.MAV_LANDED_STATE_ON_GROUND, sim.MAV_LANDED_STATE_IN_AIR
+TAKING_OFF = sim.MAV_LANDED_STATE_TAKEOFF
 LATENCY_S = 0.005
 FORCE = 21196
 """Second parameter of a disarm command that PX4 executes in flight, too."""
@@ -40,28 +42,28 @@ class FakeAutopilot:
         self.mav = sim.MAVLink(None, srcSystem=system, srcComponent=1)
         self.parser = sim.MAVLink(None)
         self.loop = asyncio.get_running_loop()
-        self.armed, self.mode, self.landed = False, HOLD, 1
+        self.armed, self.mode, self.landed_state = False, HOLD, ON_GROUND
         self.received: list[Any] = []
-        self.refuse: dict[int, int] = {}
+        self.refusals: dict[int, int] = {}
         self.silent_commands: set[int] = set()
         self.arm_denied = False
-        self.vehicle_type, self.autopilot_type, self.version = 2, 12, True
+        self.vehicle_type, self.autopilot_type, self.sends_version = 2, 12, True
         self.home = (47.397742, 8.545594, 489.0)
         self.position = [47.397742, 8.545594, 489.0]
         self.has_position = True
         self.target = (47.397742, 8.545594, 489.0)
         self.params: dict[str, tuple[int, float]] = {"MPC_XY_VEL_MAX": (9, 12.0), "NAV_DLL_ACT": (6, 2)}
-        self.control = (0, 0)
-        self.gimbal = True
+        self.gimbal_control = (0, 0)
+        self.has_gimbal = True
         self.gimbal_q = [1.0, 0.0, 0.0, 0.0]
         self.gimbal_flags = 0
         self.handlers: list[Callable[[Any], bool]] = []
         self.event_sequence = 0
         self.alive = True
-        self.arrives_s = 0.0
+        self.last_arrival_s = 0.0
         self._every(1.0, self.heartbeat)
         self._every(2.0, self.current_mode)
-        self._every(1.0, self.extended)
+        self._every(1.0, self.extended_sys_state)
         self._every(0.1, self.global_position)
         self._every(2.0, self.home_position)
         self._every(2.0, self.gimbal_status)
@@ -82,8 +84,8 @@ class FakeAutopilot:
         self.mav.seq = (self.mav.seq + 1) % 256
         if self.alive and self.random.random() >= self.loss:
             # Packets keep their order.
-            self.arrives_s = max(self.loop.time() + LATENCY_S, self.arrives_s + 1e-6)
-            self.loop.call_at(self.arrives_s, lambda: self.link.inject(raw, self.peer))
+            self.last_arrival_s = max(self.loop.time() + LATENCY_S, self.last_arrival_s + 1e-6)
+            self.loop.call_at(self.last_arrival_s, lambda: self.link.inject(raw, self.peer))
 
     def receive(self, data: bytes) -> None:
         if self.random.random() >= self.loss:
@@ -103,8 +105,8 @@ class FakeAutopilot:
     def current_mode(self) -> None:
         self.send(sim.MAVLink_current_mode_message(0, self.mode, self.mode))
 
-    def extended(self) -> None:
-        self.send(sim.MAVLink_extended_sys_state_message(0, self.landed))
+    def extended_sys_state(self) -> None:
+        self.send(sim.MAVLink_extended_sys_state_message(0, self.landed_state))
 
     def global_position(self) -> None:
         if self.has_position:
@@ -140,15 +142,15 @@ class FakeAutopilot:
         )
 
     def gimbal_status(self) -> None:
-        if self.gimbal:
+        if self.has_gimbal:
             self.send(
                 sim.MAVLink_gimbal_manager_status_message(
-                    self.boot_ms(), self.gimbal_flags, 1, *self.control, 0, 0
+                    self.boot_ms(), self.gimbal_flags, 1, *self.gimbal_control, 0, 0
                 )
             )
 
     def gimbal_attitude(self) -> None:
-        if self.gimbal:
+        if self.has_gimbal:
             self.send(
                 sim.MAVLink_gimbal_device_attitude_status_message(
                     0, 0, self.boot_ms(), self.gimbal_flags, self.gimbal_q, 0, 0, 0, 0, 0, 0, 1
@@ -183,12 +185,12 @@ class FakeAutopilot:
         elif kind == "PARAM_REQUEST_READ":
             self.param_value(message.param_id)
         elif kind == "PARAM_SET" and message.param_id in self.params:
-            self.params[message.param_id] = (message.param_type, self.stored(message))
+            self.params[message.param_id] = (message.param_type, self.decoded_value(message))
             self.param_value(message.param_id)
-        elif kind == "GIMBAL_MANAGER_SET_ATTITUDE" and self.control == (255, 190):
+        elif kind == "GIMBAL_MANAGER_SET_ATTITUDE" and self.gimbal_control == (255, 190):
             self.gimbal_q = list(message.q)
 
-    def stored(self, message: Any) -> float:
+    def decoded_value(self, message: Any) -> float:
         if message.param_type == 6:
             return struct.unpack("<i", bytes(message.get_msgbuf())[10:14])[0]
         return message.param_value
@@ -211,8 +213,8 @@ class FakeAutopilot:
             return
         if c == sim.MAV_CMD_REQUEST_MESSAGE:
             self.send_requested(int(p[0]))
-        elif c in self.refuse:
-            self.ack(c, self.refuse[c])
+        elif c in self.refusals:
+            self.ack(c, self.refusals[c])
         elif c == sim.MAV_CMD_COMPONENT_ARM_DISARM:
             self.arm(p)
         elif c == sim.MAV_CMD_DO_SET_MODE:
@@ -223,14 +225,14 @@ class FakeAutopilot:
         elif c == sim.MAV_CMD_DO_REPOSITION:
             self.mode, self.target = HOLD, position
             self.ack(c, 0)
-        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE and self.gimbal:
+        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE and self.has_gimbal:
             if p[0] == -3.0:
-                self.control = (0, 0) if self.control == (255, 190) else self.control
+                self.gimbal_control = (0, 0) if self.gimbal_control == (255, 190) else self.gimbal_control
             else:
-                self.control = (int(p[0]), int(p[1]))
+                self.gimbal_control = (int(p[0]), int(p[1]))
             self.ack(c, 0)
-        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and self.gimbal:
-            self.ack(c, 0 if self.control == (m.get_srcSystem(), m.get_srcComponent()) else 2)
+        elif c == sim.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW and self.has_gimbal:
+            self.ack(c, 0 if self.gimbal_control == (m.get_srcSystem(), m.get_srcComponent()) else 2)
         elif c in (sim.MAV_CMD_DO_SET_ROI_LOCATION, sim.MAV_CMD_DO_SET_ROI_NONE):
             self.ack(c, 0)
 
@@ -240,7 +242,7 @@ class FakeAutopilot:
             self.text("Arming denied: Resolve system health failures first\t", 2, 7)
             self.event(16910493, 0x22)
             return
-        if p[0] == 0 and self.landed != 1 and p[1] != FORCE:
+        if p[0] == 0 and self.landed_state != ON_GROUND and p[1] != FORCE:
             self.ack(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             self.text("Disarming denied: not landed\t", 2)
             self.event(25868725, 0x22)
@@ -250,11 +252,11 @@ class FakeAutopilot:
         if self.armed and self.mode == TAKEOFF:
             # PX4 discards the altitude of an earlier command.
             self.target = (*self.position[:2], self.home[2] + 2.5)
-            self.loop.call_later(1.5, self.lift)
+            self.loop.call_later(1.5, self.lift_off)
 
-    def lift(self) -> None:
+    def lift_off(self) -> None:
         if self.armed and self.mode == TAKEOFF:
-            self.landed = 3
+            self.landed_state = TAKING_OFF
 
     def set_mode(self, p: list[float]) -> None:
         mode = int(p[1]) << 16 | int(p[2]) << 24
@@ -275,7 +277,7 @@ class FakeAutopilot:
         work = {
             sim.MAVLINK_MSG_ID_HEARTBEAT: self.heartbeat,
             sim.MAVLINK_MSG_ID_CURRENT_MODE: self.current_mode,
-            sim.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.extended,
+            sim.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self.extended_sys_state,
             sim.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: self.position_target,
             sim.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: self.gimbal_status,
             sim.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: self.gimbal_attitude,
@@ -288,7 +290,7 @@ class FakeAutopilot:
         self.ack(sim.MAV_CMD_REQUEST_MESSAGE, 0)
 
     def autopilot_version(self) -> None:
-        if self.version:
+        if self.sends_version:
             self.send(
                 sim.MAVLink_autopilot_version_message(
                     321791, 0x011000FF, 0x011000FF, 0, 1, [0] * 8, [0] * 8, [0] * 8, 0, 0, self.uid, [0] * 18

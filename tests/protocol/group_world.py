@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 from gcs_server.api import group_models, group_routes
 from gcs_server.control.principal import Principal
-from tests.protocol.api_calls import station_of, view
+from tests.protocol.api_calls import json_of, station_of
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
-DEG_M = math.radians(1) * 6_371_000.0
+METRES_PER_DEGREE = math.radians(1) * 6_371_000.0
 STREAM_PERIOD_S = 0.02
 
 
-def with_routes(run_simulated, scenario, *, count=3, spacing_m=10.0):
+def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
     """Runs a test with vehicles 1, 2, … in a row to the east, in flight, each with its own local origin."""
 
     async def run():
@@ -23,7 +23,11 @@ def with_routes(run_simulated, scenario, *, count=3, spacing_m=10.0):
             autopilot = world.offboard_autopilot(
                 world.link(f"link{index}"), peer=f"peer{index}", system=index + 1, uid=index + 1, seed=index
             )
-            autopilot.home = (47.0, 8.0 + index * spacing_m / (DEG_M * math.cos(math.radians(47.0))), 489.0)
+            autopilot.home = (
+                47.0,
+                8.0 + index * spacing_m / (METRES_PER_DEGREE * math.cos(math.radians(47.0))),
+                489.0,
+            )
             autopilot.position = list(autopilot.home)
             autopilot.fly()
             autopilots[str(index + 1)] = autopilot
@@ -67,30 +71,30 @@ def path(*points):
     }
 
 
-def body(setpoints, **fields):
+def start_request(setpoints, **fields):
     members = [{"vehicle": v, "setpoint": s} for v, s in setpoints.items()]
     return group_models.StartGroup.model_validate({"members": members, "valid_for_s": 60, **fields})
 
 
-def changes(setpoints, **fields):
+def setpoints_request(setpoints, **fields):
     members = [{"vehicle": v, "setpoint": s} for v, s in setpoints.items()]
     return group_models.GroupSetpoints.model_validate({"setpoints": members, "valid_for_s": 60, **fields})
 
 
-async def begin(rig, setpoints, client=ANNA, **fields):
-    return view(await group_routes.start(body(setpoints, **fields), rig.station, client))
+async def start_group(rig, setpoints, client=ANNA, **fields):
+    return json_of(await group_routes.start(start_request(setpoints, **fields), rig.station, client))
 
 
 def modes(rig):
     return {v: autopilot.mode for v, autopilot in rig.autopilots.items()}
 
 
-def first_s(autopilot, north_m):
+def first_setpoint_s(autopilot, north_m):
     """Time when the autopilot first received a setpoint for that position."""
     return next(t for t, m in autopilot.setpoints if abs(m.x - north_m) < 0.01)
 
 
-def assert_nobody_moved(rig):
+def assert_no_vehicle_moved(rig):
     """Checks that no vehicle received a setpoint away from its start position."""
     assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
 

@@ -8,7 +8,7 @@ from typing import Any
 from gcs_server.api import mission_mode_models, mission_mode_routes
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Refused
-from tests.protocol.api_calls import ANNA, InlinePlanWork, station_of, view
+from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, station_of
 from tests.protocol.offboard_world import seconds
 from tests.protocol.ros2_world import Ros2World
 from tests.protocol.simulated_world import until
@@ -66,14 +66,14 @@ class Modes:
 
     async def register(self, *, by: Principal = ANNA, **body: Any) -> dict[str, Any]:
         request = mission_mode_models.RegisterMode.model_validate({"mission": MISSION, "name": NAME, **body})
-        return view(await mission_mode_routes.register("1", request, self.station, by))["modes"][-1]
+        return json_of(await mission_mode_routes.register("1", request, self.station, by))["modes"][-1]
 
     async def unregister(self, name: str = NAME, *, by: Principal = ANNA) -> list[dict[str, Any]]:
         request = mission_mode_models.UnregisterMode(name=name)
-        return view(await mission_mode_routes.unregister("1", request, self.station, by))["modes"]
+        return json_of(await mission_mode_routes.unregister("1", request, self.station, by))["modes"]
 
     async def list_modes(self) -> dict[str, Any]:
-        return view(await mission_mode_routes.show_modes(self.vehicle, self.station))
+        return json_of(await mission_mode_routes.show_modes(self.vehicle, self.station))
 
     @property
     def mission(self) -> str | None:
@@ -110,7 +110,7 @@ class Modes:
 Scenario = Callable[[Modes], Awaitable[None]]
 
 
-def fly(run_simulated: Any, scenario: Scenario, *, in_air: bool = True) -> None:
+def run_with_modes(run_simulated: Any, scenario: Scenario, *, in_air: bool = True) -> None:
     async def run() -> None:
         world = Ros2World(mavlink=True)
         world.mavlink_on = False

@@ -187,7 +187,7 @@ class Squadron:
         assert "land" not in self.kinds or not self.commander("land").armed
 
 
-def fly(
+def run_with_squadron(
     run_simulated: Any, tmp_path: Path, scenario: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str
 ) -> None:
     """Runs a test with vehicles in the middle of each kind of step."""

@@ -14,7 +14,7 @@ from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S, Streamer
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Position, Velocity
 from tests.in_loop_scheduler import InLoopScheduler
-from tests.protocol.fake_autopilot import OFFBOARD, FakeAutopilot
+from tests.protocol.fake_autopilot import IN_AIR, OFFBOARD, ON_GROUND, FakeAutopilot
 from tests.protocol.memory_world import World
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -35,8 +35,8 @@ class OffboardAutopilot(FakeAutopilot):
         """Setpoints of attitude, rates or global position."""
         self.ned = [0.0, 0.0, 0.0]
         self.velocity = (0.0, 0.0, 0.0)
-        self.estimates = True
-        self.take_offboard_after_s = 0.008
+        self.has_estimates = True
+        self.offboard_delay_s = 0.008
         self.requested_mode = self.mode
         self.failsafes = 0
         self.next_mode_s = 0.0
@@ -46,11 +46,11 @@ class OffboardAutopilot(FakeAutopilot):
         self._every(0.05, self.commander)
 
     def local_position(self) -> None:
-        if self.estimates:
+        if self.has_estimates:
             self.send(sim.MAVLink_local_position_ned_message(self.boot_ms(), *self.ned, *self.velocity))
 
     def estimator_status(self) -> None:
-        if self.estimates:
+        if self.has_estimates:
             self.send(sim.MAVLink_estimator_status_message(0, 895, 0, 0, 0, 0, 0, 0, 0.1, 0.1))
 
     def attitude(self) -> None:
@@ -58,7 +58,7 @@ class OffboardAutopilot(FakeAutopilot):
 
     def fly(self) -> None:
         """Puts the vehicle into the air, in Hold."""
-        self.armed, self.landed, self.ned = True, 2, [0.0, 0.0, -5.0]
+        self.armed, self.landed_state, self.ned = True, IN_AIR, [0.0, 0.0, -5.0]
 
     def handle(self, message: Any) -> None:
         if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
@@ -74,7 +74,7 @@ class OffboardAutopilot(FakeAutopilot):
     def set_mode(self, p: list[float]) -> None:
         mode = int(p[1]) << 16 | int(p[2]) << 24
         self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
-        delay_s = self.take_offboard_after_s if mode == OFFBOARD else 0.008
+        delay_s = self.offboard_delay_s if mode == OFFBOARD else 0.008
         self.next_mode_s = max(self.loop.time() + delay_s, self.next_mode_s + 0.001)  # one after the other
 
         def reply_of_commander() -> None:
@@ -99,7 +99,7 @@ class OffboardAutopilot(FakeAutopilot):
 
     def land_and_disarm(self) -> None:
         """Lands and disarms; the failsafe ends, so the autopilot reports the requested mode again."""
-        self.armed, self.landed, self.mode = False, 1, self.requested_mode
+        self.armed, self.landed_state, self.mode = False, ON_GROUND, self.requested_mode
         self.heartbeat()
         self.current_mode()
 
@@ -143,7 +143,7 @@ async def seconds(duration_s: float) -> None:
     await asyncio.sleep(duration_s)
 
 
-def flight(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
+def run_offboard(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
     """Runs a scenario with the world, the server's vehicle, its scripted autopilot and its link."""
 
     async def run():
@@ -162,12 +162,12 @@ def flight(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
     run_simulated(run)
 
 
-def codes(vehicle):
+def offboard_event_codes(vehicle):
     """Codes of the vehicle's events about Offboard."""
     return [e.data["code"] for e in vehicle.events.since() if (e.data or {}).get("source") == "offboard"]
 
 
-def gaps_s(autopilot):
+def setpoint_gaps_s(autopilot):
     return [b - a for (a, _), (b, _) in itertools.pairwise(autopilot.setpoints)]
 
 

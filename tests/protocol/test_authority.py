@@ -8,7 +8,17 @@ from gcs_server.api import control_models, control_routes, models, offboard_rout
 from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehicle
-from tests.protocol.api_calls import ANNA, BOB, FORCE, MISSION, START, lines, station_of, view, with_routes
+from tests.protocol.api_calls import (
+    ANNA,
+    BOB,
+    FORCE,
+    MISSION,
+    START,
+    journal_lines,
+    json_of,
+    run_with_routes,
+    station_of,
+)
 from tests.protocol.command_numbers import ARM_DISARM, DO_SET_MODE, GIMBAL_CONFIGURE
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD, RTL
 from tests.protocol.offboard_world import (
@@ -48,9 +58,9 @@ def test_a_command_without_control_is_refused_sends_nothing_and_names_the_client
         await seconds(2)
         assert len(rig.autopilot.commands(DO_SET_MODE)) == received
         assert not rig.autopilot.commands(ARM_DISARM)
-        assert lines(rig.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
+        assert journal_lines(rig.station)[-1] == ("bob", "offboard/stop", "1", "not_in_control")
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("command", ["hold", "land_now", "kill"])
@@ -73,10 +83,10 @@ def test_hold_land_now_and_kill_need_no_control_and_the_client_in_control_is_inf
             "intervened",
             f"bob commanded {name} of vehicle 1; anna still has control.",
         )
-        assert lines(rig.station)[-1] == ("bob", command, "1", "ok")
-        assert view(await control_routes.show("1", rig.station, ANNA))["yours"]
+        assert journal_lines(rig.station)[-1] == ("bob", command, "1", "ok")
+        assert json_of(await control_routes.show("1", rig.station, ANNA))["yours"]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_land_now_without_confirmation_sends_nothing(run_simulated):
@@ -89,7 +99,7 @@ def test_land_now_without_confirmation_sends_nothing(run_simulated):
         assert not mode_requests(rig.autopilot, LAND)
         assert control_changes(rig.vehicle) == []
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
@@ -97,11 +107,11 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
         with rig.station.authority.connected(ANNA), rig.station.authority.connected(BOB):
             await offboard_routes.start("1", START, rig.station, ANNA)
             reason = control_models.RequestControl(reason="I see it")
-            requested = view(await control_routes.request("1", rig.station, BOB, reason))
+            requested = json_of(await control_routes.request("1", rig.station, BOB, reason))
             assert (requested["holder"], requested["yours"]) == ("anna", False)
             assert [(r["client"], r["reason"]) for r in requested["requests"]] == [("bob", "I see it")]
             receiver = control_models.AnswerControl(client=BOB.key)
-            granted = view(await control_routes.grant("1", receiver, rig.station, ANNA))
+            granted = json_of(await control_routes.grant("1", receiver, rig.station, ANNA))
             assert (granted["holder"], granted["holder_key"], granted["yours"]) == ("bob", BOB.key, False)
             await seconds(0.5)
             assert rig.autopilot.mode == OFFBOARD
@@ -113,7 +123,7 @@ def test_control_is_granted_while_the_vehicle_keeps_flying(run_simulated):
             assert rig.autopilot.mode == HOLD
         assert [action for action, _ in control_changes(rig.vehicle)] == ["taken", "requested", "granted"]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_control_taken_by_force_is_journaled_and_the_other_client_informed(run_simulated):
@@ -124,14 +134,14 @@ def test_control_taken_by_force_is_journaled_and_the_other_client_informed(run_s
                 await control_routes.take("1", rig.station, BOB, FORCE)
             await control_routes.request("1", rig.station, BOB)
             await seconds(15.1)
-            assert view(await control_routes.take("1", rig.station, BOB, FORCE))["yours"]
+            assert json_of(await control_routes.take("1", rig.station, BOB, FORCE))["yours"]
         action, text = control_changes(rig.vehicle)[-1]
         assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
         [event] = [e for e in rig.vehicle.events.since() if e.data.get("action") == "forced"]
         assert (event.severity, event.data["previous_key"]) == (4, ANNA.key)
-        assert lines(rig.station)[-1] == ("bob", "control/take", "1", "ok")
+        assert journal_lines(rig.station)[-1] == ("bob", "control/take", "1", "ok")
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_any_request_renews_control_and_disconnecting_releases_it(run_simulated):
@@ -140,12 +150,12 @@ def test_any_request_renews_control_and_disconnecting_releases_it(run_simulated)
         for _ in range(5):
             await seconds(20)
             rig.station.authority.renew(ANNA)
-        assert view(await control_routes.me(rig.station, ANNA))["controls"] == ["1"]
-        assert view(await control_routes.leave(rig.station, ANNA))["controls"] == []
+        assert json_of(await control_routes.me(rig.station, ANNA))["controls"] == ["1"]
+        assert json_of(await control_routes.leave(rig.station, ANNA))["controls"] == []
         assert control_changes(rig.vehicle)[-1][0] == "released"
-        assert lines(rig.station)[-1] == ("anna", "control/release", "1", "ok")
+        assert journal_lines(rig.station)[-1] == ("anna", "control/release", "1", "ok")
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_control_of_an_unknown_vehicle_cannot_be_taken(run_simulated):
@@ -153,7 +163,7 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(run_simulated):
         with pytest.raises(UnknownVehicle):
             await control_routes.take("77", rig.station, ANNA)
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 # --- control expires ------------------------------------------------------------------------------
@@ -183,11 +193,11 @@ def test_on_expiry_is_executed_but_never_against_a_pilot(run_simulated, on_expir
         await seconds(5)
         assert rig.autopilot.mode == mode_after
         assert control_changes(rig.vehicle)[-1][0] == "expired"
-        server_lines = [line for line in lines(rig.station) if line[0] == "server"]
+        server_lines = [line for line in journal_lines(rig.station) if line[0] == "server"]
         assert server_lines[0] == ("server", "control/expired", "1", "ok")
         assert server_lines[1:] == ([] if mode_after == mode else [("server", on_expiry, "1", "ok")])
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_expired_control_commands_nothing_on_the_ground(run_simulated):
@@ -198,7 +208,7 @@ def test_expired_control_commands_nothing_on_the_ground(run_simulated):
         await seconds(40)
         assert not rig.autopilot.commands(DO_SET_MODE)
 
-    with_routes(run_simulated, scenario, flying=False)
+    run_with_routes(run_simulated, scenario, flying=False)
 
 
 # --- external control -----------------------------------------------------------------------------
@@ -224,10 +234,10 @@ def test_a_pilots_switch_to_position_is_reported_and_never_reversed(run_simulate
         await assert_silent(rig.autopilot, None, seconds_=40.0, settle_s=0.1)
         assert rig.autopilot.mode == POSITION
         assert mode_lines(rig.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
-        cause = view(await control_routes.show("1", rig.station, BOB))["mode_cause"]
+        cause = json_of(await control_routes.show("1", rig.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulated):
@@ -244,7 +254,7 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulat
         )
         assert rig.autopilot.mode == RTL
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control(run_simulated):
@@ -258,7 +268,7 @@ def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control
         await seconds(0.1)
         assert mode_lines(rig.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_failsafe_is_reported_as_failsafe(run_simulated):
@@ -269,7 +279,7 @@ def test_a_failsafe_is_reported_as_failsafe(run_simulated):
         await seconds(0.1)
         assert mode_lines(rig.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(run_simulated):
@@ -283,7 +293,7 @@ def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(run_simulated):
         await seconds(0.1)
         assert rig.vehicle.mode_cause.source == "failsafe"
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(run_simulated):
@@ -291,7 +301,7 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(run_si
         await rig.vehicle.gimbal.take_control()
         await seconds(2.5)
         count = len(rig.autopilot.commands(GIMBAL_CONFIGURE))
-        rig.autopilot.control = (245, 190)
+        rig.autopilot.gimbal_control = (245, 190)
         await seconds(5)
         assert control_changes(rig.vehicle)[-1] == (
             "gimbal_taken",
@@ -301,7 +311,7 @@ def test_a_gimbal_taken_by_another_station_is_reported_and_not_taken_back(run_si
         with pytest.raises(Refused, match="controlled by system 245"):
             await rig.vehicle.gimbal.set_angles(-10, 0)
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_recording_has_no_control_lease(run_simulated):
@@ -334,7 +344,7 @@ def test_a_stream_depends_on_the_validity_of_its_setpoints_not_on_its_clients_co
         assert rig.autopilot.mode == HOLD
         assert stream_request().valid_for_s == START.valid_for_s
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_stream_reports_its_clients_key(run_simulated):
@@ -349,4 +359,4 @@ def test_a_stream_reports_its_clients_key(run_simulated):
         await seconds(0.5)
         assert rig.vehicle.offboard.status().client_key == second.key != first.key
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)

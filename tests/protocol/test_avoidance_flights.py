@@ -11,7 +11,7 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from gcs_server.streamer.values.stream_request import StreamRequest
 from missions.setpoints import Path, PathPoint, Position
 from tests.protocol.command_numbers import SET_MESSAGE_INTERVAL
-from tests.protocol.offboard_world import codes
+from tests.protocol.offboard_world import offboard_event_codes
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
@@ -74,7 +74,7 @@ class Flight:
             )
 
 
-def fly(run_simulated, scenario):
+def run_at_the_box(run_simulated, scenario):
     async def run():
         station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
         world = SimulatedWorld(sim=station.sim)
@@ -100,7 +100,7 @@ def test_without_avoidance_and_brake_the_straight_path_hits_the_box(run_simulate
         await until(lambda: not flight.is_undamaged(), 30)
         assert flight.position_ned_m[0] < BOX_NORTH_M[0]
 
-    fly(run_simulated, scenario)
+    run_at_the_box(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -119,11 +119,11 @@ def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_ov
         await until(lambda: flight.avoidance.state == "clear" and flight.is_near(GOAL_NED_M), 60)
         assert flight.is_undamaged()
         assert 4.4 < flight.highest_over_the_box() < 7.0
-        assert codes(flight.vehicle).count("avoidance") >= 2
+        assert offboard_event_codes(flight.vehicle).count("avoidance") >= 2
         offboard.avoidance.switch_off()
         await until(lambda: flight.avoidance.state is None, 2)
 
-    fly(run_simulated, scenario)
+    run_at_the_box(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -138,7 +138,7 @@ def test_avoidance_flies_around_the_box_and_rejoins_the_path_behind_it(run_simul
         assert max(-down for _, _, down, _ in flight.track) < 3.0
         assert max(abs(east) for _, east, _, _ in flight.track) > 2.5
 
-    fly(run_simulated, scenario)
+    run_at_the_box(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -156,12 +156,12 @@ def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(run_simulated
         assert hold_setpoint["type"] == "position"
         await asyncio.sleep(3)
         assert flight.offboard.status().setpoint == hold_setpoint
-        assert "avoidance_stopped" in codes(flight.vehicle)
+        assert "avoidance_stopped" in offboard_event_codes(flight.vehicle)
         flight.set_sensor_interval(2e5)
         await until(lambda: flight.is_near(GOAL_NED_M), 60)
         assert flight.is_undamaged()
 
-    fly(run_simulated, scenario)
+    run_at_the_box(run_simulated, scenario)
 
 
 def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(run_simulated):

@@ -17,6 +17,7 @@ from tests.protocol.command_numbers import (
     RUN_PREARM_CHECKS,
     TAKEOFF_COMMAND,
 )
+from tests.protocol.fake_autopilot import IN_AIR, ON_GROUND
 from tests.protocol.one_vehicle import LOSS, run_scenario
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -38,7 +39,7 @@ def test_a_flight_from_arming_to_kill(run_simulated, loss, seed):
         assert vehicle.status.mode == "takeoff"
         assert autopilot.target[2] == pytest.approx(499.0, abs=0.01)
         assert len([m for m in autopilot.commands(ARM_DISARM) if m.param1 == 1]) >= 2
-        autopilot.landed, autopilot.position[2] = 2, 499.0
+        autopilot.landed_state, autopilot.position[2] = IN_AIR, 499.0
         await within(6, vehicle.command.hold())
         assert vehicle.status.mode == "hold"
         await within(6, vehicle.command.goto(47.398, 8.546, alt_home_m=12, yaw_ned_deg=90))
@@ -91,7 +92,7 @@ def test_the_confirmation_field_counts_repeats_and_nothing_is_sent_after_success
 @pytest.mark.parametrize(("loss", "seed"), [(0.0, 1), (0.2, 11), (0.2, 12)])
 def test_a_mode_that_is_accepted_and_then_refused_is_rejected_with_its_reason(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
-        autopilot.armed, autopilot.landed = True, 2
+        autopilot.armed, autopilot.landed_state = True, IN_AIR
         await asyncio.sleep(4)
         with pytest.raises(Rejected) as caught:
             await vehicle.command.set_mode("manual")
@@ -130,7 +131,7 @@ def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
 
 def test_disarming_in_flight_is_refused(run_simulated):
     async def scenario(world, vehicle, autopilot):
-        autopilot.armed, autopilot.landed = True, 2
+        autopilot.armed, autopilot.landed_state = True, IN_AIR
         await asyncio.sleep(3)
         with pytest.raises(Rejected, match="not landed"):
             await vehicle.command.disarm()
@@ -241,7 +242,7 @@ def test_command_int_is_sent_if_the_vehicle_does_not_accept_command_long(run_sim
 
 def test_a_newer_command_ends_an_older_command(run_simulated):
     async def scenario(world, vehicle, autopilot):
-        autopilot.lift = lambda: None
+        autopilot.lift_off = lambda: None
         takeoff = asyncio.ensure_future(vehicle.command.takeoff(10))
         await asyncio.sleep(3)
         await vehicle.command.hold()
@@ -304,7 +305,7 @@ def test_the_server_refuses_values_that_px4_would_accept(run_simulated):
     async def scenario(world, vehicle, autopilot):
         with pytest.raises(Refused, match="is not flying"):
             await vehicle.command.goto(47.3978, 8.5456, alt_home_m=10)
-        autopilot.armed, autopilot.landed = True, 2
+        autopilot.armed, autopilot.landed_state = True, IN_AIR
         await asyncio.sleep(3)
         with pytest.raises(Refused, match="m away"):
             await vehicle.command.goto(47.85, 8.5456, alt_home_m=10)
@@ -312,7 +313,7 @@ def test_the_server_refuses_values_that_px4_would_accept(run_simulated):
             await vehicle.command.goto(47.3978, 8.5456, alt_amsl_m=5000)
         with pytest.raises(Refused, match="is already flying"):
             await vehicle.command.takeoff(10)
-        autopilot.has_position, autopilot.armed, autopilot.landed = False, False, 1
+        autopilot.has_position, autopilot.armed, autopilot.landed_state = False, False, ON_GROUND
         await asyncio.sleep(5)
         with pytest.raises(Refused, match="no global position"):
             await vehicle.command.takeoff(10)

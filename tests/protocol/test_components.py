@@ -7,7 +7,7 @@ import pytest
 from gcs_server.api import camera_routes, gimbal_routes, models, vehicle_routes
 from gcs_server.errors import InvalidRequest, NoReply
 from gcs_server.vehicle.components import LOST_AFTER_S, MAX_COMPONENTS
-from tests.protocol.api_calls import ANNA, lines, station_of, view
+from tests.protocol.api_calls import ANNA, journal_lines, json_of, station_of
 from tests.protocol.command_numbers import (
     GIMBAL_CONFIGURE,
     GIMBAL_PITCHYAW,
@@ -111,7 +111,7 @@ def test_components_are_known_by_their_heartbeats_until_they_are_lost(run_simula
             "Gimbal 154 connected",
         ]
         assert texts[4:] == ["Gimbal 154: connection lost", "Gimbal 154: connection restored"]
-        assert view(await vehicle_routes.show_vehicle(vehicle))["components"][1] == {
+        assert json_of(await vehicle_routes.show_vehicle(vehicle))["components"][1] == {
             "component_id": 68, "kind": "other", "mav_type": 0, "lost": False, "last_heard_unix_s": None,
         }  # fmt: skip
 
@@ -195,12 +195,12 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
         async def call(work):
             sending = asyncio.ensure_future(repeated(6, send_both_attitudes))
             try:
-                return view(await work)
+                return json_of(await work)
             finally:
                 sending.cancel()
 
         await call(gimbal_routes.take("1", station, ANNA, (171, None)))
-        assert autopilot.control == (0, 0), "control of the autopilot's gimbal was taken"
+        assert autopilot.gimbal_control == (0, 0), "control of the autopilot's gimbal was taken"
         assert second.control[171] == (255, 190)
         angles = models.GimbalAngles(pitch_deg=-20, yaw_deg=5, wait=False)
         await call(gimbal_routes.angles("1", angles, station, ANNA, (171, 171)))
@@ -213,7 +213,7 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
         with pytest.raises(InvalidRequest, match="no gimbal with component 7") as refused:
             await gimbal_routes.take("1", station, ANNA, (7, None))
         assert "component 1, device 1; component 171, device 171" in refused.value.remedy
-        assert [line[1] for line in lines(station)][-1] == "gimbal/take"
+        assert [line[1] for line in journal_lines(station)][-1] == "gimbal/take"
 
         await repeated(4, lambda: second.attitude(DOWN))
         value = vehicle.topic("gimbal").value
@@ -235,10 +235,10 @@ def test_two_devices_of_one_manager_are_distinguished(run_simulated):
                 gimbals.status(device)
 
         gimbals.control = {1: (255, 190), 2: (255, 190)}
-        autopilot.gimbal = False
+        autopilot.has_gimbal = False
         await repeated(2, send_both_devices)
         sending = asyncio.ensure_future(repeated(6, send_both_devices))
-        autopilot.control, autopilot.gimbal = (255, 190), True
+        autopilot.gimbal_control, autopilot.has_gimbal = (255, 190), True
         await vehicle.gimbals.service_for(1, 2).set_rates(1, 2)
         await vehicle.gimbal.set_rates(3, 4)
         sending.cancel()
@@ -268,7 +268,7 @@ def test_no_component_replaces_the_autopilots_gimbal(run_simulated):
         taking = asyncio.ensure_future(vehicle.gimbal.take_control())
         await repeated(1, send_as_other_devices, autopilot.gimbal_attitude)
         await taking
-        assert autopilot.control == (255, 190)
+        assert autopilot.gimbal_control == (255, 190)
         assert impostor.commands(GIMBAL_CONFIGURE) == []
 
     run_with_vehicle(run_simulated, scenario)
@@ -295,7 +295,7 @@ def test_a_request_chooses_the_camera_by_its_component(run_simulated):
         first, second = OtherComponent(autopilot, 100, 30), OtherComponent(autopilot, 102, 30)
         await repeated(1, first.heartbeat, second.heartbeat)
         station = station_of(world)
-        assert view(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
+        assert json_of(await camera_routes.picture("1", station, ANNA, 102))["command"] == "camera/picture"
         await camera_routes.picture("1", station, ANNA)
         assert (len(first.commands(IMAGE_START_CAPTURE)), len(second.commands(IMAGE_START_CAPTURE))) == (1, 1)
         for wrong in (101, 1):  # no component, and the autopilot

@@ -10,7 +10,7 @@ from gcs_server.api import models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.control.principal import Principal
 from gcs_server.errors import Disconnected, InvalidRequest, NoReply, NotInControl, Refused, UnknownVehicle
-from tests.protocol.api_calls import lines, station_of
+from tests.protocol.api_calls import journal_lines, station_of
 from tests.protocol.command_numbers import ARM_DISARM
 from tests.protocol.fake_autopilot import OFFBOARD
 from tests.protocol.offboard_world import OffboardWorld, seconds, stream_request
@@ -23,7 +23,7 @@ def setpoint_request(setpoint, **fields):
     return SetpointRequest.model_validate({"setpoint": setpoint, **fields})
 
 
-def with_two_equal_ids(run_simulated, scenario):
+def run_with_two_equal_ids(run_simulated, scenario):
     async def run():
         world = OffboardWorld()
         autopilots = {}
@@ -64,9 +64,9 @@ def test_kill_with_a_wrong_confirmation_sends_nothing(run_simulated, vehicle_id,
         for autopilot in (first, second):
             assert autopilot.armed
             assert not autopilot.commands(ARM_DISARM)
-        assert lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
+        assert journal_lines(station) == [("me", "kill", vehicle_id, "invalid_request")]
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("vehicle_id", ["1", "1~2"])
@@ -79,7 +79,7 @@ def test_kill_is_sent_only_to_the_named_vehicle(run_simulated, vehicle_id):
         assert other.armed
         assert not other.commands(ARM_DISARM)
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)
 
 
 def test_kill_is_sent_to_a_lost_vehicle(run_simulated):
@@ -94,7 +94,7 @@ def test_kill_is_sent_to_a_lost_vehicle(run_simulated):
         assert not first.armed
         assert second.armed
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)
 
 
 def test_kill_of_an_unknown_vehicle_is_404(run_simulated):
@@ -102,9 +102,9 @@ def test_kill_of_an_unknown_vehicle_is_404(run_simulated):
         with pytest.raises(UnknownVehicle):
             body = models.KillRequest(confirm="motors stop, vehicle 3 falls")
             await vehicle_routes.kill("3", body, station, ME)
-        assert lines(station) == [("me", "kill", "3", "unknown_vehicle")]
+        assert journal_lines(station) == [("me", "kill", "3", "unknown_vehicle")]
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)
 
 
 def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simulated):
@@ -125,7 +125,7 @@ def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simu
             "not_confirmed",
         ]
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)
 
 
 def test_a_handover_of_control_journals_both_clients(run_simulated):
@@ -149,7 +149,7 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
         await offboard_routes.stop("1", station, BERT)
         with pytest.raises(Refused, match="no setpoint stream"):
             await offboard_routes.setpoint("1", setpoint_request(HOVER), station, BERT)
-        journal = lines(station)
+        journal = journal_lines(station)
         assert journal[0] == ("anna", "offboard/start", "1", "ok")
         setpoints = {
             (client, result) for client, command, _, result in journal if command == "offboard/setpoint"
@@ -164,7 +164,7 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
         ]
         assert not second.setpoints
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)
 
 
 def test_hold_by_another_client_ends_the_stream(run_simulated):
@@ -179,7 +179,7 @@ def test_hold_by_another_client_ends_the_stream(run_simulated):
         assert len(first.setpoints) == sent
         assert "bert" in world.fleet.get("1").offboard.status().ended
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)
 
 
 BAD = [
@@ -235,4 +235,4 @@ def test_targets_a_kilometre_away_are_refused_at_the_start_and_in_flight(run_sim
         await seconds(0.2)
         assert first.setpoints[-1][1].z == -5.0
 
-    with_two_equal_ids(run_simulated, scenario)
+    run_with_two_equal_ids(run_simulated, scenario)

@@ -4,7 +4,7 @@ vehicle."""
 import json
 
 from gcs_server.api import control_routes, dry_run_models, dry_run_routes
-from tests.protocol.api_calls import ANNA, BOB, FORCE, view, with_routes
+from tests.protocol.api_calls import ANNA, BOB, FORCE, json_of, run_with_routes
 from tests.protocol.command_numbers import REQUEST_MESSAGE, RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL
 from tests.protocol.offboard_world import seconds
 
@@ -33,7 +33,7 @@ class DryRuns:
 async def request_by(rig, by=ANNA, **fields):
     rig.station.dry_runs = DryRuns()
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **fields})
-    operation = view(await dry_run_routes.start_dry_run(body, rig.station, by))
+    operation = json_of(await dry_run_routes.start_dry_run(body, rig.station, by))
     await rig.station.operations.wait(operation["id"])
     return rig.station.dry_runs.requests[-1]
 
@@ -64,7 +64,7 @@ def test_a_dry_run_uses_the_vehicles_known_data_and_lists_what_is_unknown(run_si
         assert set(request["origin"]) == {"lat_deg", "lon_deg", "alt_amsl_m"}
         json.dumps(request, allow_nan=False)
 
-    with_routes(run_simulated, scenario, flying=False)
+    run_with_routes(run_simulated, scenario, flying=False)
 
 
 def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(run_simulated):
@@ -74,7 +74,7 @@ def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(run_simulated):
         assert request["aircraft"]["home"]["lat_deg"] == home.lat_deg
         assert any("starts on the ground at its home" in text for text in run_info["assumed"])
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(run_simulated):
@@ -87,4 +87,4 @@ def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(run_simulat
         assert [str(m) for m in commands(rig.autopilot)[before:]] == []
         assert rig.station.authority.control("1").status().holder_key == BOB.key
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)

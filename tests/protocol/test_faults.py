@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
-from tests.protocol.api_calls import ANNA, BOB, FORCE, MISSION, with_routes
+from tests.protocol.api_calls import ANNA, BOB, FORCE, MISSION, run_with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests, seconds
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -22,7 +22,7 @@ NEXT_SETPOINT = SetpointRequest.model_validate({"setpoint": HOVER, "valid_for_s"
 LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
 
 
-def narrative(vehicle):
+def event_summary(vehicle):
     """The events in short form: control, mode and its cause, the stream, the link."""
     events = []
     for event in vehicle.events.since():
@@ -53,7 +53,7 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_sim
         await seconds(1.0 + 2.0 + 6.0)
         assert rig.autopilot.mode == HOLD
         await assert_silent(rig.autopilot, None, seconds_=30.0)
-        assert narrative(rig.vehicle) == [
+        assert event_summary(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "stream expired",
@@ -64,7 +64,7 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_sim
         assert rig.autopilot.failsafes == 0
         await vehicle_routes.rtl("1", rig.station, BOB)  # the next client gets control
 
-    with_routes(run_simulated, scenario, loss=loss, seed=seed)
+    run_with_routes(run_simulated, scenario, loss=loss, seed=seed)
 
 
 @pytest.mark.story
@@ -82,7 +82,7 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(run_simulated)
                 await offboard_routes.setpoint("1", NEXT_SETPOINT, rig.station, ANNA)
             with pytest.raises(NotInControl):
                 await offboard_routes.start("1", SHORT_START, rig.station, BOB)
-        assert narrative(rig.vehicle) == [
+        assert event_summary(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "stream expired",
@@ -90,7 +90,7 @@ def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(run_simulated)
             "stream held",
         ]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("on_expiry", [pytest.param("nothing", marks=pytest.mark.broad), "hold"])
@@ -107,10 +107,10 @@ def test_without_network_the_vehicle_executes_its_configured_action(run_simulate
         expected = ["control taken", "mode mission by command", "control expired"]
         if on_expiry == "hold":
             expected.append("mode hold by command")
-        assert narrative(rig.vehicle) == expected
+        assert event_summary(rig.vehicle) == expected
         assert rig.autopilot.mode == (HOLD if on_expiry == "hold" else MISSION)
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the_link_is_restored(
@@ -124,7 +124,7 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the
         assert rig.autopilot.mode == POSITION, "PX4's failsafe did not act"
         rig.autopilot.loss = 0.0
         await assert_silent(rig.autopilot, None, seconds_=30.0, settle_s=0.5)
-        assert narrative(rig.vehicle) == [
+        assert event_summary(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "Connection lost",
@@ -135,7 +135,7 @@ def test_a_lost_link_ends_in_the_vehicles_failsafe_and_nothing_is_sent_after_the
             "control expired",
         ]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_the_vehicle(run_simulated):
@@ -163,7 +163,7 @@ def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_t
             await offboard_routes.stop("1", rig.station, BOB)
             await assert_silent(rig.autopilot, None)
             assert rig.autopilot.mode == HOLD
-        assert narrative(rig.vehicle) == [
+        assert event_summary(rig.vehicle) == [
             "control taken",
             "mode offboard by command",
             "control requested",
@@ -171,7 +171,7 @@ def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_t
             "mode hold by command",
         ]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSSES)
@@ -189,20 +189,20 @@ def test_a_pilot_takes_over_the_vehicle_with_position_mode(run_simulated, loss, 
             == requests_before
         )
         assert rig.autopilot.mode == POSITION
-        events = narrative(rig.vehicle)
+        events = event_summary(rig.vehicle)
         assert sorted(events[2:4]) == ["mode position by unknown", "stream left_offboard"]
         assert (events[:2], events[4:]) == (
             ["control taken", "mode offboard by command"],
             ["control expired"],
         )
 
-    with_routes(run_simulated, scenario, loss=loss, seed=seed)
+    run_with_routes(run_simulated, scenario, loss=loss, seed=seed)
 
 
 def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(run_simulated):
     async def scenario(rig):
         await offboard_routes.start("1", LONG_START, rig.station, ANNA)
-        rig.autopilot.estimates = False
+        rig.autopilot.has_estimates = False
         await seconds(2.0)
         rig.autopilot.mode = LAND
         rig.autopilot.send(sim.MAVLink_current_mode_message(0, LAND, OFFBOARD))
@@ -210,7 +210,7 @@ def test_a_lost_estimate_leads_to_the_vehicles_own_failsafe(run_simulated):
         assert rig.autopilot.mode == LAND
         with pytest.raises(Refused):
             await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
-        events = narrative(rig.vehicle)
+        events = event_summary(rig.vehicle)
         assert sorted(events[2:]) == ["mode land by failsafe", "stream left_offboard"]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)

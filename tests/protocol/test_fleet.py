@@ -102,10 +102,10 @@ def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(run
         first = world.autopilot(world.link("a"), uid=HARDWARE_A)
         second = world.autopilot(world.link("b"), uid=HARDWARE_A)
         for autopilot in (first, second):
-            autopilot.version = autopilot.has_position = False
+            autopilot.sends_version = autopilot.has_position = False
         await asyncio.sleep(8)
         assert ids(world) == ["1", "1~2"]
-        first.version = second.version = True
+        first.sends_version = second.sends_version = True
         await asyncio.sleep(65)
         assert ids(world) == ["1"]
         assert world.fleet.get("1").identity.warnings == ()

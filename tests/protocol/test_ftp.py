@@ -10,7 +10,7 @@ from gcs_server.errors import Disconnected, NoReply
 from gcs_server.vehicle.services.ftp import FtpService
 from gcs_server.vehicle.services.ftp_codec import FtpError, FtpFailed
 from tests.protocol.memory_world import World
-from tests.protocol.sim_world import SimulatedAutopilot
+from tests.protocol.simulated_autopilot import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, PARAMETERS, crc32
 
 FTP_ID = 110

@@ -12,21 +12,21 @@ import pytest
 from gcs_server.api import group_routes
 from gcs_server.api.setpoint_request import SetpointRequest
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
-from tests.protocol.api_calls import station_of, view
+from tests.protocol.api_calls import json_of, station_of
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (
     ALL_NORTH,
     ANNA,
-    DEG_M,
+    METRES_PER_DEGREE,
     STREAM_PERIOD_S,
-    begin,
-    changes,
-    first_s,
+    first_setpoint_s,
     modes,
     path,
     position,
+    run_with_vehicles,
+    setpoints_request,
+    start_group,
     velocity,
-    with_routes,
 )
 from tests.protocol.offboard_world import POSITION, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
@@ -34,45 +34,49 @@ from tests.protocol.simulated_world import SimulatedWorld, until
 
 def test_setpoints_of_several_vehicles_change_together_and_expire_together(run_simulated):
     async def scenario(rig):
-        await begin(rig, {"1": position(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": position(4)})
+        await start_group(
+            rig, {"1": position(4), "2": path((0, [0, 0, -5]), (6, [6, 0, -5])), "3": position(4)}
+        )
         await seconds(1)
-        changed = changes({"1": position(7), "3": position(7)}, valid_for_s=2.0)
-        group = view(await group_routes.setpoints("1", changed, rig.station, ANNA))
+        changed = setpoints_request({"1": position(7), "3": position(7)}, valid_for_s=2.0)
+        group = json_of(await group_routes.setpoints("1", changed, rig.station, ANNA))
         assert (group["client"], group["client_key"]) == ("anna", ANNA.key)
         assert group["valid_left_s"] == pytest.approx(2.0 + 5.5, abs=0.2)  # the path continues to its end
         await seconds(0.1)
-        start_times_s = [first_s(rig.autopilots[v], 7.0) for v in "13"]
+        start_times_s = [first_setpoint_s(rig.autopilots[v], 7.0) for v in "13"]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
         with pytest.raises(NotTogether, match="would come within"):
-            closer = changes({"1": position(0, 8)})
+            closer = setpoints_request({"1": position(0, 8)})
             await group_routes.setpoints("1", closer, rig.station, ANNA)
         with pytest.raises(InvalidRequest, match="vehicle 9 is not in group 1"):
-            await group_routes.setpoints("1", changes({"9": position()}), rig.station, ANNA)
+            await group_routes.setpoints("1", setpoints_request({"9": position()}), rig.station, ANNA)
         await seconds(6.0)
-        assert view(await group_routes.show("1", rig.station))["state"] == "flying"
+        assert json_of(await group_routes.show("1", rig.station))["state"] == "flying"
         await seconds(8.5)
         assert set(modes(rig).values()) == {HOLD}
-        ended = view(await group_routes.show("1", rig.station))
+        ended = json_of(await group_routes.show("1", rig.station))
         assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
         with pytest.raises(Refused, match="is ended: it accepts no setpoints"):
             await group_routes.setpoints("1", changed, rig.station, ANNA)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_an_empty_list_renews_the_setpoints_of_all(run_simulated):
     async def scenario(rig):
-        await begin(rig, ALL_NORTH, valid_for_s=3.0)
+        await start_group(rig, ALL_NORTH, valid_for_s=3.0)
         for _ in range(3):
             await seconds(2)
-            group = view(await group_routes.setpoints("1", changes({}, valid_for_s=3.0), rig.station, ANNA))
+            group = json_of(
+                await group_routes.setpoints("1", setpoints_request({}, valid_for_s=3.0), rig.station, ANNA)
+            )
             assert group["valid_left_s"] == pytest.approx(3.0, abs=0.1)
-        assert view(await group_routes.show("1", rig.station))["state"] == "flying"
+        assert json_of(await group_routes.show("1", rig.station))["state"] == "flying"
         await seconds(12.0)
-        ended = view(await group_routes.show("1", rig.station))
+        ended = json_of(await group_routes.show("1", rig.station))
         assert (ended["ended"], ended["findings"]) == ("The setpoints expired.", [])
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
@@ -80,14 +84,14 @@ def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_g
     run_simulated, others_go_on
 ):
     async def scenario(rig):
-        await begin(rig, ALL_NORTH, others_go_on=others_go_on)
+        await start_group(rig, ALL_NORTH, others_go_on=others_go_on)
         await seconds(1)
         rig.autopilots["2"].mode = rig.autopilots["2"].requested_mode = POSITION  # by its pilot
         rig.autopilots["2"].current_mode()
         await seconds(7.5)  # the server waits for a mode that it has just requested
         others = OFFBOARD if others_go_on else HOLD
         assert modes(rig) == {"1": others, "2": POSITION, "3": others}
-        group = view(await group_routes.show("1", rig.station))
+        group = json_of(await group_routes.show("1", rig.station))
         assert group["state"] == ("flying" if others_go_on else "ended")
         finding = group["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("left", ["2"])
@@ -100,18 +104,18 @@ def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_g
         assert [text for text, _, warning in rig.group_changes if warning]
         if others_go_on:
             with pytest.raises(Refused, match="Vehicle 2 is held and no longer follows group 1"):
-                await group_routes.setpoints("1", changes({"2": position(5)}), rig.station, ANNA)
+                await group_routes.setpoints("1", setpoints_request({"2": position(5)}), rig.station, ANNA)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(run_simulated):
     async def scenario(rig):
-        await begin(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
+        await start_group(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(2)
         rig.autopilots["3"].alive = False
         await seconds(2.0)
-        group = view(await group_routes.show("1", rig.station))
+        group = json_of(await group_routes.show("1", rig.station))
         assert group["findings"][0]["code"] == "place_unknown"
         assert "The position of vehicle 3 is not known" in group["findings"][0]["text"]
         last = {v: rig.autopilots[v].setpoints[-1][1] for v in "12"}
@@ -119,38 +123,38 @@ def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(run_simulate
         await seconds(8)
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_member_can_follow_another_of_the_group(run_simulated):
     async def scenario(rig):
         beside = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 10, 0]}
-        await begin(rig, {"1": position(4), "2": beside})
+        await start_group(rig, {"1": position(4), "2": beside})
         await seconds(2)
-        group = view(await group_routes.show("1", rig.station))
+        group = json_of(await group_routes.show("1", rig.station))
         assert [m["ordered_type"] for m in group["members"]] == ["position", "follow"]
         assert group["state"] == "flying"
         last = rig.autopilots["2"].setpoints[-1][1]
         assert (last.x, last.y) == (pytest.approx(0, abs=0.2), pytest.approx(0, abs=0.2))
         nearer = {"type": "follow", "vehicle": "1", "offset_ned_m": [0, 3, 0]}
         with pytest.raises(NotTogether, match="would come within"):
-            await group_routes.setpoints("1", changes({"2": nearer}), rig.station, ANNA)
+            await group_routes.setpoints("1", setpoints_request({"2": nearer}), rig.station, ANNA)
 
-    with_routes(run_simulated, scenario, count=2)
+    run_with_vehicles(run_simulated, scenario, count=2)
 
 
 def test_a_server_shutdown_puts_a_group_into_hold_without_findings(run_simulated):
     async def scenario(rig):
-        await begin(rig, ALL_NORTH)
+        await start_group(rig, ALL_NORTH)
         await seconds(1)
         stopped = await rig.world.streamer.stop_all()
         assert [s.error for s in stopped] == [None] * 3
         assert set(modes(rig).values()) == {HOLD}
         await seconds(0.3)
-        group = view(await group_routes.show("1", rig.station))
+        group = json_of(await group_routes.show("1", rig.station))
         assert (group["ended"], group["findings"]) == ("The server was shut down.", [])
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 # With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. After 3.5 s without a
@@ -160,19 +164,19 @@ def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(run_simu
     async def scenario(rig):
         for index, autopilot in enumerate(rig.autopilots.values()):
             autopilot.loss, autopilot.random = 0.2, random.Random(seed * 10 + index)
-        await begin(rig, ALL_NORTH)
+        await start_group(rig, ALL_NORTH)
         await seconds(2)
         start_times_s = [next(t for t, m in p.setpoints if m.x > 1) for p in rig.autopilots.values()]
         assert (
             max(start_times_s) - min(start_times_s) < 10 * STREAM_PERIOD_S
         )  # the first setpoint may have been lost
-        await group_routes.setpoints("1", changes({"1": position(6)}), rig.station, ANNA)
-        group = view(await group_routes.hold("1", rig.station, ANNA))
+        await group_routes.setpoints("1", setpoints_request({"1": position(6)}), rig.station, ANNA)
+        group = json_of(await group_routes.hold("1", rig.station, ANNA))
         assert (group["state"], group["findings"]) == ("ended", [])
         assert set(modes(rig).values()) == {HOLD}
         assert sum(autopilot.failsafes for autopilot in rig.autopilots.values()) == 0
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("stall_s", "code"), [(0.4, None), (1.2, "place_unknown")])
@@ -180,28 +184,28 @@ def test_the_guard_works_while_the_event_loop_stalls_and_puts_all_into_hold_afte
     run_simulated, stall_s, code
 ):
     async def scenario(rig):
-        await begin(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
+        await start_group(rig, {"1": velocity(1), "2": velocity(1), "3": velocity(1)})
         await seconds(8)
         streamer = rig.world.streamer
         streamer.update_once = lambda: None
         await seconds(stall_s)
         del streamer.update_once
         await seconds(3)
-        findings = view(await group_routes.show("1", rig.station))["findings"]
+        findings = json_of(await group_routes.show("1", rig.station))["findings"]
         assert [finding["code"] for finding in findings] == ([] if code is None else [code])
         assert set(modes(rig).values()) == ({OFFBOARD} if code is None else {HOLD})
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_killed_client_leaves_all_in_hold(run_simulated):
     async def scenario(rig):
-        await begin(rig, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
+        await start_group(rig, {"1": velocity(1), "2": velocity(1)}, valid_for_s=1.0)
         await seconds(9)
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
-        assert view(await group_routes.show("1", rig.station))["ended"] == "The setpoints expired."
+        assert json_of(await group_routes.show("1", rig.station))["ended"] == "The setpoints expired."
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 # --- simulated PX4s -------------------------------------------------------------------------------
@@ -211,8 +215,8 @@ def position_m(vehicle):
     """North, east and down, from the origin of latitude, longitude and AMSL altitude."""
     position = vehicle.topic("global_position").value
     return (
-        position.lat_deg * DEG_M,
-        position.lon_deg * DEG_M * math.cos(math.radians(position.lat_deg)),
+        position.lat_deg * METRES_PER_DEGREE,
+        position.lon_deg * METRES_PER_DEGREE * math.cos(math.radians(position.lat_deg)),
         -position.alt_amsl_m,
     )
 
@@ -221,7 +225,7 @@ def smallest_distance_m(vehicles):
     return min(math.dist(position_m(a), position_m(b)) for a, b in itertools.combinations(vehicles, 2))
 
 
-def with_simulated_vehicles(run_simulated, scenario, count=2):
+def run_with_simulated_vehicles(run_simulated, scenario, count=2):
     async def run():
         world = SimulatedWorld(count)
         try:
@@ -240,14 +244,14 @@ def with_simulated_vehicles(run_simulated, scenario, count=2):
 @pytest.mark.story
 def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minimum_distance(run_simulated):
     async def scenario(rig, vehicles):
-        await begin(rig, {"1": position(0, -10, -8), "2": position(0, 10, -8)}, minimum_separation_m=1)
+        await start_group(rig, {"1": position(0, -10, -8), "2": position(0, 10, -8)}, minimum_separation_m=1)
         await until(lambda: smallest_distance_m(vehicles) > 22, 30)
-        group = view(await group_routes.hold("1", rig.station, ANNA))
+        group = json_of(await group_routes.hold("1", rig.station, ANNA))
         assert (group["state"], group["findings"]) == ("ended", [])
         assert {v.status.mode for v in vehicles} == {"hold"}
 
         stay = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
-        await begin(rig, {"1": stay, "2": stay}, minimum_separation_m=5)
+        await start_group(rig, {"1": stay, "2": stay}, minimum_separation_m=5)
         await seconds(1)
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
             # sent as the group's own setpoints, without the prediction, so that only the guard can detect it
@@ -264,11 +268,11 @@ def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minim
         assert {v.status.mode for v in vehicles} == {"hold"}
         assert fastest_m_s > 2.0
         assert 5.0 < nearest_m < 15.0
-        finding = view(await group_routes.show("2", rig.station))["findings"][0]
+        finding = json_of(await group_routes.show("2", rig.station))["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("separation", ["1", "2"])
         assert finding["held"] == ["1", "2"]
         assert finding["distance_m"] > nearest_m
         warnings = [event.text for event in vehicles[0].events.since() if event.kind == "warning"]
         assert any("Vehicles 1 and 2 are" in text and "requesting Hold mode" in text for text in warnings)
 
-    with_simulated_vehicles(run_simulated, scenario)
+    run_with_simulated_vehicles(run_simulated, scenario)

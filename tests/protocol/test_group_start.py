@@ -9,30 +9,30 @@ from gcs_server.api import group_routes, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import InvalidRequest, NotInControl, NotTogether, Refused, UnknownGroup, UnknownVehicle
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from tests.protocol.api_calls import lines, view
-from tests.protocol.fake_autopilot import HOLD, OFFBOARD
+from tests.protocol.api_calls import journal_lines, json_of
+from tests.protocol.fake_autopilot import HOLD, OFFBOARD, ON_GROUND
 from tests.protocol.group_world import (
     ALL_NORTH,
     ANNA,
     BOB,
     STREAM_PERIOD_S,
-    assert_nobody_moved,
-    begin,
-    body,
-    changes,
-    first_s,
+    assert_no_vehicle_moved,
+    first_setpoint_s,
     modes,
     path,
     position,
-    with_routes,
+    run_with_vehicles,
+    setpoints_request,
+    start_group,
+    start_request,
 )
 from tests.protocol.offboard_world import POSITION, mode_requests, seconds
 
 
 def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period(run_simulated):
     async def scenario(rig):
-        rig.autopilots["2"].take_offboard_after_s = 1.4
-        started = await begin(rig, ALL_NORTH)
+        rig.autopilots["2"].offboard_delay_s = 1.4
+        started = await start_group(rig, ALL_NORTH)
         assert started["state"] == "waiting"
         assert set(modes(rig).values()) == {OFFBOARD}
         assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if m.x != 0]
@@ -40,23 +40,23 @@ def test_all_vehicles_are_switched_to_offboard_first_and_start_within_one_period
         assert 0.3 < ahead_s <= 0.5
         instant_s = rig.world.loop.time() + ahead_s
         await seconds(2.0)
-        start_times_s = [first_s(autopilot, 4.0) for autopilot in rig.autopilots.values()]
+        start_times_s = [first_setpoint_s(autopilot, 4.0) for autopilot in rig.autopilots.values()]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
         assert min(start_times_s) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
-        group = view(await group_routes.show("1", rig.station))
+        group = json_of(await group_routes.show("1", rig.station))
         assert (group["state"], [m["mode"] for m in group["members"]]) == ("flying", ["offboard"] * 3)
         assert group["nearest"]["distance_m"] == pytest.approx(10.0, abs=0.1)
         assert 57 < group["valid_left_s"] < 60
         assert [state for _, state, _ in rig.group_changes] == ["starting", "waiting", "flying"]
-        assert lines(rig.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
+        assert journal_lines(rig.station)[-3:] == [("anna", "group/start", v, "ok") for v in "321"]
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_the_start_returns_each_members_limits(run_simulated):
     async def scenario(rig):
         await rig.vehicles["2"].offboard.operator_limits.set(OperatorLimits(speed_max_m_s=4.0), by="bob")
-        limits = (await begin(rig, ALL_NORTH))["limits"]
+        limits = (await start_group(rig, ALL_NORTH))["limits"]
         assert {v: each["operator"]["speed_max_m_s"] for v, each in limits.items()} == {
             "1": None,
             "2": 4.0,
@@ -64,97 +64,97 @@ def test_the_start_returns_each_members_limits(run_simulated):
         }
         assert (limits["2"]["origin"]["set_by"], limits["2"]["origin"]["restored"]) == ("bob", False)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_the_start_time_can_be_given(run_simulated):
     async def scenario(rig):
         unix_s = rig.world.clock.unix_s()
         instant_s = rig.world.loop.time() + 8.0
-        started = await begin(rig, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
+        started = await start_group(rig, ALL_NORTH, start_at_unix_s=unix_s + 8.0)
         assert started["start_unix_s"] == pytest.approx(unix_s + 8.0, abs=1e-3)
         await seconds(10.0)
-        start_times_s = [first_s(autopilot, 4.0) for autopilot in rig.autopilots.values()]
+        start_times_s = [first_setpoint_s(autopilot, 4.0) for autopilot in rig.autopilots.values()]
         assert max(start_times_s) - min(start_times_s) < STREAM_PERIOD_S
         assert min(start_times_s) == pytest.approx(instant_s, abs=STREAM_PERIOD_S)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("ahead_s", [-5.0, 1.0, 400.0])
 def test_an_impossible_start_time_is_refused(run_simulated, ahead_s):
     async def scenario(rig):
         with pytest.raises(InvalidRequest, match="must be 3 to 300 s ahead") as refused:
-            await begin(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + ahead_s)
+            await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + ahead_s)
         assert refused.value.field == "start_at_unix_s"
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_with_a_start_time_before_all_are_in_offboard_none_moves(run_simulated):
     async def scenario(rig):
-        rig.autopilots["3"].take_offboard_after_s = 3.0
+        rig.autopilots["3"].offboard_delay_s = 3.0
         with pytest.raises(InvalidRequest, match="still ahead when all vehicles are in Offboard"):
-            await begin(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 3.1)
+            await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 3.1)
         await seconds(3)
         assert set(modes(rig).values()) == {HOLD}
-        assert_nobody_moved(rig)
+        assert_no_vehicle_moved(rig)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_vehicle_that_refuses_stops_all_and_is_named_with_its_reason(run_simulated):
     async def scenario(rig):
         rig.autopilots["2"].has_stream = lambda: False  # the vehicle refuses Offboard
         with pytest.raises(NotTogether, match=r"so none moves\. Vehicle 2: ") as refused:
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         assert refused.value.vehicles == ("2",)
         await seconds(3)
         assert set(modes(rig).values()) == {HOLD}
-        assert_nobody_moved(rig)
+        assert_no_vehicle_moved(rig)
         assert not any(v.offboard.status().streaming for v in rig.vehicles.values())
-        ended = view(await group_routes.show("1", rig.station))
+        ended = json_of(await group_routes.show("1", rig.station))
         assert ended["state"] == "ended"
         assert "Vehicle 2" in ended["ended"]
-        assert lines(rig.station)[-1][1:] == ("group/start", "1", "not_together")
+        assert journal_lines(rig.station)[-1][1:] == ("group/start", "1", "not_together")
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_vehicle_that_never_confirms_stops_all(run_simulated):
     async def scenario(rig):
-        rig.autopilots["3"].take_offboard_after_s = 30.0
+        rig.autopilots["3"].offboard_delay_s = 30.0
         with pytest.raises(NotTogether, match="Vehicle 3: "):
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         await seconds(3)
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
-        assert_nobody_moved(rig)
+        assert_no_vehicle_moved(rig)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_setpoints_that_one_vehicle_cannot_fly_are_refused_before_anything_is_sent(run_simulated):
     async def scenario(rig):
         with pytest.raises(NotTogether, match=r"Vehicle 2: The path begins 30\.0 m away"):
             far = path((0, [30, 0, -5]), (5, [35, 0, -5]))
-            await begin(rig, {"1": position(4), "2": far})
-        rig.autopilots["1"].estimates = False
+            await start_group(rig, {"1": position(4), "2": far})
+        rig.autopilots["1"].has_estimates = False
         await seconds(1.5)
         with pytest.raises(NotTogether, match="Vehicle 1: "):
-            await begin(rig, ALL_NORTH)
-        rig.autopilots["1"].estimates = True
-        rig.autopilots["3"].armed, rig.autopilots["3"].landed = False, 1
+            await start_group(rig, ALL_NORTH)
+        rig.autopilots["1"].has_estimates = True
+        rig.autopilots["3"].armed, rig.autopilots["3"].landed_state = False, ON_GROUND
         await seconds(2.5)
         with pytest.raises(NotTogether, match="Vehicle 3 is not flying"):
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         with pytest.raises(UnknownVehicle):
-            await begin(rig, {"1": position(), "9": position()})
+            await start_group(rig, {"1": position(), "9": position()})
         with pytest.raises(UnknownGroup, match="no group '7'"):
             await group_routes.show("7", rig.station)
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(run_simulated):
@@ -162,15 +162,15 @@ def test_a_vehicle_with_a_stream_or_a_group_is_named_and_its_flight_continues(ru
         alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
         await offboard_routes.start("3", alone, rig.station, ANNA)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         assert rig.vehicles["3"].offboard.status().state == "streaming"
-        await begin(rig, {"1": position(4), "2": position(4)})
+        await start_group(rig, {"1": position(4), "2": position(4)})
         with pytest.raises(NotTogether, match="Vehicle 2 is already in group 1"):
-            await begin(rig, {"2": position(4), "3": position(4)})
+            await start_group(rig, {"2": position(4), "3": position(4)})
         await seconds(1)
         assert set(modes(rig).values()) == {OFFBOARD}
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_another_clients_control_of_one_member_refuses_the_group(run_simulated):
@@ -178,48 +178,50 @@ def test_another_clients_control_of_one_member_refuses_the_group(run_simulated):
         await vehicle_routes.hold("2", rig.station, BOB)  # Hold needs no control, and takes no control
         rig.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl, match="bob has control of vehicle 2, not you"):
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         assert not rig.station.authority.controlled_by(ANNA)
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
-        assert lines(rig.station)[-3:] == [("anna", "group/start", v, "not_in_control") for v in "123"]
+        assert journal_lines(rig.station)[-3:] == [
+            ("anna", "group/start", v, "not_in_control") for v in "123"
+        ]
         rig.station.authority.control("2").lease.release(BOB)
-        await begin(rig, ALL_NORTH)
+        await start_group(rig, ALL_NORTH)
         assert rig.station.authority.controlled_by(ANNA) == ["1", "2", "3"]
         with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
-            await group_routes.setpoints("1", changes({"1": position(5)}), rig.station, BOB)
-        group = view(await group_routes.hold("1", rig.station, BOB))
+            await group_routes.setpoints("1", setpoints_request({"1": position(5)}), rig.station, BOB)
+        group = json_of(await group_routes.hold("1", rig.station, BOB))
         assert (group["state"], group["ended"]) == ("ended", "bob commanded Hold.")
         assert set(modes(rig).values()) == {HOLD}
-        assert lines(rig.station)[-3:] == [("bob", "hold", v, "ok") for v in "321"]
+        assert journal_lines(rig.station)[-3:] == [("bob", "hold", v, "ok") for v in "321"]
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_vehicles_that_are_or_would_come_too_near_are_refused_with_their_distance(run_simulated):
     async def scenario(rig):
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 10.0 m apart now") as refused:
-            await begin(rig, ALL_NORTH, minimum_separation_m=12)
+            await start_group(rig, ALL_NORTH, minimum_separation_m=12)
         assert refused.value.distance_m == pytest.approx(10.0, abs=0.1)
         with pytest.raises(NotTogether, match=r"vehicles 1 and 2 would come within .* m of each other"):
-            await begin(rig, {"1": position(0, 9), "2": position(0, 0)})
+            await start_group(rig, {"1": position(0, 9), "2": position(0, 0)})
         crossing = {  # vehicle 2 flies to where vehicle 1 will be at the same time
             "1": path((0, [0, 0, -5]), (10, [20, 10, -5])),
             "2": path((0, [0, 0, -5]), (10, [20, 0, -5])),
         }
         with pytest.raises(NotTogether, match="vehicles 1 and 2 would come within") as refused:
-            await begin(rig, crossing, minimum_separation_m=4)
+            await start_group(rig, crossing, minimum_separation_m=4)
         assert refused.value.vehicles == ("1", "2")
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
-        await begin(rig, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": position(20)})
+        await start_group(rig, {"1": path((0, [0, 0, -5]), (10, [20, 0, -5])), "2": position(20)})
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_problem_before_the_common_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
         started = asyncio.ensure_future(
             group_routes.start(
-                body(ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0, others_go_on=True),
+                start_request(ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0, others_go_on=True),
                 rig.station,
                 ANNA,
             )
@@ -229,26 +231,26 @@ def test_a_problem_before_the_common_start_prevents_all_motion(run_simulated):
         rig.autopilots["1"].current_mode()
         await seconds(12)
         assert modes(rig) == {"1": POSITION, "2": HOLD, "3": HOLD}
-        assert_nobody_moved(rig)
+        assert_no_vehicle_moved(rig)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_hold_before_the_common_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
-        await begin(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
+        await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
         await group_routes.hold("1", rig.station, ANNA)
         await seconds(8)
         assert set(modes(rig).values()) == {HOLD}
-        assert_nobody_moved(rig)
-        assert view(await group_routes.show("1", rig.station))["findings"] == []
+        assert_no_vehicle_moved(rig)
+        assert json_of(await group_routes.show("1", rig.station))["findings"] == []
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(run_simulated):
     async def scenario(rig):
-        await begin(rig, ALL_NORTH)
+        await start_group(rig, ALL_NORTH)
         await seconds(1)
         member = rig.vehicles["1"].offboard
         alone = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
@@ -257,25 +259,25 @@ def test_a_setpoint_for_a_single_member_is_refused_and_the_group_continues(run_s
         assert "hold the group first" in refused.value.remedy
         assert member.status().owner == "group"
         await seconds(1)
-        assert view(await group_routes.show("1", rig.station))["findings"] == []
+        assert json_of(await group_routes.show("1", rig.station))["findings"] == []
         await group_routes.hold("1", rig.station, ANNA)
         assert member.status().owner is None
         await member.start(alone.to_stream_request(ANNA))
         assert member.status().owner == "operator"
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_another_setpoint_for_a_member_before_the_start_prevents_all_motion(run_simulated):
     async def scenario(rig):
-        await begin(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
+        await start_group(rig, ALL_NORTH, start_at_unix_s=rig.world.clock.unix_s() + 6.0)
         other = SetpointRequest.model_validate({"setpoint": position(0, 0, -6), "valid_for_s": 60})
         # Sent as the group's own setpoint: the server would refuse an operator's setpoint earlier.
         await rig.vehicles["1"].offboard.setpoint(replace(other.to_stream_request(ANNA), owner="group"))
         await seconds(12)
         assert set(modes(rig).values()) == {HOLD}
-        assert_nobody_moved(rig)
-        finding = view(await group_routes.show("1", rig.station))["findings"][0]
+        assert_no_vehicle_moved(rig)
+        finding = json_of(await group_routes.show("1", rig.station))["findings"][0]
         assert "Vehicle 1 received another setpoint before the common start" in finding["text"]
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)

@@ -9,12 +9,12 @@ from gcs_server.mavlink.codec import encode_payload
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.memory_world import World
 from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
-from tests.protocol.sim_world import SimulatedAutopilot
+from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 LOSS = [(0.0, 1), (0.05, 2), (0.2, 3), (0.2, 4)]
 
 
-def with_simulated_vehicle(run_simulated, work, *, loss=0.0, seed=0, **options):
+def run_with_simulated_vehicle(run_simulated, work, *, loss=0.0, seed=0, **options):
     async def run():
         world = World()
         autopilot = SimulatedAutopilot(world.link(), seed=seed, **options)
@@ -71,7 +71,7 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(run
         await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the end of the outage")
         assert report_matches()
 
-    with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
+    run_with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
@@ -93,7 +93,7 @@ def test_lost_events_are_recovered_and_reported_once(run_simulated, loss, seed):
         if not loss:
             assert autopilot.count(d.MAVLINK_MSG_ID_REQUEST_EVENT) == 0
 
-    with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
+    run_with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
 
 
 def test_the_report_is_requested_only_once(run_simulated):
@@ -130,7 +130,7 @@ def test_checks_run_on_request_and_a_reboot_discards_the_report(run_simulated):
         assert vehicle.health.revision == revision + 1
         assert vehicle.health.readiness.known is False
 
-    with_simulated_vehicle(run_simulated, work)
+    run_with_simulated_vehicle(run_simulated, work)
 
 
 def test_after_landing_in_offboard_another_mode_is_suggested_until_it_is_selected(run_simulated):

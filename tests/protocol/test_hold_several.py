@@ -3,21 +3,21 @@
 import pytest
 
 from gcs_server.api import hold_routes
-from tests.protocol.api_calls import lines, view
+from tests.protocol.api_calls import journal_lines, json_of
 from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import HOLD, MANUAL
-from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, begin, modes, with_routes
+from tests.protocol.group_world import ALL_NORTH, ANNA, BOB, modes, run_with_vehicles, start_group
 from tests.protocol.offboard_world import mode_requests, seconds
 
 
 async def hold(rig, vehicles, client=BOB):
     body = hold_routes.HoldRequest(vehicles=vehicles)
-    return view(await hold_routes.hold_several(body, rig.station, client))["results"]
+    return json_of(await hold_routes.hold_several(body, rig.station, client))["results"]
 
 
 def test_all_hold_at_once_without_control_and_their_streams_end(run_simulated):
     async def scenario(rig):
-        await begin(rig, ALL_NORTH, ANNA)
+        await start_group(rig, ALL_NORTH, ANNA)
         began_s = rig.world.clock.monotonic_s()
         results = await hold(rig, ("3", "1", "2", "1"))
         assert [(r["vehicle"], r["held"], r["problem"]) for r in results] == [
@@ -26,13 +26,13 @@ def test_all_hold_at_once_without_control_and_their_streams_end(run_simulated):
         assert rig.world.clock.monotonic_s() - began_s < 1.5  # one heartbeat interval, not three
         assert set(modes(rig).values()) == {HOLD}
         assert [len(mode_requests(autopilot, HOLD)) for autopilot in rig.autopilots.values()] == [1, 1, 1]
-        assert sorted(lines(rig.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
+        assert sorted(journal_lines(rig.station)[-3:]) == [("bob", "hold", v, "ok") for v in "123"]
         await seconds(0.5)
         before = {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()}
         await seconds(2)
         assert {v: len(autopilot.setpoints) for v, autopilot in rig.autopilots.items()} == before
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_from_hold(run_simulated):
@@ -47,7 +47,7 @@ def test_a_vehicle_that_does_not_reply_or_is_unknown_does_not_keep_the_others_fr
         assert (results["2"]["problem"]["code"], results["2"]["problem"]["status"]) == ("no_reply", 504)
         assert modes(rig) == {"1": HOLD, "2": MANUAL, "3": HOLD}
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_without_ids_all_armed_vehicles_hold(run_simulated):
@@ -57,7 +57,7 @@ def test_without_ids_all_armed_vehicles_hold(run_simulated):
         assert [r["vehicle"] for r in await hold(rig, None)] == ["2", "3"]
         assert mode_requests(rig.autopilots["1"], HOLD) == []
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_an_error_for_one_vehicle_is_raised_after_the_others_are_in_hold(run_simulated):
@@ -74,4 +74,4 @@ def test_an_error_for_one_vehicle_is_raised_after_the_others_are_in_hold(run_sim
             await hold(rig, ("1", "2", "3"))
         assert modes(rig) == {"1": MANUAL, "2": HOLD, "3": HOLD}
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)

@@ -18,7 +18,7 @@ from gcs_server.streamer.offboard.estimates import VehicleEstimates
 from missions.offboard import document
 from missions.offboard.reader import read
 from tests.protocol import two_vehicles
-from tests.protocol.api_calls import ANNA, BOB, lines, view
+from tests.protocol.api_calls import ANNA, BOB, journal_lines, json_of
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import until
 
@@ -26,21 +26,21 @@ APART_M = 20.0
 MEET, LAND = "{step: meet, meeting: up}", "{step: land}"
 
 
-def fly(north, east, up):
+def fly_step(north, east, up):
     return f"{{step: fly, points: [{{offset_ned_m: [{north}, {east}, {-up}]}}]}}"
 
 
-def show(lead_m=3, left_m=11):
+def crossing_mission(lead_m=3, left_m=11):
     """A mission in which each vehicle flies to the other's start position, at these altitudes above the
     start."""
     return read(
-        f"name: Show\nroles:\n  lead:\n    steps: {steps(lead_m, APART_M)}\n"
-        f"  left:\n    steps: {steps(left_m, -APART_M)}\n"
+        f"name: Show\nroles:\n  lead:\n    steps: {role_steps(lead_m, APART_M)}\n"
+        f"  left:\n    steps: {role_steps(left_m, -APART_M)}\n"
     )
 
 
-def steps(height_m, east_m):
-    return f"[{{step: take_off, height_m: {height_m}}}, {MEET}, {fly(6, east_m, height_m)}, {LAND}]"
+def role_steps(height_m, east_m):
+    return f"[{{step: take_off, height_m: {height_m}}}, {MEET}, {fly_step(6, east_m, height_m)}, {LAND}]"
 
 
 run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, apart_m=APART_M)
@@ -50,7 +50,7 @@ async def start(rig, mission, by=ANNA, **fields):
     mission_fields = json.loads(document.write(mission))
     request = {"mission": mission_fields, "vehicles": {"lead": "1", "left": "2"}, **fields}
     body = models.StartJointMission.model_validate(request)
-    return view(await joint_mission_routes.start_joint_mission(body, rig.station, by))["vehicles"]
+    return json_of(await joint_mission_routes.start_joint_mission(body, rig.station, by))["vehicles"]
 
 
 def states(rig):
@@ -66,7 +66,7 @@ async def reach(rig, *expected, within_s=60):
 
 async def start_crossing(rig, **heights):
     """Starts the mission; waits until both vehicles fly towards each other's start position."""
-    started = await start(rig, show(**heights), despite=["separation"])
+    started = await start(rig, crossing_mission(**heights), despite=["separation"])
     assert [start["mission"]["role"] for start in started] == ["lead", "left"]
     assert started[0]["mission"]["others"] == ["2"]
     await until(lambda: rig.vehicles[0].status.armed, 5)
@@ -77,7 +77,7 @@ async def start_crossing(rig, **heights):
 @pytest.mark.story
 def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(run_simulated):
     async def scenario(rig):
-        await start(rig, show())
+        await start(rig, crossing_mission())
         await reach(rig, "done", "done", within_s=120)
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
         east = rig.world.sim.simulation.truth.position_ned_m[:, 1]
@@ -115,7 +115,7 @@ def outside_m(rig):
 def test_each_vehicle_is_monitored_in_the_corridor_of_its_role(run_simulated):
     async def scenario(rig):
         rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0, left=APART_M))
-        started = await start(rig, show(), dry_run="7")
+        started = await start(rig, crossing_mission(), dry_run="7")
         assert [start["mission"]["dry_run"] for start in started] == ["7", "7"]
         await reach(rig, "flying", "flying")
         assert max(outside_m(rig)) < 3.0, "a vehicle is not above its own start"
@@ -128,7 +128,7 @@ def test_no_vehicle_starts_if_the_dry_run_has_no_corridor_of_a_role(run_simulate
     async def scenario(rig):
         rig.station.dry_runs = SimpleNamespace(get=lambda _: dry_run_of(rig, lead=0.0))
         with pytest.raises(Refused, match="has no corridor of the role 'left'"):
-            await start(rig, show(), dry_run="7")
+            await start(rig, crossing_mission(), dry_run="7")
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
         assert rig.station.missions.others_on_mission("1") == ()
 
@@ -188,7 +188,7 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(run_
         assert states(rig) == ["aborted", "aborted"]
         await until(lambda: not any(vehicle.status.armed for vehicle in rig.vehicles), 40)
         commands = [
-            (command, vehicle) for _, command, vehicle, result in lines(rig.station) if result == "ok"
+            (command, vehicle) for _, command, vehicle, result in journal_lines(rig.station) if result == "ok"
         ]
         assert (
             commands.count(("offboard_mission/abort", "1"))
@@ -202,18 +202,18 @@ def test_pause_resume_and_abort_act_on_all_vehicles_and_need_control_of_all(run_
 def test_a_joint_mission_starts_only_if_all_vehicles_can(run_simulated):
     async def scenario(rig):
         with pytest.raises(PlanFindings) as unsafe:
-            await start(rig, show(10, 12))
+            await start(rig, crossing_mission(10, 12))
         assert unsafe.value.codes == ("separation",)
         with pytest.raises(InvalidRequest, match="role 'left' has no vehicle"):
-            await start(rig, show(), vehicles={"lead": "1", "right": "2"})
+            await start(rig, crossing_mission(), vehicles={"lead": "1", "right": "2"})
         with pytest.raises(InvalidRequest, match="no roles"):
             await start(rig, read(f"name: One\nsteps: [{LAND}]"))
         with pytest.raises(ValueError, match="named twice"):
-            await start(rig, show(), vehicles={"lead": "1", "left": "1"})
+            await start(rig, crossing_mission(), vehicles={"lead": "1", "left": "1"})
         rig.station.authority.control("2").lease.release(ANNA)
         rig.station.authority.control("2").lease.take(BOB)
         with pytest.raises(NotInControl):
-            await start(rig, show())
+            await start(rig, crossing_mission())
         rig.station.authority.control("2").lease.release(BOB)
         assert [vehicle.offboard_mission.status() for vehicle in rig.vehicles] == [None, None]
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
@@ -226,7 +226,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(run_simulated):
         rig.world.sim.simulation.set_battery_remaining(1, 0.02)
         await until(lambda: rig.vehicles[1].topic("health").value.ready_to_arm is False, 20)
         with pytest.raises(Refused, match="Vehicle 2 cannot be armed now, so none of the vehicles starts"):
-            await start(rig, show())
+            await start(rig, crossing_mission())
         await seconds(2)
         assert not any(vehicle.status.armed for vehicle in rig.vehicles)
 
@@ -236,7 +236,7 @@ def test_a_vehicle_that_cannot_be_armed_keeps_all_on_the_ground(run_simulated):
 @pytest.mark.story
 def test_a_mission_for_several_vehicles_cannot_be_started_on_one_vehicle(run_simulated):
     async def scenario(rig):
-        body = models.StartMission.model_validate({"mission": json.loads(document.write(show()))})
+        body = models.StartMission.model_validate({"mission": json.loads(document.write(crossing_mission()))})
         rig.station.plan_work = PlanWork(Path("no elevation"))
         with pytest.raises(InvalidRequest, match="it is for 2 vehicles"):
             await routes.start("1", body, rig.station, ANNA)

@@ -13,7 +13,7 @@ from gcs_server.vehicle.services.health import DESCRIPTION_TIMEOUT_S
 from gcs_server.vehicle.texts import MAX_BURST_LINES, MAX_CHUNKS, MAX_LINES_PER_S, MAX_PENDING, TextJoiner
 from tests.protocol.memory_world import World
 from tests.protocol.one_vehicle import HOLD_ONLY, run_scenario, send_readiness
-from tests.protocol.sim_world import SimulatedAutopilot
+from tests.protocol.simulated_autopilot import SimulatedAutopilot
 from vehicle_sim.storage.metadata import BUILT_IN, EVENTS
 
 METADATA_ID = d.MAVLINK_MSG_ID_COMPONENT_METADATA
@@ -25,7 +25,7 @@ def event_payload(event_id, sequence, arguments=b"", level=6):
     ).ljust(53, b"\0")
 
 
-def lines(vehicle, *kinds):
+def event_texts(vehicle, *kinds):
     return [e.text for e in vehicle.events.since(0) if e.kind in kinds]
 
 
@@ -68,7 +68,7 @@ def test_the_first_event_without_text_triggers_a_download_of_the_metadata(run_si
             sequence = vehicle.health._stream.expected
             vehicle.health.take_event(event_payload(event_id, sequence))
             await world.clock.sleep(DESCRIPTION_TIMEOUT_S + 1)
-            assert lines(vehicle, "event")[-1] == definitions[event_id].text(bytes(40))
+            assert event_texts(vehicle, "event")[-1] == definitions[event_id].text(bytes(40))
         finally:
             autopilot.alive = False
             await world.close()
@@ -81,7 +81,7 @@ def test_the_line_of_an_event_without_text_names_its_component(run_simulated):
         for _ in range(100):
             autopilot.event(17980399, 0x66)
             await world.clock.sleep(1)
-        found = lines(vehicle, "event")
+        found = event_texts(vehicle, "event")
         assert set(found) == {"unknown event 17980399 from component 1 (autopilot)"}
         assert len(found) >= 95
         requests = [m for m in autopilot.commands(d.MAV_CMD_REQUEST_MESSAGE) if m.param1 == METADATA_ID]
@@ -95,7 +95,7 @@ def test_a_status_text_describes_an_event_without_metadata(run_simulated):
         autopilot.event(99999, 0x44)
         autopilot.text("The event's text\t", 4)
         await world.clock.sleep(2)
-        assert lines(vehicle, "event", "status_text") == ["The event's text"]
+        assert event_texts(vehicle, "event", "status_text") == ["The event's text"]
 
     run_scenario(run_simulated, scenario)
 
@@ -105,13 +105,13 @@ def test_a_hundred_thousand_texts_are_limited_and_the_number_of_dropped_texts_is
         for n in range(100_000):
             vehicle._event_logger.text(struct.pack("<B50sHB", 4, b"text %d" % n, 0, 0), "link")
         await world.clock.sleep(5)
-        texts = lines(vehicle, "status_text")
+        texts = event_texts(vehicle, "status_text")
         assert len(texts) <= MAX_BURST_LINES + MAX_LINES_PER_S * 5
-        (warning,) = [text for text in lines(vehicle, "warning") if "too many messages" in text]
+        (warning,) = [text for text in event_texts(vehicle, "warning") if "too many messages" in text]
         assert f"{100_000 - len(texts):,}" in warning
         autopilot.text("The next text", 4)
         await world.clock.sleep(1)
-        assert lines(vehicle, "status_text")[-1] == "The next text"
+        assert event_texts(vehicle, "status_text")[-1] == "The next text"
 
     run_scenario(run_simulated, scenario)
 

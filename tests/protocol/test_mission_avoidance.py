@@ -20,7 +20,7 @@ BOX_HALF_WIDTH_M = 2.0
 BEHIND_THE_BOX_NE_M = (10.0, 0.0)
 
 
-def fly_through_the_box(run_simulated, tmp_path, scenario, avoidance):
+def run_towards_the_box(run_simulated, tmp_path, scenario, avoidance):
     """Runs a test with a vehicle at the box's height that flies a mission straight north."""
 
     async def run():
@@ -79,7 +79,7 @@ def test_a_step_with_avoidance_climbs_over_the_box_and_avoidance_ends_with_the_s
         view = vehicle.offboard.status().avoidance
         assert (view.on, view.state) == (False, None)
 
-    fly_through_the_box(run_simulated, tmp_path, scenario, "plan")
+    run_towards_the_box(run_simulated, tmp_path, scenario, "plan")
 
 
 @pytest.mark.story
@@ -98,7 +98,7 @@ def test_a_step_with_avoidance_around_passes_the_box_at_the_same_altitude(run_si
         assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert not has_collided(vehicle)
 
-    fly_through_the_box(run_simulated, tmp_path, scenario, "around")
+    run_towards_the_box(run_simulated, tmp_path, scenario, "around")
 
 
 @pytest.mark.broad
@@ -114,7 +114,7 @@ def test_without_avoidance_the_brake_stops_the_vehicle_until_avoidance_is_enable
         assert math.dist(position_ned_m[:2], BEHIND_THE_BOX_NE_M) < 1.0
         assert vehicle.offboard.status().avoidance.on, "avoidance that the operator enabled was disabled"
 
-    fly_through_the_box(run_simulated, tmp_path, scenario, "off")
+    run_towards_the_box(run_simulated, tmp_path, scenario, "off")
 
 
 @pytest.mark.broad
@@ -125,7 +125,7 @@ def test_avoidance_that_the_operator_disables_stays_disabled_for_this_mission(ru
         assert vehicle.offboard.status().avoidance.state is None
         assert (missions.state, position_ned_m[0] < BOX_NORTH_M[0]) == ("flying", True)
 
-    fly_through_the_box(run_simulated, tmp_path, scenario, "plan")
+    run_towards_the_box(run_simulated, tmp_path, scenario, "plan")
 
 
 def test_without_avoidance_and_brake_the_vehicle_hits_the_box(run_simulated, tmp_path):
@@ -134,4 +134,4 @@ def test_without_avoidance_and_brake_the_vehicle_hits_the_box(run_simulated, tmp
         assert position_ned_m[0] < BOX_NORTH_M[0]
         await missions.reach("stopped", within_s=5)
 
-    fly_through_the_box(run_simulated, tmp_path, scenario, "no brake")
+    run_towards_the_box(run_simulated, tmp_path, scenario, "no brake")

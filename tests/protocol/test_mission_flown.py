@@ -8,7 +8,7 @@ import pytest
 from gcs_server.api import offboard_mission_models as models
 from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import Refused
-from tests.protocol.api_calls import view, with_routes
+from tests.protocol.api_calls import json_of, run_with_routes
 from tests.protocol.mission_flights import Missions, run_in_flight
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld
@@ -24,7 +24,7 @@ HOVER = "- {step: hold, duration_s: 120}\n"
 
 async def flown_path(missions, vehicle):
     """The flown path in the route's response, which must match its model."""
-    response = view(await routes.show_flown(vehicle, SimpleNamespace(missions=missions.offboard)))
+    response = json_of(await routes.show_flown(vehicle, SimpleNamespace(missions=missions.offboard)))
     models.FlownMissionView.model_validate(response)
     assert response["vehicle"] == vehicle.id
     return response["flown"]
@@ -89,4 +89,4 @@ def test_a_vehicle_without_an_offboard_mission_has_no_flown_path(run_simulated):
         with pytest.raises(Refused, match="no offboard mission"):
             await routes.show_flown(rig.vehicle, rig.station)
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)

@@ -14,7 +14,13 @@ from gcs_server.ros2.mode_executor import MODE_COMPLETED
 from gcs_server.ros2.topics import COMMAND, COMMAND_ACK
 from gcs_server.streamer.values.limit_values import OperatorLimits
 from tests.protocol.api_calls import ANNA
-from tests.protocol.mission_modes_world import MISSION, Modes, SlowPlanWork, UnavailablePlanWork, fly
+from tests.protocol.mission_modes_world import (
+    MISSION,
+    Modes,
+    SlowPlanWork,
+    UnavailablePlanWork,
+    run_with_modes,
+)
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import until
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -95,7 +101,7 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(r
         assert rig.vehicle.status.mode == "hold"
         assert rig.vehicle.status.landed_state == "on_ground"
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
@@ -113,7 +119,7 @@ def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_
             await until(lambda: rig.mission == "done", 90)
             await rig.mode("hold")
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
@@ -127,7 +133,7 @@ def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(run_s
         await until(lambda: not rig.station.missions.flight("1")._executor.in_charge, 2)
         assert executor_commands(rig) == [NAV_TAKEOFF, SET_NAV_STATE]
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.broad
@@ -159,7 +165,7 @@ def test_after_a_takeover_the_executor_sends_nothing_more(run_simulated: Any, ph
         await until(lambda: rig.mission == "done", 90)
         assert not rig.vehicle.status.armed
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(run_simulated: Any) -> None:
@@ -176,7 +182,7 @@ def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(run_simul
         await seconds(3)
         assert executor_commands(rig) == [NAV_TAKEOFF]
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_charge(
@@ -192,7 +198,7 @@ def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_cha
         assert rig.vehicle.status.mode == "hold"
         assert executor_commands(rig) == [NAV_TAKEOFF]
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_refused_arming_does_not_start_the_mission(run_simulated: Any) -> None:
@@ -210,7 +216,7 @@ def test_refused_arming_does_not_start_the_mission(run_simulated: Any) -> None:
         assert executor_commands(rig) == []
         rig.world.streamer._streams._record_loop_message = record
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_a_mission_with_a_take_off_that_is_selected_in_the_air_switches_to_hold_and_gives_the_reason(
@@ -229,7 +235,7 @@ def test_a_mission_with_a_take_off_that_is_selected_in_the_air_switches_to_hold_
         assert rig.mission is None
         assert executor_commands(rig) == []
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 async def change_settings(rig: Modes) -> None:
@@ -255,7 +261,7 @@ def test_slow_plan_work_does_not_delay_the_take_off_after_arming(run_simulated: 
         await rig.mode("takeoff", 1.5)
         assert rig.warnings() == []
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_a_mission_is_compiled_again_and_takes_off_if_px4_arms_before_it_knows_of_the_change(
@@ -272,7 +278,7 @@ def test_a_mission_is_compiled_again_and_takes_off_if_px4_arms_before_it_knows_o
         await rig.mode("takeoff", 5)
         assert rig.warnings() == []
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(run_simulated: Any) -> None:
@@ -290,7 +296,7 @@ def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(run_simu
         await arm(rig)
         await rig.mode("takeoff", 1.5)
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
@@ -303,7 +309,7 @@ def test_lost_replies_do_not_stop_the_mission(run_simulated: Any, lost_topic: st
         await until(lambda: rig.mission == "done", 120)
         assert not rig.vehicle.status.armed
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run_simulated: Any) -> None:
@@ -332,7 +338,7 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run
         await rig.mode("takeoff")
         assert rig.mission == "taking_off"
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(run_simulated: Any) -> None:
@@ -348,4 +354,4 @@ def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(ru
         assert rig.vehicle.status.armed
         assert COMMAND in {topic for topic, _ in rig.world.topics[0].sent}
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)

@@ -10,7 +10,7 @@ from gcs_server.api import offboard_mission_routes as mission_routes
 from gcs_server.errors import GcsError, NotInControl, PlanFindings, Refused
 from gcs_server.ros2.external_mode import CHECK_REPLY, COMPLETED, UNREGISTER
 from gcs_server.ros2.message_types import MESSAGES
-from tests.protocol.api_calls import ANNA, BOB, lines
+from tests.protocol.api_calls import ANNA, BOB, journal_lines
 from tests.protocol.mission_modes_world import (
     DEFERRAL_S,
     LOITER,
@@ -18,7 +18,7 @@ from tests.protocol.mission_modes_world import (
     NAME,
     Modes,
     UnavailablePlanWork,
-    fly,
+    run_with_modes,
 )
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import until
@@ -36,13 +36,13 @@ def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated
         )  # fmt: skip
         assert NAME in await rig.other_station.modes()
         assert await rig.list_modes() == {"vehicle": "1", "possible": True, "modes": [mode]}
-        assert lines(rig.station)[-1] == ("anna", "mission_modes/register", "1", "ok")
+        assert journal_lines(rig.station)[-1] == ("anna", "mission_modes/register", "1", "ok")
         assert await rig.unregister() == []
         await seconds(1)
         assert NAME not in await rig.other_station.modes()
         assert not rig.warnings()
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: Any) -> None:
@@ -63,7 +63,7 @@ def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: A
         assert {topic for topic, _ in rig.world.topics[0].sent[before:]} == {CHECK_REPLY}
         assert (await rig.list_modes())["modes"][0]["state"] == "registered"
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -78,7 +78,7 @@ def test_a_mission_mode_can_be_started_repeatedly_by_this_server(run_simulated: 
             await rig.mode("hold")
             assert rig.north_m() - start_north_m == pytest.approx(8, abs=1.5)
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_simulated: Any) -> None:
@@ -94,7 +94,7 @@ def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_s
         await until(lambda: rig.mission == "flying", 5)
         await until(lambda: rig.mission == "done", 20)
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(run_simulated: Any) -> None:
@@ -110,7 +110,7 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(run_
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
         assert [message["result"] for message in completed] == [100]
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -135,7 +135,7 @@ def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected
         await rig.mode("hold")
         assert rig.mission == "suspended"
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(run_simulated: Any) -> None:
@@ -151,7 +151,7 @@ def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(r
         assert rig.station.mission_modes.all("1")[0].state == "lost"
         assert rig.station.missions.status("1").reason == "The vehicle's failsafe switched to Rtl"
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -168,7 +168,7 @@ def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
         streams._record_loop_message, flight.update = record, update
         await until(lambda: rig.mission == "suspended", 2)
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(run_simulated: Any) -> None:
@@ -182,7 +182,7 @@ def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(run_
         assert NAME not in await rig.other_station.modes()
         assert rig.vehicle.status.mode == "hold"
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_a_mission_without_a_take_off_does_not_start_on_the_ground(run_simulated: Any) -> None:
@@ -195,7 +195,7 @@ def test_a_mission_without_a_take_off_does_not_start_on_the_ground(run_simulated
         assert not rig.vehicle.status.armed
         assert rig.mission is None
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
@@ -209,7 +209,7 @@ def test_a_mode_that_cannot_start_switches_to_hold_and_reports_the_reason(run_si
         assert any("No worker. Try later. The vehicle holds." in text for text in rig.warnings())
         assert rig.mission is None
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(run_simulated: Any) -> None:
@@ -234,7 +234,7 @@ def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(ru
             await rig.unregister()
         assert len(rig.sent(UNREGISTER)) == sent
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_over_mavlink_only_a_mode_cannot_be_registered(run_simulated: Any) -> None:
@@ -247,7 +247,7 @@ def test_over_mavlink_only_a_mode_cannot_be_registered(run_simulated: Any) -> No
             await rig.register(name="Other")
         assert mode["state"] == "registered"
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
@@ -260,7 +260,7 @@ def test_resuming_the_mission_selects_its_mode(run_simulated: Any) -> None:
         await rig.mode(mode)
         await until(lambda: rig.mission == "done", 20)
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)
 
 
 def test_with_both_links_the_arming_report_has_the_modes_name(run_simulated: Any) -> None:
@@ -278,7 +278,7 @@ def test_with_both_links_the_arming_report_has_the_modes_name(run_simulated: Any
         assert labels[mode] == NAME
         assert labels["hold"] == "Hold"
 
-    fly(run_simulated, scenario, in_air=False)
+    run_with_modes(run_simulated, scenario, in_air=False)
 
 
 @pytest.mark.story
@@ -305,4 +305,4 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
         assert not rig.station.mission_modes.all("1")[0].failsafe_deferred
         assert rig.mission == "suspended"
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)

@@ -12,8 +12,9 @@ from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refuse
 from gcs_server.plans.store import PlanStore
 from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Land
-from tests.protocol.api_calls import ANNA, BOB, MISSION, lines, station_of, view
-from tests.protocol.mission_world import MissionAutopilot, OtherStation
+from tests.protocol.api_calls import ANNA, BOB, MISSION, journal_lines, json_of, station_of
+from tests.protocol.fake_autopilot import IN_AIR
+from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
@@ -32,7 +33,7 @@ PLAN = {
 OUTSIDE = {**PLAN, "items": [*PLAN["items"][:1], {"kind": "waypoint", **POSITION, "lat_deg": 47.41}]}
 
 
-def with_rig(run_simulated, tmp_path, work, **autopilot_options):
+def run_with_rig(run_simulated, tmp_path, work, **autopilot_options):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -57,7 +58,7 @@ async def upload(rig, plan=PLAN, *, by=ANNA, wait=True, **fields):
 
 
 async def show(rig):
-    return view(await mission_routes.show_mission(rig.vehicle, rig.station))
+    return json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
 
 
 def start(rig, by=ANNA, **body):
@@ -72,7 +73,7 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simu
         body = mission_models.UploadRequest.model_validate({"plan_id": stored.id})
         started = await mission_routes.upload("1", body, rig.station, ANNA)
         assert started.status_code == 202
-        operation = view(started)
+        operation = json_of(started)
         assert started.headers["Location"] == f"/api/v1/operations/{operation['id']}"
         assert (operation["kind"], operation["vehicle"], operation["state"]) == (
             "mission/upload",
@@ -92,26 +93,26 @@ def test_an_upload_is_an_operation_whose_result_is_the_vehicles_mission(run_simu
             mission_view["mission"]["current"],
             mission_view["transfer"],
         ) == (3, 0, None)
-        assert ("anna", "mission/upload", "1", "ok") in lines(rig.station)
-        read = view(await mission_routes.downloaded_plan(rig.vehicle))
+        assert ("anna", "mission/upload", "1", "ok") in journal_lines(rig.station)
+        read = json_of(await mission_routes.downloaded_plan(rig.vehicle))
         assert [item["kind"] for item in read["plan"]["items"]] == ["takeoff", "waypoint", "return_home"]
         assert (read["still_held"], read["notes"], read["plan"]["fence"][0]["radius_m"]) == (True, [], 200)
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_cancelled_upload_leaves_the_vehicles_previous_mission(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         many = {**PLAN, "items": PLAN["items"][:2] * 20}
-        started = view(await upload(rig, many, wait=False))
+        started = json_of(await upload(rig, many, wait=False))
         await seconds(0.15)
-        ended = view(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
+        ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
         assert ended["state"] == "cancelled"
         await seconds(2)
         assert ((await show(rig))["holds"]["state"], (await show(rig))["mission"]["count"]) == ("plan", 3)
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_without_control_upload_clear_and_start_are_refused(run_simulated, tmp_path):
@@ -127,13 +128,13 @@ def test_without_control_upload_clear_and_start_are_refused(run_simulated, tmp_p
                 await attempt
         assert rig.autopilot.service._plans[0] == []
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
-        rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed = True, MISSION, 2
+        rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, MISSION, IN_AIR
         await seconds(2.5)
         for attempt in (
             upload(rig),
@@ -150,7 +151,7 @@ def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_pa
         await mission_routes.clear("1", rig.station, ANNA, "vehicle 1 loses the mission that it flies")
         assert rig.autopilot.service._plans[0] == []
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simulated, tmp_path):
@@ -166,12 +167,12 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simu
         with pytest.raises(PlanFindings):
             await start(rig, despite=["plan_not_known"])
         assert not rig.autopilot.armed
-        response = view(await start(rig, despite=sorted(codes)))
+        response = json_of(await start(rig, despite=sorted(codes)))
         assert (response["status"]["armed"], response["status"]["mode"]) == (True, "mission")
         await OtherStation(rig.autopilot).upload([])
         await seconds(2)
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated, tmp_path):
@@ -188,10 +189,10 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated
         assert "obstacle_hit" in raised.value.codes
         await rig.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
         others = set(raised.value.codes) - {"obstacle_hit"}
-        response = view(await start(rig, despite=sorted(others)))
+        response = json_of(await start(rig, despite=sorted(others)))
         assert response["status"]["armed"], "obstacles of a deleted plan kept the vehicle on the ground"
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_mission_starts_at_an_item_and_continues_after_hold(run_simulated, tmp_path):
@@ -201,13 +202,13 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(run_simulated, tmp
             await mission_routes.resume("1", rig.station, ANNA)
         await start(rig, item=1)
         assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (True, MISSION, 1)
-        rig.autopilot.landed = 2
+        rig.autopilot.landed_state = IN_AIR
         await rig.vehicle.command.hold()
         await seconds(1.5)
         await mission_routes.resume("1", rig.station, ANNA)
         assert (rig.autopilot.mode, rig.autopilot.flight.current) == (MISSION, 1)
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(run_simulated, tmp_path):
@@ -219,19 +220,19 @@ def test_a_refused_start_does_not_leave_the_vehicle_in_mission_mode(run_simulate
         await seconds(1)
         assert (rig.autopilot.armed, rig.vehicle.status.mode) == (False, "hold")
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_differences_to_a_plan_are_listed_by_item(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
         body = mission_models.WhichPlan.model_validate({"plan": PLAN})
-        comparison = view(await mission_routes.compare(rig.vehicle, body, rig.station))
+        comparison = json_of(await mission_routes.compare(rig.vehicle, body, rig.station))
         assert (comparison["equal"], comparison["differences"], comparison["still_held"]) == (True, [], True)
         other = json.loads(json.dumps(PLAN))
         other["items"][1]["altitude"]["value_m"] = 35
         body = mission_models.WhichPlan.model_validate({"plan": other})
-        comparison = view(await mission_routes.compare(rig.vehicle, body, rig.station))
+        comparison = json_of(await mission_routes.compare(rig.vehicle, body, rig.station))
         assert not comparison["equal"]
         (difference,) = comparison["differences"]
         assert (
@@ -248,7 +249,7 @@ def test_differences_to_a_plan_are_listed_by_item(run_simulated, tmp_path):
             20,
         )
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated, tmp_path):
@@ -268,7 +269,7 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated
         await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": stored.id}), rig.station)
         assert (await show(rig))["holds"]["state"] == "another"
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path):
@@ -282,12 +283,12 @@ def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path
         await seconds(2)
         assert (await show(rig))["holds"]["state"] == "another"
         body = mission_models.DownloadRequest(wait=True)
-        response = view(await mission_routes.download(rig.vehicle, rig.station, BOB, body))
+        response = json_of(await mission_routes.download(rig.vehicle, rig.station, BOB, body))
         assert response["result"] == {"items": {"fence": 1, "rally": 0, "mission": 1}}
-        read = view(await mission_routes.downloaded_plan(rig.vehicle))
+        read = json_of(await mission_routes.downloaded_plan(rig.vehicle))
         assert (len(read["plan"]["items"]), read["plan_name"], read["still_held"]) == (1, None, True)
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 @pytest.mark.parametrize("body", [{}, {"plan": PLAN, "plan_id": "x"}, {"plan": PLAN, "version": 1}])
@@ -305,7 +306,7 @@ def test_an_operation_of_a_lost_vehicle_fails_with_a_reason(run_simulated, tmp_p
         assert "lost" in str(result)
         assert rig.vehicle.mission.running_transfer is None
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
@@ -316,4 +317,4 @@ def test_an_offboard_mission_cannot_be_uploaded(run_simulated, tmp_path):
         with pytest.raises(InvalidRequest, match="the server flies it"):
             await mission_routes.upload("1", body, rig.station, ANNA)
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)

@@ -11,7 +11,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import WireItem
-from tests.protocol.mission_world import MissionAutopilot, OtherStation
+from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 PLAN = PlanReference("abc", 3, "Tower")
@@ -22,7 +22,7 @@ WAYPOINT, TAKEOFF, CHANGE_SPEED, UNSUPPORTED, FENCE_VERTEX, RALLY_POINT = 16, 22
 """Commands of mission items."""
 
 
-def with_rig(run_simulated, work, *, loss=0.0, seed=0):
+def run_with_rig(run_simulated, work, *, loss=0.0, seed=0):
     async def run():
         world = OffboardWorld()
         link = world.link()
@@ -101,7 +101,7 @@ def test_a_thousand_items_are_downloaded_unchanged_at_any_packet_loss(run_simula
         for part in PARTS:
             assert bytes_of(uploaded.items_on_vehicle.items[part]) == bytes_of(sent[part])
 
-    with_rig(run_simulated, work, loss=loss, seed=seed)
+    run_with_rig(run_simulated, work, loss=loss, seed=seed)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, (0.3, 4), (0.3, 5), (0.3, 6), (0.3, 7)])
@@ -119,7 +119,7 @@ def test_small_plans_replace_each_other_and_empty_parts_are_cleared(run_simulate
         assert rig.vehicle.topic("mission").value.count == 0
         assert rig.mission.items_on_vehicle.plan is None
 
-    with_rig(run_simulated, work, loss=loss, seed=seed)
+    run_with_rig(run_simulated, work, loss=loss, seed=seed)
 
 
 def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_simulated):
@@ -136,7 +136,7 @@ def test_an_item_that_the_vehicle_refuses_is_named_and_the_old_plan_remains(run_
         read = await rig.mission.download()
         assert bytes_of(read.items["mission"]) == bytes_of(plan(4)["mission"])
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 def test_parts_that_were_stored_before_the_refusal_are_listed(run_simulated):
@@ -148,7 +148,7 @@ def test_parts_that_were_stored_before_the_refusal_are_listed(run_simulated):
         await seconds(1.5)
         assert rig.mission.plan_on_vehicle() == "another"
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
@@ -176,7 +176,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
             holds == "plan",
         )
 
-    with_rig(run_simulated, work, loss=loss, seed=int(after_s * 100) + 1)
+    run_with_rig(run_simulated, work, loss=loss, seed=int(after_s * 100) + 1)
 
 
 def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simulated):
@@ -194,7 +194,7 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simul
         await rig.mission.upload(plan(4), PLAN)
         assert rig.mission.plan_on_vehicle() == "plan"
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
@@ -215,7 +215,7 @@ def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, af
         is_uploaded = bytes_of(read.items["mission"]) == bytes_of(uploaded["mission"])
         assert claimed == is_uploaded
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(run_simulated):
@@ -233,7 +233,7 @@ def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(run_simulated):
             await rig.mission.upload({**plan(3), "fence": square(5_000)}, PLAN)
         long.cancel()
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 def test_a_transfer_is_refused_until_another_transfer_has_ended(run_simulated):
@@ -246,7 +246,7 @@ def test_a_transfer_is_refused_until_another_transfer_has_ended(run_simulated):
         await first
         await rig.mission.download()
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 def test_a_vehicle_without_mission_replies_is_reported(run_simulated):
@@ -259,4 +259,4 @@ def test_a_vehicle_without_mission_replies_is_reported(run_simulated):
         with pytest.raises(NoReply, match="clear the geofence"):
             await rig.mission.clear()
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)

@@ -10,11 +10,11 @@ from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import (
     POSITION,
     assert_silent,
-    codes,
-    flight,
-    gaps_s,
     mode_requests,
+    offboard_event_codes,
+    run_offboard,
     seconds,
+    setpoint_gaps_s,
     stream_request,
 )
 
@@ -28,10 +28,10 @@ def test_nothing_is_sent_after_stop(run_simulated):
         await vehicle.offboard.stop()
         assert autopilot.mode == HOLD
         await assert_silent(autopilot, link)
-        assert max(gaps_s(autopilot)) < 0.05
+        assert max(setpoint_gaps_s(autopilot)) < 0.05
         assert autopilot.failsafes == 0
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_nothing_is_sent_after_the_vehicle_left_offboard(run_simulated):
@@ -41,9 +41,9 @@ def test_nothing_is_sent_after_the_vehicle_left_offboard(run_simulated):
         autopilot.mode = autopilot.requested_mode = POSITION
         autopilot.current_mode()
         await assert_silent(autopilot, link, settle_s=0.15)
-        assert codes(vehicle) == ["left_offboard"]
+        assert offboard_event_codes(vehicle) == ["left_offboard"]
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("seed", range(21))
@@ -62,7 +62,7 @@ def test_a_stream_starts_changes_and_stops_at_20_percent_loss(run_simulated, see
         assert autopilot.failsafes == 0
         await assert_silent(autopilot, link)
 
-    flight(run_simulated, scenario, loss=0.2, seed=seed)
+    run_offboard(run_simulated, scenario, loss=0.2, seed=seed)
 
 
 @pytest.mark.parametrize("seed", range(21))
@@ -76,7 +76,7 @@ def test_each_command_ends_in_time_at_20_percent_loss(run_simulated, seed):
             assert world.loop.time() - began <= limit_s
         assert not autopilot.armed
 
-    flight(run_simulated, scenario, loss=0.2, seed=seed)
+    run_offboard(run_simulated, scenario, loss=0.2, seed=seed)
 
 
 # --- starting -------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(run_simul
         assert (await first).client == "a"
         assert autopilot.mode == OFFBOARD
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stop_before_the_offboard_request_prevents_it(run_simulated):
@@ -105,12 +105,12 @@ def test_a_stop_before_the_offboard_request_prevents_it(run_simulated):
         assert not mode_requests(autopilot, OFFBOARD)
         assert autopilot.mode == HOLD
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stop_during_the_offboard_switch_ends_in_hold(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.take_offboard_after_s = 0.4
+        autopilot.offboard_delay_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.01)
@@ -122,7 +122,7 @@ def test_a_stop_during_the_offboard_switch_ends_in_hold(run_simulated):
         assert autopilot.mode == HOLD
         await assert_silent(autopilot, link)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stopped_start_affects_no_later_start(run_simulated):
@@ -138,12 +138,12 @@ def test_a_stopped_start_affects_no_later_start(run_simulated):
         assert vehicle.offboard.status().state == "streaming"
         assert autopilot.failsafes == 0
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.take_offboard_after_s = 0.6
+        autopilot.offboard_delay_s = 0.6
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.01)
@@ -155,12 +155,12 @@ def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_wit
         assert autopilot.mode == HOLD
         assert not vehicle.offboard.status().streaming
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.take_offboard_after_s = 0.4
+        autopilot.offboard_delay_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.01)
@@ -172,19 +172,19 @@ def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_wi
         assert autopilot.mode == HOLD
         await assert_silent(autopilot, link)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_switch_to_offboard_after_the_deadline_is_reversed(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.take_offboard_after_s = 7.0
+        autopilot.offboard_delay_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
             await vehicle.offboard.start(stream_request())
         assert not vehicle.offboard.status().streaming or isinstance(caught.value, NoReply)
         await seconds(10)
         assert autopilot.failsafes == 0 or isinstance(caught.value, Rejected)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_after_a_late_refusal_the_stream_ends_at_once(run_simulated):
@@ -195,7 +195,7 @@ def test_after_a_late_refusal_the_stream_ends_at_once(run_simulated):
         await assert_silent(autopilot, link)
         assert autopilot.mode == HOLD
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(run_simulated):
@@ -211,7 +211,7 @@ def test_a_vehicle_lost_before_the_offboard_request_ends_the_stream(run_simulate
         assert autopilot.failsafes == 0
         await assert_silent(autopilot, link)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(run_simulated):
@@ -222,7 +222,7 @@ def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(run_simulated):
         await assert_silent(autopilot, link)
         await vehicle.offboard.start(stream_request(), rate_hz=5.0)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(run_simulated):
@@ -233,7 +233,7 @@ def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(run_sim
         await vehicle.offboard.start(stream_request())
         assert autopilot.mode == OFFBOARD
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(run_simulated):
@@ -243,7 +243,7 @@ def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(run_simulated):
         assert autopilot.mode == HOLD, "an armed vehicle would not stay on the ground"
         assert not vehicle.offboard.status().streaming
 
-    flight(run_simulated, scenario, flying=False)
+    run_offboard(run_simulated, scenario, flying=False)
 
 
 # --- expiry ---------------------------------------------------------------------------------------
@@ -268,7 +268,7 @@ def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(run
         assert hold_setpoint.x == pytest.approx(north_m, abs=0.6), "more than 60 ms at 10 m/s"
         moving.cancel()
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(run_simulated):
@@ -283,18 +283,18 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(run_simul
         await seconds(8)
         assert not vehicle.offboard.status().streaming
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_after_expiry_a_vehicle_that_lost_its_position_lands(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(velocity=(1.0, 0.0, 0.0), valid_for_s=2.0))
-        autopilot.estimates = False
+        autopilot.has_estimates = False
         await seconds(3)
         assert autopilot.mode == LAND
         assert not mode_requests(autopilot, HOLD)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -304,22 +304,22 @@ def test_hold_is_requested_until_confirmed_while_the_stream_continues(run_simula
         await seconds(9)
         assert autopilot.mode == HOLD
         assert autopilot.failsafes == 0
-        assert codes(vehicle) == ["expired", "held"]
+        assert offboard_event_codes(vehicle) == ["expired", "held"]
 
-    flight(run_simulated, scenario, loss=0.2, seed=seed)
+    run_offboard(run_simulated, scenario, loss=0.2, seed=seed)
 
 
 def test_if_hold_is_always_refused_the_vehicles_own_failsafe_follows(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=0.5, hold_for_s=0.5))
-        autopilot.refuse[DO_SET_MODE] = 1
+        autopilot.refusals[DO_SET_MODE] = 1
         await seconds(9)
-        assert codes(vehicle) == ["expired", "not_confirmed"]
+        assert offboard_event_codes(vehicle) == ["expired", "not_confirmed"]
         assert len(mode_requests(autopilot, HOLD)) == 5
         assert autopilot.failsafes == 1
         await assert_silent(autopilot, link)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_requested(run_simulated):
@@ -335,7 +335,7 @@ def test_a_setpoint_during_position_hold_resumes_but_is_refused_once_hold_is_req
         with pytest.raises(Refused, match="ending"):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_start_during_expiry_is_refused(run_simulated):
@@ -345,7 +345,7 @@ def test_a_start_during_expiry_is_refused(run_simulated):
         with pytest.raises(Refused, match="already has a setpoint stream"):
             await vehicle.offboard.start(stream_request())
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(run_simulated):
@@ -359,7 +359,7 @@ def test_a_stop_does_not_replace_the_landing_after_an_expiry_by_hold(run_simulat
         await seconds(3)
         assert autopilot.mode == LAND
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stop_on_a_lost_link_is_repeated(run_simulated):
@@ -374,7 +374,7 @@ def test_a_stop_on_a_lost_link_is_repeated(run_simulated):
         assert autopilot.mode == HOLD
         await assert_silent(autopilot, link)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_the_last_setpoint_of_two_clients_applies_and_each_client_may_stop(run_simulated):
@@ -391,4 +391,4 @@ def test_the_last_setpoint_of_two_clients_applies_and_each_client_may_stop(run_s
         with pytest.raises(Refused, match="stopped"):
             await vehicle.offboard.setpoint(stream_request(client="a"))
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)

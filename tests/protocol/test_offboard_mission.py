@@ -10,7 +10,7 @@ from gcs_server.api import offboard_mission_routes as routes
 from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.streamer.missions.readings import reported_values
 from gcs_server.streamer.values.limit_values import OperatorLimits
-from tests.protocol.api_calls import ANNA, InlinePlanWork, lines, view, with_routes
+from tests.protocol.api_calls import ANNA, InlinePlanWork, journal_lines, json_of, run_with_routes
 from tests.protocol.api_calls import BOB as ROUTE_BOB
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.mission_flights import ALICE, BOB, LEASE_S, Missions, event_codes, run_in_flight
@@ -301,20 +301,20 @@ def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(run_simulated
 # --- routes --------------------------------------------------------------------------------------
 
 
-def run_with_routes(run_simulated, scenario):
+def run_with_missions(run_simulated, scenario):
     async def with_missions(rig):
         rig.station.plan_work = InlinePlanWork()
         rig.station.missions.attach(rig.vehicle)
         rig.station.missions.start()
         await scenario(rig)
 
-    with_routes(run_simulated, with_missions)
+    run_with_routes(run_simulated, with_missions)
 
 
 async def start_mission(rig, document=HOVER, by=ANNA, **fields):
     mission_fields = mission(document).model_dump(mode="json", exclude_none=True)
     body = models.StartMission.model_validate({"mission": mission_fields, **fields})
-    return view(await routes.start("1", body, rig.station, by))["mission"]
+    return json_of(await routes.start("1", body, rig.station, by))["mission"]
 
 
 def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_command_is_journaled(
@@ -332,7 +332,7 @@ def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_comma
         for call in (routes.pause, routes.skip, routes.abort):
             with pytest.raises(NotInControl):
                 await call("1", rig.station, ROUTE_BOB)
-        paused = view(await routes.pause("1", rig.station, ANNA))["mission"]
+        paused = json_of(await routes.pause("1", rig.station, ANNA))["mission"]
         assert paused["state"] == "pausing"
         with pytest.raises(Refused, match="not waiting for the operator"):
             await routes.go_on("1", rig.station, ANNA)
@@ -340,14 +340,16 @@ def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_comma
         await routes.resume("1", rig.station, ANNA)
         await routes.skip("1", rig.station, ANNA)
         await until(lambda: rig.vehicle.offboard_mission.status().place == "step 2", 5)
-        ended = view(await routes.abort("1", rig.station, ANNA, models.AbortMission(then="land")))["mission"]
+        ended = json_of(await routes.abort("1", rig.station, ANNA, models.AbortMission(then="land")))[
+            "mission"
+        ]
         assert (ended["state"], ended["reason"]) == ("aborted", "anna aborted the mission")
-        mission_view = view(await routes.show_mission(rig.vehicle, rig.station))["mission"]
+        mission_view = json_of(await routes.show_mission(rig.vehicle, rig.station))["mission"]
         assert mission_view["state"] == "aborted"
-        commands = [line[1] for line in lines(rig.station) if line[3] == "ok"]
+        commands = [line[1] for line in journal_lines(rig.station) if line[3] == "ok"]
         assert commands == [f"offboard_mission/{a}" for a in ("start", "pause", "resume", "skip", "abort")]
 
-    run_with_routes(run_simulated, scenario)
+    run_with_missions(run_simulated, scenario)
 
 
 def test_a_mission_beyond_the_operators_limits_is_not_started(run_simulated):
@@ -361,7 +363,7 @@ def test_a_mission_beyond_the_operators_limits_is_not_started(run_simulated):
         await rig.station.offboard("1").operator_limits.set(OperatorLimits(distance_max_m=50.0), by="anna")
         await start_mission(rig, far)
 
-    run_with_routes(run_simulated, scenario)
+    run_with_missions(run_simulated, scenario)
 
 
 def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(run_simulated):
@@ -375,24 +377,24 @@ def test_a_mission_with_errors_is_flown_only_if_the_request_names_them(run_simul
         await start_mission(rig, bad, despite=list(refused.value.codes))
         assert rig.vehicle.offboard_mission.status().state != "aborted"
 
-    run_with_routes(run_simulated, scenario)
+    run_with_missions(run_simulated, scenario)
 
 
 def test_without_a_position_a_mission_is_refused_before_anything_is_sent(run_simulated):
     async def scenario(rig):
-        rig.autopilot.estimates = False
+        rig.autopilot.has_estimates = False
         await seconds(2)
         with pytest.raises(Refused, match="no valid position"):
             await start_mission(rig)
         assert rig.autopilot.setpoints == []
 
-    run_with_routes(run_simulated, scenario)
+    run_with_missions(run_simulated, scenario)
 
 
 def test_a_vehicle_without_an_offboard_mission_refuses_its_commands(run_simulated):
     async def scenario(rig):
-        assert view(await routes.show_mission(rig.vehicle, rig.station))["mission"] is None
+        assert json_of(await routes.show_mission(rig.vehicle, rig.station))["mission"] is None
         with pytest.raises(Refused, match="no offboard mission"):
             await routes.pause("1", rig.station, ANNA)
 
-    run_with_routes(run_simulated, scenario)
+    run_with_missions(run_simulated, scenario)

@@ -11,7 +11,7 @@ from gcs_server.api.offboard_stream import CLOSE_FLOOD, FLOOD_PER_S, MAX_RESPONS
 from gcs_server.control.principal import Principal
 from tests.protocol.api_calls import station_of
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import flight, seconds, stream_request
+from tests.protocol.offboard_world import run_offboard, seconds, stream_request
 
 
 class Closed(Exception):
@@ -50,7 +50,7 @@ def north(metres, **fields):
     return {"setpoint": setpoint, "valid_for_s": 60, **fields}
 
 
-def with_socket(run_simulated, scenario, *, start=True):
+def run_with_socket(run_simulated, scenario, *, start=True):
     async def fly(world, vehicle, autopilot, link):
         station = station_of(world)
         if start:
@@ -67,7 +67,7 @@ def with_socket(run_simulated, scenario, *, start=True):
             with suppress(ExceptionGroup):  # the socket's own end
                 await serving
 
-    flight(run_simulated, fly)
+    run_offboard(run_simulated, fly)
 
 
 def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(run_simulated):
@@ -83,7 +83,7 @@ def test_each_setpoint_is_sent_at_once_and_acknowledged_with_the_applied_values(
         assert last["applied"] == {"type": "position", "position_ned_m": [5.0, 0.0, -5.0], "yaw_ned_rad": 0.5}
         assert last["limited"] == []
 
-    with_socket(run_simulated, scenario)
+    run_with_socket(run_simulated, scenario)
 
 
 def test_the_newest_valid_of_several_pending_setpoints_is_sent(run_simulated):
@@ -98,7 +98,7 @@ def test_the_newest_valid_of_several_pending_setpoints_is_sent(run_simulated):
         assert all(replies[seq] == {"seq": seq, "superseded": True} for seq in range(9))
         assert {m.x for _, m in autopilot.setpoints[-3:]} == {9.0}
 
-    with_socket(run_simulated, scenario)
+    run_with_socket(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_an_invalid_setpoint_is_refused_with_the_reason_and_changes_nothing(
         assert field is None or reply["error"]["field"] == field
         assert (autopilot.setpoints[-1][1].x, autopilot.setpoints[-1][1].type_mask) == before
 
-    with_socket(run_simulated, scenario)
+    run_with_socket(run_simulated, scenario)
 
 
 def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(run_simulated):
@@ -182,7 +182,7 @@ def test_a_setpoint_without_a_stream_is_refused_with_the_route_that_starts_one(r
         assert "offboard/start" in socket.received[0]["error"]["remedy"]
         assert autopilot.setpoints == []
 
-    with_socket(run_simulated, scenario, start=False)
+    run_with_socket(run_simulated, scenario, start=False)
 
 
 @pytest.mark.story
@@ -198,7 +198,7 @@ def test_setpoints_of_a_client_that_reads_no_replies_are_applied(run_simulated):
         assert len(socket.received) <= 202  # the oldest replies were dropped
         assert socket.received[-1]["seq"] == 999
 
-    with_socket(run_simulated, scenario)
+    run_with_socket(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_invalid_setpoints_with_unread_replies_use_no_memory_and_do_not_end_the_
         assert sum(len(json.dumps(reply)) for reply in socket.received) < MAX_RESPONSES_BYTES + 10_000
         assert socket.received[-1]["seq"] == 7
 
-    with_socket(run_simulated, scenario)
+    run_with_socket(run_simulated, scenario)
 
 
 def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(run_simulated):
@@ -236,7 +236,7 @@ def test_a_flooding_client_is_disconnected_and_its_last_setpoint_expires(run_sim
         assert autopilot.mode != OFFBOARD  # position hold in Offboard, then Hold
         assert autopilot.failsafes == 0
 
-    with_socket(run_simulated, scenario)
+    run_with_socket(run_simulated, scenario)
 
 
 def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(run_simulated):
@@ -250,4 +250,4 @@ def test_closing_the_socket_changes_nothing_before_the_setpoint_expires(run_simu
         assert (autopilot.mode, autopilot.failsafes) != (OFFBOARD, 1)
         assert vehicle.offboard.status().state == "idle"
 
-    with_socket(run_simulated, scenario)
+    run_with_socket(run_simulated, scenario)

@@ -10,9 +10,9 @@ from gcs_server.api import control_routes, operation_routes, param_routes
 from gcs_server.errors import Disconnected, NotInControl
 from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle import metadata_files
-from tests.protocol.api_calls import ANNA, BOB, lines, station_of, view
+from tests.protocol.api_calls import ANNA, BOB, journal_lines, json_of, station_of
 from tests.protocol.offboard_world import OffboardWorld, seconds
-from tests.protocol.sim_world import SimulatedAutopilot
+from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 WAIT = param_routes.RefreshRequest(wait=True)
 
@@ -25,7 +25,7 @@ async def read_inline(kind, packed, crc):
     return metadata_files.decode_document(kind, metadata_files.encode_document(kind, packed, crc))
 
 
-def with_rig(run_simulated, work):
+def run_with_rig(run_simulated, work):
     async def run():
         world = OffboardWorld()
         autopilot = SimulatedAutopilot(world.link(), seed=1)
@@ -45,18 +45,18 @@ async def refresh(rig, principal, body=None):
     return await param_routes.refresh_params(rig.vehicle, rig.station, principal, body)
 
 
-async def newest(rig):
-    return view(await operation_routes.list_operations(rig.station))["operations"][-1]
+async def newest_operation(rig):
+    return json_of(await operation_routes.list_operations(rig.station))["operations"][-1]
 
 
 def test_reading_the_parameters_is_an_operation_with_progress(run_simulated):
     async def work(rig):
         first = await refresh(rig, ANNA)
-        assert (first.status_code, view(first)["state"]) == (202, "reading")
+        assert (first.status_code, json_of(first)["state"]) == (202, "reading")
         second = await refresh(rig, BOB)
         assert second.headers["Location"] == first.headers["Location"] == "/api/v1/operations/1"
         shares = []
-        while (now := await newest(rig))["state"] == "running":
+        while (now := await newest_operation(rig))["state"] == "running":
             shares.append(now["progress"] or 0.0)
             await asyncio.sleep(0.02)
         assert shares == sorted(shares)
@@ -64,9 +64,9 @@ def test_reading_the_parameters_is_an_operation_with_progress(run_simulated):
         assert (now["state"], now["progress"]) == ("succeeded", 1.0)
         assert (now["vehicle"], now["client"], now["client_key"]) == ("1", "anna", ANNA.key)
         assert now["result"] == {"received": 929, "source": "vehicle"}
-        assert view(await refresh(rig, ANNA, WAIT))["received"] == 929
+        assert json_of(await refresh(rig, ANNA, WAIT))["received"] == 929
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_no_other_client_has_control(
@@ -76,22 +76,22 @@ def test_an_operation_is_cancelled_by_its_client_or_by_any_client_if_no_other_cl
         await control_routes.take("1", rig.station, BOB)
         reading = asyncio.ensure_future(refresh(rig, ANNA, WAIT))
         await asyncio.sleep(0.01)
-        started = await newest(rig)
+        started = await newest_operation(rig)
         assert started["state"] == "running"
         await control_routes.release("1", rig.station, BOB)
         await control_routes.take("1", rig.station, ANNA)
         with pytest.raises(NotInControl):
             await operation_routes.cancel_operation(started["id"], rig.station, BOB)
-        assert lines(rig.station)[-1] == ("bob", "operations/cancel", None, "not_in_control")
-        ended = view(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
+        assert journal_lines(rig.station)[-1] == ("bob", "operations/cancel", None, "not_in_control")
+        ended = json_of(await operation_routes.cancel_operation(started["id"], rig.station, ANNA))
         assert (ended["state"], ended["error"]) == ("cancelled", None)
-        assert ("anna", "operations/cancel", None, "ok") in lines(rig.station)
+        assert ("anna", "operations/cancel", None, "ok") in journal_lines(rig.station)
         with pytest.raises(Exception, match="was cancelled"):
             await reading
         assert rig.vehicle.params.list.state == "failed"
-        assert view(await refresh(rig, ANNA, WAIT))["state"] == "ready"
+        assert json_of(await refresh(rig, ANNA, WAIT))["state"] == "ready"
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(run_simulated):
@@ -102,7 +102,7 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(run_si
         with pytest.raises(Disconnected, match="was lost before it answered"):
             async with asyncio.timeout(60):
                 await reading
-        failed = await newest(rig)
+        failed = await newest_operation(rig)
         assert (failed["state"], failed["error"]["code"], failed["error"]["status"]) == (
             "failed",
             "disconnected",
@@ -111,7 +111,7 @@ def test_a_link_lost_during_the_read_fails_the_operation_with_that_reason(run_si
         assert json.loads(json.dumps(failed)) == failed
         await seconds(2)
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)
 
 
 def test_concurrent_reads_share_one_operation_and_one_request(run_simulated):
@@ -120,4 +120,4 @@ def test_concurrent_reads_share_one_operation_and_one_request(run_simulated):
         assert rig.autopilot.count(d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST) == 1
         assert len(rig.station.operations.all()) == 1
 
-    with_rig(run_simulated, work)
+    run_with_rig(run_simulated, work)

@@ -9,7 +9,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.storage.cache import Cache
 from gcs_server.vehicle import metadata_files
 from tests.protocol.memory_world import World
-from tests.protocol.sim_world import SimulatedAutopilot
+from tests.protocol.simulated_autopilot import SimulatedAutopilot
 
 LIST, READ, SET, FTP = (
     d.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,

@@ -34,7 +34,7 @@ def test_refused_parameters_have_a_reason(run_simulated):
         for value in (math.nan, math.inf, 1.5, 2.0**40):
             with pytest.raises(InvalidRequest):
                 await vehicle.params.set("NAV_DLL_ACT", value)
-        autopilot.stored = lambda m: 12.0
+        autopilot.decoded_value = lambda m: 12.0
         with pytest.raises(Rejected, match="still has MPC_XY_VEL_MAX = 12"):
             await vehicle.params.set("MPC_XY_VEL_MAX", 50)
 
@@ -70,11 +70,11 @@ def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot):
         with pytest.raises(Refused, match="not controlled"):
             await vehicle.gimbal.set_angles(-30, 0)
-        autopilot.control = (7, 8)
+        autopilot.gimbal_control = (7, 8)
         with pytest.raises(Refused, match="system 7, component 8"):
             await vehicle.gimbal.set_rates(5, 5)
         await vehicle.gimbal.take_control()
-        assert autopilot.control == (255, 190)
+        assert autopilot.gimbal_control == (255, 190)
         await vehicle.gimbal.set_angles(-30, 190, yaw_lock=True)
         sent = autopilot.commands(GIMBAL_PITCHYAW)[-1]
         assert (sent.param1, sent.param2, sent.param5) == (-30, pytest.approx(-170), 16)
@@ -92,7 +92,7 @@ def test_gimbal_control_is_taken_used_and_released(run_simulated, loss, seed):
         await vehicle.gimbal.set_rates(0, 0)
         assert vehicle.gimbal.roi is None
         await vehicle.gimbal.release_control()
-        assert autopilot.control == (0, 0)
+        assert autopilot.gimbal_control == (0, 0)
 
     run_scenario(run_simulated, scenario, loss=loss, seed=seed)
 
@@ -102,7 +102,7 @@ def test_invalid_gimbal_angles_and_a_missing_gimbal_are_refused(run_simulated):
         for pitch, yaw in ((math.nan, 0), (-150, 0), (0, 400), (0, math.inf)):
             with pytest.raises(InvalidRequest):
                 await vehicle.gimbal.set_angles(pitch, yaw)
-        autopilot.gimbal = False
+        autopilot.has_gimbal = False
         with pytest.raises(NoReply, match="gimbal"):
             await vehicle.gimbal.take_control()
         with pytest.raises(NoReply, match="gimbal"):

@@ -10,7 +10,7 @@ import pytest
 from gcs_server.api import mission_models, mission_routes, plan_models, plan_routes
 from gcs_server.plans.store import PlanStore
 from missions import plan as documents
-from tests.protocol.api_calls import ANNA, InlinePlanWork, station_of, view
+from tests.protocol.api_calls import ANNA, InlinePlanWork, json_of, station_of
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -30,7 +30,7 @@ COMMANDS_OF_ITEMS = (
 """Items that PX4 executes as commands."""
 
 
-def with_rig(run_simulated, tmp_path, work):
+def run_with_rig(run_simulated, tmp_path, work):
     async def run():
         world = SimulatedWorld()
         try:
@@ -52,7 +52,7 @@ async def import_file(rig):
     async def body():
         return FILE.read_bytes()
 
-    response = view(await plan_routes.import_plan(SimpleNamespace(body=body), rig.station, FILE.name))
+    response = json_of(await plan_routes.import_plan(SimpleNamespace(body=body), rig.station, FILE.name))
     assert response["notes"] == []
     plan = documents.read(json.dumps(response["plan"]).encode())
     return await rig.station.plans.create("Survey", plan, by=("anna", "key"))
@@ -80,7 +80,7 @@ async def compare_with_vehicle(rig, plan):
         Whether they are equal, the differences, and whether the vehicle still has the items.
     """
     body = mission_models.WhichPlan.model_validate(plan)
-    response = view(await mission_routes.compare(rig.vehicle, body, rig.station))
+    response = json_of(await mission_routes.compare(rig.vehicle, body, rig.station))
     return response["equal"], response["differences"], response["still_held"]
 
 
@@ -108,7 +108,7 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         plan = documents.read(document)
         rig.world.loss = loss
         uploading = mission_models.UploadRequest.model_validate({"plan_id": stored.id, "wait": True})
-        result = view(await mission_routes.upload("1", uploading, rig.station, ANNA))["result"]
+        result = json_of(await mission_routes.upload("1", uploading, rig.station, ANNA))["result"]
         assert result == {"items": {"mission": 19, "fence": 9, "rally": 2}, "not_kept": []}
         before = items_on(rig)
         assert all(before[1].values())
@@ -118,7 +118,7 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         planned = [item.COMMAND for _, item in plan.simple_items() if item.COMMAND in COMMANDS_OF_ITEMS]
         assert executed == planned
         await seconds(5)
-        response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+        response = json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
         assert (response["flight"]["state"], response["flight"]["plan_id"]) == ("done", stored.id)
         assert (response["mission"]["reached"], response["holds"]["state"]) == (18, "plan")
 
@@ -128,10 +128,10 @@ def test_a_plan_file_is_the_same_after_import_upload_flight_download_and_export(
         )
         assert await compare_with_vehicle(rig, {"plan_id": stored.id}) == (True, [], True)
         assert items_on(rig) == before
-        read = view(await mission_routes.downloaded_plan(rig.vehicle))
+        read = json_of(await mission_routes.downloaded_plan(rig.vehicle))
         assert await compare_with_vehicle(rig, {"plan": read["plan"]}) == (True, [], True)
         assert json.dumps(json.loads(await export_file(rig, stored))) == json.dumps(
             json.loads(FILE.read_bytes())
         )
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)

@@ -19,7 +19,7 @@ from missions.geodesy import LocalOrigin
 from missions.offboard import document
 from missions.offboard.reader import read
 from tests.protocol import two_vehicles
-from tests.protocol.api_calls import ANNA, view
+from tests.protocol.api_calls import ANNA, json_of
 from tests.protocol.offboard_world import seconds
 from tests.protocol.simulated_world import until
 
@@ -76,7 +76,7 @@ async def refusal_of_start(rig, *despite):
 
 async def warnings_of_check(rig, plan=THROUGH_FENCE):
     body = plan_models.PlanToCheck.model_validate({"plan": plan, "vehicle": "2"})
-    response = view(await plan_routes.check_plan(body, rig.station))
+    response = json_of(await plan_routes.check_plan(body, rig.station))
     plan_models.PlanCheck.model_validate(response)
     found = [finding for finding in response["findings"] if finding["code"].startswith("separation")]
     assert {finding["severity"] for finding in found} <= {"warning"}

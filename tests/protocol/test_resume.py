@@ -9,10 +9,10 @@ from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.plans.store import PlanStore
 from gcs_server.storage.records import Records
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
-from tests.protocol.api_calls import ANNA, BOB, MISSION, station_of, view
+from tests.protocol.api_calls import ANNA, BOB, MISSION, json_of, station_of
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST
-from tests.protocol.fake_autopilot import HOLD, RTL
-from tests.protocol.mission_world import MissionAutopilot, OtherStation
+from tests.protocol.fake_autopilot import HOLD, IN_AIR, ON_GROUND, RTL
+from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 
@@ -44,7 +44,7 @@ PLAN = {
 }
 
 
-def with_rig(run_simulated, tmp_path, work):
+def run_with_rig(run_simulated, tmp_path, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service."""
 
     async def run():
@@ -92,13 +92,13 @@ async def start(rig, by=ANNA, **body):
 
 
 async def mission_view(rig):
-    response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+    response = json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
     mission_models.MissionView.model_validate(response)
     return response
 
 
 async def fly_to(rig, item, north_m):
-    rig.autopilot.landed, rig.autopilot.flight.current = 2, item
+    rig.autopilot.landed_state, rig.autopilot.flight.current = IN_AIR, item
     rig.autopilot.position[0] = LAT + north_m * NORTH_DEG
     await monitor_for(rig, 2.5)
 
@@ -108,7 +108,7 @@ async def land(rig, north_m=0.0):
     rig.autopilot.mode = RTL
     await monitor_for(rig, 2.5)
     rig.autopilot.position[0] = LAT + north_m * NORTH_DEG
-    rig.autopilot.armed, rig.autopilot.landed, rig.autopilot.mode = False, 1, HOLD
+    rig.autopilot.armed, rig.autopilot.landed_state, rig.autopilot.mode = False, ON_GROUND, HOLD
     await monitor_for(rig, 2.5)
 
 
@@ -153,7 +153,7 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_
         await land(rig)
         assert (await mission_view(rig))["resume"]["item"] == 3
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is_resumed(
@@ -176,7 +176,7 @@ def test_after_a_restart_of_the_server_the_plan_is_compared_before_the_flight_is
         await mission_routes.compare(rig.vehicle, body, rig.station)
         assert (await mission_view(rig))["resume"]["item"] == 1
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_path):
@@ -203,7 +203,7 @@ def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_
         await seconds(2)
         assert (await mission_view(rig))["resume"] is None
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resumed(run_simulated, tmp_path):
@@ -224,12 +224,12 @@ def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resu
         await start(rig, item=0)
         await fly_to(rig, 4, 150)
         await fly_to(rig, 5, 180)
-        rig.autopilot.armed, rig.autopilot.landed = False, 1
+        rig.autopilot.armed, rig.autopilot.landed_state = False, ON_GROUND
         await monitor_for(rig, 2.5)
         shown = await mission_view(rig)
         assert (shown["resume"], shown["no_resume"]) == (None, "Vehicle 1 has flown the plan to its end.")
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_simulated, tmp_path):
@@ -264,7 +264,7 @@ def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_sim
         await start(rig, BOB, item=offer["item"], despite=["flight_from_here"])
         assert (rig.autopilot.armed, rig.autopilot.flight.current) == (True, 1)
 
-    with_rig(run_simulated, tmp_path, work)
+    run_with_rig(run_simulated, tmp_path, work)
 
 
 SHORT = {

@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from gcs_server.api import group_routes
 from gcs_server.errors import InvalidRequest, NotTogether, Refused
 from gcs_server.vehicle.vehicle import Vehicle
 from missions.frames import Vector3
 from missions.setpoints import Position, Velocity
-from tests.protocol import group_world
-from tests.protocol.api_calls import station_of
+from tests.protocol.api_calls import ANNA, station_of
+from tests.protocol.group_world import setpoints_request, start_group, velocity
 from tests.protocol.mission_flights import Missions, event_codes
 from tests.protocol.mission_modes_world import OtherStation
 from tests.protocol.ros2_world import Ros2World, request_of, value_of
@@ -37,12 +39,12 @@ def test_an_offboard_mission_takes_off_flies_and_lands(run_simulated: Any, tmp_p
         vehicle = await world.ready_to_arm()
         flight = missions.begin(vehicle, mission(MISSION))
         await missions.reach("flying")
-        worst_m = 0.0
+        deviation_max_m = 0.0
         while missions.state == "flying":
-            worst_m = max(worst_m, flight.status().deviation_m or 0.0)
+            deviation_max_m = max(deviation_max_m, flight.status().deviation_m or 0.0)
             await asyncio.sleep(0.1)
         await missions.reach("done")
-        assert worst_m < 3.0
+        assert deviation_max_m < 3.0
         assert not vehicle.status.armed
         assert event_codes(vehicle) == ["done"]
         await world.close()
@@ -50,7 +52,7 @@ def test_an_offboard_mission_takes_off_flies_and_lands(run_simulated: Any, tmp_p
     run_simulated(run)
 
 
-def test_a_mission_whose_program_needs_mavlink_is_flown_and_reports_what_was_refused(
+def test_a_mission_with_a_picture_is_flown_and_reports_that_ros2_carries_no_camera_commands(
     run_simulated: Any, tmp_path: Path
 ) -> None:
     async def run() -> None:
@@ -71,7 +73,7 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
     async def run() -> None:
         world = Ros2World(2)
         vehicles = [await world.in_the_air(v, height_m=10.0) for v in ("1", "2")]
-        rig = group_world.SimpleNamespace(world=world, station=station_of(world))
+        rig = SimpleNamespace(world=world, station=station_of(world))
         await fly_apart(vehicles[1])
 
         goals: dict[str, Vector3] = {}
@@ -79,16 +81,16 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
             north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
             goals[vehicle.id] = (north_m + 5.0, east_m, down_m)
         setpoints = {v: {"type": "position", "position_ned_m": goal} for v, goal in goals.items()}
-        await group_world.begin(rig, setpoints, minimum_separation_m=3.0)
+        await start_group(rig, setpoints, minimum_separation_m=3.0)
         await until(lambda: all(distance_m(v, goals[v.id]) < 0.5 for v in vehicles), 15)
         assert [vehicle.status.mode for vehicle in vehicles] == ["offboard", "offboard"]
 
         with pytest.raises(Refused, match="group"):
             await vehicles[0].offboard.setpoint(request_of(Velocity((1.0, 0.0, 0.0))))
-        crossing = group_world.changes({"1": group_world.velocity(0, 3), "2": group_world.velocity(0, -3)})
+        crossing = setpoints_request({"1": velocity(0, 3), "2": velocity(0, -3)})
         with pytest.raises(NotTogether):
-            await group_world.group_routes.setpoints("1", crossing, rig.station, group_world.ANNA)
-        await group_world.group_routes.hold("1", rig.station, group_world.ANNA)
+            await group_routes.setpoints("1", crossing, rig.station, ANNA)
+        await group_routes.hold("1", rig.station, ANNA)
         await until(lambda: all(v.status.mode == "hold" for v in vehicles), 5)
         await world.close()
 
@@ -96,7 +98,7 @@ def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: An
 
 
 async def fly_apart(vehicle: Vehicle) -> None:
-    """Flies a vehicle, which took off 3 m from the other one, 6 m to the east, and waits until it hovers."""
+    """Flies a vehicle 6 m to the east and waits until it hovers: the two vehicles took off 3 m apart."""
     north_m, east_m, down_m = value_of(vehicle, "local_position").position_ned_m
     goal = (north_m, east_m + 6.0, down_m)
     await vehicle.offboard.start(request_of(Position(goal, yaw_ned_rad=0.0)))

@@ -16,7 +16,7 @@ from gcs_server.ros2.versions import TopicVersions
 from gcs_server.streamer.transport.ros2 import CONTROL_MODE, SETPOINT_TOPICS
 from missions.setpoints import Attitude, Position
 from tests.protocol.mission_flights import Missions
-from tests.protocol.mission_modes_world import Modes, fly
+from tests.protocol.mission_modes_world import Modes, run_with_modes
 from tests.protocol.ros2_world import Ros2World, request_of
 from tests.protocol.simulated_world import until
 from tests.support.offboard_missions import mission
@@ -114,4 +114,4 @@ def test_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
         assert world.loop.time() - began_s < 1.0
         assert not modes.sent(REGISTER)
 
-    fly(run_simulated, scenario)
+    run_with_modes(run_simulated, scenario)

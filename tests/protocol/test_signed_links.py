@@ -65,7 +65,7 @@ class SignedWorld(World):
         return self.router.connection(name).info()
 
 
-def with_signed_world(run_simulated, scenario, tmp_path, **settings):
+def run_with_signed_links(run_simulated, scenario, tmp_path, **settings):
     async def run():
         world = SignedWorld(tmp_path, **settings)
         try:
@@ -92,7 +92,7 @@ def test_a_vehicle_with_the_key_is_connected_and_accepts_every_frame(run_simulat
         assert (info.frames_refused, info.signing.key, info.signing.link_id) == (0, "field", 0)
         assert info.frames_received > 20
 
-    with_signed_world(run_simulated, scenario, tmp_path)
+    run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
 def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(run_simulated, tmp_path):
@@ -103,7 +103,7 @@ def test_a_vehicle_without_a_clock_gets_the_time_from_the_received_frames(run_si
         assert report.too_old > 0
         assert report.wrong_signature == report.unsigned == report.replayed == 0
 
-    with_signed_world(run_simulated, scenario, tmp_path)
+    run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
 def intruder_frames(world):
@@ -144,7 +144,7 @@ def test_frames_without_the_key_are_not_handled_forwarded_or_recorded(run_simula
         world.router._recorder.flush()
 
     folder = tmp_path / "recordings"
-    with_signed_world(run_simulated, scenario, tmp_path, recording_dir=folder)
+    run_with_signed_links(run_simulated, scenario, tmp_path, recording_dir=folder)
     (recording,) = folder.glob("*radio*.tlog")
     frames = [raw for _, raw in read_tlog(recording)]
     assert len(frames) > 20
@@ -165,7 +165,7 @@ def test_a_vehicle_with_another_key_is_not_flown_and_a_warning_names_it(run_simu
         (warning,) = [text for kind, _, text in world.router.warnings() if kind == "signing"]
         assert warning.startswith("System 6 sends frames with a wrong signature")
 
-    with_signed_world(run_simulated, scenario, tmp_path)
+    run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
 def test_a_link_whose_key_is_missing_is_not_opened_unsigned(run_simulated, tmp_path):
@@ -175,7 +175,7 @@ def test_a_link_whose_key_is_missing_is_not_opened_unsigned(run_simulated, tmp_p
         assert error.value.field == "url"
         assert world.router.links() == []
 
-    with_signed_world(run_simulated, scenario, tmp_path)
+    run_with_signed_links(run_simulated, scenario, tmp_path)
 
 
 def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(run_simulated, tmp_path):
@@ -188,4 +188,4 @@ def test_a_link_without_a_key_accepts_signed_frames_and_counts_them(run_simulate
         assert world.info("plain").frames_unverified > 10
         assert world.info("plain").signing is None
 
-    with_signed_world(run_simulated, scenario, tmp_path)
+    run_with_signed_links(run_simulated, scenario, tmp_path)

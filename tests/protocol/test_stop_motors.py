@@ -1,5 +1,5 @@
-"""Stop motors has priority: it is sent until the vehicle reports that it is disarmed, whatever else is
-requested."""
+"""Stop motors (kill) has priority: the server sends it until the vehicle reports that it is disarmed, and
+refuses other commands meanwhile."""
 
 import asyncio
 import itertools
@@ -9,8 +9,7 @@ import pytest
 
 from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
-from tests.protocol.api_calls import MISSION
-from tests.protocol.api_calls import with_routes as with_station
+from tests.protocol.api_calls import MISSION, run_with_routes
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_REPOSITION,
@@ -18,9 +17,9 @@ from tests.protocol.command_numbers import (
     FORCE,
     TAKEOFF_COMMAND,
 )
-from tests.protocol.fake_autopilot import HOLD
-from tests.protocol.group_world import ANNA, begin, position, with_routes
-from tests.protocol.offboard_world import flight, seconds, stream_request
+from tests.protocol.fake_autopilot import HOLD, ON_GROUND
+from tests.protocol.group_world import ANNA, position, run_with_vehicles, start_group
+from tests.protocol.offboard_world import run_offboard, seconds, stream_request
 from tests.protocol.one_vehicle import LOSS
 
 GOTO = {"lat_deg": 47.398, "lon_deg": 8.546, "alt_home_m": 12}
@@ -80,7 +79,7 @@ def test_a_later_command_is_refused_with_a_reason_and_does_not_end_stop_motors(r
         assert all(b - a < 0.3 for a, b in itertools.pairwise(times))
         await CALLS["hold"](vehicle)  # after stop motors, commands are accepted again
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_stop_motors_ends_pending_commands(run_simulated):
@@ -96,7 +95,7 @@ def test_stop_motors_ends_pending_commands(run_simulated):
         await kill
         assert len(autopilot.commands(DO_SET_MODE)) == sent
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
@@ -110,7 +109,7 @@ def test_the_end_of_a_stream_requests_no_mode_during_stop_motors(run_simulated):
         assert len(autopilot.commands(DO_SET_MODE)) == mode_requests
         assert not vehicle.offboard.status().streaming
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_stop_of_the_stream_waits_for_stop_motors(run_simulated):
@@ -128,12 +127,12 @@ def test_a_stop_of_the_stream_waits_for_stop_motors(run_simulated):
         await stop
         assert not vehicle.offboard.status().streaming
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simulated):
     async def scenario(rig):
-        await begin(rig, {"1": position(), "2": position()})
+        await start_group(rig, {"1": position(), "2": position()})
         await seconds(2.0)
         times = ignore_kill(rig.autopilots["1"], 3.0)
         mode_requests = len(rig.autopilots["1"].commands(DO_SET_MODE))
@@ -149,7 +148,7 @@ def test_hold_and_guard_of_a_group_do_not_end_stop_motors_of_a_member(run_simula
         assert rig.vehicles["2"].status.mode == "hold"
         assert rig.autopilots["2"].armed
 
-    with_routes(run_simulated, scenario, count=2)
+    run_with_vehicles(run_simulated, scenario, count=2)
 
 
 def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(run_simulated):
@@ -172,7 +171,7 @@ def test_neither_refusal_nor_acceptance_without_effect_ends_stop_motors(run_simu
         with pytest.raises(Rejected, match="refused to stop its motors"):
             await vehicle.command.kill()
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_stop_motors_continues_after_its_caller_is_cancelled(run_simulated):
@@ -188,7 +187,7 @@ def test_stop_motors_continues_after_its_caller_is_cancelled(run_simulated):
         assert not autopilot.armed
         await vehicle.command.hold()
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated):
@@ -205,12 +204,12 @@ def test_stop_motors_is_sent_to_a_lost_vehicle_until_the_deadline(run_simulated)
         assert times[-1] - times[0] > 5.5
         autopilot.send_raw = send_raw
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.armed, autopilot.landed = False, 1
+        autopilot.armed, autopilot.landed_state = False, ON_GROUND
         await seconds(2.0)
         late = []
 
@@ -232,7 +231,7 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
         await seconds(2.0)
         assert not autopilot.armed
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD)])
@@ -251,7 +250,7 @@ def test_on_expiry_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
         assert bool(rig.autopilot.commands(DO_SET_MODE)) == (mode_after is not None)
         assert rig.autopilot.mode == (mode_after or MISSION)
 
-    with_station(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_a_server_shutdown_waits_for_stop_motors(run_simulated):
@@ -263,15 +262,15 @@ def test_a_server_shutdown_waits_for_stop_motors(run_simulated):
         assert not autopilot.armed
         await kill
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 @pytest.mark.parametrize(("loss", "seed"), [*LOSS, *((0.2, seed) for seed in range(20, 40))])
 def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simulated, loss, seed):
     async def scenario(world, vehicle, autopilot, link):
-        dice = random.Random(seed)
-        if dice.random() < 0.5:
-            await vehicle.offboard.start(stream_request(valid_for_s=dice.uniform(0.5, 4.0), hold_for_s=0.2))
+        rng = random.Random(seed)
+        if rng.random() < 0.5:
+            await vehicle.offboard.start(stream_request(valid_for_s=rng.uniform(0.5, 4.0), hold_for_s=0.2))
         running = []
 
         async def later(call, after_s):
@@ -283,12 +282,12 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simul
 
         calls = [call for name, call in CALLS.items() if name != "arm"]  # "arm" would arm the vehicle again
         for _ in range(8):
-            running.append(asyncio.ensure_future(later(dice.choice(calls), dice.uniform(0.0, 4.0))))
-        running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), dice.uniform(0.0, 4.0))))
-        await seconds(dice.uniform(0.0, 2.0))
-        ignore_kill(autopilot, dice.uniform(0.0, 3.0))
+            running.append(asyncio.ensure_future(later(rng.choice(calls), rng.uniform(0.0, 4.0))))
+        running.append(asyncio.ensure_future(later(lambda v: v.offboard.stop(), rng.uniform(0.0, 4.0))))
+        await seconds(rng.uniform(0.0, 2.0))
+        ignore_kill(autopilot, rng.uniform(0.0, 3.0))
         received_before = len(autopilot.received)
-        kills = [asyncio.ensure_future(vehicle.command.kill()) for _ in range(dice.choice([1, 2]))]
+        kills = [asyncio.ensure_future(vehicle.command.kill()) for _ in range(rng.choice([1, 2]))]
         await asyncio.gather(*kills)
         assert not autopilot.armed
         received = autopilot.received[received_before:]
@@ -298,4 +297,4 @@ def test_the_motors_stop_in_any_order_of_commands_and_with_packet_loss(run_simul
         assert not between
         await asyncio.gather(*running)
 
-    flight(run_simulated, scenario, loss=loss, seed=seed)
+    run_offboard(run_simulated, scenario, loss=loss, seed=seed)

@@ -12,7 +12,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.streamer.waypoints.link_loss import PARAMETERS
 from gcs_server.vehicle.services.items_cache import ItemsCache
 from missions.dry_run import task
-from tests.protocol.api_calls import ANNA, MISSION, station_of, view
+from tests.protocol.api_calls import ANNA, MISSION, json_of, station_of
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_PAUSE_CONTINUE,
@@ -20,7 +20,8 @@ from tests.protocol.command_numbers import (
     DO_SET_MODE,
     MISSION_START,
 )
-from tests.protocol.mission_world import MissionAutopilot, OtherStation
+from tests.protocol.fake_autopilot import IN_AIR
+from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 
@@ -57,7 +58,7 @@ async def simulate_in_process(_command, report, *, request, max_line_bytes):
 async def run_dry_run(rig, **fields):
     """Runs a dry run of the plan; returns its id."""
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **fields})
-    operation = view(await dry_run_routes.start_dry_run(body, rig.station, ANNA))
+    operation = json_of(await dry_run_routes.start_dry_run(body, rig.station, ANNA))
     return (await rig.station.operations.wait(operation["id"])).result["dry_run"]
 
 
@@ -72,18 +73,18 @@ async def start(rig, **fields):
     await mission_routes.start("1", rig.station, ANNA, body)
 
 
-async def flight(rig):
-    response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+async def flight_view(rig):
+    response = json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
     mission_models.MissionView.model_validate(response)
     return response["flight"]
 
 
-def codes(rig):
+def event_codes(rig):
     data = [event.data or {} for event in rig.vehicle.events.since()]
     return [fields["code"] for fields in data if fields.get("source") == "waypoint_flight"]
 
 
-def with_rig(run_simulated, monkeypatch, work):
+def run_with_simulated_vehicle(run_simulated, monkeypatch, work):
     monkeypatch.setattr(dry_runs, "run_process", simulate_in_process)
 
     async def run():
@@ -104,20 +105,20 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
     run_simulated, monkeypatch
 ):
     async def work(rig):
-        assert await flight(rig) is None
+        assert await flight_view(rig) is None
         dry_run = await run_dry_run(rig, flights=3)
         with pytest.raises(Refused, match="not made for the plan"):
             await start(rig, dry_run=dry_run, despite=["plan_not_known"])
         await upload(rig)
         await start(rig, dry_run=dry_run)
-        started = await flight(rig)
+        started = await flight_view(rig)
         assert (started["state"], started["client"], started["dry_run"]) == ("flying", "anna", dry_run)
         assert (started["item"], started["count"], started["planned_by"]) == (0, 3, "dry_run")
         assert started["remaining_s"] == pytest.approx(started["duration_s"], abs=4)
 
         await until(lambda: rig.vehicle.topic("mission").value.current == 1, 30)
         await seconds(3)
-        on_leg = await flight(rig)
+        on_leg = await flight_view(rig)
         assert (on_leg["place"], on_leg["title"]) == ("item 2", "Waypoint")
         assert on_leg["deviation_horizontal_m"] < 1.5
         assert abs(on_leg["deviation_vertical_m"]) < 1.5
@@ -125,19 +126,19 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         assert on_leg["remaining_s"] < started["remaining_s"] - 5
 
         rig.world.sim.simulation.set_wind(WIND_M_S)
-        await until(lambda: "corridor_left" in codes(rig), 8)
-        outside = await flight(rig)
+        await until(lambda: "corridor_left" in event_codes(rig), 8)
+        outside = await flight_view(rig)
         assert outside["outside_corridor_m"] > 0
         assert outside["deviation_horizontal_m"] > outside["outside_corridor_m"]
         assert rig.vehicle.status.mode == "mission", "more than a warning"
         rig.world.sim.simulation.set_wind((0.0, 0.0, 0.0))
-        await until(lambda: "corridor_back" in codes(rig), 12)
+        await until(lambda: "corridor_back" in event_codes(rig), 12)
 
         await until(lambda: not rig.vehicle.status.armed, 60)
         await seconds(0.3)
-        ended = await flight(rig)
+        ended = await flight_view(rig)
         assert (ended["state"], ended["reason"], ended["remaining_s"]) == ("done", None, None)
-        response = view(await mission_routes.show_flown(rig.vehicle, rig.station))
+        response = json_of(await mission_routes.show_flown(rig.vehicle, rig.station))
         mission_routes.FlownMissionView.model_validate(response)
         flown = response["flown"]
         assert (flown["over"], flown["planned_by"]) == (True, "dry_run")
@@ -148,14 +149,14 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         assert flown["deviation_max_m"] > outside["outside_corridor_m"]
         assert {sample["place"] for sample in flown["samples"]} == {"item 1", "item 2", "item 3"}
         await seconds(2)
-        assert view(await mission_routes.show_flown(rig.vehicle, rig.station)) == response, (
+        assert json_of(await mission_routes.show_flown(rig.vehicle, rig.station)) == response, (
             "the flown mission changed after the flight"
         )
 
-    with_rig(run_simulated, monkeypatch, work)
+    run_with_simulated_vehicle(run_simulated, monkeypatch, work)
 
 
-def run_scripted(run_simulated, work):
+def run_with_scripted_vehicle(run_simulated, work):
     """Runs a test with a scripted vehicle, which has the simulator's mission service and no position."""
 
     async def run():
@@ -178,7 +179,7 @@ def run_scripted(run_simulated, work):
 
 def select(rig, mode):
     """The pilot arms the vehicle and selects a mode."""
-    rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed = True, mode, 2
+    rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, mode, IN_AIR
 
 
 def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(run_simulated):
@@ -186,28 +187,28 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
         await upload(rig)
         select(rig, MISSION)
         await seconds(2.5)
-        flown = await flight(rig)
+        flown = await flight_view(rig)
         assert (flown["state"], flown["client"], flown["dry_run"]) == ("flying", None, None)
         assert (flown["planned_by"], flown["place"], flown["count"]) == ("plan", "item 1", 3)
         assert flown["not_compared"] == "The vehicle has no valid position estimate."
         select(rig, POSITION)
         await seconds(2.5)
-        flown = await flight(rig)
+        flown = await flight_view(rig)
         assert flown["state"] == "paused"
         assert flown["reason"].startswith("The vehicle has left Mission mode: ")
         select(rig, MISSION)
         await seconds(2.5)
-        assert (await flight(rig))["state"] == "flying"
-        assert codes(rig) == ["monitoring_paused", "monitoring_resumed"]
+        assert (await flight_view(rig))["state"] == "flying"
+        assert event_codes(rig) == ["monitoring_paused", "monitoring_resumed"]
         items = rig.vehicle.mission.items_on_vehicle.items["mission"]
         await OtherStation(rig.autopilot).upload(items[:2])
         await seconds(2.5)
-        ended = await flight(rig)
+        ended = await flight_view(rig)
         assert (ended["state"], ended["reason"]) == ("stopped", "The vehicle has another plan now.")
-        flown = view(await mission_routes.show_flown(rig.vehicle, rig.station))["flown"]
+        flown = json_of(await mission_routes.show_flown(rig.vehicle, rig.station))["flown"]
         assert (flown["over"], flown["planned_by"], flown["deviation_max_m"]) == (True, "plan", None)
 
-    run_scripted(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, work)
 
 
 def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_the_current_item(
@@ -220,14 +221,14 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_t
         rig.station.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
         rig.station.waypoint_flights.attach(rig.vehicle)
         await seconds(1)
-        flown = await flight(rig)
+        flown = await flight_view(rig)
         assert (flown["state"], flown["planned_by"], flown["place"]) == ("flying", "plan", "item 1")
         assert flown["not_compared"] == "The vehicle has no valid position estimate."
         rig.autopilot.armed = False
         await seconds(2.5)
-        assert (await flight(rig))["state"] == "stopped"
+        assert (await flight_view(rig))["state"] == "stopped"
 
-    run_scripted(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, work)
 
 
 async def inline(work):
@@ -267,7 +268,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
                 content[:-20] if damage == "cut" else content.replace(b'"fence": 0', b'"fence": 7')
             )
         await restart(rig)
-        flown = await flight(rig)
+        flown = await flight_view(rig)
         sent = {data[7] | data[8] << 8 | data[9] << 16 for data, _ in rig.link.sent}
         assert not sent & (MISSION_MESSAGES | FLIGHT_MESSAGES)
         assert (
@@ -288,14 +289,14 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         assert (flown["state"], flown["item"], flown["count"], flown["client"]) == ("flying", 1, 3, None)
         await OtherStation(rig.autopilot).upload(before.items["mission"][:2])
         await seconds(2.5)
-        assert (await flight(rig))["reason"] == "The vehicle has another plan now."
+        assert (await flight_view(rig))["reason"] == "The vehicle has another plan now."
 
-    run_scripted(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, work)
 
 
 def test_before_the_start_the_server_states_what_px4_does_without_a_ground_station(run_simulated):
     async def announced_action(rig):
-        response = view(await mission_routes.show_mission(rig.vehicle, rig.station))
+        response = json_of(await mission_routes.show_mission(rig.vehicle, rig.station))
         await seconds(2)
         return response["if_link_lost"]
 
@@ -318,7 +319,7 @@ def test_before_the_start_the_server_states_what_px4_does_without_a_ground_stati
         ]
         assert read == [*PARAMETERS, *PARAMETERS]
 
-    run_scripted(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, work)
 
 
 def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(run_simulated):
@@ -330,15 +331,15 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(run_
         with pytest.raises(Rejected):
             await start(rig)
         await seconds(1)
-        assert await flight(rig) is None
+        assert await flight_view(rig) is None
         rig.autopilot.arm_denied = False
         with pytest.raises(UnknownDryRun):
             await start(rig, dry_run="7")
         assert not rig.autopilot.armed
         await start(rig)
-        assert ((await flight(rig))["client"], codes(rig)) == ("anna", [])
+        assert ((await flight_view(rig))["client"], event_codes(rig)) == ("anna", [])
 
-    run_scripted(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, work)
 
 
 def store_dry_run(rig, plan=PLAN, north_m=0.0):
@@ -360,19 +361,19 @@ def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_si
         await upload(rig)
         select(rig, MISSION)
         await seconds(2.5)
-        first = await flight(rig)
+        first = await flight_view(rig)
         await start(rig, item=1)
-        assert (await flight(rig))["started_unix_s"] == first["started_unix_s"]
+        assert (await flight_view(rig))["started_unix_s"] == first["started_unix_s"]
         await start(rig, item=1, dry_run=store_dry_run(rig))
-        second = await flight(rig)
+        second = await flight_view(rig)
         assert second["started_unix_s"] > first["started_unix_s"]
         assert (second["client"], second["dry_run"], second["duration_s"]) == ("anna", "1", 12.0)
         assert second["remaining_s"] == 8.0, "not counted from the start of the item"
         for changes in ({"north_m": 6.0}, {"plan": {"items": PLAN["items"][:2]}}):
             with pytest.raises(Refused, match=r"began 6 m|not made for the plan"):
                 await start(rig, item=1, dry_run=store_dry_run(rig, **changes))
-        assert (await flight(rig))["started_unix_s"] == second["started_unix_s"], (
+        assert (await flight_view(rig))["started_unix_s"] == second["started_unix_s"], (
             "a refused start began a flight"
         )
 
-    run_scripted(run_simulated, work)
+    run_with_scripted_vehicle(run_simulated, work)

@@ -12,7 +12,7 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
-from tests.protocol.api_calls import ANNA, BOB, FORCE, START, lines, with_routes
+from tests.protocol.api_calls import ANNA, BOB, FORCE, START, journal_lines, run_with_routes
 from tests.protocol.offboard_world import seconds
 
 CONFIRMATION = "link memory closes, vehicle 1 in flight loses its last link"
@@ -32,13 +32,13 @@ def test_a_client_without_control_cannot_close_the_link_of_a_controlled_vehicle(
         for confirm in (None, CONFIRMATION):
             with pytest.raises(NotInControl, match="anna has control of vehicle 1"):
                 await close(rig, BOB, confirm)
-        assert lines(rig.station)[-1] == ("bob", "links/remove", None, "not_in_control")
+        assert journal_lines(rig.station)[-1] == ("bob", "links/remove", None, "not_in_control")
         received = len(rig.autopilot.setpoints)
         await seconds(1)
         assert len(rig.autopilot.setpoints) > received + 30
         assert link_names(rig) == ["memory"]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("situation", ["streamed to", "armed", "armed and not controlled"])
@@ -53,12 +53,12 @@ def test_the_last_link_in_flight_is_closed_only_with_confirmation(run_simulated,
                 await close(rig, ANNA, confirm)
             assert refused.value.remedy == f"To close it anyway, send confirm={CONFIRMATION!r}."
         assert link_names(rig) == ["memory"]
-        assert lines(rig.station)[-1] == ("anna", "links/remove", None, "refused")
+        assert journal_lines(rig.station)[-1] == ("anna", "links/remove", None, "refused")
         await close(rig, ANNA, CONFIRMATION)
         assert link_names(rig) == []
-        assert ("anna", "links/remove", None, "ok") in lines(rig.station)
+        assert ("anna", "links/remove", None, "ok") in journal_lines(rig.station)
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_with_a_second_link_no_confirmation_is_needed(run_simulated):
@@ -70,7 +70,7 @@ def test_with_a_second_link_no_confirmation_is_needed(run_simulated):
         await close(rig, ANNA)
         assert link_names(rig) == ["second"]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(run_simulated):
@@ -80,7 +80,7 @@ def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(run_sim
         with pytest.raises(UnknownLink):
             await close(rig, BOB)
 
-    with_routes(run_simulated, scenario, flying=False)
+    run_with_routes(run_simulated, scenario, flying=False)
 
 
 def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(run_simulated):
@@ -91,7 +91,7 @@ def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_
         await close(rig, ANNA)
         assert link_names(rig) == []
 
-    with_routes(run_simulated, scenario, flying=False)
+    run_with_routes(run_simulated, scenario, flying=False)
 
 
 def test_the_link_of_a_vehicle_lost_in_flight_stays_open(run_simulated):
@@ -105,7 +105,7 @@ def test_the_link_of_a_vehicle_lost_in_flight_stays_open(run_simulated):
         with pytest.raises(Refused, match="last link"):
             await close(rig, ANNA)
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)
 
 
 def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(run_simulated):
@@ -123,4 +123,4 @@ def test_forwarding_is_opened_and_closed_only_by_the_client_in_control(run_simul
         await close(rig, BOB, name="more")
         assert link_names(rig) == ["memory"]
 
-    with_routes(run_simulated, scenario)
+    run_with_routes(run_simulated, scenario)

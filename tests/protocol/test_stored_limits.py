@@ -21,7 +21,7 @@ from gcs_server.streamer.values.limit_values import OperatorLimits
 from missions.fence import CircleFence, PolygonFence
 from tests.in_loop_scheduler import InLoopScheduler
 from tests.protocol.api_calls import station_of
-from tests.protocol.offboard_world import OffboardWorld, codes, seconds, stream_request
+from tests.protocol.offboard_world import OffboardWorld, offboard_event_codes, seconds, stream_request
 
 SITL_UID = 0x4954414C44494E4F
 START = StartRequest.model_validate({"setpoint": {"type": "velocity", "velocity_ned_m_s": [9, 0, 0]}})
@@ -32,7 +32,7 @@ def parse(stored):
     return LimitsRequest.model_validate(stored).to_limits()
 
 
-def with_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_uid=None):
+def run_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_uid=None):
     """One run of a server with this data folder, and a vehicle with system id 1 in flight."""
 
     async def run():
@@ -48,7 +48,7 @@ def with_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_ui
         world.router.start()
         world.fleet.start()
         autopilot = world.offboard_autopilot(world.link(), uid=uid)
-        autopilot.version = version
+        autopilot.sends_version = version
         autopilot.fly()
         if twin_uid is not None:
             twin = world.offboard_autopilot(world.link("two"), uid=twin_uid, boot_s=500.0)
@@ -69,7 +69,7 @@ def set_limits(run_simulated, folder, **options):
         await vehicle.offboard.operator_limits.set(LIMITS, by="anna")
         assert vehicle.offboard.operator_limits.origin().kept
 
-    with_server(run_simulated, folder, scenario, **options)
+    run_server(run_simulated, folder, scenario, **options)
 
 
 @pytest.mark.parametrize(("uid", "known_by"), [(7, "uid"), (SITL_UID, "system_id"), (0, "system_id")])
@@ -83,7 +83,7 @@ def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_pat
         assert (origin.set_by, origin.recognised_by, origin.warning) == ("anna", known_by, None)
         assert origin.set_unix_s > 0
         assert "restored after a restart, set by anna" in origin.text
-        assert codes(vehicle) == ["limits_restored"]
+        assert offboard_event_codes(vehicle) == ["limits_restored"]
         response = json.loads(
             (await offboard_routes.start("1", START, station_of(world), Principal.from_identity("bob"))).body
         )
@@ -94,11 +94,13 @@ def test_limits_are_restored_after_a_restart_and_reported(run_simulated, tmp_pat
             "anna",
             origin.set_unix_s,
         )
-        assert codes(vehicle).count("limits_restored") == 2  # also to the client that starts a stream
+        assert (
+            offboard_event_codes(vehicle).count("limits_restored") == 2
+        )  # also to the client that starts a stream
         await seconds(0.3)
         assert vehicle.offboard.status().setpoint["velocity_ned_m_s"][0] == pytest.approx(4.0)
 
-    with_server(run_simulated, tmp_path, check, uid=uid)
+    run_server(run_simulated, tmp_path, check, uid=uid)
 
 
 @pytest.mark.parametrize(("before", "after"), [(7, 8), (7, SITL_UID), (SITL_UID, 7)])
@@ -110,9 +112,9 @@ def test_another_vehicle_with_the_same_system_id_gets_no_stored_limits(
     async def scenario(world, vehicle, store):
         assert vehicle.offboard.limits().operator == OperatorLimits()
         assert not vehicle.offboard.status().limits_origin.active
-        assert codes(vehicle) == []
+        assert offboard_event_codes(vehicle) == []
 
-    with_server(run_simulated, tmp_path, scenario, uid=after)
+    run_server(run_simulated, tmp_path, scenario, uid=after)
 
 
 def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, tmp_path):
@@ -124,7 +126,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, t
         assert twins[f"{7:016x}"].offboard.limits().operator == LIMITS
         assert twins[f"{8:016x}"].offboard.limits().operator == OperatorLimits()
 
-    with_server(run_simulated, tmp_path, different_uids, uid=7, twin_uid=8)
+    run_server(run_simulated, tmp_path, different_uids, uid=7, twin_uid=8)
 
     async def same_uid(world, vehicle, store):
         first, second = world.fleet.all()
@@ -135,7 +137,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, t
         assert "not stored" in second.offboard.operator_limits.origin().warning
         assert second.offboard.limits().operator.speed_max_m_s == 1.0  # still applied
 
-    with_server(run_simulated, tmp_path / "other", same_uid, uid=SITL_UID, twin_uid=SITL_UID)
+    run_server(run_simulated, tmp_path / "other", same_uid, uid=SITL_UID, twin_uid=SITL_UID)
 
 
 def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(run_simulated, tmp_path):
@@ -148,9 +150,9 @@ def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(run_simul
         autopilot.autopilot_version()
         await seconds(0.3)
         assert vehicle.offboard.limits().operator == OperatorLimits()
-        assert "limits_other_vehicle" in codes(vehicle)
+        assert "limits_other_vehicle" in offboard_event_codes(vehicle)
 
-    with_server(run_simulated, tmp_path, scenario, uid=7)
+    run_server(run_simulated, tmp_path, scenario, uid=7)
 
 
 def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing(run_simulated, tmp_path):
@@ -160,11 +162,11 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
         await vehicle.offboard.start(stream_request())
         origin = vehicle.offboard.status().limits_origin
         assert "has not sent its identity" in origin.warning
-        assert codes(vehicle) == ["limits_warning"]
+        assert offboard_event_codes(vehicle) == ["limits_warning"]
         await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
         assert "once the vehicle is identified" in vehicle.offboard.operator_limits.origin().warning
 
-    with_server(run_simulated, tmp_path, scenario, version=False)
+    run_server(run_simulated, tmp_path, scenario, version=False)
 
 
 def test_removed_limits_stay_removed(run_simulated, tmp_path):
@@ -173,13 +175,13 @@ def test_removed_limits_stay_removed(run_simulated, tmp_path):
     async def clear(world, vehicle, store):
         await vehicle.offboard.operator_limits.set(OperatorLimits(), by="bob")
 
-    with_server(run_simulated, tmp_path, clear)
+    run_server(run_simulated, tmp_path, clear)
 
     async def scenario(world, vehicle, store):
         assert not vehicle.offboard.status().limits_origin.active
-        assert codes(vehicle) == []
+        assert offboard_event_codes(vehicle) == []
 
-    with_server(run_simulated, tmp_path, scenario)
+    run_server(run_simulated, tmp_path, scenario)
 
 
 def stored_record(tmp_path):
@@ -216,12 +218,12 @@ def test_an_unreadable_file_causes_a_warning_and_no_error(run_simulated, tmp_pat
         assert str(path) in origin.warning
         assert len(store.warnings()) == 1
         await vehicle.offboard.start(stream_request())
-        assert codes(vehicle) == ["limits_warning"] * 2
+        assert offboard_event_codes(vehicle) == ["limits_warning"] * 2
         await vehicle.offboard.operator_limits.set(LIMITS, by="bob")  # replaces the file
         assert vehicle.offboard.operator_limits.origin().warning is None
         assert store.warnings() == []
 
-    with_server(run_simulated, tmp_path, scenario)
+    run_server(run_simulated, tmp_path, scenario)
     set_limits(run_simulated, tmp_path)
 
 
@@ -232,7 +234,7 @@ def test_a_named_pipe_or_folder_instead_of_a_file_does_not_block(run_simulated, 
     async def scenario(world, vehicle, store):
         assert "not a file" in vehicle.offboard.status().limits_origin.warning
 
-    with_server(run_simulated, tmp_path, scenario)
+    run_server(run_simulated, tmp_path, scenario)
 
 
 def test_an_unreadable_folder_is_reported_for_every_vehicle(run_simulated, tmp_path):
@@ -246,7 +248,7 @@ def test_an_unreadable_folder_is_reported_for_every_vehicle(run_simulated, tmp_p
         assert "lost when the server restarts" in vehicle.offboard.operator_limits.origin().warning
         assert len(store.warnings()) == 2
 
-    with_server(run_simulated, folder, scenario)
+    run_server(run_simulated, folder, scenario)
 
 
 def test_the_event_loop_never_waits_for_the_disk(tmp_path, monkeypatch):

@@ -22,7 +22,7 @@ from missions.setpoints import (
 )
 from tests.protocol.command_numbers import DO_SET_MODE
 from tests.protocol.fake_autopilot import OFFBOARD
-from tests.protocol.offboard_world import codes, flight, seconds, stream_request
+from tests.protocol.offboard_world import offboard_event_codes, run_offboard, seconds, stream_request
 from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -59,14 +59,14 @@ def test_the_available_setpoints_depend_on_the_vehicles_estimates(run_simulated,
         for name in expected - NEVER_AVAILABLE:
             assert "estimate" in vehicle.offboard.available()[name].why_not
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_before_anything_is_sent(
     run_simulated,
 ):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.estimates = False
+        autopilot.has_estimates = False
         await seconds(1.5)
         for setpoint, text in (
             (Position((0.0, 0.0, -5.0)), "no fresh position"),
@@ -79,7 +79,7 @@ def test_without_an_estimate_attitude_is_available_and_a_position_is_refused_bef
         await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5), 60.0))
         assert autopilot.mode == OFFBOARD
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
@@ -94,12 +94,12 @@ def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
                 await vehicle.offboard.start(StreamRequest(setpoint))
         assert autopilot.setpoints == []
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_confirmed(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.estimates = False
+        autopilot.has_estimates = False
         autopilot.params["MPC_THR_HOVER"] = (9, 0.44)
         await seconds(1.5)
         targets = autopilot.other_targets
@@ -107,12 +107,12 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
         assert targets[-1][1].type_mask == 128
         autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(1.0)
-        assert "expired" in codes(vehicle)
+        assert "expired" in offboard_event_codes(vehicle)
         assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (7, pytest.approx(0.44))
         assert abs(targets[-1][1].q[1]) < 1e-6
         assert [int(m.param3) for m in autopilot.commands(DO_SET_MODE)][-1] == 6  # Land has been requested
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_stall(run_simulated):
@@ -129,9 +129,9 @@ def test_attitude_setpoints_continue_during_a_short_stall_and_stop_after_a_long_
         assert world.loop.time() - targets[-1][0] > 0.3
         world.streamer._streams.update_snapshots = update_snapshots
         await seconds(0.2)
-        assert "server_silent" in codes(vehicle)
+        assert "server_silent" in offboard_event_codes(vehicle)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated):
@@ -160,12 +160,12 @@ def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated
         with pytest.raises(Refused, match="limit of 60 m from home"):
             await vehicle.offboard.setpoint(stream_request(position=(70.0, 0.0, -5.0)))
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.estimates = False
+        autopilot.has_estimates = False
         await vehicle.offboard.operator_limits.set(
             OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="me"
         )
@@ -174,7 +174,7 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ru
             await vehicle.offboard.start(StreamRequest(Attitude(LEVEL, 0.5)))
         assert autopilot.commands(DO_SET_MODE) == []
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(run_simulated):
@@ -185,7 +185,7 @@ def test_an_altitude_above_home_is_converted_to_an_altitude_above_sea_level(run_
         assert (targets[-1][1].coordinate_frame, targets[-1][1].alt) == (5, pytest.approx(496.0))
         assert vehicle.offboard.status().setpoint["alt_amsl_m"] == pytest.approx(496.0)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_verified(run_simulated):
@@ -203,11 +203,11 @@ def test_the_failsafe_is_shown_before_the_start_and_its_parameters_are_set_and_v
         await vehicle.offboard.start(stream_request(), rate_hz=3.0)
         with pytest.raises(Refused, match="too few"):
             await vehicle.offboard.set_failsafe(None, 0.5)
-        autopilot.stored = lambda message: 2.0  # the vehicle keeps its value
+        autopilot.decoded_value = lambda message: 2.0  # the vehicle keeps its value
         with pytest.raises(Rejected, match="still has COM_OF_LOSS_T"):
             await vehicle.offboard.set_failsafe(None, 5.0)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_health_reports_the_time_until_the_failsafe(run_simulated):
@@ -225,7 +225,7 @@ def test_health_reports_the_time_until_the_failsafe(run_simulated):
         assert health.echo is None  # this vehicle sends no COM_OF_LOSS_T
         assert health.position_error_m == pytest.approx(0.0, abs=0.01)
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
@@ -237,7 +237,7 @@ def test_a_limit_changed_in_flight_applies_at_once(run_simulated):
         assert autopilot.setpoints[-1][1].vx == pytest.approx(3.0)
         assert vehicle.offboard.failsafe().action == "land"
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_setpoint_after_the_end_is_refused_with_the_reason(run_simulated):
@@ -249,4 +249,4 @@ def test_a_setpoint_after_the_end_is_refused_with_the_reason(run_simulated):
         ):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)

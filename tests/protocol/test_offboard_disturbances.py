@@ -13,11 +13,11 @@ from tests.protocol.offboard_world import (
     POSITION,
     OffboardWorld,
     assert_silent,
-    codes,
-    flight,
-    gaps_s,
     mode_requests,
+    offboard_event_codes,
+    run_offboard,
     seconds,
+    setpoint_gaps_s,
     stream_request,
 )
 
@@ -30,7 +30,7 @@ def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(run_simul
         await seconds(0.5)
         autopilot.ned = [80.0, -30.0, -5.0]
         await seconds(0.3)
-        assert "jumped" in codes(vehicle)
+        assert "jumped" in offboard_event_codes(vehicle)
         far = [m for t, m in autopilot.setpoints if t > world.loop.time() - 0.1]
         assert {(round(m.x), round(m.y)) for m in far} in ({(80, -30)}, set())
         await seconds(2)
@@ -38,7 +38,7 @@ def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(run_simul
         with pytest.raises(Refused):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_the_stream(run_simulated):
@@ -58,7 +58,7 @@ def test_offboard_reported_again_after_the_failsafes_landing_does_not_restart_th
         with pytest.raises(Refused, match="no setpoint stream"):
             await vehicle.offboard.setpoint(stream_request())
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(run_simulated):
@@ -70,9 +70,9 @@ def test_a_vehicle_that_disarmed_during_a_lost_link_gets_no_setpoints(run_simula
         autopilot.alive = True
         autopilot.land_and_disarm()
         await assert_silent(autopilot, link, settle_s=1.2)
-        assert codes(vehicle) == ["disarmed"]
+        assert offboard_event_codes(vehicle) == ["disarmed"]
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(run_simulated):
@@ -82,9 +82,9 @@ def test_the_stream_to_a_lost_vehicle_ends_before_its_setpoint_expires(run_simul
         autopilot.silent_commands.add(DO_SET_MODE)
         await seconds(3.5 + 5 + 1.5)
         assert not vehicle.offboard.status().streaming
-        assert codes(vehicle) == ["lost", "not_confirmed"]
+        assert offboard_event_codes(vehicle) == ["lost", "not_confirmed"]
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_kill_in_flight_ends_the_stream(run_simulated):
@@ -92,9 +92,9 @@ def test_a_kill_in_flight_ends_the_stream(run_simulated):
         await vehicle.offboard.start(stream_request(valid_for_s=3600.0))
         await vehicle.command.kill()
         await assert_silent(autopilot, link, settle_s=0.2)
-        assert codes(vehicle) == ["disarmed"]
+        assert offboard_event_codes(vehicle) == ["disarmed"]
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline(run_simulated):
@@ -127,7 +127,7 @@ def test_a_server_shutdown_puts_all_vehicles_into_hold_at_once_within_a_deadline
 def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False  # Offboard is accepted, and refused 0.3 s later
-        autopilot.take_offboard_after_s = 0.3
+        autopilot.offboard_delay_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.005)
@@ -146,23 +146,23 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(run_simulated):
         with pytest.raises((Refused, Rejected)):
             await starting
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 def test_a_refused_hold_is_reported_even_after_replacing_a_command(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
-        autopilot.take_offboard_after_s = 0.3
+        autopilot.offboard_delay_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         while not mode_requests(autopilot, OFFBOARD):
             await seconds(0.005)
-        autopilot.refuse[DO_SET_MODE] = 2
+        autopilot.refusals[DO_SET_MODE] = 2
         autopilot.mode = POSITION
         with pytest.raises(Rejected, match="denied"):
             await vehicle.command.hold()
         with pytest.raises((Refused, Rejected)):
             await starting
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("call", ["land", "rtl"])
@@ -184,7 +184,7 @@ def test_the_stream_does_not_request_hold_during_another_command(run_simulated, 
         assert vehicle.status.mode == call
         assert autopilot.failsafes == 0
 
-    flight(run_simulated, scenario)
+    run_offboard(run_simulated, scenario)
 
 
 # --- receivers ------------------------------------------------------------------------------------
@@ -283,7 +283,7 @@ def test_if_the_sending_link_fails_the_other_link_takes_over_before_px4s_failsaf
                 used._link_writer._write = unreachable
             await seconds(3)
             assert len(other.sent) > before + 100
-            assert max(gaps_s(autopilot)) < 0.5
+            assert max(setpoint_gaps_s(autopilot)) < 0.5
             assert autopilot.failsafes == 0
             assert vehicle.offboard.status().state == "streaming"
         finally:

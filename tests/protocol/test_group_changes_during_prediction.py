@@ -8,18 +8,18 @@ from gcs_server.api import group_routes, offboard_routes
 from gcs_server.api.setpoint_request import StartRequest
 from gcs_server.errors import NotTogether, Refused
 from gcs_server.streamer.groups.checks import GroupChecks
-from tests.protocol.api_calls import view
+from tests.protocol.api_calls import json_of
 from tests.protocol.fake_autopilot import HOLD, OFFBOARD
 from tests.protocol.group_world import (
     ALL_NORTH,
     ANNA,
     BOB,
-    assert_nobody_moved,
-    begin,
-    changes,
+    assert_no_vehicle_moved,
     modes,
     position,
-    with_routes,
+    run_with_vehicles,
+    setpoints_request,
+    start_group,
 )
 from tests.protocol.offboard_world import POSITION, mode_requests, seconds
 
@@ -55,14 +55,14 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(run_simula
 
         during_prediction(monkeypatch, 2, event)
         with pytest.raises(NotTogether, match="Vehicle 2 left before the common start") as refused:
-            await begin(rig, ALL_NORTH, others_go_on=True)
+            await start_group(rig, ALL_NORTH, others_go_on=True)
         assert refused.value.vehicles == ("2",)
         await seconds(3)
         assert modes(rig) == {"1": HOLD, "2": POSITION, "3": HOLD}
-        assert_nobody_moved(rig)
-        assert view(await group_routes.show("1", rig.station))["state"] == "ended"
+        assert_no_vehicle_moved(rig)
+        assert json_of(await group_routes.show("1", rig.station))["state"] == "ended"
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch):
@@ -72,13 +72,13 @@ def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch
 
         during_prediction(monkeypatch, 2, event)
         with pytest.raises(NotTogether, match="left before the common start, so none moves"):
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         await seconds(3)
         assert set(modes(rig).values()) == {HOLD}
-        assert_nobody_moved(rig)
-        assert view(await group_routes.show("1", rig.station))["state"] == "ended"
+        assert_no_vehicle_moved(rig)
+        assert json_of(await group_routes.show("1", rig.station))["state"] == "ended"
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(run_simulated, monkeypatch):
@@ -89,26 +89,26 @@ def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(run_simula
 
         during_prediction(monkeypatch, 1, event)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         assert rig.vehicles["3"].offboard.status().state == "streaming"
         assert not any(mode_requests(rig.autopilots[v], OFFBOARD) for v in "12")
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_one_of_two_starts_with_a_common_vehicle_is_refused(run_simulated):
     async def scenario(rig):
         both = (
-            begin(rig, {"1": position(4), "2": position(4)}),
-            begin(rig, {"2": position(4), "3": position(4)}),
+            start_group(rig, {"1": position(4), "2": position(4)}),
+            start_group(rig, {"2": position(4), "3": position(4)}),
         )
         results = await asyncio.gather(*both, return_exceptions=True)
         refused = [result for result in results if isinstance(result, NotTogether)]
         assert len(refused) == 1
         assert "Vehicle 2 is already in group 1" in str(refused[0])
-        assert len(view(await group_routes.show_all(rig.station))["groups"]) == 1
+        assert len(json_of(await group_routes.show_all(rig.station))["groups"]) == 1
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_vehicles_that_approach_during_the_prediction_are_refused(run_simulated, monkeypatch):
@@ -120,10 +120,10 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(run_simulated,
 
         during_prediction(monkeypatch, 1, event)
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
-            await begin(rig, ALL_NORTH)
+            await start_group(rig, ALL_NORTH)
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
@@ -135,19 +135,19 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_none(
             pilot_takes_over(rig, "2")
             await seconds(6)
 
-        await begin(rig, ALL_NORTH, others_go_on=others_go_on)
+        await start_group(rig, ALL_NORTH, others_go_on=others_go_on)
         await seconds(7)
         during_prediction(monkeypatch, 1, event)
         with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it accepts no setpoints"):
             await group_routes.setpoints(
-                "1", changes({"1": position(7), "2": position(7)}), rig.station, ANNA
+                "1", setpoints_request({"1": position(7), "2": position(7)}), rig.station, ANNA
             )
         await seconds(3)
         others = OFFBOARD if others_go_on else HOLD
         assert modes(rig) == {"1": others, "2": POSITION, "3": others}
         assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)
 
 
 def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group(run_simulated, monkeypatch):
@@ -167,20 +167,22 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
                 with pytest.raises(asyncio.CancelledError):
                     await waiting
 
-        await disconnect_during(begin(rig, ALL_NORTH))
-        assert view(await group_routes.show_all(rig.station))["groups"] == []
+        await disconnect_during(start_group(rig, ALL_NORTH))
+        assert json_of(await group_routes.show_all(rig.station))["groups"] == []
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
-        await begin(rig, ALL_NORTH)
+        await start_group(rig, ALL_NORTH)
         await seconds(1)
         await disconnect_during(
-            group_routes.setpoints("1", changes({"1": position(7)}, valid_for_s=5), rig.station, ANNA)
+            group_routes.setpoints(
+                "1", setpoints_request({"1": position(7)}, valid_for_s=5), rig.station, ANNA
+            )
         )
-        group = view(await group_routes.show("1", rig.station))
+        group = json_of(await group_routes.show("1", rig.station))
         assert (group["state"], group["findings"]) == ("flying", [])
         assert group["valid_left_s"] > 50
         assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x - 7.0) < 0.01]
-        await group_routes.setpoints("1", changes({"1": position(6)}), rig.station, ANNA)
+        await group_routes.setpoints("1", setpoints_request({"1": position(6)}), rig.station, ANNA)
         await seconds(0.1)
         assert rig.autopilots["1"].setpoints[-1][1].x == pytest.approx(6.0)
 
-    with_routes(run_simulated, scenario)
+    run_with_vehicles(run_simulated, scenario)

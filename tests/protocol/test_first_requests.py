@@ -67,7 +67,7 @@ def test_gimbal_limits_are_requested_from_px4_always_and_from_other_autopilots_i
 ):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
-        autopilot.autopilot_type, autopilot.gimbal = autopilot_type, gimbal
+        autopilot.autopilot_type, autopilot.has_gimbal = autopilot_type, gimbal
         await world.ready()
         await asyncio.sleep(30)
         assert requests_for(autopilot, INFORMATION) == times
@@ -80,7 +80,7 @@ def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_
 ):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
-        autopilot.version = False
+        autopilot.sends_version = False
         received = []
         world.fleet.on_vehicle_added(
             lambda v: received.append((v.identity.simulated, requests_for(autopilot, VERSION)))
@@ -94,7 +94,7 @@ def test_whether_a_vehicle_is_simulated_is_requested_at_its_first_heartbeat_and_
         sent_versions = {}
         (first_json,) = topics.new_samples(vehicle, ["identity"], sent_versions)
         assert b'"simulated":null' in first_json
-        autopilot.version = True
+        autopilot.sends_version = True
         await asyncio.sleep(35)
         assert vehicle.identity.simulated is True
         (second_json,) = topics.new_samples(

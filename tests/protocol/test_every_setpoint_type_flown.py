@@ -24,13 +24,13 @@ from missions.setpoints import (
     Velocity,
     VelocityBody,
 )
-from tests.protocol.offboard_world import codes, seconds
+from tests.protocol.offboard_world import offboard_event_codes, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 
 
-def with_vehicle(run_simulated, scenario, height_m=8.0):
+def run_with_vehicle(run_simulated, scenario, height_m=8.0):
     """Runs a test that begins with one vehicle in Hold."""
 
     async def run():
@@ -62,7 +62,7 @@ async def fly(vehicle, setpoint, duration_s):
     await vehicle.offboard.setpoint(stream_request(setpoint))
     await seconds(duration_s)
     status = vehicle.offboard.status()
-    assert status.state == "streaming", (setpoint, status.ended, codes(vehicle))
+    assert status.state == "streaming", (setpoint, status.ended, offboard_event_codes(vehicle))
     assert vehicle.status.mode == "offboard"
     return status
 
@@ -121,7 +121,7 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(run_simulated):
         await vehicle.offboard.stop()
         assert vehicle.status.mode == "hold"
 
-    with_vehicle(run_simulated, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -147,7 +147,7 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(run_simulated):
         assert distance_m(vehicle, hold_position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 5)
 
-    with_vehicle(run_simulated, scenario, 12.0)
+    run_with_vehicle(run_simulated, scenario, 12.0)
 
 
 def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(run_simulated):
@@ -179,7 +179,7 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(run_simulated)
         assert vehicle.topic("motors").value.pwm_us[:4] == pytest.approx([1500] * 4, abs=120)
         await vehicle.command.hold()
 
-    with_vehicle(run_simulated, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
 def test_a_path_is_flown_in_time_without_its_client(run_simulated):
@@ -202,7 +202,7 @@ def test_a_path_is_flown_in_time_without_its_client(run_simulated):
         assert distance_m(vehicle, points[-1].position_ned_m) < 1.0
         await until(lambda: vehicle.status.mode == "hold", 6)  # expired a second after the path's end
         await seconds(0.3)
-        assert codes(vehicle) == ["expired", "held"]
+        assert offboard_event_codes(vehicle) == ["expired", "held"]
         with pytest.raises(Refused, match="begins 2"):
             far = tuple(PathPoint(p.t_s, (p.position_ned_m[0] + 20.0, *p.position_ned_m[1:])) for p in points)
             await vehicle.offboard.start(stream_request(Path(far)))
@@ -211,7 +211,7 @@ def test_a_path_is_flown_in_time_without_its_client(run_simulated):
             await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=5.0), by="me")
             await vehicle.offboard.start(stream_request(Path(fast)))
 
-    with_vehicle(run_simulated, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -236,7 +236,7 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated
         status = vehicle.offboard.status()
         assert any("before the fence" in text for text in status.limited)
         assert math.hypot(*local(vehicle).velocity_ned_m_s[:2]) < 0.4
-        assert "limited" in codes(vehicle)
+        assert "limited" in offboard_event_codes(vehicle)
         # back, then with attitude setpoints, which control no position: the fence acts in time
         await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
         await vehicle.offboard.setpoint(
@@ -247,11 +247,11 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated
             await seconds(0.1)
             n, e, _ = local(vehicle).position_ned_m
             farthest = max(farthest, math.hypot(n, e))
-        assert "fence" in codes(vehicle)
+        assert "fence" in offboard_event_codes(vehicle)
         assert farthest < 25.2
         await until(lambda: vehicle.status.mode == "hold", 8)
 
-    with_vehicle(run_simulated, scenario)
+    run_with_vehicle(run_simulated, scenario)
 
 
 @pytest.mark.story
@@ -286,7 +286,7 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
         assert attitude(follower).yaw_ned_rad == pytest.approx(0.5, abs=0.15)
         world.sim.set_link_up(0, "gcs", False)
         await seconds(2.5)
-        assert "leader_lost" in codes(follower)
+        assert "leader_lost" in offboard_event_codes(follower)
         assert follower.offboard.status().state in ("holding", "to_hold", "idle")
         await until(lambda: follower.status.mode == "hold", 6)
 

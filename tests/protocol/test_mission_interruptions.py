@@ -4,7 +4,13 @@ import asyncio
 
 import pytest
 
-from tests.protocol.mission_squadron import FLOWN_BY_PX4, FLOWN_BY_SETPOINTS, STEPS, fly, kinds_flown
+from tests.protocol.mission_squadron import (
+    FLOWN_BY_PX4,
+    FLOWN_BY_SETPOINTS,
+    STEPS,
+    kinds_flown,
+    run_with_squadron,
+)
 from tests.protocol.simulated_world import until
 from tests.support.mission_steps import kinds_of_document
 from vehicle_sim.autopilot.modes import NavState
@@ -30,7 +36,7 @@ def test_a_pause_stops_all_and_resume_completes_all_missions(run_simulated, tmp_
         await asyncio.sleep(1.0)
         await squadron.end_normally()
 
-    fly(run_simulated, tmp_path, scenario)
+    run_with_squadron(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
@@ -44,7 +50,7 @@ def test_after_an_abort_all_hold_and_nothing_is_sent(run_simulated, tmp_path):
         await squadron.stay([kind for kind in STEPS if kind != "take_off"])
         assert set(squadron.modes().values()) == {"hold"}
 
-    fly(run_simulated, tmp_path, scenario)
+    run_with_squadron(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
@@ -62,7 +68,7 @@ def test_an_operators_hold_suspends_all_missions_and_each_resumes_at_its_positio
         await squadron.reach({kind: ("flying", "waiting", "landing", "done") for kind in STEPS})
         await squadron.end_normally()
 
-    fly(run_simulated, tmp_path, scenario)
+    run_with_squadron(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
@@ -95,7 +101,9 @@ def test_a_pilot_takes_over_every_vehicle_and_the_server_does_not_interfere(run_
         finally:
             sending.cancel()
 
-    fly(run_simulated, tmp_path, scenario, link_loss="continue", low_battery="return", failure="return")
+    run_with_squadron(
+        run_simulated, tmp_path, scenario, link_loss="continue", low_battery="return", failure="return"
+    )
 
 
 @pytest.mark.broad
@@ -119,7 +127,7 @@ def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_it
             "hold",
         }  # the stream's last command
 
-    fly(run_simulated, tmp_path, scenario, link_loss="continue")
+    run_with_squadron(run_simulated, tmp_path, scenario, link_loss="continue")
 
 
 @pytest.mark.broad
@@ -133,7 +141,7 @@ def test_a_low_battery_makes_all_vehicles_return_except_a_landing_vehicle(run_si
         assert all("Battery" in squadron.reasons()[kind] for kind in rest)
         await squadron.reach({"land": "done"}, within_s=40)
 
-    fly(run_simulated, tmp_path, scenario)
+    run_with_squadron(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
@@ -147,7 +155,7 @@ def test_a_lost_position_makes_all_descend(run_simulated, tmp_path):
         descents_m = {kind: before + squadron.position(kind)[2] for kind, before in altitudes_m.items()}
         assert all(descents_m[kind] > 1.0 or -squadron.position(kind)[2] < 0.5 for kind in STEPS), descents_m
 
-    fly(run_simulated, tmp_path, scenario)
+    run_with_squadron(run_simulated, tmp_path, scenario)
 
 
 @pytest.mark.broad
@@ -165,7 +173,7 @@ def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_f
         assert modes["take_off"] in ("takeoff", "hold")
         assert modes["land"] == "land"
 
-    fly(run_simulated, tmp_path, scenario)
+    run_with_squadron(run_simulated, tmp_path, scenario)
 
 
 def test_each_kind_of_step_is_flown_by_one_of_the_vehicles():

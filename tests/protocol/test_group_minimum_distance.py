@@ -17,7 +17,7 @@ from gcs_server.streamer.offboard.streamer import SNAPSHOT_PERIOD_S
 from gcs_server.streamer.values.stream_request import OnExpiry, StreamRequest
 from missions.setpoints import Attitude, Position, Velocity
 from tests.protocol.api_calls import station_of
-from tests.protocol.group_world import ANNA, begin
+from tests.protocol.group_world import ANNA, start_group
 from tests.protocol.simulated_world import SimulatedWorld, until
 
 MINIMUM_M = 4.0
@@ -61,7 +61,7 @@ async def fly_encounter(rig, vehicles, setpoints):
     for vehicle in vehicles:
         await vehicle.offboard.stop()
     await asyncio.sleep(3.0)
-    await begin(rig, dict.fromkeys("12", STAY), ANNA, minimum_separation_m=MINIMUM_M)
+    await start_group(rig, dict.fromkeys("12", STAY), ANNA, minimum_separation_m=MINIMUM_M)
     await asyncio.sleep(1.0)
     for vehicle, setpoint in zip(vehicles, setpoints, strict=True):
         if setpoint is not None:

@@ -15,7 +15,7 @@ from gcs_server.control.principal import Principal
 from gcs_server.errors import GcsError, Refused
 from gcs_server.vehicle.reach import FEATURES, NEEDS_MAVLINK
 from missions.plan import Plan, write
-from tests.protocol.api_calls import station_of, view
+from tests.protocol.api_calls import json_of, station_of
 from tests.protocol.ros2_world import Ros2World
 from tests.protocol.simulated_world import until
 
@@ -68,7 +68,7 @@ def test_routes_refuse_before_they_start_an_operation(run_simulated: Any) -> Non
             with pytest.raises(Refused, match="connected over ROS 2 only"):
                 await call()
         assert station.operations.all() == []
-        assert view(responses.json_response(responses.vehicle_view(vehicle)))["reach"] == {
+        assert json_of(responses.json_response(responses.vehicle_view(vehicle)))["reach"] == {
             "protocols": ["ROS 2"],
             "telemetry": "ROS 2",
             "commands": "ROS 2",
