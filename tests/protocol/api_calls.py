@@ -1,4 +1,4 @@
-"""The server's routes without HTTP: called as functions, with vehicles on simulated time."""
+"""Calls the server's routes as functions, without HTTP, with vehicles on simulated time."""
 
 import json
 from pathlib import Path
@@ -33,14 +33,15 @@ FORCE = control_models.TakeControl(force=True)
 
 
 class InlinePlanWork:
-    """Executes the tasks for plans in this process."""
+    """Replaces `PlanWork`: executes the tasks in this process."""
 
     async def run(self, task, arguments, **_):
         return tasks.run(task, json.loads(json.dumps({**arguments, "elevation": []})))
 
 
 def station_of(world, progress=None):
-    """The server's parts. `progress`: the store of interrupted flights; None: a store without a folder."""
+    """A `Station` for the routes. `progress`: the store of interrupted flights; None: a store without a
+    folder."""
     journal = Journal(world.clock, None)
     streams = world.streamer._streams
     missions = OffboardMissions(world.clock, world.streamer, streams, world.supervisor)
@@ -81,15 +82,17 @@ def station_of(world, progress=None):
 
 
 def journal_lines(station):
+    """The journal, oldest entry first: client, command, vehicle and result of each."""
     return [(e.client, e.command, e.vehicle, e.result) for e in reversed(station.journal.tail(1000))]
 
 
 def json_of(response):
+    """The JSON value of a response's body."""
     return json.loads(response.body)
 
 
 def run_with_routes(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
-    """Runs a test with a flying vehicle and the server's routes, on simulated time."""
+    """Runs a test with a scripted vehicle and the server's routes, on simulated time."""
 
     async def run():
         world = OffboardWorld()

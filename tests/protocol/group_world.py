@@ -1,4 +1,4 @@
-"""Scripted vehicles in flight with the server's routes, and calls that fly them as a group."""
+"""Scripted vehicles in flight, the server's routes, and requests that fly the vehicles as a group."""
 
 import math
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ STREAM_PERIOD_S = 0.02
 
 
 def run_with_vehicles(run_simulated, scenario, *, count=3, spacing_m=10.0):
-    """Runs a test with vehicles 1, 2, … in a row to the east, in flight, each with its own local origin."""
+    """Runs a test with vehicles 1, 2, … in flight, in a row to the east; each has its own local origin."""
 
     async def run():
         world = OffboardWorld()
@@ -90,12 +90,12 @@ def modes(rig):
 
 
 def first_setpoint_s(autopilot, north_m):
-    """Time when the autopilot first received a setpoint for that position."""
+    """Time at which the autopilot first received a setpoint with this north position."""
     return next(t for t, m in autopilot.setpoints if abs(m.x - north_m) < 0.01)
 
 
 def assert_no_vehicle_moved(rig):
-    """Checks that no vehicle received a setpoint away from its start position."""
+    """Checks that no vehicle received a setpoint north or south of its start position."""
     assert not [m for p in rig.autopilots.values() for _, m in p.setpoints if abs(m.x) > 0.01]
 
 

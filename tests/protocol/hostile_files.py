@@ -1,4 +1,4 @@
-"""A vehicle's file server with valid frames and invalid replies: too short, at wrong offsets, or endless."""
+"""A vehicle's FTP server with valid frames and invalid replies: one byte, a wrong offset, no end."""
 
 import struct
 from collections.abc import Callable
@@ -14,7 +14,7 @@ Replies = Callable[[int, int], list[tuple[int, bytes]]]
 
 
 class HostileFiles:
-    """Replaces a FakeAutopilot's file server; counts the requests."""
+    """The FTP server of a FakeAutopilot; it counts the requests."""
 
     def __init__(
         self,

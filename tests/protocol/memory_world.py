@@ -18,7 +18,7 @@ class World:
     def __init__(self, **settings: Any) -> None:
         self.loop = asyncio.get_running_loop()
         self.may_have_faults = False
-        """False: a frame that could not be handled fails the test."""
+        """Whether frames may fail to be handled; otherwise such a frame fails the test."""
         self.clock = LoopClock(self.loop)
         self.supervisor = Supervisor(self.clock)
         self.router = Router(self.clock, self.supervisor, RouterSettings(**settings))
@@ -47,7 +47,7 @@ class World:
         return autopilot
 
     async def ready(self, vehicle_id: str = "1", timeout_s: float = 20.0) -> Any:
-        """Waits for a connected vehicle with a home, a position and a landed state; returns it."""
+        """Waits for a connected vehicle with a home, a position and a landed state; returns the vehicle."""
         end_s = self.loop.time() + timeout_s
         while self.loop.time() < end_s:
             await asyncio.sleep(0.1)
@@ -73,12 +73,12 @@ class World:
 def run_test(
     run_simulated: Any,
     scenario: Callable[[Any], Awaitable[None]],
-    world_from_fields: Callable[[], World] = World,
+    new_world: Callable[[], World] = World,
 ) -> Any:
     """Runs a scenario in a new world on simulated time."""
 
     async def run() -> None:
-        world = world_from_fields()
+        world = new_world()
         try:
             await scenario(world)
         finally:
@@ -90,12 +90,12 @@ def run_test(
 def run_with_vehicle(
     run_simulated: Any,
     scenario: Callable[..., Awaitable[None]],
-    world_from_fields: Callable[[], World] = World,
+    new_world: Callable[[], World] = World,
 ) -> Any:
-    """Runs a scenario with a new world, a connected autopilot, and the server's vehicle."""
+    """Runs a scenario with a new world, a connected autopilot, and the server's object for the vehicle."""
 
     async def connected(world: World) -> None:
         autopilot = world.autopilot(world.link())
         await scenario(world, autopilot, await world.ready())
 
-    return run_test(run_simulated, connected, world_from_fields)
+    return run_test(run_simulated, connected, new_world)

@@ -13,8 +13,8 @@ from vehicle_sim.mavlink.services.mission import MissionService
 REQUEST_MESSAGE, MISSION_CURRENT = 512, 42
 
 
-class Flight:
-    """Replaces the navigator's mission, which this autopilot does not fly."""
+class NavigatorMission:
+    """The mission state of PX4's navigator; this autopilot flies no mission."""
 
     def __init__(self) -> None:
         self.current, self.reached, self.reached_count = 0, None, 0
@@ -37,7 +37,7 @@ class MissionAutopilot(FakeAutopilot):
 
         self.texts: list[str] = []
         self.received_at_s = 0.0
-        self.flight = Flight()
+        self.flight = NavigatorMission()
         self.station_link = SimpleNamespace(name="gcs", send=self.send_named)
         announcer = SimpleNamespace(announce=lambda _severity, text, _event: self.texts.append(text))
         self.autopilot_parts = SimpleNamespace(
@@ -88,8 +88,8 @@ class MissionAutopilot(FakeAutopilot):
         self.service.handlers[name](self.station_link, parsed)  # type: ignore[arg-type]
 
 
-class OtherStation:
-    """Another ground station on the same link, without packet loss."""
+class UploadingStation:
+    """Another ground station, which uploads missions on the same link without packet loss."""
 
     def __init__(self, autopilot: MissionAutopilot) -> None:
         self._autopilot = autopilot

@@ -27,10 +27,10 @@ LEASE_S = 5.0
 
 
 class Missions:
-    """Missions of vehicle 1 of a world, and its control lease.
+    """The offboard missions of vehicle 1, and the control lease of the vehicle.
 
     Args:
-        world: a world without a vehicle so far.
+        world: a world to which no vehicle has been added yet.
         folder: folder of the journal.
     """
 
@@ -64,16 +64,16 @@ class Missions:
         )
         return self.flight
 
-    def take(self, who: Principal, *, force: bool = False) -> None:
+    def take_control(self, client: Principal, *, force: bool = False) -> None:
         """Takes control of vehicle 1 for a client."""
-        self.authority.control("1").lease.take(who, force=force)
+        self.authority.control("1").lease.take(client, force=force)
 
     @property
     def state(self) -> str:
         return self.flight.status().state
 
     async def reach(self, *states: str, within_s: float = 120.0) -> None:
-        """Flies until the mission is in one of these states."""
+        """Waits until the mission is in one of these states."""
         await until(lambda: self.state in states, within_s)
 
 
@@ -90,7 +90,7 @@ def run_in_flight(run_simulated: Any, tmp_path: Path, mission: OffboardMission, 
             vehicle = await world.ready()
             await seconds(1.5)
             with missions.authority.connected(ALICE):
-                missions.take(ALICE)
+                missions.take_control(ALICE)
                 missions.begin(vehicle, mission, in_air=True)
                 await missions.reach("flying", within_s=10)
                 await scenario(missions, vehicle, autopilot)
@@ -101,6 +101,6 @@ def run_in_flight(run_simulated: Any, tmp_path: Path, mission: OffboardMission, 
 
 
 def event_codes(vehicle: Vehicle) -> list[str]:
-    """Codes of the mission's events, in order."""
+    """Codes of the events of missions, in order."""
     data_of_events = [event.data or {} for event in vehicle.events.since()]
     return [str(data["code"]) for data in data_of_events if data.get("source") == "offboard_mission"]

@@ -20,7 +20,7 @@ LOITER: dict[str, Any] = {**MISSION, "steps": [{"step": "hold", "duration_s": 60
 
 
 class OtherStation:
-    """Another ground station or a transmitter, which commands the vehicle over its own MAVLink link."""
+    """Another ground station, which commands the vehicle over its own MAVLink link."""
 
     def __init__(self, world: Ros2World) -> None:
         self._sim = world.sim
@@ -32,7 +32,7 @@ class OtherStation:
         self._sim.feed(0, "gcs", message.pack(self._pack))
 
     async def heartbeats(self, seconds_: float) -> None:
-        """Sends heartbeats of a ground station; PX4 detects a lost connection when they end."""
+        """Sends the heartbeats of a ground station; when they end, PX4 detects a lost connection."""
         heartbeat = sim.MAVLink_heartbeat_message(sim.MAV_TYPE_GCS, sim.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3)
         for _ in range(round(seconds_)):
             self._sim.feed(0, "gcs", heartbeat.pack(self._pack))
@@ -42,7 +42,7 @@ class OtherStation:
         number = int(mode.removeprefix("external_"))
         self.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 10 + number)
 
-    async def modes(self) -> list[str]:
+    async def selectable_modes(self) -> list[str]:
         """Names of the modes that can be selected, from AVAILABLE_MODES."""
         self._sim.drain(0, "gcs")
         self.command(sim.MAV_CMD_REQUEST_MESSAGE, sim.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
@@ -76,8 +76,8 @@ class Modes:
         return json_of(await mission_mode_routes.show_modes(self.vehicle, self.station))
 
     @property
-    def mission(self) -> str | None:
-        """State of the vehicle's mission."""
+    def mission_state(self) -> str | None:
+        """State of the vehicle's mission; None: no mission."""
         status = self.station.missions.status("1")
         return None if status is None else status.state
 
@@ -93,15 +93,16 @@ class Modes:
     def north_m(self) -> float:
         return self.vehicle.topic("local_position").value.position_ned_m[0]
 
-    async def mode(self, mode: str, timeout_s: float = 5.0) -> None:
+    async def until_mode(self, mode: str, timeout_s: float = 5.0) -> None:
+        """Waits until the server reports this mode of the vehicle."""
         await until(lambda: self.vehicle.status.mode == mode, timeout_s)
 
     async def start_in_flight(self) -> str:
-        """Registers the mission and starts it from the other station; returns the mission's mode in
-        flight."""
+        """Registers the mission as a mode, selects the mode from the other station in flight, and waits until
+        the vehicle moves; returns the mode."""
         mode = (await self.register())["mode"]
         self.other_station.select_mode(mode)
-        await self.mode(mode)
+        await self.until_mode(mode)
         start_north_m = self.north_m()
         await until(lambda: self.north_m() > start_north_m + 2, 15)
         return mode
@@ -115,7 +116,7 @@ def run_with_modes(run_simulated: Any, scenario: Scenario, *, in_air: bool = Tru
         world = Ros2World(mavlink=True)
         world.mavlink_on = False
         try:
-            vehicle = await (world.in_the_air() if in_air else world.ready_to_arm())
+            vehicle = await (world.take_off() if in_air else world.ready_to_arm())
             await scenario(Modes(world, vehicle))
         finally:
             await world.close()

@@ -1,4 +1,4 @@
-"""Simulated PX4 vehicles, each with another kind of step, that experience the same event at the same time."""
+"""Simulated PX4 vehicles; each flies a different kind of step while the same event occurs to all of them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vehicle_sim.mavlink.framing import frame_v2
 CIRCLE = "center: {offset_ned_m: [5, 0, 0]}, radius_m: 5, speed_m_s: 3"
 HELIX = f"step: helix, {CIRCLE}, climb_m: 3"
 SPIRAL = f"step: spiral, {CIRCLE}, end_radius_m: 7, turns: 0.5"
-CALLED = "step: figure_eight, center: {offset_ned_m: [0, 0, 0]}, length_m: 16, width_m: 8, speed_m_s: 3"
+CALLED_STEP = "step: figure_eight, center: {offset_ned_m: [0, 0, 0]}, length_m: 16, width_m: 8, speed_m_s: 3"
 STEPS: dict[str, tuple[str, ...]] = {
     "fly": ("step: fly, points: [{offset_ned_m: [25, 0, 0]}, {offset_ned_m: [25, 6, -3]}], speed_m_s: 3",),
     "hold": ("step: hold, duration_s: 10",),
@@ -49,14 +49,15 @@ with a step that has a duration: the event occurs in the orbit after the gimbal 
 branch or call."""
 FLOWN_BY_PX4 = ("take_off", "land")
 FLOWN_BY_SETPOINTS = tuple(kind for kind in STEPS if kind not in FLOWN_BY_PX4)
-HEIGHT_M, APART_M = 12.0, 40.0
+ALTITUDE_M, APART_M = 12.0, 40.0
+"""Altitude above home at which the vehicles hover, and the distance between neighbours."""
 ON_GROUND = "take_off"
 BOOT_TIMEOUT_S, CLIMB_TIMEOUT_S = 30.0, 30.0
 
 
 @functools.cache
 def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
-    """Vehicles that hover at 12 m, except the vehicle whose step is the take-off."""
+    """Vehicles that hover, except the vehicle whose step is the take-off."""
     start_ned_m = np.zeros((len(kinds), 3))
     start_ned_m[:, 1] = APART_M * np.arange(len(kinds))
     sim = VehicleSim(len(kinds), links=(("gcs", "gcs"),), seed=3, start_ned_m=start_ned_m, camera=True)
@@ -65,7 +66,7 @@ def _hovering_vehicles(kinds: tuple[str, ...]) -> VehicleSim:
     _step_until(sim, BOOT_TIMEOUT_S, lambda: all(c.report.armable(NavState.TAKEOFF) for c in commanders))
     for row in airborne_rows:
         autopilot = sim.autopilots[row]
-        autopilot.navigator.request_takeoff(autopilot.home.alt_amsl_m + HEIGHT_M)
+        autopilot.navigator.request_takeoff(autopilot.home.alt_amsl_m + ALTITUDE_M)
         assert autopilot.commander.set_mode(NavState.TAKEOFF)
         assert autopilot.commander.arm()
     _step_until(
@@ -89,13 +90,13 @@ def document_of(kind: str) -> OffboardMission:
     if kind == "meet":
         return mission_for_two(*STEPS["meet"])
     return mission_with_lists(
-        "".join(f"- {{{step}}}\n" for step in STEPS[kind]), stay=CALLED, table=slope(0.0)
+        "".join(f"- {{{step}}}\n" for step in STEPS[kind]), stay=CALLED_STEP, table=slope(0.0)
     )
 
 
 def kinds_flown() -> set[str]:
     """The kinds of steps during which the events occur."""
-    texts = [CALLED, *(step for steps in STEPS.values() for step in steps)]
+    texts = [CALLED_STEP, *(step for steps in STEPS.values() for step in steps)]
     return {kind for text in texts for kind in re.findall(r"step: (\w+)", text)}
 
 
@@ -126,7 +127,7 @@ class Squadron:
         await asyncio.sleep(2.5)
 
     async def leave_meeting(self) -> None:
-        """Ends the wait at the meeting: no vehicle flies the other role of "meet"."""
+        """Ends the wait at the meeting point: no vehicle flies the other role of the mission "meet"."""
         flight = self.flights["meet"]
         await until(
             lambda: (part := flight.runner.setpoint_part) is not None and part.meeting is not None, 10
@@ -162,21 +163,21 @@ class Squadron:
         """The true position of this vehicle, NED [m]."""
         return tuple(self.sim.simulation.truth.position_ned_m[self.row(kind)].tolist())
 
-    async def stay(self, kinds: Iterable[str], for_s: float = 3.0, within_m: float = 2.0) -> None:
-        """Checks that these vehicles keep their positions, within the accuracy of their estimates."""
+    async def check_hover(self, kinds: Iterable[str], for_s: float = 3.0, within_m: float = 2.0) -> None:
+        """Checks that these vehicles keep their positions within the accuracy of their estimates."""
         before = {kind: self.position(kind) for kind in kinds}
         await asyncio.sleep(for_s)
         moved = {kind: math.dist(self.position(kind), position) for kind, position in before.items()}
         assert max(moved.values()) < within_m, moved
 
     def move_sticks(self, forward: int) -> None:
-        """Moves the sticks of each vehicle by a joystick of another station."""
+        """Sends the stick positions of another station's joystick to each vehicle."""
         for row in range(len(self.kinds)):
             layout, payload = pack("MANUAL_CONTROL", target=row + 1, x=forward, y=0, z=500, r=0, buttons=0)
             self.sim.feed(row, "gcs", frame_v2(layout, payload, 0, 254, 190))
 
     async def end_normally(self, within_s: float = 60.0) -> None:
-        """Flies until each mission ends normally."""
+        """Waits until each mission has ended normally; confirms the wait and the meeting."""
         if "wait" in self.kinds:
             await self.reach({"wait": "waiting"})
             self.flights["wait"].go_on("Alice")
@@ -190,7 +191,7 @@ class Squadron:
 def run_with_squadron(
     run_simulated: Any, tmp_path: Path, scenario: Any, kinds: Iterable[str] = tuple(STEPS), **actions: str
 ) -> None:
-    """Runs a test with vehicles in the middle of each kind of step."""
+    """Runs a test with vehicles that are in the middle of their steps."""
 
     async def run() -> None:
         chosen = tuple(kinds)

@@ -20,7 +20,7 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 POSITION = 3 << 16
 STEP_S = 0.004
-OF_LOSS_S = 1.0
+OFFBOARD_LOSS_S = 1.0
 
 
 class OffboardAutopilot(FakeAutopilot):
@@ -29,7 +29,7 @@ class OffboardAutopilot(FakeAutopilot):
 
     def __init__(self, link: Any, **options: Any) -> None:
         super().__init__(link, **options)
-        self.params |= {"COM_OF_LOSS_T": (9, OF_LOSS_S), "COM_OBL_RC_ACT": (6, 0)}
+        self.params |= {"COM_OF_LOSS_T": (9, OFFBOARD_LOSS_S), "COM_OBL_RC_ACT": (6, 0)}
         self.setpoints: list[tuple[float, Any]] = []
         self.other_targets: list[tuple[float, Any]] = []
         """Setpoints of attitude, rates or global position."""
@@ -43,7 +43,7 @@ class OffboardAutopilot(FakeAutopilot):
         self._every(0.03, self.local_position)
         self._every(0.05, self.attitude)
         self._every(1.0, self.estimator_status)
-        self._every(0.05, self.commander)
+        self._every(0.05, self.check_stream)
 
     def local_position(self) -> None:
         if self.has_estimates:
@@ -57,7 +57,7 @@ class OffboardAutopilot(FakeAutopilot):
         self.send(sim.MAVLink_attitude_message(self.boot_ms(), 0, 0, 0.5, 0, 0, 0))
 
     def fly(self) -> None:
-        """Puts the vehicle into the air, in Hold."""
+        """Sets the state of a vehicle that hovers in Hold, 5 m above its local origin."""
         self.armed, self.landed_state, self.ned = True, IN_AIR, [0.0, 0.0, -5.0]
 
     def handle(self, message: Any) -> None:
@@ -69,13 +69,15 @@ class OffboardAutopilot(FakeAutopilot):
 
     def has_stream(self) -> bool:
         received = [targets[-1][0] for targets in (self.setpoints, self.other_targets) if targets]
-        return bool(received) and self.loop.time() - max(received) <= OF_LOSS_S
+        return bool(received) and self.loop.time() - max(received) <= OFFBOARD_LOSS_S
 
     def set_mode(self, p: list[float]) -> None:
         mode = int(p[1]) << 16 | int(p[2]) << 24
         self.ack(sim.MAV_CMD_DO_SET_MODE, 0)
         delay_s = self.offboard_delay_s if mode == OFFBOARD else 0.008
-        self.next_mode_s = max(self.loop.time() + delay_s, self.next_mode_s + 0.001)  # one after the other
+        self.next_mode_s = max(
+            self.loop.time() + delay_s, self.next_mode_s + 0.001
+        )  # replies keep their order
 
         def reply_of_commander() -> None:
             if mode != OFFBOARD:
@@ -91,7 +93,8 @@ class OffboardAutopilot(FakeAutopilot):
 
         self.loop.call_at(self.next_mode_s, reply_of_commander)
 
-    def commander(self) -> None:
+    def check_stream(self) -> None:
+        """The failsafe: Position mode after the last setpoint has timed out."""
         if self.armed and self.mode == OFFBOARD and not self.has_stream():
             self.mode = POSITION
             self.failsafes += 1
@@ -144,7 +147,7 @@ async def seconds(duration_s: float) -> None:
 
 
 def run_offboard(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
-    """Runs a scenario with the world, the server's vehicle, its scripted autopilot and its link."""
+    """Runs a scenario with a world, the server's vehicle, the scripted autopilot and the link."""
 
     async def run():
         world = OffboardWorld()
@@ -163,7 +166,7 @@ def run_offboard(run_simulated, scenario, *, flying=True, loss=0.0, seed=0):
 
 
 def offboard_event_codes(vehicle):
-    """Codes of the vehicle's events about Offboard."""
+    """Codes of the vehicle's events about its setpoint stream."""
     return [e.data["code"] for e in vehicle.events.since() if (e.data or {}).get("source") == "offboard"]
 
 

@@ -22,27 +22,27 @@ from tests.protocol.simulated_world import TICK_S, SimulatedVehicles
 from vehicle_sim.fleet import VehicleSim
 
 PARAMETERS = {"UXRCE_DDS_SYNCT": 0}
-"""Without time synchronization the vehicle is on ROS 2 1.3 s after its boot instead of 6.4 s."""
+"""Without time synchronization, the vehicle publishes on ROS 2 from 1.3 s after its boot instead of 6.4 s."""
 
 
 class Topics:
-    """The topics of one vehicle, in both directions; the server reads fast topics as often as from DDS."""
+    """The topics of one vehicle, in both directions; the server reads each topic as often as it reads DDS."""
 
     def __init__(self) -> None:
         self.sent: list[tuple[str, bytes]] = []
         """Every message to the vehicle."""
         self._to_vehicle: list[tuple[str, bytes]] = []
-        self._waiting = {each.name: deque[bytes](maxlen=each.depth) for each in SUBSCRIPTIONS}
-        self.for_modes = deque[tuple[str, bytes]](maxlen=32)
+        self._unread = {each.name: deque[bytes](maxlen=each.depth) for each in SUBSCRIPTIONS}
+        self.mode_messages = deque[tuple[str, bytes]](maxlen=32)
         """Messages about modes that the process of the setpoint streams has not read yet."""
-        self._next_s = dict.fromkeys(self._waiting, 0.0)
+        self._next_s = dict.fromkeys(self._unread, 0.0)
 
     def publish(self, topic: str, data: bytes) -> None:
         """Called by the vehicle."""
-        if topic in self._waiting:
-            self._waiting[topic].append(data)
+        if topic in self._unread:
+            self._unread[topic].append(data)
         if topic in READ_TYPES:
-            self.for_modes.append((topic, data))
+            self.mode_messages.append((topic, data))
 
     def take(self) -> Iterable[tuple[str, bytes]]:
         """Called by the vehicle: the messages that the server has sent."""
@@ -60,13 +60,13 @@ class Topics:
         for each in SUBSCRIPTIONS:
             if now_s >= self._next_s[each.name]:
                 self._next_s[each.name] = now_s + each.every_s * 0.9
-                waiting = self._waiting[each.name]
-                read += [(each.name, waiting.popleft()) for _ in range(len(waiting))]
+                unread = self._unread[each.name]
+                read += [(each.name, unread.popleft()) for _ in range(len(unread))]
         return read
 
 
 class SetpointTopics:
-    """A `TopicSender`."""
+    """A `TopicSender` that writes to `Topics`."""
 
     def __init__(self, topics: Topics) -> None:
         self._topics = topics
@@ -77,7 +77,7 @@ class SetpointTopics:
 
 
 class ModeTopics:
-    """A `ModePort`; `working` False: the process that replies to PX4 has ended."""
+    """A `ModePort` on `Topics`; `working` False: the process that replies to PX4 has ended."""
 
     def __init__(self, topics: Topics) -> None:
         self._topics, self.working = topics, True
@@ -87,9 +87,9 @@ class ModeTopics:
             self._topics.send(topic, data)
 
     def take(self) -> list[tuple[str, bytes]]:
-        waiting = self._topics.for_modes
-        messages = list(waiting) if self.working else []
-        waiting.clear()
+        unread = self._topics.mode_messages
+        messages = list(unread) if self.working else []
+        unread.clear()
         return messages
 
 
@@ -149,7 +149,7 @@ class Ros2World(SimulatedVehicles):
         self.router.add(self.ros2)
         self.mavlink = MemoryLink("mavlink", outgoing=lambda data, _: self.sim.feed(0, "gcs", data))
         self.mavlink_on = mavlink
-        """Whether frames of the MAVLink link arrive."""
+        """Whether the server receives the frames of the MAVLink link."""
         if mavlink:
             self.router.add(self.mavlink)
         streams = Ros2Streams(self.clock, lambda dds: self.topics[int(dds.namespace.removeprefix("px4_"))])

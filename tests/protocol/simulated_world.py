@@ -24,10 +24,10 @@ class SimulatedVehicles(World):
         await until(lambda: (health := vehicle.topic("health")) and health.value.ready_to_arm, 30)
         return vehicle
 
-    async def in_the_air(self, vehicle_id: str = "1", height_m: float = 10.0) -> Vehicle:
-        """Takes off and waits for Hold; returns the vehicle."""
+    async def take_off(self, vehicle_id: str = "1", alt_home_m: float = 10.0) -> Vehicle:
+        """Takes off and waits until the vehicle is in Hold; returns the vehicle."""
         vehicle = await self.ready_to_arm(vehicle_id)
-        await vehicle.command.takeoff(height_m)
+        await vehicle.command.takeoff(alt_home_m)
         await until(lambda: vehicle.status.mode == "hold", 40)
         return vehicle
 

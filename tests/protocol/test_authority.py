@@ -1,4 +1,4 @@
-"""Who may command a vehicle, by the API's functions: refusals send nothing; some commands need no control."""
+"""Which client may command a vehicle: refusals send nothing; Hold, Land now and Kill need no control."""
 
 import contextlib
 
@@ -181,7 +181,9 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(run_simulated):
         ("hold", OFFBOARD, OFFBOARD),
     ],
 )
-def test_on_expiry_is_executed_but_never_against_a_pilot(run_simulated, on_expiry, mode, mode_after):
+def test_the_action_on_expiry_is_executed_except_in_a_pilots_mode_or_offboard(
+    run_simulated, on_expiry, mode, mode_after
+):
     async def scenario(rig):
         rig.autopilot.has_stream = lambda: True  # in Offboard by the setpoints of another program
         rig.autopilot.mode = mode
@@ -214,12 +216,12 @@ def test_expired_control_commands_nothing_on_the_ground(run_simulated):
 # --- external control -----------------------------------------------------------------------------
 
 
-def mode_lines(vehicle):
+def mode_changes(vehicle):
     return [(e.text, e.severity, e.data["cause"]) for e in vehicle.events.since() if e.kind == "mode_changed"]
 
 
 def transmitter(autopilot):
-    """Simulates the input of an RC transmitter."""
+    """Reports in SYS_STATUS that an RC transmitter is connected."""
     rc = 1 << 16
     autopilot.send(sim.MAVLink_sys_status_message(rc, rc, rc, 0, 12000, 0, 50, 0, 0, 0, 0, 0, 0))
 
@@ -228,12 +230,12 @@ def test_a_pilots_switch_to_position_is_reported_and_never_reversed(run_simulate
     async def scenario(rig):
         transmitter(rig.autopilot)
         await offboard_routes.start("1", START, rig.station, ANNA)
-        assert mode_lines(rig.vehicle)[-1] == ("Mode Offboard", 5, "command")
+        assert mode_changes(rig.vehicle)[-1] == ("Mode Offboard", 5, "command")
         rig.autopilot.mode = rig.autopilot.requested_mode = POSITION
         rig.autopilot.current_mode()
         await assert_silent(rig.autopilot, None, seconds_=40.0, settle_s=0.1)
         assert rig.autopilot.mode == POSITION
-        assert mode_lines(rig.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
+        assert mode_changes(rig.vehicle)[-1] == ("Mode Position: the RC pilot", 4, "pilot")
         cause = json_of(await control_routes.show("1", rig.station, BOB))["mode_cause"]
         assert (cause["source"], cause["text"]) == ("pilot", "the RC pilot")
 
@@ -247,7 +249,7 @@ def test_another_stations_command_is_detected_by_its_acknowledgement(run_simulat
         rig.autopilot.mode = rig.autopilot.requested_mode = RTL
         rig.autopilot.current_mode()
         await assert_silent(rig.autopilot, None, settle_s=0.1)
-        assert mode_lines(rig.vehicle)[-1] == (
+        assert mode_changes(rig.vehicle)[-1] == (
             "Mode Return: another ground station commanded it (station 245/190)",
             4,
             "station",
@@ -261,12 +263,12 @@ def test_own_commands_and_the_vehicles_own_mode_changes_are_not_external_control
     async def scenario(rig):
         await vehicle_routes.rtl("1", rig.station, ANNA)
         await seconds(1)
-        assert mode_lines(rig.vehicle)[-1] == ("Mode Return", 5, "command")
+        assert mode_changes(rig.vehicle)[-1] == ("Mode Return", 5, "command")
         await seconds(15)
         rig.autopilot.mode = HOLD
         rig.autopilot.current_mode()
         await seconds(0.1)
-        assert mode_lines(rig.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
+        assert mode_changes(rig.vehicle)[-1] == ("Mode Hold", 5, "vehicle")
 
     run_with_routes(run_simulated, scenario)
 
@@ -277,7 +279,7 @@ def test_a_failsafe_is_reported_as_failsafe(run_simulated):
         rig.autopilot.mode = RTL
         rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
-        assert mode_lines(rig.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
+        assert mode_changes(rig.vehicle)[-1] == ("Mode Return: the failsafe", 4, "failsafe")
 
     run_with_routes(run_simulated, scenario)
 
@@ -288,7 +290,7 @@ def test_a_failsafe_first_seen_in_a_heartbeat_is_reclassified(run_simulated):
         rig.autopilot.mode = RTL
         rig.autopilot.heartbeat()
         await seconds(0.1)
-        assert mode_lines(rig.vehicle)[-1][2] == "unknown"
+        assert mode_changes(rig.vehicle)[-1][2] == "unknown"
         rig.autopilot.send(sim.MAVLink_current_mode_message(0, RTL, HOLD))
         await seconds(0.1)
         assert rig.vehicle.mode_cause.source == "failsafe"

@@ -1,5 +1,5 @@
-"""Flights at an obstacle: a collision, a stop in front of it, a flight over it, and sensors that stop
-sending."""
+"""Flights towards an obstacle: a collision, a stop in front of the obstacle, a flight over it, and sensors
+that stop sending."""
 
 import asyncio
 
@@ -63,7 +63,7 @@ class Flight:
         return max(-down for north, _, down, _ in self.track if BOX_NORTH_M[0] <= north <= BOX_NORTH_M[1])
 
     def is_undamaged(self):
-        return not any(has_collided for *_, has_collided in self.track)
+        return not any(collided for *_, collided in self.track)
 
     def set_sensor_interval(self, interval_us=-1.0):
         for msg_id in INTERVALS:
@@ -173,7 +173,7 @@ def test_without_a_sensor_avoidance_is_refused_and_no_stream_starts(run_simulate
                 await vehicle.offboard.avoidance.switch_on("over")
             assert "DISTANCE_SENSOR" in refused.value.remedy
             assert not vehicle.offboard.status().avoidance.on
-            vehicle.offboard.avoidance.way = "over"  # as if its sensor had been lost since
+            vehicle.offboard.avoidance.way = "over"  # as if the sensor failed after avoidance was enabled
             with pytest.raises(Refused, match="no obstacle sensor"):
                 await vehicle.offboard.start(request_to((0.0, 0.0, -10.0)))
             assert vehicle.status.mode == "hold"

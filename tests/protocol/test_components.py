@@ -218,7 +218,7 @@ def test_two_gimbals_are_distinguished_and_commanded_separately(run_simulated):
         await repeated(4, lambda: second.attitude(DOWN))
         value = vehicle.topic("gimbal").value
         assert (value.component_id, value.gimbals) == (171, ()), (
-            "the first gimbal is used after 3 s without its attitude"
+            "the first gimbal is still used after 3 s without its attitude"
         )
 
     run_with_vehicle(run_simulated, scenario, OffboardWorld)

@@ -1,4 +1,4 @@
-"""Calls that can crash a vehicle, by the API's functions: without the exact confirmation nothing is sent."""
+"""Requests that can crash a vehicle: without the exact confirmation nothing is sent."""
 
 import json
 import math
@@ -156,7 +156,7 @@ def test_a_handover_of_control_journals_both_clients(run_simulated):
         }
         expected = {(name, result) for name in ("anna", "bert") for result in ("ok", "not_in_control")}
         assert setpoints == expected | {("bert", "refused")}
-        assert len(journal) < 20, "more than one line per second for frequent setpoints"
+        assert len(journal) < 20, "the journal has more than one entry per second for frequent setpoints"
         assert journal[-3:] == [
             ("carla", "offboard/stop", "1", "not_in_control"),
             ("bert", "offboard/stop", "1", "ok"),

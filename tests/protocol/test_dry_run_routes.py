@@ -1,5 +1,5 @@
-"""Dry runs for a vehicle by the server's routes: they use the vehicle's known data and send nothing to the
-vehicle."""
+"""Dry runs for a vehicle by the server's routes: the server uses the known data of the vehicle and sends
+nothing to it."""
 
 import json
 
@@ -15,8 +15,8 @@ PLAN = {"items": [{"kind": "takeoff", **POSITION}, {"kind": "return_home"}]}
 MESSAGE_REQUESTS = (RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL, REQUEST_MESSAGE)
 
 
-class DryRuns:
-    """Replaces the processes and records the requests."""
+class RecordedDryRuns:
+    """Records the requests for dry runs, and starts no process."""
 
     def __init__(self) -> None:
         self.requests = []
@@ -31,7 +31,7 @@ class DryRuns:
 
 
 async def request_by(rig, by=ANNA, **fields):
-    rig.station.dry_runs = DryRuns()
+    rig.station.dry_runs = RecordedDryRuns()
     body = dry_run_models.DryRunRequest.model_validate({"plan": PLAN, "vehicle": "1", **fields})
     operation = json_of(await dry_run_routes.start_dry_run(body, rig.station, by))
     await rig.station.operations.wait(operation["id"])

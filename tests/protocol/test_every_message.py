@@ -89,17 +89,18 @@ def payloads_of(msg_id: int, valid_payload: bytes, *, each_field: bool) -> list[
 
 
 class OutputChecker:
-    """All outputs for the two vehicles, driven step by step on simulated time."""
+    """Checks all outputs for two vehicles, step by step on simulated time."""
 
     def __init__(self, world: OffboardWorld, link: Any) -> None:
         self.world, self.link = world, link
-        self.bad, self.good = (world.fleet.get(v) for v in ("1", "2"))
+        self.invalid, self.other = (world.fleet.get(v) for v in ("1", "2"))
+        """The vehicle that sends extreme values, and the vehicle that they must not affect."""
         self.encoded = EncodedSamples(world.clock, world.fleet)
         self.tracks = Tracks(world.fleet, None, world.clock)
         self.seq = itertools.count()
-        latest = self.good._state.latest.values()
+        latest = self.other._state.latest.values()
         self.valid_messages = [(f.msg_id, full_payload(f)) for f in latest if f.msg_id in decoders.FORMATS]
-        self.valid_messages.append((d.MAVLINK_MSG_ID_HEARTBEAT, full_payload(self.good._state.latest[0])))
+        self.valid_messages.append((d.MAVLINK_MSG_ID_HEARTBEAT, full_payload(self.other._state.latest[0])))
         self.expected = self.values()
 
     def inject(self, msg_id: int, payload: bytes, system: int = 1, component: int = 1) -> None:
@@ -117,7 +118,7 @@ class OutputChecker:
 
     def views(self) -> list[Any]:
         def refuse_constant(name: str) -> None:
-            raise AssertionError(f"{name} is no JSON")
+            raise AssertionError(f"{name} is not JSON")
 
         body = json_response([vehicle_view(vehicle) for vehicle in self.world.fleet.all()]).body
         json.dumps(views := json.loads(body, parse_constant=refuse_constant), allow_nan=False)
@@ -126,7 +127,7 @@ class OutputChecker:
     def check_all(self) -> None:
         world, streams = self.world, self.world.streamer._streams
         assert self.values() == self.expected
-        for vehicle in (self.bad, self.good):
+        for vehicle in (self.invalid, self.other):
             assert all(
                 b"NaN" not in sample for sample in self.encoded.new_samples(vehicle, sorted(ALL_TOPICS), {})
             )
@@ -144,18 +145,18 @@ class OutputChecker:
         self.check_no_faults()
 
     def check_no_faults(self) -> None:
-        for vehicle in (self.bad, self.good):
+        for vehicle in (self.invalid, self.other):
             assert vehicle.isolation.faults == []
             assert not [reason for reason in vehicle.unusable().values() if "could not be decoded" in reason]
         assert self.tracks.isolation.faults == []
         assert self.world.streamer.faults() == []
-        assert self.good.unusable() == {}
+        assert self.other.unusable() == {}
 
     def ensure_streams(self) -> None:
         """Starts the streams to both vehicles that are idle: invalid messages can end the first vehicle's
         stream by another mode or heartbeat."""
         streams = self.world.streamer._streams
-        for vehicle in (self.bad, self.good):
+        for vehicle in (self.invalid, self.other):
             if streams.state(vehicle.id).phase == "idle":
                 snapshot = vehicle.offboard.snapshot()
                 number = StreamScheduler.begin(
@@ -219,7 +220,7 @@ def test_extreme_values_of_decoded_messages_affect_no_other_vehicle(msg_id):
             if n % 25 == 0:
                 outputs.world.fleet.tick()
         outputs.world.fleet.tick()
-        for vehicle in (outputs.bad, outputs.good):
+        for vehicle in (outputs.invalid, outputs.other):
             pieces = list(history_pieces(vehicle, vehicle.history(tuple(TOPICS), 0.0)))
             history_body = json_response(history_view(pieces)).body
             assert len(json.loads(history_body)["samples"]) > 10
@@ -252,8 +253,8 @@ def test_invalid_parameters_of_limits_and_failsafes_affect_no_other_vehicle():
             for kind in (9, 6, 0, 255):
                 payload = name_and_type.pack(value, 1, 0, name.encode(), kind)
                 outputs.inject(d.MAVLINK_MSG_ID_PARAM_VALUE, payload)
-            outputs.bad.offboard._configuration._read_values[name] = value
-            outputs.bad.offboard.limits()
+            outputs.invalid.offboard._configuration._read_values[name] = value
+            outputs.invalid.offboard.limits()
             outputs.check_all()
 
     run_with_outputs(scenario)

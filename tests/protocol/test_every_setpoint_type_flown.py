@@ -1,4 +1,4 @@
-"""Every kind of setpoint, sent by the server and flown by a simulated PX4, on simulated time."""
+"""A simulated PX4 flies every type of setpoint that the server sends, on simulated time."""
 
 import asyncio
 import math
@@ -30,11 +30,11 @@ from tests.unit.vehicle_sim.prepared_stations import hovering
 from tests.unit.vehicle_sim.sim_station import Station
 
 
-def run_with_vehicle(run_simulated, scenario, height_m=8.0):
-    """Runs a test that begins with one vehicle in Hold."""
+def run_with_vehicle(run_simulated, scenario, alt_home_m=8.0):
+    """Runs a test that begins with one vehicle in Hold at this altitude above home."""
 
     async def run():
-        world = SimulatedWorld(sim=hovering(Station, height_m).sim)
+        world = SimulatedWorld(sim=hovering(Station, alt_home_m).sim)
         try:
             vehicle = await world.ready()
             await until(lambda: vehicle.status.mode == "hold" and vehicle.topic("home"), 10)
@@ -111,7 +111,9 @@ def test_position_velocity_and_acceleration_setpoints_are_flown(run_simulated):
 
         speed = local(vehicle).velocity_ned_m_s[0]
         await fly(vehicle, Acceleration((-0.8, 0.0, 0.0)), 2)
-        assert -1.7 < local(vehicle).velocity_ned_m_s[0] - speed < -0.5  # less, due to drag and delay
+        assert (
+            -1.7 < local(vehicle).velocity_ned_m_s[0] - speed < -0.5
+        )  # smaller than 1.6 m/s because of drag and delay
 
         down_m = local(vehicle).position_ned_m[2]
         mixed = Trajectory((None, None, down_m), (1.0, 0.0, None), (0.0, 0.0, None), yaw_ned_rad=0.0)
@@ -151,8 +153,8 @@ def test_attitude_and_rates_setpoints_are_flown_and_expire(run_simulated):
 
 
 def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(run_simulated):
-    """The simulator's internal interface accepts these setpoints. While it flies by them, the server detects
-    another program's Offboard and sends nothing."""
+    """The simulator accepts these setpoints only by its internal interface. While the vehicle follows them,
+    the server detects that another program uses Offboard, and sends nothing."""
 
     async def scenario(world, vehicle):
         offboard = world.sim.autopilots[0].offboard
@@ -182,7 +184,7 @@ def test_thrust_torque_and_motor_setpoints_are_refused_on_mavlink(run_simulated)
     run_with_vehicle(run_simulated, scenario)
 
 
-def test_a_path_is_flown_in_time_without_its_client(run_simulated):
+def test_a_path_is_flown_to_its_end_without_further_messages_of_the_client(run_simulated):
     async def scenario(world, vehicle):
         begin = local(vehicle).position_ned_m
         corners = ((0, 0), (6, 0), (6, 6), (0, 6), (0, 0))
@@ -208,7 +210,7 @@ def test_a_path_is_flown_in_time_without_its_client(run_simulated):
             await vehicle.offboard.start(stream_request(Path(far)))
         with pytest.raises(Refused, match="m/s are allowed"):
             fast = (PathPoint(0.0, local(vehicle).position_ned_m), PathPoint(1.0, points[2].position_ned_m))
-            await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=5.0), by="me")
+            await vehicle.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=5.0), by="test")
             await vehicle.offboard.start(stream_request(Path(fast)))
 
     run_with_vehicle(run_simulated, scenario)
@@ -219,7 +221,7 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated
     async def scenario(world, vehicle):
         home = vehicle.topic("home").value
         await vehicle.offboard.operator_limits.set(
-            OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="me"
+            OperatorLimits(fence=CircleFence(home.lat_deg, home.lon_deg, 25.0), height_max_m=12.0), by="test"
         )
         with pytest.raises(Refused, match="outside the operator's fence"):
             await vehicle.offboard.start(stream_request(Position((40.0, 0.0, -8.0))))
@@ -232,12 +234,12 @@ def test_a_fence_stops_the_vehicle_and_targets_outside_are_refused(run_simulated
             n, e, d = local(vehicle).position_ned_m
             farthest, highest = max(farthest, math.hypot(n, e)), max(highest, -d)
         assert 20 < farthest < 25.2
-        assert 10.5 < highest < 12.5  # the estimated height drifts by a few decimetres
+        assert 10.5 < highest < 12.5  # the estimated altitude drifts by a few decimetres
         status = vehicle.offboard.status()
         assert any("before the fence" in text for text in status.limited)
         assert math.hypot(*local(vehicle).velocity_ned_m_s[:2]) < 0.4
         assert "limited" in offboard_event_codes(vehicle)
-        # back, then with attitude setpoints, which control no position: the fence acts in time
+        # Attitude setpoints control no position: the server stops the vehicle before the fence.
         await fly(vehicle, Position((5.0, 0.0, -8.0), yaw_ned_rad=0.0), 8)
         await vehicle.offboard.setpoint(
             stream_request(Attitude(q_from_euler(0.0, math.radians(-12), 0.0), 0.505))
@@ -264,7 +266,7 @@ def test_one_vehicle_follows_another_until_the_other_is_lost(run_simulated):
             await world.close()
 
     async def follow(world):
-        leader, follower = await world.in_the_air("1", 8), await world.in_the_air("2", 11)
+        leader, follower = await world.take_off("1", 8), await world.take_off("2", 11)
         await leader.offboard.start(stream_request(Velocity((0.0, 0.0, 0.0), yaw_ned_rad=0.0)))
         beside = Follow("1", offset_ned_m=(0.0, 4.0, -3.0), yaw="same")
         await follower.offboard.start(stream_request(beside, valid_for_s=300, hold_for_s=2.0))

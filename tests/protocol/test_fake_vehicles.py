@@ -1,5 +1,5 @@
-"""Many vehicles that do not exist: they are limited, reported and removable, and never replace a real
-vehicle."""
+"""Heartbeats of many vehicles that do not exist: the server limits and reports such vehicles; they never
+replace a real vehicle."""
 
 import asyncio
 import tracemalloc
@@ -40,7 +40,7 @@ def test_many_sources_with_one_system_id_are_limited_and_reported(run_simulated)
         (warning,) = [found for found in world.fleet.warnings() if found.kind == "too_many"]
         assert (warning.link, "system id 9" in warning.text) == ("memory", True)
         assert len([event for event in world.fleet.events.since() if event.kind == "warning"]) == 1, (
-            "not reported exactly once"
+            "the warning was not reported exactly once"
         )
         await asyncio.sleep(70.0)
         assert not [found for found in world.fleet.warnings() if found.kind == "too_many"], (
@@ -82,7 +82,9 @@ def test_a_new_vehicle_replaces_a_fake_vehicle_that_stopped_sending(run_simulate
         assert len(world.fleet.all()) == MAX_VEHICLES_ON_LINK
         world.autopilot(link, peer="real", system=1)
         await asyncio.sleep(10.0)
-        assert "1" not in [vehicle.id for vehicle in world.fleet.all()], "it replaced a connected vehicle"
+        assert "1" not in [vehicle.id for vehicle in world.fleet.all()], (
+            "the new vehicle replaced a connected vehicle"
+        )
         await asyncio.sleep(REMOVABLE_AFTER_S)
         assert (await world.ready()).id == "1"
         assert len(world.fleet.all()) <= MAX_VEHICLES_ON_LINK

@@ -1,7 +1,5 @@
-"""Faults in flight: the complete list of events, and the vehicle's final state.
-
-Each expected list has the events of the vehicle from the first command until long after the fault.
-"""
+"""Faults in flight: the vehicle's events from the first command until long after the fault, and its final
+state."""
 
 import pytest
 
@@ -23,7 +21,7 @@ LOSSES = [(0.0, 0), (0.05, 1), (0.2, 2)]
 
 
 def event_summary(vehicle):
-    """The events in short form: control, mode and its cause, the stream, the link."""
+    """The vehicle's events in short form: control, mode and its cause, stream, link."""
     events = []
     for event in vehicle.events.since():
         data = event.data
@@ -49,7 +47,7 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_sim
     async def scenario(rig):
         await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
         await send_setpoints(rig, ANNA, 3.0)
-        # validity, position hold, and the request for Hold, which is repeated if packets are lost
+        # 1 s of validity, 2 s of position hold, and up to 6 s of repeated requests for Hold.
         await seconds(1.0 + 2.0 + 6.0)
         assert rig.autopilot.mode == HOLD
         await assert_silent(rig.autopilot, None, seconds_=30.0)
@@ -62,7 +60,7 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_sim
             "control expired",
         ]
         assert rig.autopilot.failsafes == 0
-        await vehicle_routes.rtl("1", rig.station, BOB)  # the next client gets control
+        await vehicle_routes.rtl("1", rig.station, BOB)  # control is free again
 
     run_with_routes(run_simulated, scenario, loss=loss, seed=seed)
 
@@ -70,9 +68,8 @@ def test_a_killed_client_leaves_the_vehicle_in_hold_and_releases_control(run_sim
 @pytest.mark.story
 def test_a_suspended_browser_tab_keeps_control_but_not_the_stream(run_simulated):
     async def scenario(rig):
-        with rig.station.authority.connected(
-            ANNA
-        ):  # the browser keeps its socket open, the page does not run
+        # The browser keeps its socket open; the page does not run.
+        with rig.station.authority.connected(ANNA):
             await offboard_routes.start("1", SHORT_START, rig.station, ANNA)
             await send_setpoints(rig, ANNA, 3.0)
             await seconds(8.0)
@@ -100,7 +97,7 @@ def test_without_network_the_vehicle_executes_its_configured_action(run_simulate
             await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry=on_expiry))
             await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA)
             await seconds(100)
-        await seconds(29)  # the socket is closed; the client's time until expiry begins
+        await seconds(29)  # the socket is closed: the control lease of 30 s runs
         assert rig.autopilot.mode == MISSION
         await seconds(4)
         await assert_silent(rig.autopilot, None, seconds_=60.0)

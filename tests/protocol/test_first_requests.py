@@ -1,4 +1,4 @@
-"""Requests to a new vehicle, and the values shown before the vehicle replies."""
+"""Requests to a new vehicle, and the values that the server shows before the vehicle replies."""
 
 import asyncio
 import math

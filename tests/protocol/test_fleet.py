@@ -1,4 +1,4 @@
-"""Identity of vehicles: system ids, uids, peers, links, recordings, other stations."""
+"""How the server identifies vehicles: system ids, uids, peers, links, recordings, other stations."""
 
 import asyncio
 
@@ -97,7 +97,7 @@ def test_simulators_on_two_links_are_distinguished_by_their_boot_time(run_simula
     run_test(run_simulated, scenario)
 
 
-def test_without_uid_and_clock_two_vehicles_are_shown_until_a_uid_joins_them(run_simulated):
+def test_one_vehicle_on_two_links_is_shown_twice_until_its_uid_is_known(run_simulated):
     async def scenario(world):
         first = world.autopilot(world.link("a"), uid=HARDWARE_A)
         second = world.autopilot(world.link("b"), uid=HARDWARE_A)
@@ -179,14 +179,9 @@ def test_heartbeats_are_sent_once_a_second_to_every_peer(run_simulated):
         await asyncio.sleep(10)
         after = [sum(m.get_type() == "HEARTBEAT" for m in p.received) for p in autopilots]
         assert [a - b for a, b in zip(after, before, strict=True)] == pytest.approx([10, 10], abs=1)
-        assert (
-            autopilots[0].received[-1].get_srcSystem(),
-            autopilots[0].received[-1].get_srcComponent(),
-        ) == (
-            42,
-            190,
-        )
-        for autopilot in autopilots:  # numbered per peer, without gaps
+        newest = autopilots[0].received[-1]
+        assert (newest.get_srcSystem(), newest.get_srcComponent()) == (42, 190)
+        for autopilot in autopilots:  # sequence numbers per peer, without gaps
             seqs = [m.get_seq() for m in autopilot.received]
             assert seqs == [(seqs[0] + i) % 256 for i in range(len(seqs))]
 
@@ -214,16 +209,13 @@ def test_another_station_gets_all_messages_and_reaches_its_target(run_simulated)
         await world.ready("2")
         system_ids = {system_id_of(data) for data, _ in station.sent}
         assert system_ids == {1, 2}
-        received = [len(p.received) for p in autopilots]
         before = [len(p.commands(ARM_DISARM)) for p in autopilots]
         station.inject(
             sim.MAVLink_command_long_message(2, 1, ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0).pack(qgc), "qgc"
         )
         await asyncio.sleep(0.05)
         assert [len(p.commands(ARM_DISARM)) - b for p, b in zip(autopilots, before, strict=True)] == [0, 1]
-        assert received
-        fake = sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the vehicle's system id: no loop
-        received = [len(p.received) for p in autopilots]
+        fake = sim.MAVLink(None, srcSystem=1, srcComponent=1)  # with the system id of vehicle 1: no loop
         station.inject(sim.MAVLink_ping_message(1, 2, 0, 0).pack(fake), "qgc")
         await asyncio.sleep(0.02)
         assert not [m for p in autopilots for m in p.received if m.get_type() == "PING"]
@@ -249,7 +241,7 @@ def test_links_are_added_and_removed_by_name(run_simulated):
     run_test(run_simulated, scenario)
 
 
-def test_texts_events_and_modes_become_one_line_each(run_simulated):
+def test_each_text_event_and_mode_change_is_reported_once(run_simulated):
     async def scenario(world):
         autopilot = world.autopilot(world.link())
         vehicle = await world.ready()
@@ -264,16 +256,16 @@ def test_texts_events_and_modes_become_one_line_each(run_simulated):
         await asyncio.sleep(2)
         autopilot.armed, autopilot.mode = True, TAKEOFF
         await asyncio.sleep(2)
-        lines = [(e.kind, e.text) for e in vehicle.events.since(start)]
-        assert lines == [
+        reported = [(e.kind, e.text) for e in vehicle.events.since(start)]
+        assert reported == [
             ("status_text", "A text without an event"),
             ("status_text", "x" * 60 + " end"),
             ("event", "Takeoff detected"),
             ("status_text", "Only the text came"),
             ("event", "unknown event 99999 from component 0 (common events)"),
-            *sorted(lines[5:]),
+            *sorted(reported[5:]),
         ]
-        assert {kind for kind, _ in lines[5:]} == {"armed", "mode_changed"}
+        assert {kind for kind, _ in reported[5:]} == {"armed", "mode_changed"}
 
     run_test(run_simulated, scenario)
 

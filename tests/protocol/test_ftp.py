@@ -1,5 +1,5 @@
-"""FTP with the simulated vehicle under packet loss; refusals have a reason; repeated requests act only
-once."""
+"""MAVLink FTP with the simulated vehicle at packet loss; refusals have a reason; the vehicle executes a
+repeated request once."""
 
 import asyncio
 import struct
@@ -79,7 +79,7 @@ def test_a_session_left_open_by_an_earlier_run_is_closed_first(run_simulated):
 
 
 def test_a_repeated_request_has_the_same_number(run_simulated):
-    """So the vehicle repeats its reply instead of executing the request again."""
+    """By the number, the vehicle detects a repeated request, and repeats its reply instead of the action."""
 
     async def work(world, ftp, autopilot, _):
         await ftp.read(PARAMETERS)

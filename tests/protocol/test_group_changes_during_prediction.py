@@ -1,4 +1,5 @@
-"""Events during the prediction of a group: other work continues, and nothing is accepted unchecked."""
+"""Events while the server predicts the paths of a group: the server checks the new situation before it
+accepts the setpoints."""
 
 import asyncio
 
@@ -39,7 +40,7 @@ def during_prediction(monkeypatch, number, work):
 
 
 def pilot_takes_over(rig, vehicle_id):
-    """The pilot of a vehicle switches it to Position mode."""
+    """The pilot of this vehicle switches to Position mode."""
     autopilot = rig.autopilots[vehicle_id]
     autopilot.mode = autopilot.requested_mode = POSITION
     autopilot.current_mode()
@@ -127,7 +128,7 @@ def test_vehicles_that_approach_during_the_prediction_are_refused(run_simulated,
 
 
 @pytest.mark.parametrize("others_go_on", [False, True])
-def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_none(
+def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_no_setpoint(
     run_simulated, monkeypatch, others_go_on
 ):
     async def scenario(rig):

@@ -1,4 +1,4 @@
-"""Vehicles in flight as a group: common setpoints, separation, and Hold for all."""
+"""Vehicles in flight as a group: setpoints for several vehicles, the minimum distance, Hold for all."""
 
 import asyncio
 import itertools
@@ -96,7 +96,7 @@ def test_a_member_that_leaves_offboard_puts_the_others_into_hold_unless_others_g
         finding = group["findings"][0]
         assert (finding["code"], finding["vehicles"]) == ("left", ["2"])
         assert finding["held"] == ([] if others_go_on else ["1", "3"]), (
-            "vehicle 2, which its pilot flies, was put into Hold"
+            "vehicle 2 was put into Hold although its pilot flies it"
         )
         assert (
             "Vehicle 2 no longer follows the group's setpoints: The vehicle left Offboard" in finding["text"]
@@ -119,7 +119,7 @@ def test_a_lost_member_puts_the_others_into_hold_within_two_seconds(run_simulate
         assert group["findings"][0]["code"] == "place_unknown"
         assert "The position of vehicle 3 is not known" in group["findings"][0]["text"]
         last = {v: rig.autopilots[v].setpoints[-1][1] for v in "12"}
-        assert all(m.type_mask & 7 == 0 for m in last.values())  # positions: the vehicles have stopped
+        assert all(m.type_mask & 7 == 0 for m in last.values())  # position setpoints: the vehicles stop
         await seconds(8)
         assert (rig.autopilots["1"].mode, rig.autopilots["2"].mode) == (HOLD, HOLD)
 
@@ -157,8 +157,8 @@ def test_a_server_shutdown_puts_a_group_into_hold_without_findings(run_simulated
     run_with_vehicles(run_simulated, scenario)
 
 
-# With seed 0 the first three heartbeats of vehicle 1 (one per second) are lost. After 3.5 s without a
-# heartbeat the vehicle counts as lost, so no vehicle moves and the group cannot be flown.
+# Not seed 0: it loses the first three heartbeats of vehicle 1, one per second. After 3.5 s without a
+# heartbeat the server regards a vehicle as lost, and no vehicle of the group moves.
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_group_starts_changes_and_is_put_into_hold_at_20_percent_loss(run_simulated, seed):
     async def scenario(rig):
@@ -231,7 +231,7 @@ def run_with_simulated_vehicles(run_simulated, scenario, count=2):
         try:
             ids = [str(i + 1) for i in range(count)]
             async with asyncio.TaskGroup() as tasks:
-                flying = [tasks.create_task(world.in_the_air(v, 8.0)) for v in ids]
+                flying = [tasks.create_task(world.take_off(v, 8.0)) for v in ids]
             await scenario(
                 SimpleNamespace(world=world, station=station_of(world)), [f.result() for f in flying]
             )
@@ -254,7 +254,7 @@ def test_the_guard_puts_simulated_vehicles_into_hold_before_they_reach_the_minim
         await start_group(rig, {"1": stay, "2": stay}, minimum_separation_m=5)
         await seconds(1)
         for vehicle, towards in zip(vehicles, (5.0, -5.0), strict=True):
-            # sent as the group's own setpoints, without the prediction, so that only the guard can detect it
+            # Sent as the group's own setpoints, without the prediction: only the guard detects the approach.
             request = SetpointRequest.model_validate({"setpoint": velocity(0, towards), "valid_for_s": 60})
             await vehicle.offboard.setpoint(replace(request.to_stream_request(ANNA), owner="group"))
         nearest_m, fastest_m_s = math.inf, 0.0

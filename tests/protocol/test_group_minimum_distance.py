@@ -1,7 +1,8 @@
-"""The minimum distance of a group: the true distance, known to the simulator, never falls below it.
+"""The true distance of the vehicles of a group never falls below the group's minimum distance.
 
-Simulated vehicles with noise of GPS and estimators, in wind and gusts, are sent towards each other without
-the prediction, and their messages reach the server late: only the guard can stop them.
+Two simulated vehicles fly towards each other in wind and gusts, with noise of GPS and estimators. The test
+sends their setpoints without the prediction, and the server evaluates their positions late: only the guard
+can stop the vehicles. The simulator knows the true distance.
 """
 
 import asyncio
@@ -21,13 +22,13 @@ from tests.protocol.group_world import ANNA, start_group
 from tests.protocol.simulated_world import SimulatedWorld, until
 
 MINIMUM_M = 4.0
-FAR_M = 13.0
-"""Distance of each vehicle from the middle before an encounter."""
+HALF_DISTANCE_M = 13.0
+"""Half the distance between the vehicles before an encounter."""
 STAY = {"type": "position_body", "offset_frd_m": [0, 0, 0]}
 
 
-def attitude(roll_rad, yaw_rad=0.0):
-    """A setpoint with the nose to the north and this roll, so that the vehicle accelerates to the east."""
+def attitude(roll_rad):
+    """A setpoint with heading north and this roll: the vehicle accelerates to the east."""
     half = roll_rad / 2.0
     return Attitude((math.cos(half), math.sin(half), 0.0, 0.0), 0.5)
 
@@ -40,7 +41,7 @@ ENCOUNTERS = {
     "head_on": (Velocity((0.0, 3.0, 0.0), yaw_ned_rad=0.0), Velocity((0.0, -3.0, 0.0), yaw_ned_rad=0.0)),
     "fast_towards_a_hovering_vehicle": (Velocity((0.0, 5.0, 0.0), yaw_ned_rad=0.0), None),
     "drifting": (attitude(math.radians(2.0)), None),
-    "leaning": (attitude(math.radians(10.0)), attitude(math.radians(-6.0))),
+    "accelerating": (attitude(math.radians(10.0)), attitude(math.radians(-6.0))),
 }
 
 
@@ -50,14 +51,14 @@ def true_distance_m(world):
 
 
 async def fly_encounter(rig, vehicles, setpoints):
-    """Sends both vehicles their setpoints without the prediction. Returns the smallest true distance until
-    both are in Hold or have passed each other."""
+    """Sends the setpoints to both vehicles without the prediction; returns the smallest true distance until
+    both vehicles are in Hold or have passed each other."""
     world = rig.world
     for vehicle, east_m in zip(
-        vehicles, (-FAR_M, FAR_M - 3.0), strict=True
+        vehicles, (-HALF_DISTANCE_M, HALF_DISTANCE_M - 3.0), strict=True
     ):  # the vehicles took off 3 m apart
         await vehicle.offboard.start(request_of(Position((0.0, east_m, -10.0), yaw_ned_rad=0.0)))
-    await until(lambda: abs(true_distance_m(world) - 2 * FAR_M) < 1.5, 60)
+    await until(lambda: abs(true_distance_m(world) - 2 * HALF_DISTANCE_M) < 1.5, 60)
     for vehicle in vehicles:
         await vehicle.offboard.stop()
     await asyncio.sleep(3.0)
@@ -75,7 +76,7 @@ async def fly_encounter(rig, vehicles, setpoints):
         if hold_duration_s > 6.0:
             return nearest_m
         # Attitude setpoints hold no altitude: one vehicle may pass above the other.
-        if true_distance_m(world) > 2 * FAR_M + 4.0:
+        if true_distance_m(world) > 2 * HALF_DISTANCE_M + 4.0:
             for vehicle in vehicles:
                 await vehicle.offboard.stop()
             await asyncio.sleep(3.0)
@@ -83,15 +84,15 @@ async def fly_encounter(rig, vehicles, setpoints):
     raise AssertionError("the vehicles were not stopped")
 
 
-def encounters(run_simulated, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters=None):
-    """Smallest true distance of each encounter; messages reach the server up to `late_s` late."""
+def smallest_distances_m(run_simulated, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), parameters=None):
+    """Smallest true distance of each encounter; the server's snapshots are up to `late_s` late."""
 
     async def run():
         world = SimulatedWorld(2, parameters, seed=seed)
         rng = random.Random(seed)
         try:
             async with asyncio.TaskGroup() as tasks:
-                flying = [tasks.create_task(world.in_the_air(v, 10.0)) for v in "12"]
+                flying = [tasks.create_task(world.take_off(v, 10.0)) for v in "12"]
             rig = SimpleNamespace(world=world, station=station_of(world))
             simulation = world.sim.simulation
             simulation.set_wind(np.array([0.0, wind_m_s, 0.0]))
@@ -123,10 +124,9 @@ def encounters(run_simulated, seed, late_s, wind_m_s, names=tuple(ENCOUNTERS), p
 def test_the_true_distance_stays_above_the_minimum_with_noise_wind_and_late_snapshots(
     run_simulated, seed, late_s, names
 ):
-    nearest_m = encounters(run_simulated, seed, late_s, 4.0, names)
+    nearest_m = smallest_distances_m(run_simulated, seed, late_s, 4.0, names)
     assert min(nearest_m.values()) >= MINIMUM_M, nearest_m
     near_encounters = [name for name, apart_m in nearest_m.items() if apart_m < 4 * MINIMUM_M]
     assert len(near_encounters) >= min(3, len(names)), (
-        f"the vehicles begin 23 m apart; with attitude setpoints they may pass far above, "
-        f"but only {near_encounters} came near"
+        f"with attitude setpoints one vehicle may pass far above the other; near: only {near_encounters}"
     )

@@ -1,5 +1,4 @@
-"""Events and arming reports over links that lose packets: complete, in order, reported once, without
-delay."""
+"""Events and arming reports over links that lose packets: all arrive, in order, once."""
 
 import pytest
 
@@ -41,7 +40,7 @@ def modes(vehicle):
 
 
 @pytest.mark.parametrize(("loss", "seed"), LOSS)
-def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(run_simulated, loss, seed):
+def test_the_reasons_that_prevent_arming_are_known_for_each_mode_and_updated(run_simulated, loss, seed):
     async def work(world, vehicle, autopilot):
         events = []
         vehicle.events.subscribe(lambda e: events.append(e) if e.kind == "readiness" else None)
@@ -68,7 +67,11 @@ def test_the_reasons_against_arming_are_known_for_each_mode_and_updated_live(run
         assert modes(vehicle)["offboard"].can_arm
         assert events
         assert all(e.severity == d.MAV_SEVERITY_DEBUG for e in events)
-        await until(world, lambda: not modes(vehicle)["offboard"].can_arm, "the end of the outage")
+        await until(
+            world,
+            lambda: not modes(vehicle)["offboard"].can_arm,
+            "Offboard to be unavailable without a stream",
+        )
         assert report_matches()
 
     run_with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
@@ -86,7 +89,7 @@ def test_lost_events_are_recovered_and_reported_once(run_simulated, loss, seed):
             texts = [e.text for e in vehicle.events.since(0) if e.kind == "event"]
             return texts.count("Returning to launch"), texts.count("Take-off detected")
 
-        # the loss of the last event is detected with the next counter
+        # CURRENT_EVENT_SEQUENCE shows that the last event was lost.
         await until(world, lambda: events() == (6, 6), "all events")
         await world.clock.sleep(5.0)
         assert events() == (6, 6)
@@ -96,11 +99,11 @@ def test_lost_events_are_recovered_and_reported_once(run_simulated, loss, seed):
     run_with_simulated_vehicle(run_simulated, work, loss=loss, seed=seed)
 
 
-def test_the_report_is_requested_only_once(run_simulated):
+def test_a_report_that_is_never_sent_is_requested_once(run_simulated):
     async def work(world, vehicle, autopilot):
         await world.clock.sleep(30)
-        requests = [m for m in autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)]
-        assert 1 <= len(requests) <= 4
+        requests = autopilot.commands(d.MAV_CMD_RUN_PREARM_CHECKS)
+        assert 1 <= len(requests) <= 4  # one request and its repeats
         with pytest.raises(NoReply, match="did not report its checks"):
             await vehicle.health.check()
         assert vehicle.health.readiness.known is False

@@ -1,5 +1,5 @@
-"""Parameter lists with false, repeated or endless values end with an error, and the response stays valid
-JSON."""
+"""Parameter lists with false, repeated or endless values: the read ends with an error, and the response stays
+valid JSON."""
 
 import asyncio
 import json

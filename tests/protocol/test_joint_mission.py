@@ -26,21 +26,21 @@ APART_M = 20.0
 MEET, LAND = "{step: meet, meeting: up}", "{step: land}"
 
 
-def fly_step(north, east, up):
-    return f"{{step: fly, points: [{{offset_ned_m: [{north}, {east}, {-up}]}}]}}"
+def fly_step(north_m, east_m, up_m):
+    return f"{{step: fly, points: [{{offset_ned_m: [{north_m}, {east_m}, {-up_m}]}}]}}"
 
 
 def crossing_mission(lead_m=3, left_m=11):
-    """A mission in which each vehicle flies to the other's start position, at these altitudes above the
-    start."""
+    """A mission in which each vehicle flies to the other vehicle's start position, at these altitudes above
+    the start."""
     return read(
         f"name: Show\nroles:\n  lead:\n    steps: {role_steps(lead_m, APART_M)}\n"
         f"  left:\n    steps: {role_steps(left_m, -APART_M)}\n"
     )
 
 
-def role_steps(height_m, east_m):
-    return f"[{{step: take_off, height_m: {height_m}}}, {MEET}, {fly_step(6, east_m, height_m)}, {LAND}]"
+def role_steps(up_m, east_m):
+    return f"[{{step: take_off, height_m: {up_m}}}, {MEET}, {fly_step(6, east_m, up_m)}, {LAND}]"
 
 
 run_with_two_vehicles = functools.partial(two_vehicles.run_with_two_vehicles, apart_m=APART_M)
@@ -64,18 +64,18 @@ async def reach(rig, *expected, within_s=60):
         raise AssertionError([v.offboard_mission.status() for v in rig.vehicles]) from None
 
 
-async def start_crossing(rig, **heights):
+async def start_crossing(rig, **altitudes):
     """Starts the mission; waits until both vehicles fly towards each other's start position."""
-    started = await start(rig, crossing_mission(**heights), despite=["separation"])
+    started = await start(rig, crossing_mission(**altitudes), despite=["separation"])
     assert [start["mission"]["role"] for start in started] == ["lead", "left"]
     assert started[0]["mission"]["others"] == ["2"]
     await until(lambda: rig.vehicles[0].status.armed, 5)
-    assert rig.vehicles[1].status.armed  # at the same moment
+    assert rig.vehicles[1].status.armed  # both vehicles arm at the same time
     await reach(rig, "flying", "flying")
 
 
 @pytest.mark.story
-def test_two_vehicles_cross_at_different_heights_and_land_at_the_others_start(run_simulated):
+def test_two_vehicles_cross_at_different_altitudes_and_each_lands_at_the_start_of_the_other(run_simulated):
     async def scenario(rig):
         await start(rig, crossing_mission())
         await reach(rig, "done", "done", within_s=120)

@@ -1,5 +1,4 @@
-"""Which client may close a vehicle's link, or forward it to another ground station, by the API's
-functions."""
+"""Which client may close the link of a vehicle, or forward the link to another ground station."""
 
 import pytest
 

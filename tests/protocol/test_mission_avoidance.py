@@ -1,4 +1,4 @@
-"""Missions past an obstacle: avoidance enabled by the plan or by the operator, and without avoidance."""
+"""Missions towards an obstacle: avoidance enabled by the plan or by the operator, and without avoidance."""
 
 import asyncio
 import math
@@ -21,7 +21,7 @@ BEHIND_THE_BOX_NE_M = (10.0, 0.0)
 
 
 def run_towards_the_box(run_simulated, tmp_path, scenario, avoidance):
-    """Runs a test with a vehicle at the box's height that flies a mission straight north."""
+    """Runs a test with a vehicle that flies a mission straight north, towards the middle of the box."""
 
     async def run():
         station = hovering(Station, 2.0, links=(("gcs", "gcs"),), world=load_world("obstacle-box"))
@@ -55,7 +55,7 @@ def has_collided(vehicle):
 
 
 async def highest_over_the_box_m(missions, position_ned_m):
-    """Flies to the end; returns the greatest altitude above the start over the box."""
+    """Waits until the mission ends; returns the greatest altitude over the box, above the local origin."""
     highest_m = 0.0
     for _ in range(900):
         if missions.state not in ("flying", "waiting"):

@@ -1,4 +1,4 @@
-"""The example missions, flown by the server on a simulated PX4: completely, and near their path."""
+"""The server flies the example missions on a simulated PX4 to their end, near the planned paths."""
 
 import asyncio
 import itertools
@@ -28,8 +28,8 @@ class FlightRecorder:
         self.world, self.missions, self.vehicle = world, missions, vehicle
         self.flown, self.sent, self.gimbal = [], [], []
 
-    async def fly(self):
-        """Flies until the mission ends, and answers its questions."""
+    async def record(self):
+        """Records until the mission ends; confirms each of its questions as the operator."""
         flight, view = self.missions.flight, self.world.sim.autopilots[0].view
         while not flight.over:
             status = flight.status()
@@ -69,7 +69,7 @@ def fly_example(run_simulated, tmp_path, name):
             vehicle = await world.ready_to_arm()
             missions.begin(vehicle, read((EXAMPLES / name).read_text(encoding="utf-8")))
             recorder = FlightRecorder(world, missions, vehicle)
-            await recorder.fly()
+            await recorder.record()
             assert (missions.state, vehicle.status.armed) == ("done", False), missions.flight.status()
             assert event_codes(vehicle)[-1] == "done"
             return recorder

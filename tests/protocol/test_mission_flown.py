@@ -23,7 +23,7 @@ HOVER = "- {step: hold, duration_s: 120}\n"
 
 
 async def flown_path(missions, vehicle):
-    """The flown path in the route's response, which must match its model."""
+    """The flown path in the response of the route; the response must match its model."""
     response = json_of(await routes.show_flown(vehicle, SimpleNamespace(missions=missions.offboard)))
     models.FlownMissionView.model_validate(response)
     assert response["vehicle"] == vehicle.id

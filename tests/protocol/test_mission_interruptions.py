@@ -1,4 +1,4 @@
-"""Interruptions of a mission, each for all kinds of steps, on simulated PX4 vehicles."""
+"""Interruptions of missions: each interruption during every kind of step, on simulated PX4 vehicles."""
 
 import asyncio
 
@@ -30,7 +30,7 @@ def test_a_pause_stops_all_and_resume_completes_all_missions(run_simulated, tmp_
         await until(lambda: all(squadron.modes()[kind] == "hold" for kind in FLOWN_BY_PX4), 5)
         assert {squadron.modes()[kind] for kind in FLOWN_BY_SETPOINTS} == {"offboard"}
         await asyncio.sleep(5.0)
-        await squadron.stay([kind for kind in STEPS if kind != "take_off"])
+        await squadron.check_hover([kind for kind in STEPS if kind != "take_off"])
         for flight in squadron.flights.values():
             flight.resume("Alice")
         await asyncio.sleep(1.0)
@@ -47,7 +47,7 @@ def test_after_an_abort_all_hold_and_nothing_is_sent(run_simulated, tmp_path):
         await until(lambda: set(squadron.modes().values()) == {"hold"}, 5)
         await asyncio.sleep(8.0)
         assert not any(vehicle.offboard.status().streaming for vehicle in squadron.vehicles.values())
-        await squadron.stay([kind for kind in STEPS if kind != "take_off"])
+        await squadron.check_hover([kind for kind in STEPS if kind != "take_off"])
         assert set(squadron.modes().values()) == {"hold"}
 
     run_with_squadron(run_simulated, tmp_path, scenario)
@@ -62,7 +62,7 @@ def test_an_operators_hold_suspends_all_missions_and_each_resumes_at_its_positio
         await squadron.reach(SUSPENDED, within_s=5)
         assert all("Bob" in reason for reason in squadron.reasons().values())
         await asyncio.sleep(8.0)
-        await squadron.stay([kind for kind in STEPS if kind != "take_off"])
+        await squadron.check_hover([kind for kind in STEPS if kind != "take_off"])
         for flight in squadron.flights.values():
             flight.resume("Alice")
         await squadron.reach({kind: ("flying", "waiting", "landing", "done") for kind in STEPS})
@@ -122,10 +122,8 @@ def test_after_a_lost_link_px4_continues_its_own_modes_and_otherwise_executes_it
             squadron.sim.set_link_up(row, "gcs", True)
         await squadron.reach(dict.fromkeys(FLOWN_BY_SETPOINTS, "suspended"), within_s=15)
         await squadron.reach(dict.fromkeys(FLOWN_BY_PX4, "done"), within_s=40)
-        assert {squadron.modes()[kind] for kind in FLOWN_BY_SETPOINTS} <= {
-            *failsafe,
-            "hold",
-        }  # the stream's last command
+        # Hold was the last command of the stream.
+        assert {squadron.modes()[kind] for kind in FLOWN_BY_SETPOINTS} <= {*failsafe, "hold"}
 
     run_with_squadron(run_simulated, tmp_path, scenario, link_loss="continue")
 

@@ -50,7 +50,7 @@ def drop_messages(rig: Modes, *topics: str) -> None:
 
 
 async def arm(rig: Modes) -> None:
-    """Another station arms the vehicle, as a pilot does."""
+    """Arms the vehicle from another station, as a pilot does."""
     rig.other_station.command(sim.MAV_CMD_COMPONENT_ARM_DISARM, 1)
     await until(lambda: rig.vehicle.status.armed, 3)
 
@@ -60,7 +60,7 @@ async def register_and_select(rig: Modes, mission: dict[str, Any] = TAKE_OFF_MIS
     mode = await rig.register(mission=mission)
     assert (mode["mode"], mode["takes_off"]) == (MISSION_MODE, True)
     rig.other_station.select_mode(MISSION_MODE)
-    await rig.mode(MISSION_MODE)
+    await rig.until_mode(MISSION_MODE)
 
 
 def height_m(rig: Modes) -> float:
@@ -73,28 +73,28 @@ def test_a_mission_selected_on_the_ground_takes_off_flies_and_lands_when_armed(r
         rig.station.authority.control("1").lease.release(ANNA)
         await seconds(2)
         assert not rig.vehicle.status.armed
-        assert rig.mission is None
+        assert rig.mission_state is None
         assert executor_commands(rig) == []
         ground_m, start_north_m = height_m(rig), rig.north_m()
         await arm(rig)
-        await rig.mode("takeoff")
-        assert rig.mission == "taking_off"
+        await rig.until_mode("takeoff")
+        assert rig.mission_state == "taking_off"
         assert rig.station.missions.status("1").mode == MISSION_MODE
         assert rig.station.missions.status("1").executor_in_charge is True
         assert "holds after a take-off" in rig.station.missions.status("1").if_stream_stops
-        await rig.mode(MISSION_MODE, 30)
+        await rig.until_mode(MISSION_MODE, 30)
         assert height_m(rig) - ground_m == pytest.approx(6, abs=1)
         await until(lambda: rig.north_m() > start_north_m + 7, 20)
-        await rig.mode("land", 15)
+        await rig.until_mode("land", 15)
         await until(lambda: not rig.vehicle.status.armed, 40)
-        await until(lambda: rig.mission == "done", 2)
+        await until(lambda: rig.mission_state == "done", 2)
         assert executor_commands(rig) == [NAV_TAKEOFF, SET_NAV_STATE, SET_NAV_STATE]
         assert all(MESSAGES["VehicleCommand"].decode(data)["source_component"] == 1001
                    for data in rig.sent(EXECUTOR_COMMAND))  # fmt: skip
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
         assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
         assert rig.warnings() == []
-        await rig.mode("hold")
+        await rig.until_mode("hold")
         await seconds(3)
         await arm(rig)
         await seconds(2)
@@ -113,11 +113,11 @@ def test_a_mission_with_a_take_off_can_be_flown_again_when_its_mode_is_selected_
         rig.station.authority.control("1").lease.release(ANNA)
         for _ in range(2):
             rig.other_station.select_mode(MISSION_MODE)
-            await rig.mode(MISSION_MODE)
+            await rig.until_mode(MISSION_MODE)
             await arm(rig)
-            await until(lambda: rig.mission == "taking_off", 5)
-            await until(lambda: rig.mission == "done", 90)
-            await rig.mode("hold")
+            await until(lambda: rig.mission_state == "taking_off", 5)
+            await until(lambda: rig.mission_state == "done", 90)
+            await rig.until_mode("hold")
 
     run_with_modes(run_simulated, scenario, in_air=False)
 
@@ -127,8 +127,8 @@ def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(run_s
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig, {**MISSION, "steps": [TAKE_OFF, FLY]})
         await arm(rig)
-        await until(lambda: rig.mission == "done", 90)
-        await rig.mode("hold")
+        await until(lambda: rig.mission_state == "done", 90)
+        await rig.until_mode("hold")
         assert rig.vehicle.status.armed
         await until(lambda: not rig.station.missions.flight("1")._executor.in_charge, 2)
         assert executor_commands(rig) == [NAV_TAKEOFF, SET_NAV_STATE]
@@ -138,19 +138,19 @@ def test_a_mission_with_a_take_off_that_ends_in_the_air_hands_over_to_hold(run_s
 
 @pytest.mark.broad
 @pytest.mark.parametrize("phase", ["takeoff", "flying", "land"])
-def test_after_a_takeover_the_executor_sends_nothing_more(run_simulated: Any, phase: str) -> None:
+def test_after_a_takeover_the_executor_sends_no_commands(run_simulated: Any, phase: str) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
         if phase == "flying":
-            await rig.mode(MISSION_MODE, 30)
+            await rig.until_mode(MISSION_MODE, 30)
             await seconds(2)
         else:
-            await rig.mode(phase, 60)
+            await rig.until_mode(phase, 60)
             await seconds(1)
         rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, HOLD)
-        await rig.mode("hold")
-        await until(lambda: rig.mission == "suspended", 2)
+        await rig.until_mode("hold")
+        await until(lambda: rig.mission_state == "suspended", 2)
         assert rig.station.missions.status("1").executor_in_charge is False
         before = len(rig.world.topics[0].sent)
         await seconds(8)
@@ -162,7 +162,7 @@ def test_after_a_takeover_the_executor_sends_nothing_more(run_simulated: Any, ph
         assert commands <= {sim.MAV_CMD_RUN_PREARM_CHECKS}
         assert rig.vehicle.status.mode == "hold"
         rig.other_station.select_mode(MISSION_MODE)
-        await until(lambda: rig.mission == "done", 90)
+        await until(lambda: rig.mission_state == "done", 90)
         assert not rig.vehicle.status.armed
 
     run_with_modes(run_simulated, scenario, in_air=False)
@@ -172,13 +172,13 @@ def test_a_takeover_that_does_not_change_the_mode_suspends_the_mission(run_simul
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
-        await rig.mode("takeoff")
+        await rig.until_mode("takeoff")
         await seconds(1)
         rig.other_station.command(sim.MAV_CMD_NAV_TAKEOFF, -1, 0, 0, *(float("nan"),) * 4)
-        await until(lambda: rig.mission == "suspended", 5)
+        await until(lambda: rig.mission_state == "suspended", 5)
         assert "Another party commands the vehicle" in rig.station.missions.status("1").reason
         assert executor_commands(rig) == [NAV_TAKEOFF]
-        await rig.mode("hold", 30)
+        await rig.until_mode("hold", 30)
         await seconds(3)
         assert executor_commands(rig) == [NAV_TAKEOFF]
 
@@ -191,9 +191,9 @@ def test_after_the_operators_hold_during_the_take_off_the_executor_is_not_in_cha
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
-        await rig.mode("takeoff")
+        await rig.until_mode("takeoff")
         await rig.vehicle.command.hold()
-        await until(lambda: rig.mission == "suspended", 2)
+        await until(lambda: rig.mission_state == "suspended", 2)
         await seconds(5)
         assert rig.vehicle.status.mode == "hold"
         assert executor_commands(rig) == [NAV_TAKEOFF]
@@ -212,7 +212,7 @@ def test_refused_arming_does_not_start_the_mission(run_simulated: Any) -> None:
         with pytest.raises(GcsError):
             await rig.vehicle.command.arm()
         assert not rig.vehicle.status.armed
-        assert rig.mission is None
+        assert rig.mission_state is None
         assert executor_commands(rig) == []
         rig.world.streamer._streams._record_loop_message = record
 
@@ -225,25 +225,25 @@ def test_a_mission_with_a_take_off_that_is_selected_in_the_air_switches_to_hold_
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, HOLD)
-        await rig.mode("hold")
+        await rig.until_mode("hold")
         await rig.vehicle.command.takeoff(8)
-        await rig.mode("hold", 40)
+        await rig.until_mode("hold", 40)
         rig.other_station.select_mode(MISSION_MODE)
         await until(lambda: any("cannot be flown" in text for text in rig.warnings()), 5)
-        await rig.mode("hold")
+        await rig.until_mode("hold")
         assert "already flying" in "".join(rig.warnings())
-        assert rig.mission is None
+        assert rig.mission_state is None
         assert executor_commands(rig) == []
 
     run_with_modes(run_simulated, scenario, in_air=False)
 
 
 async def change_settings(rig: Modes) -> None:
-    """The operator sets a limit, so that the mission must be compiled again."""
+    """Sets a limit of the operator, so that the server must compile the mission again."""
     await rig.station.offboard("1").operator_limits.set(OperatorLimits(height_max_m=50.0), by="anna")
 
 
-async def mode_is_ready(rig: Modes, ready: bool) -> dict[str, Any]:
+async def until_ready(rig: Modes, ready: bool) -> dict[str, Any]:
     """Waits until the mode has this readiness and PX4 has received it; returns the mode."""
     for _ in range(60):
         if (await rig.list_modes())["modes"][0]["ready"] == ready:
@@ -258,7 +258,7 @@ def test_slow_plan_work_does_not_delay_the_take_off_after_arming(run_simulated: 
         await register_and_select(rig)
         rig.station.plan_work = SlowPlanWork(12.0)
         await arm(rig)
-        await rig.mode("takeoff", 1.5)
+        await rig.until_mode("takeoff", 1.5)
         assert rig.warnings() == []
 
     run_with_modes(run_simulated, scenario, in_air=False)
@@ -269,13 +269,13 @@ def test_a_mission_is_compiled_again_and_takes_off_if_px4_arms_before_it_knows_o
 ) -> None:
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
-        await mode_is_ready(rig, True)
+        await until_ready(rig, True)
         rig.station.plan_work = SlowPlanWork(2.0)
         await change_settings(rig)
         await seconds(0.15)
         assert not (await rig.list_modes())["modes"][0]["ready"]
         await arm(rig)
-        await rig.mode("takeoff", 5)
+        await rig.until_mode("takeoff", 5)
         assert rig.warnings() == []
 
     run_with_modes(run_simulated, scenario, in_air=False)
@@ -286,15 +286,15 @@ def test_a_vehicle_is_not_armed_in_a_mode_whose_mission_is_not_compiled(run_simu
         await register_and_select(rig)
         rig.station.plan_work, plan_work = UnavailablePlanWork(), rig.station.plan_work
         await change_settings(rig)
-        await mode_is_ready(rig, False)
+        await until_ready(rig, False)
         await until(lambda: any("PX4 does not arm in this mode" in text for text in rig.warnings()), 10)
         assert "No worker." in (await rig.list_modes())["modes"][0]["reason"]
         with pytest.raises(GcsError):
             await rig.vehicle.command.arm()
         rig.station.plan_work = plan_work
-        assert (await mode_is_ready(rig, True))["reason"] == ""
+        assert (await until_ready(rig, True))["reason"] == ""
         await arm(rig)
-        await rig.mode("takeoff", 1.5)
+        await rig.until_mode("takeoff", 1.5)
 
     run_with_modes(run_simulated, scenario, in_air=False)
 
@@ -306,7 +306,7 @@ def test_lost_replies_do_not_stop_the_mission(run_simulated: Any, lost_topic: st
         await register_and_select(rig)
         drop_messages(rig, lost_topic)
         await arm(rig)
-        await until(lambda: rig.mission == "done", 120)
+        await until(lambda: rig.mission_state == "done", 120)
         assert not rig.vehicle.status.armed
 
     run_with_modes(run_simulated, scenario, in_air=False)
@@ -324,19 +324,19 @@ def test_a_take_off_that_px4_never_receives_leaves_the_vehicle_on_the_ground(run
 
         topics.send = send_others  # type: ignore[method-assign]
         await arm(rig)
-        await until(lambda: rig.mission == "suspended", 8)
+        await until(lambda: rig.mission_state == "suspended", 8)
         assert len(lost_commands) == 3
         assert "The take-off failed" in rig.station.missions.status("1").reason
         assert rig.vehicle.status.landed_state == "on_ground"
         topics.send = send  # type: ignore[method-assign]
         await until(lambda: not rig.vehicle.status.armed, 20)
-        await rig.mode("hold")
+        await rig.until_mode("hold")
         rig.other_station.select_mode(MISSION_MODE)
-        await rig.mode(MISSION_MODE)
-        await mode_is_ready(rig, True)  # PX4 moved its local origin when it armed
+        await rig.until_mode(MISSION_MODE)
+        await until_ready(rig, True)  # PX4 moved its local origin when it armed
         await arm(rig)
-        await rig.mode("takeoff")
-        assert rig.mission == "taking_off"
+        await rig.until_mode("takeoff")
+        assert rig.mission_state == "taking_off"
 
     run_with_modes(run_simulated, scenario, in_air=False)
 
@@ -345,9 +345,9 @@ def test_px4_removes_a_mode_that_stops_replying_during_its_take_off_and_holds(ru
     async def scenario(rig: Modes) -> None:
         await register_and_select(rig)
         await arm(rig)
-        await rig.mode("takeoff")
+        await rig.until_mode("takeoff")
         rig.world.streamer._streams.mode_ports[-1].working = False
-        await rig.mode("hold", 30)
+        await rig.until_mode("hold", 30)
         await until(lambda: any("is no longer registered" in text for text in rig.warnings()), 5)
         await seconds(3)
         assert rig.vehicle.status.mode == "hold"

@@ -27,19 +27,19 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 def test_a_registered_mission_has_its_name_in_every_ground_station(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
-        assert NAME not in await rig.other_station.modes()
+        assert NAME not in await rig.other_station.selectable_modes()
         began_s = rig.world.loop.time()
         mode = await rig.register()
         assert rig.world.loop.time() - began_s < 1.0
         assert (mode["name"], mode["state"], mode["mode"], mode["mission"]) == (
             NAME, "registered", "external_1", "Line",
         )  # fmt: skip
-        assert NAME in await rig.other_station.modes()
+        assert NAME in await rig.other_station.selectable_modes()
         assert await rig.list_modes() == {"vehicle": "1", "possible": True, "modes": [mode]}
         assert journal_lines(rig.station)[-1] == ("anna", "mission_modes/register", "1", "ok")
         assert await rig.unregister() == []
         await seconds(1)
-        assert NAME not in await rig.other_station.modes()
+        assert NAME not in await rig.other_station.selectable_modes()
         assert not rig.warnings()
 
     run_with_modes(run_simulated, scenario, in_air=False)
@@ -53,8 +53,8 @@ def test_a_mission_started_by_another_station_completes_in_hold(run_simulated: A
         assert rig.station.missions.status("1").executor_in_charge is None
         assert (await rig.list_modes())["modes"][0]["takes_off"] is False
         assert "RTL" in rig.station.missions.status("1").if_stream_stops
-        await until(lambda: rig.mission == "done", 20)
-        await rig.mode("hold")
+        await until(lambda: rig.mission_state == "done", 20)
+        await rig.until_mode("hold")
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
         assert [(message["result"], message["nav_state"]) for message in completed] == [(0, 23)]
         assert f"Mode {NAME}" in rig.texts()
@@ -73,9 +73,9 @@ def test_a_mission_mode_can_be_started_repeatedly_by_this_server(run_simulated: 
         for _ in range(2):
             start_north_m = rig.north_m()
             await rig.vehicle.command.set_mode(mode)
-            await until(lambda: rig.mission == "flying", 5)
-            await until(lambda: rig.mission == "done", 20)
-            await rig.mode("hold")
+            await until(lambda: rig.mission_state == "flying", 5)
+            await until(lambda: rig.mission_state == "done", 20)
+            await rig.until_mode("hold")
             assert rig.north_m() - start_north_m == pytest.approx(8, abs=1.5)
 
     run_with_modes(run_simulated, scenario)
@@ -85,14 +85,14 @@ def test_a_takeover_suspends_the_mission_and_selecting_its_mode_resumes_it(run_s
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
         rig.other_station.command(sim.MAV_CMD_DO_SET_MODE, 1, 4, 3)
-        await rig.mode("hold")
-        await until(lambda: rig.mission == "suspended", 2)
+        await rig.until_mode("hold")
+        await until(lambda: rig.mission_state == "suspended", 2)
         before = len(rig.world.topics[0].sent)
         await seconds(2)
         assert {topic for topic, _ in rig.world.topics[0].sent[before:]} == {CHECK_REPLY}
         rig.other_station.select_mode(mode)
-        await until(lambda: rig.mission == "flying", 5)
-        await until(lambda: rig.mission == "done", 20)
+        await until(lambda: rig.mission_state == "flying", 5)
+        await until(lambda: rig.mission_state == "done", 20)
 
     run_with_modes(run_simulated, scenario)
 
@@ -101,12 +101,12 @@ def test_released_control_suspends_the_mission_and_reports_a_failure_to_px4(run_
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register())["mode"]
         await rig.vehicle.command.set_mode(mode)
-        await until(lambda: rig.mission == "flying", 5)
+        await until(lambda: rig.mission_state == "flying", 5)
         flight = rig.station.missions.flight("1")
         assert flight.runner.flight.actions.control_lost == "hold"
         rig.station.authority.control("1").lease.release(ANNA)
-        await rig.mode("hold")
-        assert rig.mission == "suspended"
+        await rig.until_mode("hold")
+        assert rig.mission_state == "suspended"
         completed = [MESSAGES["ModeCompleted"].decode(data) for data in rig.sent(COMPLETED)]
         assert [message["result"] for message in completed] == [100]
 
@@ -118,22 +118,22 @@ def test_control_that_expires_does_not_interrupt_a_mission_that_a_pilot_selected
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register(mission=LOITER))["mode"]
         rig.other_station.select_mode(mode)
-        await until(lambda: rig.mission == "flying", 5)
+        await until(lambda: rig.mission_state == "flying", 5)
         lease = rig.station.authority.control("1").lease
         lease.take(ANNA, on_expiry="land")
         await until(lambda: lease.holder is None, 40)
-        assert (rig.mission, rig.vehicle.status.mode) == ("flying", mode)
+        assert (rig.mission_state, rig.vehicle.status.mode) == ("flying", mode)
         assert any("No client has control now" in text for text in rig.warnings())
         lease.take(BOB)
         await seconds(2)
-        assert (rig.mission, rig.vehicle.status.mode) == ("flying", mode)
+        assert (rig.mission_state, rig.vehicle.status.mode) == ("flying", mode)
         await mission_routes.pause("1", rig.station, BOB)
-        await until(lambda: rig.mission == "paused", 10)
+        await until(lambda: rig.mission_state == "paused", 10)
         await mission_routes.resume("1", rig.station, BOB)
-        await until(lambda: rig.mission == "flying", 5)
+        await until(lambda: rig.mission_state == "flying", 5)
         lease.release(BOB)
-        await rig.mode("hold")
-        assert rig.mission == "suspended"
+        await rig.until_mode("hold")
+        assert rig.mission_state == "suspended"
 
     run_with_modes(run_simulated, scenario)
 
@@ -143,9 +143,9 @@ def test_without_arming_check_replies_px4_returns_and_the_operator_is_informed(r
         mode = await rig.start_in_flight()
         rig.world.streamer._streams.mode_ports[-1].working = False
         began_s = rig.world.loop.time()
-        await rig.mode("rtl")
+        await rig.until_mode("rtl")
         assert 0.8 < rig.world.loop.time() - began_s < 1.8
-        await until(lambda: rig.mission == "suspended", 2)
+        await until(lambda: rig.mission_state == "suspended", 2)
         assert rig.vehicle.status.mode != mode
         await until(lambda: any("is no longer registered" in text for text in rig.warnings()), 5)
         assert rig.station.mission_modes.all("1")[0].state == "lost"
@@ -163,10 +163,10 @@ def test_a_stalled_event_loop_makes_px4_return(run_simulated: Any) -> None:
         record, update = streams._record_loop_message, flight.update
         streams._record_loop_message, flight.update = lambda _: None, lambda: None
         began_s = rig.world.loop.time()
-        await rig.mode("rtl")
+        await rig.until_mode("rtl")
         assert 1.0 < rig.world.loop.time() - began_s < 2.5
         streams._record_loop_message, flight.update = record, update
-        await until(lambda: rig.mission == "suspended", 2)
+        await until(lambda: rig.mission_state == "suspended", 2)
 
     run_with_modes(run_simulated, scenario)
 
@@ -176,10 +176,10 @@ def test_a_server_that_ends_puts_the_vehicle_into_hold_and_removes_the_mode(run_
         await rig.start_in_flight()
         (stopped,) = await rig.station.streamer.stop_all()
         assert stopped.error is None
-        await rig.mode("hold")
+        await rig.until_mode("hold")
         rig.world.streamer._streams.close()
         await seconds(1)
-        assert NAME not in await rig.other_station.modes()
+        assert NAME not in await rig.other_station.selectable_modes()
         assert rig.vehicle.status.mode == "hold"
 
     run_with_modes(run_simulated, scenario)
@@ -189,11 +189,11 @@ def test_a_mission_without_a_take_off_does_not_start_on_the_ground(run_simulated
     async def scenario(rig: Modes) -> None:
         mode = (await rig.register())["mode"]
         rig.other_station.select_mode(mode)
-        await rig.mode(mode)
+        await rig.until_mode(mode)
         with pytest.raises(GcsError):
             await rig.vehicle.command.arm()
         assert not rig.vehicle.status.armed
-        assert rig.mission is None
+        assert rig.mission_state is None
 
     run_with_modes(run_simulated, scenario, in_air=False)
 
@@ -205,9 +205,9 @@ def test_a_mode_that_cannot_start_switches_to_hold_and_reports_the_reason(run_si
         rig.station.plan_work = UnavailablePlanWork()
         rig.other_station.select_mode(mode)
         await until(lambda: any("cannot be flown" in text for text in rig.warnings()), 5)
-        await rig.mode("hold")
+        await rig.until_mode("hold")
         assert any("No worker. Try later. The vehicle holds." in text for text in rig.warnings())
-        assert rig.mission is None
+        assert rig.mission_state is None
 
     run_with_modes(run_simulated, scenario)
 
@@ -229,7 +229,7 @@ def test_a_mode_is_registered_and_removed_only_with_control_and_not_in_flight(ru
             await rig.register(name="Errors", mission=with_take_off)
         sent = len(rig.sent(UNREGISTER))
         rig.other_station.select_mode("external_1")
-        await until(lambda: rig.mission == "flying", 5)
+        await until(lambda: rig.mission_state == "flying", 5)
         with pytest.raises(Refused, match="flies in the mode"):
             await rig.unregister()
         assert len(rig.sent(UNREGISTER)) == sent
@@ -255,10 +255,10 @@ def test_resuming_the_mission_selects_its_mode(run_simulated: Any) -> None:
     async def scenario(rig: Modes) -> None:
         mode = await rig.start_in_flight()
         await rig.vehicle.command.hold()
-        await until(lambda: rig.mission == "suspended", 2)
+        await until(lambda: rig.mission_state == "suspended", 2)
         await mission_routes.resume("1", rig.station, ANNA)
-        await rig.mode(mode)
-        await until(lambda: rig.mission == "done", 20)
+        await rig.until_mode(mode)
+        await until(lambda: rig.mission_state == "done", 20)
 
     run_with_modes(run_simulated, scenario)
 
@@ -300,9 +300,9 @@ def test_a_failsafe_is_deferred_for_the_stated_time_and_the_operator_is_informed
         began_s = rig.world.loop.time()
         await until(lambda: rig.vehicle.status.mode == "hold", 12)
         assert not deferral_s or rig.world.loop.time() - began_s == pytest.approx(deferral_s, abs=1)
-        await rig.mode("land", 12)
+        await rig.until_mode("land", 12)
         assert any(warning in text for text in rig.warnings()) == bool(deferral_s)
         assert not rig.station.mission_modes.all("1")[0].failsafe_deferred
-        assert rig.mission == "suspended"
+        assert rig.mission_state == "suspended"
 
     run_with_modes(run_simulated, scenario)

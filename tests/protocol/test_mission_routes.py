@@ -14,7 +14,7 @@ from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Land
 from tests.protocol.api_calls import ANNA, BOB, MISSION, journal_lines, json_of, station_of
 from tests.protocol.fake_autopilot import IN_AIR
-from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
+from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 AT_20_M = {"value_m": 20, "reference": "home"}
@@ -169,7 +169,7 @@ def test_a_plan_with_errors_is_started_only_if_despite_names_the_errors(run_simu
         assert not rig.autopilot.armed
         response = json_of(await start(rig, despite=sorted(codes)))
         assert (response["status"]["armed"], response["status"]["mode"]) == (True, "mission")
-        await OtherStation(rig.autopilot).upload([])
+        await UploadingStation(rig.autopilot).upload([])
         await seconds(2)
 
     run_with_rig(run_simulated, tmp_path, work)
@@ -190,7 +190,7 @@ def test_the_obstacles_of_the_stored_plan_are_checked_at_the_start(run_simulated
         await rig.station.plans.delete(stored.id, base_version=1, by=("anna", "key"))
         others = set(raised.value.codes) - {"obstacle_hit"}
         response = json_of(await start(rig, despite=sorted(others)))
-        assert response["status"]["armed"], "obstacles of a deleted plan kept the vehicle on the ground"
+        assert response["status"]["armed"], "the obstacles of a deleted plan prevented the start"
 
     run_with_rig(run_simulated, tmp_path, work)
 
@@ -264,7 +264,7 @@ def test_a_stored_plan_equal_to_the_vehicles_mission_is_identified(run_simulated
             await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": plan.id}), rig.station)
             assert (await show(rig))["holds"]["plan"]["id"] == plan_id
         other_item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
-        await OtherStation(rig.autopilot).upload([replace(other_item, seq=0, z=9.0)])
+        await UploadingStation(rig.autopilot).upload([replace(other_item, seq=0, z=9.0)])
         await seconds(2)
         await mission_routes.compare(rig.vehicle, plan_choice({"plan_id": stored.id}), rig.station)
         assert (await show(rig))["holds"]["state"] == "another"
@@ -279,7 +279,7 @@ def test_a_download_shows_the_mission_of_another_station(run_simulated, tmp_path
         await upload(rig)
         item = rig.vehicle.mission.items_on_vehicle.items["mission"][1]
         other_item = item.__class__(0, item.frame, 16, 0, 0, 0, 0, item.x, item.y, 9.0)
-        await OtherStation(rig.autopilot).upload([other_item])
+        await UploadingStation(rig.autopilot).upload([other_item])
         await seconds(2)
         assert (await show(rig))["holds"]["state"] == "another"
         body = mission_models.DownloadRequest(wait=True)

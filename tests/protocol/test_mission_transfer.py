@@ -11,7 +11,7 @@ from gcs_server.mavlink import dialect as d
 from gcs_server.vehicle.services.mission_dialogue import PARTS
 from gcs_server.vehicle.services.mission_on_vehicle import PlanReference
 from missions.formats.mavlink_items import WireItem
-from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
+from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 PLAN = PlanReference("abc", 3, "Tower")
@@ -182,7 +182,7 @@ def test_a_cancel_at_any_moment_leaves_the_old_or_the_new_plan_and_reports_which
 def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simulated):
     async def work(rig):
         await rig.mission.upload(plan(4), PLAN)
-        await OtherStation(rig.autopilot).upload([waypoint(n) for n in range(3)])
+        await UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(3)])
         await seconds(2)
         assert rig.mission.plan_on_vehicle() == "another"
         read = await rig.mission.download()
@@ -199,34 +199,36 @@ def test_a_later_upload_by_another_station_is_detected_as_another_plan(run_simul
 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2, 0.4, 0.8, 1.2])
 def test_messages_to_another_station_are_ignored_in_a_transfer(run_simulated, after_s):
-    """PX4 accepts items from any station. So unrequested items may corrupt an upload, which the server
-    reports."""
+    """PX4 accepts items from any station: the other station's items may replace those of the upload. Then the
+    server reports another plan."""
 
     async def work(rig):
         uploaded, other_items = plan(12, seed=5), [waypoint(n) for n in range(8)]
         uploading = asyncio.ensure_future(rig.mission.upload(uploaded, PLAN))
         await seconds(after_s)
-        await OtherStation(rig.autopilot).upload(other_items)
+        await UploadingStation(rig.autopilot).upload(other_items)
         result = (await asyncio.gather(uploading, return_exceptions=True))[0]
         assert isinstance(result, GcsError) or result.items_on_vehicle.plan == PLAN
         await seconds(2)
-        claimed = rig.mission.plan_on_vehicle() == "plan"
+        server_knows_plan = rig.mission.plan_on_vehicle() == "plan"
         read = await rig.mission.download()
         is_uploaded = bytes_of(read.items["mission"]) == bytes_of(uploaded["mission"])
-        assert claimed == is_uploaded
+        assert server_knows_plan == is_uploaded
 
     run_with_rig(run_simulated, work)
 
 
 def test_an_upload_waits_for_a_busy_vehicle_and_then_reports_it(run_simulated):
     async def work(rig):
-        short = asyncio.ensure_future(OtherStation(rig.autopilot).upload([waypoint(n) for n in range(40)]))
+        short = asyncio.ensure_future(
+            UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(40)])
+        )
         await seconds(0.3)
         await rig.mission.upload(plan(3), PLAN)
         await short
         assert rig.mission.plan_on_vehicle() == "plan"
         long = asyncio.ensure_future(
-            OtherStation(rig.autopilot).upload([waypoint(n) for n in range(60)], 0.5)
+            UploadingStation(rig.autopilot).upload([waypoint(n) for n in range(60)], 0.5)
         )
         await seconds(1.1)
         with pytest.raises(Rejected, match="busy with another transfer"):

@@ -12,7 +12,7 @@ from tests.protocol.simulated_world import until
 NAME = "Inspect bridge"
 
 
-class Program:
+class ModeProgram:
     """A program that registers a mode over ROS 2 and replies to the arming checks."""
 
     def __init__(self, world: Ros2World) -> None:
@@ -46,7 +46,7 @@ def test_a_mode_of_another_program_has_the_name_that_the_program_gave_it(run_sim
         world = Ros2World(mavlink=True)
         vehicle = await world.ready_to_arm()
         await until(lambda: "MAVLink" in vehicle.reach.protocols, 10)
-        program, names = Program(world), vehicle.mode_names.announced
+        program, names = ModeProgram(world), vehicle.mode_names.announced
         program.register()
         await until(lambda: names == {"external_1": NAME}, 10)
         await vehicle.command.set_mode("external_1")
@@ -67,7 +67,7 @@ def test_a_mode_that_was_registered_before_the_server_connected_has_its_name_whe
         world = Ros2World(mavlink=True)
         vehicle = await world.ready_to_arm()
         await until(lambda: "MAVLink" in vehicle.reach.protocols, 10)
-        Program(world).register()
+        ModeProgram(world).register()
         names = vehicle.mode_names.announced
         await until(lambda: bool(names), 10)
         names.clear()

@@ -1,5 +1,5 @@
-"""Values that are not finite affect only the vehicle's own topics: never another vehicle, the views or the
-streams."""
+"""Values that are not finite remove only the topics that contain them: they affect no other vehicle, view or
+stream."""
 
 import asyncio
 import itertools
@@ -35,14 +35,14 @@ def vehicle_views(world) -> list[Any]:
     """The response of `GET /vehicles`, parsed as standard JSON."""
 
     def refuse_constant(name):
-        raise AssertionError(f"{name} is no JSON")
+        raise AssertionError(f"{name} is not JSON")
 
     body = json_response([vehicle_view(vehicle) for vehicle in world.fleet.all()]).body
     return json.loads(body, parse_constant=refuse_constant)
 
 
 def replace_values(autopilot, kind: str, **fields: float):
-    """Gives all further messages of a kind these values; returns a function that restores the real values."""
+    """Replaces fields of all further messages of a kind; returns a function that ends the replacement."""
     send = autopilot.send
 
     def send_replaced(message):
@@ -96,7 +96,7 @@ def test_after_an_invalid_home_the_last_valid_home_is_kept(run_simulated):
 
 
 @pytest.mark.parametrize("value", INVALID)
-def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_streams_continue(
+def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_missing_and_other_streams_continue(
     run_simulated, value
 ):
     async def scenario(world):
@@ -117,7 +117,7 @@ def test_an_invalid_estimate_of_a_streamed_vehicle_counts_as_none_and_other_stre
         assert max(b - a for a, b in itertools.pairwise(times)) < 0.03
         assert vehicles[1].status.mode == "offboard"
         assert vehicles[0].status.mode == "land", (
-            "not the action of a connected vehicle without an estimate for a position hold"
+            "a connected vehicle without a position estimate must land when its setpoint expires"
         )
 
     run_test(run_simulated, scenario, OffboardWorld)
@@ -142,16 +142,14 @@ def test_a_vehicle_whose_snapshot_fails_has_no_estimates_and_other_streams_conti
         invalid.heartbeat()
         await asyncio.sleep(0.5)
         streaming = [world.streamer._streams.state(v).phase for v in ("1", "2")]
-        assert streaming == ["idle", "streaming"], (
-            "the stream did not end, although the vehicle's mode shows that it left Offboard"
-        )
+        assert streaming == ["idle", "streaming"], "the stream did not end although the vehicle left Offboard"
         assert other.setpoints[-1][0] > world.loop.time() - 0.05
 
     run_test(run_simulated, scenario, OffboardWorld)
 
 
-class Socket:
-    """A WebSocket that accepts all frames at once."""
+class FakeWebSocket:
+    """A WebSocket that never makes the sender wait."""
 
     def __init__(self) -> None:
         self.incoming: asyncio.Queue[str] = asyncio.Queue()
@@ -173,7 +171,7 @@ class Socket:
 def test_a_lost_and_recovered_link_is_reported(run_simulated):
     async def scenario(world):
         invalid, _ = await two_vehicles(world)
-        hub, socket = Hub(world.clock, world.fleet), Socket()
+        hub, socket = Hub(world.clock, world.fleet), FakeWebSocket()
         async with asyncio.TaskGroup() as group:
             serving = group.create_task(hub.serve(socket))
             await socket.incoming.put(json.dumps({"type": "subscribe", "topics": ["status"], "rate_hz": 20}))
@@ -185,7 +183,7 @@ def test_a_lost_and_recovered_link_is_reported(run_simulated):
             assert 3.4 <= lost_s - stopped_s <= 3.65
             assert 3.4 <= sample["value"]["last_heartbeat_age_s"] <= 4.6
             assert len([s for _, s in socket.statuses if s["value"]["link_lost"]]) == 1, (
-                "reported several times"
+                "link_lost was reported several times"
             )
             invalid.alive = True
             await asyncio.sleep(1.2)

@@ -1,5 +1,5 @@
-"""Effects of the vehicle, its links and other commands on a running stream, and the receivers of its
-setpoints."""
+"""Changes of the vehicle, of its links and by other commands during a stream; each setpoint reaches only its
+vehicle."""
 
 import asyncio
 import errno
@@ -24,7 +24,7 @@ from tests.protocol.offboard_world import (
 # --- changes by the vehicle -----------------------------------------------------------------------
 
 
-def test_after_a_change_of_the_origin_a_position_setpoint_ends_in_hold(run_simulated):
+def test_after_a_change_of_the_local_origin_a_stream_of_positions_ends_in_hold(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request())
         await seconds(0.5)
@@ -149,7 +149,7 @@ def test_a_late_refusal_of_an_earlier_command_does_not_fail_hold(run_simulated):
     run_offboard(run_simulated, scenario)
 
 
-def test_a_refused_hold_is_reported_even_after_replacing_a_command(run_simulated):
+def test_a_refused_hold_is_reported_although_it_replaced_another_command(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 0.3
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))

@@ -1,4 +1,4 @@
-"""Offboard flights from start to end, from the call to the sent bytes."""
+"""Offboard flights from start to end, from the call to the received setpoints."""
 
 import asyncio
 
@@ -94,7 +94,7 @@ def test_one_of_two_simultaneous_starts_flies_and_the_other_is_refused(run_simul
     run_offboard(run_simulated, scenario)
 
 
-def test_a_stop_before_the_offboard_request_prevents_it(run_simulated):
+def test_a_stop_before_the_offboard_request_prevents_the_request(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
         await seconds(0.5)
@@ -158,7 +158,7 @@ def test_another_command_during_a_start_never_leaves_the_vehicle_in_offboard_wit
     run_offboard(run_simulated, scenario)
 
 
-def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
+def test_a_cancelled_start_never_leaves_the_vehicle_in_offboard_without_a_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 0.4
         starting = asyncio.ensure_future(vehicle.offboard.start(stream_request()))
@@ -175,7 +175,7 @@ def test_a_start_with_a_cancelled_caller_never_leaves_the_vehicle_in_offboard_wi
     run_offboard(run_simulated, scenario)
 
 
-def test_a_switch_to_offboard_after_the_deadline_is_reversed(run_simulated):
+def test_a_vehicle_that_switches_to_offboard_after_the_deadline_does_not_stay_without_a_stream(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.offboard_delay_s = 7.0
         with pytest.raises((NoReply, Rejected)) as caught:
@@ -187,7 +187,7 @@ def test_a_switch_to_offboard_after_the_deadline_is_reversed(run_simulated):
     run_offboard(run_simulated, scenario)
 
 
-def test_after_a_late_refusal_the_stream_ends_at_once(run_simulated):
+def test_after_a_refused_switch_to_offboard_the_stream_ends_at_once(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.has_stream = lambda: False
         with pytest.raises(Rejected):
@@ -225,7 +225,7 @@ def test_a_rate_too_low_for_the_vehicles_timeout_is_refused(run_simulated):
     run_offboard(run_simulated, scenario)
 
 
-def test_a_stream_takes_over_from_a_mission_but_not_from_another_program(run_simulated):
+def test_a_stream_can_be_started_in_mission_mode(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.mode = autopilot.requested_mode = 4 << 16 | 4 << 24
         await seconds(2)
@@ -240,7 +240,7 @@ def test_a_stream_to_a_disarmed_vehicle_ends_in_hold_at_expiry(run_simulated):
     async def scenario(world, vehicle, autopilot, link):
         await vehicle.offboard.start(stream_request(valid_for_s=1.0, hold_for_s=1.0))
         await seconds(4)
-        assert autopilot.mode == HOLD, "an armed vehicle would not stay on the ground"
+        assert autopilot.mode == HOLD, "the vehicle stayed in Offboard: it would climb as soon as it is armed"
         assert not vehicle.offboard.status().streaming
 
     run_offboard(run_simulated, scenario, flying=False)
@@ -265,7 +265,9 @@ def test_after_expiry_the_stream_holds_the_position_estimated_at_that_moment(run
         await seconds(0.05)
         hold_setpoint = autopilot.setpoints[-1][1]
         assert hold_setpoint.type_mask == 2552
-        assert hold_setpoint.x == pytest.approx(north_m, abs=0.6), "more than 60 ms at 10 m/s"
+        assert hold_setpoint.x == pytest.approx(north_m, abs=0.6), (
+            "the held position is more than 60 ms old at 10 m/s"
+        )
         moving.cancel()
 
     run_offboard(run_simulated, scenario)
@@ -279,7 +281,7 @@ def test_expiry_on_a_lost_link_requests_hold_and_sends_no_old_position(run_simul
         assert autopilot.mode == HOLD
         assert not mode_requests(autopilot, LAND)
         hold_setpoints = [m for t, m in autopilot.setpoints if m.type_mask == 2552]
-        assert not hold_setpoints, "a position one second old is behind the vehicle"
+        assert not hold_setpoints, "the server sent a position that is one second old and behind the vehicle"
         await seconds(8)
         assert not vehicle.offboard.status().streaming
 

@@ -1,4 +1,4 @@
-"""Offboard missions flown by the server: a whole flight on the simulated PX4, and interruptions."""
+"""The server flies offboard missions: a whole flight of the simulated PX4, interruptions, and the routes."""
 
 import asyncio
 import math
@@ -51,7 +51,7 @@ def test_a_mission_takes_off_flies_takes_pictures_waits_for_the_operator_and_lan
                 gimbal = vehicle.topic("gimbal")
                 gimbal_pointed_down |= gimbal is not None and gimbal.value.pitch_rad < -0.2
                 await seconds(0.1)
-            assert deviation_max_m < 3.0  # the newest reported position is some tenths of a second old
+            assert deviation_max_m < 3.0  # the reported position is some tenths of a second old
             assert gimbal_pointed_down
             assert (missions.state, flight.status().question) == ("waiting", "Sharp?")
             flight.go_on("Alice")
@@ -109,7 +109,7 @@ def test_an_operators_hold_suspends_the_mission_until_it_is_resumed(run_simulate
     run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_stopping_a_missions_stream_suspends_it_like_hold(run_simulated, tmp_path):
+def test_a_stop_of_the_stream_suspends_the_mission_like_hold(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         await vehicle.offboard.stop()
         await missions.reach("suspended", within_s=2)
@@ -131,7 +131,7 @@ def test_an_aborted_mission_switches_to_hold_and_nothing_more_is_sent(run_simula
     run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_a_pilot_who_takes_over_keeps_the_vehicle_until_an_operator_resumes_the_mission(
+def test_after_a_pilot_takes_over_nothing_is_sent_until_an_operator_resumes_the_mission(
     run_simulated, tmp_path
 ):
     async def scenario(missions, vehicle, autopilot):
@@ -166,13 +166,12 @@ def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back
     async def scenario(missions, vehicle, autopilot):
         await vehicle.command.hold(by="Bob")
         await missions.reach("suspended", within_s=2)
-        # 20 m behind the path, so that the way back is straight ahead
+        # 20 m behind the mission's position, so that the path back is straight ahead
         autopilot.ned = [-20 * math.cos(YAW_RAD), -20 * math.sin(YAW_RAD), -5.0]
 
         def measure():
-            autopilot.send(
-                sim.MAVLink_distance_sensor_message(autopilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0)
-            )
+            message = sim.MAVLink_distance_sensor_message(autopilot.boot_ms(), 10, 2000, 300, 0, 0, 0, 0)
+            autopilot.send(message)
 
         autopilot._every(0.2, measure)
         await seconds(1)
@@ -188,7 +187,7 @@ def test_a_mission_does_not_resume_while_an_obstacle_is_measured_on_the_way_back
     run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
 
-def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(run_simulated, tmp_path):
+def test_conditions_use_the_wind_and_the_distance_of_the_downward_sensor(run_simulated, tmp_path):
     async def scenario(missions, vehicle, autopilot):
         assert missions.flight.reading().wind_speed_m_s is None
         for orientation, centimetres in ((0, 150), (25, 420)):
@@ -203,10 +202,8 @@ def test_a_condition_gets_wind_and_the_distance_of_the_downward_sensor(run_simul
         assert (reading.distance_m, reading.wind_speed_m_s) == (pytest.approx(4.2), pytest.approx(5.0))
         assert {"distance_m", "wind_speed_m_s"} <= set(reported_values(vehicle))
         await seconds(11)
-        assert (missions.flight.reading().distance_m, missions.flight.reading().wind_speed_m_s) == (
-            None,
-            None,
-        )
+        reading = missions.flight.reading()
+        assert (reading.distance_m, reading.wind_speed_m_s) == (None, None)
 
     run_in_flight(run_simulated, tmp_path, hover(), scenario)
 
@@ -274,11 +271,8 @@ def test_a_stalled_server_leads_to_the_announced_failsafe(run_simulated, tmp_pat
     async def scenario(missions, vehicle, autopilot):
         assert "Position" in missions.flight.status().if_stream_stops
         streamer, update = missions.world.streamer, missions.offboard.update
-        update_once, streamer.update_once, missions.offboard.update = (
-            streamer.update_once,
-            lambda: None,
-            lambda: None,
-        )
+        update_once = streamer.update_once
+        streamer.update_once = missions.offboard.update = lambda: None
         await until(lambda: autopilot.mode == POSITION, 6)
         streamer.update_once, missions.offboard.update = update_once, update
         await missions.reach("suspended", within_s=3)
@@ -302,6 +296,8 @@ def test_a_server_shutdown_puts_the_vehicle_of_a_mission_into_hold(run_simulated
 
 
 def run_with_missions(run_simulated, scenario):
+    """Runs a test with a scripted vehicle in flight and the routes for offboard missions."""
+
     async def with_missions(rig):
         rig.station.plan_work = InlinePlanWork()
         rig.station.missions.attach(rig.vehicle)
@@ -322,11 +318,11 @@ def test_the_client_in_control_starts_pauses_and_aborts_a_mission_and_each_comma
 ):
     async def scenario(rig):
         started_mission = await start_mission(rig)
-        assert (started_mission["state"], started_mission["client"], started_mission["plan_id"]) == (
+        assert [started_mission[name] for name in ("state", "client", "plan_id")] == [
             "starting",
             "anna",
             None,
-        )
+        ]
         assert "Position" in started_mission["if_stream_stops"]
         await until(lambda: rig.vehicle.offboard_mission.status().state == "flying", 10)
         for call in (routes.pause, routes.skip, routes.abort):

@@ -27,6 +27,7 @@ from vehicle_sim.mavlink import generated_dialect as sim
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 ATTITUDE, VELOCITY, POSITION, HEIGHT = 1, 2 | 4, 8 | 16, 32
+"""Flags of ESTIMATOR_STATUS."""
 
 
 def send_estimator_flags(autopilot, flags):
@@ -97,7 +98,9 @@ def test_setpoints_that_are_never_available_have_a_reason(run_simulated):
     run_offboard(run_simulated, scenario)
 
 
-def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_confirmed(run_simulated):
+def test_after_an_attitude_setpoint_expires_without_an_estimate_the_stream_levels_the_vehicle_until_land(
+    run_simulated,
+):
     async def scenario(world, vehicle, autopilot, link):
         autopilot.has_estimates = False
         autopilot.params["MPC_THR_HOVER"] = (9, 0.44)
@@ -110,7 +113,9 @@ def test_an_attitude_that_expires_without_an_estimate_is_levelled_until_land_is_
         assert "expired" in offboard_event_codes(vehicle)
         assert (targets[-1][1].type_mask, targets[-1][1].thrust) == (7, pytest.approx(0.44))
         assert abs(targets[-1][1].q[1]) < 1e-6
-        assert [int(m.param3) for m in autopilot.commands(DO_SET_MODE)][-1] == 6  # Land has been requested
+        assert [int(m.param3) for m in autopilot.commands(DO_SET_MODE)][
+            -1
+        ] == 6  # the last request is for Land
 
     run_offboard(run_simulated, scenario)
 
@@ -147,7 +152,7 @@ def test_the_lower_of_the_vehicles_and_the_operators_limit_applies(run_simulated
         assert status.setpoint["velocity_ned_m_s"] == pytest.approx((4.0, 0.0, 0.0))
         assert status.limited == ("speed limited to 4 m/s",)
         await vehicle.offboard.operator_limits.set(
-            OperatorLimits(speed_max_m_s=2.0, slew_velocity_m_s2=1.0), by="me"
+            OperatorLimits(speed_max_m_s=2.0, slew_velocity_m_s2=1.0), by="test"
         )
         limits = vehicle.offboard.limits()
         assert limits.vehicle.tilt_max_rad == pytest.approx(0.5236, abs=1e-3)
@@ -167,7 +172,7 @@ def test_position_limits_that_cannot_be_enforced_are_refused_before_the_start(ru
     async def scenario(world, vehicle, autopilot, link):
         autopilot.has_estimates = False
         await vehicle.offboard.operator_limits.set(
-            OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="me"
+            OperatorLimits(fence=CircleFence(47.397742, 8.545594, 50.0)), by="test"
         )
         await seconds(1.5)
         with pytest.raises(Refused, match="limits cannot be enforced"):
@@ -222,7 +227,7 @@ def test_health_reports_the_time_until_the_failsafe(run_simulated):
         assert health.setpoint_age_s == pytest.approx(1.0, abs=0.05)
         assert health.valid_left_s == pytest.approx(2.0, abs=0.05)
         assert health.sent_age_s < 0.03
-        assert health.echo is None  # this vehicle sends no COM_OF_LOSS_T
+        assert health.echo is None  # this vehicle sends no POSITION_TARGET_LOCAL_NED
         assert health.position_error_m == pytest.approx(0.0, abs=0.01)
 
     run_offboard(run_simulated, scenario)

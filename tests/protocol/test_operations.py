@@ -1,4 +1,4 @@
-"""Reading a vehicle's parameters as an operation: progress, cancellation, a lost link."""
+"""The read of a vehicle's parameters as an operation: progress, cancellation, a lost link."""
 
 import asyncio
 import json

@@ -1,5 +1,5 @@
-"""A plan file of QGroundControl is imported, uploaded, flown by the simulated PX4, read back and exported: it
-is the same plan at every stage."""
+"""A plan file of QGroundControl stays the same plan through import, upload, a flight of the simulated PX4,
+download and export."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The start of a waypoint plan is compared with what the other vehicles fly, on simulated time."""
+"""The server compares the start of a plan with the flights of the other vehicles, on simulated time."""
 
 import asyncio
 import functools
@@ -25,7 +25,7 @@ from tests.protocol.simulated_world import until
 
 ORIGIN = LocalOrigin(47.397742, 8.545594, 488.0)
 APART_M = 40.0
-"""Vehicle 2 stands this far east of vehicle 1."""
+"""Distance of vehicle 2 to the east of vehicle 1."""
 
 
 def item_at(kind, east_m, alt_m, **fields):
@@ -34,7 +34,7 @@ def item_at(kind, east_m, alt_m, **fields):
     return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **fields}
 
 
-HOP = {"items": [item_at("takeoff", 0, 2.5), item_at("land", 0, 0)]}
+TAKE_OFF_AND_LAND = {"items": [item_at("takeoff", 0, 2.5), item_at("land", 0, 0)]}
 """Vehicle 1 takes off and lands."""
 OVER_VEHICLE_1 = [
     item_at("takeoff", APART_M, 6),
@@ -85,7 +85,7 @@ async def warnings_of_check(rig, plan=THROUGH_FENCE):
 
 def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_other_has_landed(run_simulated):
     async def scenario(rig):
-        await upload(rig, "1", HOP)
+        await upload(rig, "1", TAKE_OFF_AND_LAND)
         await upload(rig, "2", THROUGH_FENCE)
         assert await warnings_of_check(rig) == []
         await start(rig, "1")
@@ -109,7 +109,7 @@ def test_a_start_over_another_flight_is_refused_with_all_findings_until_the_othe
 
 def test_the_second_of_two_simultaneous_starts_is_compared_with_the_first_and_can_be_accepted(run_simulated):
     async def scenario(rig):
-        await upload(rig, "1", HOP)
+        await upload(rig, "1", TAKE_OFF_AND_LAND)
         await upload(rig, "2", {"items": OVER_VEHICLE_1})
         results = await asyncio.gather(start(rig, "1"), start(rig, "2"), return_exceptions=True)
         assert results[0] is None
@@ -123,7 +123,7 @@ def test_the_second_of_two_simultaneous_starts_is_compared_with_the_first_and_ca
 
 def test_later_starts_are_not_compared_with_a_failed_start(run_simulated):
     async def scenario(rig):
-        await upload(rig, "1", HOP)
+        await upload(rig, "1", TAKE_OFF_AND_LAND)
         await upload(rig, "2", {"items": OVER_VEHICLE_1})
         rig.first.command.start_mission = None  # its call raises TypeError
         with pytest.raises(TypeError):
@@ -163,7 +163,7 @@ async def start_mission(rig, vehicle_id, steps, *despite):
 
 def test_an_offboard_mission_that_comes_too_near_is_refused_and_can_be_accepted(run_simulated):
     async def scenario(rig):
-        await upload(rig, "1", HOP)
+        await upload(rig, "1", TAKE_OFF_AND_LAND)
         await start(rig, "1")
         with pytest.raises(PlanFindings) as caught:
             await start_mission(rig, "2", FLY_TO_VEHICLE_1)

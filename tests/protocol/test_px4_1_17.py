@@ -25,8 +25,8 @@ NO_MISSION, NOT_ACTIVE = 1, 2
 ALTITUDE_CRUISE = 0x000B0000
 
 
-class NewerPx4:
-    """Converts the messages of a simulated v1.16 vehicle to messages of v1.17, before the link gets them."""
+class Px4V117Converter:
+    """Converts the messages between the link and a simulated v1.16 vehicle to those of v1.17."""
 
     def __init__(self, world: SimulatedWorld) -> None:
         self._sim = world.sim
@@ -99,7 +99,7 @@ class NewerPx4:
 def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run_simulated: Any) -> None:
     async def scenario() -> None:
         world = SimulatedWorld()
-        newer = NewerPx4(world)
+        converter = Px4V117Converter(world)
         try:
             vehicle = await world.ready_to_arm()
             await until(lambda: vehicle.identity.firmware == "1.17.0", 5)
@@ -124,9 +124,9 @@ def test_a_vehicle_with_px4_1_17_is_shown_and_flown_like_a_vehicle_with_1_16(run
             await vehicle.command.start_mission()
             await until(lambda: not vehicle.status.armed, 120)
 
-            newer.in_altitude_cruise = True
+            converter.in_altitude_cruise = True
             await until(lambda: vehicle.status.mode == "altitude_cruise", 3)
-            newer.in_altitude_cruise = False
+            converter.in_altitude_cruise = False
             await until(lambda: vehicle.status.mode != "altitude_cruise", 3)
             await seconds(1)
             (link,) = (connection.info() for connection in world.router.connections())

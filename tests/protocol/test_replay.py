@@ -28,7 +28,7 @@ COMPARED_EVERY = 199
 
 
 def records(path):
-    """Times and frames of a telemetry log."""
+    """Time [µs] and frame of each record of a telemetry log."""
     data = path.read_bytes()
     data = gzip.decompress(data) if path.suffix == ".gz" else data
     offset = 0

@@ -1,4 +1,4 @@
-"""A plan is resumed after a landing: also after a restart of the vehicle and of the server."""
+"""Resuming a plan after a landing, also after a restart of the vehicle or of the server."""
 
 from types import SimpleNamespace
 
@@ -12,19 +12,20 @@ from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from tests.protocol.api_calls import ANNA, BOB, MISSION, json_of, station_of
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST
 from tests.protocol.fake_autopilot import HOLD, IN_AIR, ON_GROUND, RTL
-from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
+from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 
 LAT, LON = 47.397742, 8.545594
-NORTH_DEG = 1 / 111_195
+DEG_PER_M = 1 / 111_195
+"""Degrees of latitude per metre."""
 
 
 def item(kind, north_m, alt_m, **fields):
     altitude = {"value_m": alt_m, "reference": "home"}
     return {
         "kind": kind,
-        "lat_deg": LAT + north_m * NORTH_DEG,
+        "lat_deg": LAT + north_m * DEG_PER_M,
         "lon_deg": LON,
         "altitude": altitude,
         **fields,
@@ -75,7 +76,7 @@ async def start_server(rig):
 
 
 async def monitor_for(rig, duration_s):
-    """The server monitors the vehicle for some seconds."""
+    """Lets the server monitor the vehicle for this time."""
     for _ in range(int(duration_s * 10)):
         rig.flights.update()
         await seconds(0.1)
@@ -99,15 +100,15 @@ async def mission_view(rig):
 
 async def fly_to(rig, item, north_m):
     rig.autopilot.landed_state, rig.autopilot.flight.current = IN_AIR, item
-    rig.autopilot.position[0] = LAT + north_m * NORTH_DEG
+    rig.autopilot.position[0] = LAT + north_m * DEG_PER_M
     await monitor_for(rig, 2.5)
 
 
 async def land(rig, north_m=0.0):
-    """The vehicle returns because of its battery, lands and disarms."""
+    """Lets the vehicle return as with a low battery, land and disarm."""
     rig.autopilot.mode = RTL
     await monitor_for(rig, 2.5)
-    rig.autopilot.position[0] = LAT + north_m * NORTH_DEG
+    rig.autopilot.position[0] = LAT + north_m * DEG_PER_M
     rig.autopilot.armed, rig.autopilot.landed_state, rig.autopilot.mode = False, ON_GROUND, HOLD
     await monitor_for(rig, 2.5)
 
@@ -130,7 +131,7 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_
         await monitor_for(rig, 3)
         offer = (await mission_view(rig))["resume"]
         landed_s = rig.world.clock.unix_s() - offer["interrupted_unix_s"]
-        assert 17 < landed_s < 22, "not the time at which the vehicle began to return"
+        assert 17 < landed_s < 22, "interrupted_unix_s is not the time at which the vehicle began to return"
         assert (offer["item"], offer["count"], offer["title"], offer["interrupted_item"]) == (
             1,
             6,
@@ -146,7 +147,7 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_
         assert "armed" in (await mission_view(rig))["no_resume"]
         await land(rig)
         assert (await mission_view(rig))["resume"]["item"] == 1, (
-            "resumed after a waypoint that was not reached"
+            "the offer begins after a waypoint that was not reached"
         )
         await start(rig, item=1)
         await fly_to(rig, 4, 150)
@@ -199,7 +200,7 @@ def test_another_plan_is_not_resumed_and_the_reason_is_shown(run_simulated, tmp_
             **offer,
             "distance_m": (await mission_view(rig))["resume"]["distance_m"],
         }
-        await OtherStation(rig.autopilot).upload([])
+        await UploadingStation(rig.autopilot).upload([])
         await seconds(2)
         assert (await mission_view(rig))["resume"] is None
 
@@ -235,7 +236,7 @@ def test_a_plan_that_is_finished_or_did_not_reach_its_first_waypoint_is_not_resu
 def test_a_resume_is_checked_like_a_start_and_from_the_vehicles_position(run_simulated, tmp_path):
     async def work(rig):
         corners = ((170, -30), (190, -30), (190, 30), (170, 30))
-        polygon = [{"lat_deg": LAT + n * NORTH_DEG, "lon_deg": LON + e * NORTH_DEG} for n, e in corners]
+        polygon = [{"lat_deg": LAT + n * DEG_PER_M, "lon_deg": LON + e * DEG_PER_M} for n, e in corners]
         tower = {"name": "Mast", "top": {"value_m": 25, "reference": "home"}, "polygon": polygon}
         plan = mission_models.WhichPlan.model_validate({"plan": {**PLAN, "obstacles": [tower]}}).plan
         stored = await rig.station.plans.create("Field", plan, by=("anna", "key"))

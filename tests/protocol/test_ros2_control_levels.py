@@ -33,8 +33,8 @@ from missions.setpoints import (
 from tests.protocol.ros2_world import Ros2World, request_of, value_of
 from tests.protocol.simulated_world import until
 
-HEIGHT_M = 20.0
-HOVER_NED_M = (0.0, 0.0, -HEIGHT_M)
+ALTITUDE_M = 20.0
+HOVER_NED_M = (0.0, 0.0, -ALTITUDE_M)
 SWITCHED_S = 0.8
 GRAVITY_M_S2 = 9.80665
 FULL_THRUST_M_S2 = 20.0
@@ -99,9 +99,9 @@ LEVELS = [
     Level(
         "position",
         TRAJECTORY,
-        Position((4.0, 2.0, -HEIGHT_M - 1.0), yaw_ned_rad=0.0),
+        Position((4.0, 2.0, -ALTITUDE_M - 1.0), yaw_ned_rad=0.0),
         10.0,
-        lambda _, end: math.dist(end.position_ned_m, (4.0, 2.0, -HEIGHT_M - 1.0)),
+        lambda _, end: math.dist(end.position_ned_m, (4.0, 2.0, -ALTITUDE_M - 1.0)),
         0.8,
     ),
     Level(
@@ -159,7 +159,7 @@ LEVELS = [
 def test_the_seven_control_levels_are_flown_in_one_flight(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World()
-        vehicle = await world.in_the_air(height_m=HEIGHT_M)
+        vehicle = await world.take_off(alt_home_m=ALTITUDE_M)
         await vehicle.offboard.start(request_of(Position(HOVER_NED_M, yaw_ned_rad=0.0)))
         for level in LEVELS:
             await hover(vehicle)

@@ -1,4 +1,4 @@
-"""The features that are available over ROS 2 only, over MAVLink, and over both."""
+"""Features that are available over ROS 2 alone, over MAVLink, and over both."""
 
 from __future__ import annotations
 

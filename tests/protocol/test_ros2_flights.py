@@ -72,7 +72,7 @@ def test_a_mission_with_a_picture_is_flown_and_reports_that_ros2_carries_no_came
 def test_a_group_starts_together_and_switches_to_hold_together(run_simulated: Any) -> None:
     async def run() -> None:
         world = Ros2World(2)
-        vehicles = [await world.in_the_air(v, height_m=10.0) for v in ("1", "2")]
+        vehicles = [await world.take_off(v, alt_home_m=10.0) for v in ("1", "2")]
         rig = SimpleNamespace(world=world, station=station_of(world))
         await fly_apart(vehicles[1])
 

@@ -1,5 +1,5 @@
-"""A vehicle whose ROS 2 topics have other versions than the server knows: nothing is started that would need
-them, and other vehicles are not affected."""
+"""A vehicle whose ROS 2 topics have versions that the server does not know: the server starts nothing that
+needs these topics, and other vehicles are not affected."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.protocol.simulated_world import until
 from tests.support.offboard_missions import mission
 
 TRAJECTORY = SETPOINT_TOPICS["TrajectorySetpoint"]
-UP = Position((0.0, 0.0, -3.0))
+ABOVE_HOME = Position((0.0, 0.0, -3.0))
 
 
 def set_other_version(world: Ros2World, topic: str, row: int = 0) -> None:
@@ -33,7 +33,9 @@ def set_other_version(world: Ros2World, topic: str, row: int = 0) -> None:
 
 
 @pytest.mark.parametrize("topic", [TRAJECTORY, CONTROL_MODE])
-def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(run_simulated: Any, topic: str) -> None:
+def test_a_stream_is_refused_and_other_vehicles_and_setpoint_types_fly(
+    run_simulated: Any, topic: str
+) -> None:
     async def run() -> None:
         world = Ros2World(2)
         vehicle, other = await world.ready_to_arm("1"), await world.ready_to_arm("2")
@@ -42,20 +44,20 @@ def test_a_stream_is_refused_and_other_vehicles_and_kinds_fly(run_simulated: Any
         with pytest.raises(
             Refused, match=rf"{topic}_v7 has version 7, but this server knows version 0"
         ) as refused:
-            await world.streamer.offboard("1").start(request_of(UP))
+            await world.streamer.offboard("1").start(request_of(ABOVE_HOME))
         assert "connect the vehicle over MAVLink" in (refused.value.remedy or "")
         assert len(world.topics[0].sent) == sent
         available = world.streamer.offboard("1").available()
         assert not available["position"].can
         assert f"{topic}_v7" in (available["position_global"].why_not or "")
         assert available["attitude"].can is (topic == TRAJECTORY)
-        await world.streamer.offboard("2").start(request_of(UP))
+        await world.streamer.offboard("2").start(request_of(ABOVE_HOME))
         assert other.status.mode == "offboard"
         if topic == TRAJECTORY:
             await world.streamer.offboard("1").start(request_of(Attitude((1.0, 0.0, 0.0, 0.0), 0.1)))
             assert vehicle.status.mode == "offboard"
             with pytest.raises(Refused, match="has version 7"):
-                await world.streamer.offboard("1").setpoint(request_of(UP))
+                await world.streamer.offboard("1").setpoint(request_of(ABOVE_HOME))
         await world.close()
 
     run_simulated(run)
@@ -72,14 +74,14 @@ def test_with_a_mavlink_link_setpoints_are_sent_over_mavlink_while_it_is_connect
         set_other_version(world, TRAJECTORY)
         assert vehicle.reach.setpoints == "MAVLink"
         sent = len(world.topics[0].sent)
-        await offboard.start(request_of(UP))
+        await offboard.start(request_of(ABOVE_HOME))
         assert vehicle.status.mode == "offboard"
         assert len(world.topics[0].sent) == sent
         await offboard.stop()
         world.mavlink_on = False
         await asyncio.sleep(2.0)
         with pytest.raises(Refused, match="has version 7"):
-            await offboard.start(request_of(UP))
+            await offboard.start(request_of(ABOVE_HOME))
         await world.close()
 
     run_simulated(run)
@@ -104,7 +106,7 @@ def test_a_mission_is_refused_before_take_off(run_simulated: Any, tmp_path: Path
 
 
 @pytest.mark.parametrize("topic", [REGISTER, TRAJECTORY])
-def test_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
+def test_the_registration_of_a_mode_is_refused_at_once(run_simulated: Any, topic: str) -> None:
     async def scenario(modes: Modes) -> None:
         world = modes.world
         set_other_version(world, topic)

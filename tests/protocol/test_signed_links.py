@@ -1,5 +1,5 @@
-"""Links with signing: a vehicle with the key is flown; frames of an intruder are not handled, recorded or
-forwarded.
+"""Signed links: a vehicle with the key can be flown; the server does not handle, record or forward the frames
+of an intruder.
 
 The vehicle signs and checks with pymavlink, which shares no code with the server's signing.
 """

@@ -33,13 +33,19 @@ def parse(stored):
 
 
 def run_server(run_simulated, folder, scenario, *, uid=7, version=True, twin_uid=None):
-    """One run of a server with this data folder, and a vehicle with system id 1 in flight."""
+    """Runs a server once with this data folder and a vehicle in flight with system id 1.
+
+    Args:
+        uid: uid of the vehicle; 0: the vehicle has none.
+        version: whether the vehicle sends AUTOPILOT_VERSION, which has the uid.
+        twin_uid: uid of a second vehicle with the same system id; None: no second vehicle.
+    """
 
     async def run():
         world = OffboardWorld()
         store = LimitStore(Records(folder), parse)
         await store.load()
-        await world.supervisor.close()  # ends the world's streamer, which has another store
+        await world.supervisor.close()  # ends the world's streamer, which does not use this store
         world.streamer = Streamer(world.clock, InLoopScheduler(world.clock), store)
         world.fleet._on_added.clear()
         world.fleet.on_vehicle_added(world.streamer.attach)
@@ -128,7 +134,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, t
 
     run_server(run_simulated, tmp_path, different_uids, uid=7, twin_uid=8)
 
-    async def same_uid(world, vehicle, store):
+    async def equal_uids(world, vehicle, store):
         first, second = world.fleet.all()
         await first.offboard.operator_limits.set(LIMITS, by="anna")
         await second.offboard.operator_limits.set(OperatorLimits(speed_max_m_s=1.0), by="bob")
@@ -137,7 +143,7 @@ def test_a_vehicle_whose_id_is_used_twice_gets_no_stored_limits(run_simulated, t
         assert "not stored" in second.offboard.operator_limits.origin().warning
         assert second.offboard.limits().operator.speed_max_m_s == 1.0  # still applied
 
-    run_server(run_simulated, tmp_path / "other", same_uid, uid=SITL_UID, twin_uid=SITL_UID)
+    run_server(run_simulated, tmp_path / "other", equal_uids, uid=SITL_UID, twin_uid=SITL_UID)
 
 
 def test_a_vehicle_identified_as_another_loses_the_limits_of_the_first(run_simulated, tmp_path):
@@ -169,7 +175,7 @@ def test_without_an_identity_the_start_of_a_stream_warns_that_limits_are_missing
     run_server(run_simulated, tmp_path, scenario, version=False)
 
 
-def test_removed_limits_stay_removed(run_simulated, tmp_path):
+def test_removed_limits_are_not_restored_after_a_restart(run_simulated, tmp_path):
     set_limits(run_simulated, tmp_path)
 
     async def clear(world, vehicle, store):
@@ -190,11 +196,11 @@ def stored_record(tmp_path):
 
 CORRUPTIONS = {
     "empty": lambda record: b"",
-    "torn": lambda record: json.dumps(record).encode()[:60],
-    "no text": lambda record: bytes(range(256)),
-    "deep": lambda record: b"[" * 50_000,
+    "cut off": lambda record: json.dumps(record).encode()[:60],
+    "not text": lambda record: bytes(range(256)),
+    "deeply nested": lambda record: b"[" * 50_000,
     "a list": lambda record: b"[1, 2]",
-    "long": lambda record: json.dumps({**record, "more": "x" * MAX_BYTES}).encode(),
+    "too long": lambda record: json.dumps({**record, "more": "x" * MAX_BYTES}).encode(),
     "another format": lambda record: json.dumps({**record, "format": 2}).encode(),
     "another vehicle's": lambda record: json.dumps({**record, "uid": "8" * 16}).encode(),
     "no time": lambda record: json.dumps({**record, "set_unix_s": "yesterday"}).encode(),

@@ -1,4 +1,4 @@
-"""A waypoint plan that a simulated PX4 flies is monitored by the server: progress, corridor, comparison."""
+"""The server monitors the flight of a waypoint plan: progress, corridor, comparison with the dry run."""
 
 import json
 from types import SimpleNamespace
@@ -21,19 +21,20 @@ from tests.protocol.command_numbers import (
     MISSION_START,
 )
 from tests.protocol.fake_autopilot import IN_AIR
-from tests.protocol.mission_autopilot import MissionAutopilot, OtherStation
+from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
 from tests.protocol.simulated_world import SimulatedWorld, until
 
 LAT, LON = 47.397742, 8.545594
-NORTH_DEG = 1 / 111_195
+DEG_PER_M = 1 / 111_195
+"""Degrees of latitude per metre."""
 
 
 def item(kind, north_m, alt_m, **fields):
     altitude = {"value_m": alt_m, "reference": "home"}
     return {
         "kind": kind,
-        "lat_deg": LAT + north_m * NORTH_DEG,
+        "lat_deg": LAT + north_m * DEG_PER_M,
         "lon_deg": LON,
         "altitude": altitude,
         **fields,
@@ -130,7 +131,9 @@ def test_a_flight_is_monitored_in_the_corridor_of_its_dry_run_and_compared_with_
         outside = await flight_view(rig)
         assert outside["outside_corridor_m"] > 0
         assert outside["deviation_horizontal_m"] > outside["outside_corridor_m"]
-        assert rig.vehicle.status.mode == "mission", "more than a warning"
+        assert rig.vehicle.status.mode == "mission", (
+            "the vehicle left Mission mode: outside the corridor the server must only warn"
+        )
         rig.world.sim.simulation.set_wind((0.0, 0.0, 0.0))
         await until(lambda: "corridor_back" in event_codes(rig), 12)
 
@@ -177,31 +180,31 @@ def run_with_scripted_vehicle(run_simulated, work):
     run_simulated(run)
 
 
-def select(rig, mode):
-    """The pilot arms the vehicle and selects a mode."""
+def fly_in_mode(rig, mode):
+    """The pilot arms the vehicle, and it flies in this mode."""
     rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, mode, IN_AIR
 
 
 def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(run_simulated):
     async def work(rig):
         await upload(rig)
-        select(rig, MISSION)
+        fly_in_mode(rig, MISSION)
         await seconds(2.5)
         flown = await flight_view(rig)
         assert (flown["state"], flown["client"], flown["dry_run"]) == ("flying", None, None)
         assert (flown["planned_by"], flown["place"], flown["count"]) == ("plan", "item 1", 3)
         assert flown["not_compared"] == "The vehicle has no valid position estimate."
-        select(rig, POSITION)
+        fly_in_mode(rig, POSITION)
         await seconds(2.5)
         flown = await flight_view(rig)
         assert flown["state"] == "paused"
         assert flown["reason"].startswith("The vehicle has left Mission mode: ")
-        select(rig, MISSION)
+        fly_in_mode(rig, MISSION)
         await seconds(2.5)
         assert (await flight_view(rig))["state"] == "flying"
         assert event_codes(rig) == ["monitoring_paused", "monitoring_resumed"]
         items = rig.vehicle.mission.items_on_vehicle.items["mission"]
-        await OtherStation(rig.autopilot).upload(items[:2])
+        await UploadingStation(rig.autopilot).upload(items[:2])
         await seconds(2.5)
         ended = await flight_view(rig)
         assert (ended["state"], ended["reason"]) == ("stopped", "The vehicle has another plan now.")
@@ -216,7 +219,7 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_t
 ):
     async def work(rig):
         await upload(rig)
-        select(rig, MISSION)
+        fly_in_mode(rig, MISSION)
         await seconds(2.5)
         rig.station.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
         rig.station.waypoint_flights.attach(rig.vehicle)
@@ -236,7 +239,7 @@ async def inline(work):
     return work()
 
 
-@pytest.mark.parametrize("damage", [None, "cut", "of another plan"])
+@pytest.mark.parametrize("damage", [None, "cut off", "of another plan"])
 def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command(
     run_simulated, tmp_path, damage
 ):
@@ -258,14 +261,14 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         rig.vehicle.mission.set_cache(cache)
         await upload(rig)
         before = rig.vehicle.mission.items_on_vehicle
-        select(rig, MISSION)
+        fly_in_mode(rig, MISSION)
         rig.autopilot.flight.current = 1
         await seconds(2.5)
         (cached,) = tmp_path.iterdir()
         content = cached.read_bytes()
         if damage is not None:
             cached.write_bytes(
-                content[:-20] if damage == "cut" else content.replace(b'"fence": 0', b'"fence": 7')
+                content[:-20] if damage == "cut off" else content.replace(b'"fence": 0', b'"fence": 7')
             )
         await restart(rig)
         flown = await flight_view(rig)
@@ -287,7 +290,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         assert (known.ids, known.plan, known.at_unix_s) == (before.ids, before.plan, before.at_unix_s)
         assert repr(known.items) == repr(before.items)
         assert (flown["state"], flown["item"], flown["count"], flown["client"]) == ("flying", 1, 3, None)
-        await OtherStation(rig.autopilot).upload(before.items["mission"][:2])
+        await UploadingStation(rig.autopilot).upload(before.items["mission"][:2])
         await seconds(2.5)
         assert (await flight_view(rig))["reason"] == "The vehicle has another plan now."
 
@@ -303,14 +306,16 @@ def test_before_the_start_the_server_states_what_px4_does_without_a_ground_stati
     async def work(rig):
         rig.autopilot.params |= {"COM_DL_LOSS_T": (6, 12), "COM_DLL_EXCEPT": (6, 0), "COM_FAIL_ACT_T": (9, 0)}
         assert await announced_action(rig) is None
-        assert await announced_action(rig) is None, "read without a plan"
+        assert await announced_action(rig) is None, "the parameters were read without a plan on the vehicle"
         await upload(rig)
         await announced_action(rig)
         returns = "After about 12 s without any ground station, the vehicle returns (RTL) (NAV_DLL_ACT 2)."
         assert await announced_action(rig) == returns
         rig.autopilot.params["NAV_DLL_ACT"] = (6, 0)
         await seconds(7)
-        assert await announced_action(rig) == returns, "changed before the parameters were read again"
+        assert await announced_action(rig) == returns, (
+            "the text changed before the parameters were read again"
+        )
         assert await announced_action(rig) == "The vehicle continues the mission (NAV_DLL_ACT 0)."
         read = [
             message.param_id
@@ -344,7 +349,7 @@ def test_a_refused_start_begins_no_flight_and_an_unknown_plan_has_no_flight(run_
 
 def store_dry_run(rig, plan=PLAN, north_m=0.0):
     """Stores the result of a dry run that began this far north of the vehicle's home; returns its id."""
-    origin = {"lat_deg": LAT + north_m * NORTH_DEG, "lon_deg": LON, "alt_amsl_m": 489.0}
+    origin = {"lat_deg": LAT + north_m * DEG_PER_M, "lon_deg": LON, "alt_amsl_m": 489.0}
     steps = [
         {"place": f"item {n}", "title": "Item", "row": n - 1, "start_s": 4.0 * (n - 1), "end_s": 4.0 * n}
         for n in (1, 2, 3)
@@ -359,7 +364,7 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
 def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_simulated):
     async def work(rig):
         await upload(rig)
-        select(rig, MISSION)
+        fly_in_mode(rig, MISSION)
         await seconds(2.5)
         first = await flight_view(rig)
         await start(rig, item=1)
@@ -368,7 +373,7 @@ def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_si
         second = await flight_view(rig)
         assert second["started_unix_s"] > first["started_unix_s"]
         assert (second["client"], second["dry_run"], second["duration_s"]) == ("anna", "1", 12.0)
-        assert second["remaining_s"] == 8.0, "not counted from the start of the item"
+        assert second["remaining_s"] == 8.0, "the remaining time does not begin at the start of the item"
         for changes in ({"north_m": 6.0}, {"plan": {"items": PLAN["items"][:2]}}):
             with pytest.raises(Refused, match=r"began 6 m|not made for the plan"):
                 await start(rig, item=1, dry_run=store_dry_run(rig, **changes))
