@@ -1,14 +1,14 @@
-"""Compares the simulator's messages in a dialogue with PX4's, field by field.
+"""Compares the messages of the simulator in a dialogue with those of PX4, field by field.
 
 Rules, in addition to the tolerances below:
-- Messages of one kind are aligned in their order; a kind is the name and the key (command, text, parameter,
-event).
+- Messages with the same name and key are compared in their order; the key is a command, text, parameter or
+event.
 - `rules.py` lists the differences caused by the recording and not by the vehicle, each with its bound.
 - An arming report must have the content of a report that was valid during the dialogue.
 - Each recorded state message (such as HEARTBEAT) must equal a message that the simulator sent during the
 dialogue.
-- The recording sampled mode, arming and landed state after the dialogue at 1 Hz: any value of the last second
-is accepted.
+- The recording sampled mode, arming and landed state at 1 Hz after the dialogue: each value that the
+simulator had in the last second is accepted.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from tests.contract.rules import Hashes
 from vehicle_sim.autopilot.announcer import EVENTS
 
 EVENT_NAMES = {event_id: name for name, (event_id, _) in EVENTS.items()}
-SUMMARY, HEALTH = 27825120, 18691879
-"""Event ids that open and close an arming report."""
+ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID = 27825120, 18691879
+"""Ids of the first and the last event of an arming report."""
 
 NOT_COMPARED: dict[str, frozenset[str]] = {
     "*": frozenset({"time_usec", "time_boot_ms", "event_time_boot_ms", "timestamp", "time_unix_usec"}),
@@ -50,11 +50,12 @@ NOT_COMPARED: dict[str, frozenset[str]] = {
 """Clocks, counters, the disk of the recording machine, fields that PX4 leaves uninitialised (gimbal roll
 limits, the targets of its TIMESYNC), and the course over ground of a vehicle at rest, which is noise."""
 HEADING_RAD = 0.08
+"""Tolerance of the heading, which drifts at rest."""
 HEADING_DEG = math.ceil(math.degrees(HEADING_RAD))
 """In whole degrees, as in VFR_HUD."""
 HEADING_CDEG = round(100.0 * math.degrees(HEADING_RAD))
 
-ABSOLUTE: dict[str, float] = {
+TOLERANCES: dict[str, float] = {
     "GPS_RAW_INT.lat": 400, "GPS_RAW_INT.lon": 400, "GPS_RAW_INT.alt": 4000, "GPS_RAW_INT.vel": 60,
     "GPS_RAW_INT.eph": 30, "GPS_RAW_INT.epv": 60, "GPS_RAW_INT.alt_ellipsoid": 4000,
     "GPS_RAW_INT.h_acc": 500, "GPS_RAW_INT.v_acc": 500, "GPS_RAW_INT.vel_acc": 200,
@@ -92,29 +93,30 @@ ABSOLUTE: dict[str, float] = {
     "ORBIT_EXECUTION_STATUS.radius": 1e-3, "ORBIT_EXECUTION_STATUS.x": 200, "ORBIT_EXECUTION_STATUS.y": 200,
     "ORBIT_EXECUTION_STATUS.z": 2.0,
 }  # fmt: skip
-"""In the field's unit: noise of sensors and estimates, drift of home and heading, battery charge."""
+"""Absolute tolerances in the unit of the field: noise of sensors and estimates, drift of home and heading,
+battery charge."""
 
 ECHO_TOLERANCE = {"x": 1.5, "y": 1.5, "z": 1.5, "vx": 0.8, "vy": 0.8, "vz": 0.8, "afx": 2.0, "afy": 2.0,
                   "afz": 3.2, "yaw": 0.15, "yaw_rate": 0.1, "q": 0.08, "body_roll_rate": 0.52,
                   "body_pitch_rate": 0.52, "body_yaw_rate": 0.3, "thrust": 0.08}  # fmt: skip
-"""In m, m/s, m/s², rad, rad/s: the setpoints of the controllers while the vehicle drifted with its GPS. The
-downward acceleration is within MPC_Z_VEL_P_ACC (4) times the velocity's tolerance, rates within MC_ROLL_P
-(6.5) times the attitude's."""
+"""Tolerances of the controllers' setpoints while the vehicle drifted with its GPS [m, m/s, m/s², rad, rad/s].
+That of the downward acceleration is MPC_Z_VEL_P_ACC (4) times that of the velocity; that of the rates is
+MC_ROLL_P (6.5) times that of the attitude."""
 
 Row = tuple[str, str, Any, Any]
 RATE_TOLERANCE = 0.1
-THINNED_TO = (16, 32)
-"""Number of messages that the recordings keep of a long series of one kind: the first twelve and the last
-four, twice if the series was interrupted."""
+THINNED_NUMBERS = (16, 32)
+"""Numbers of messages that the recordings keep of a long series: the first twelve and the last four, twice if
+the series was interrupted."""
 CALIBRATED, CALIBRATION_TOLERANCE = ("CAL_", "SENS_BOARD_"), 0.3
 """Prefixes of parameters that a calibration measures, and their tolerance in the parameter's unit."""
 FULL_TURN = {
     "MOUNT_ORIENTATION.yaw_absolute": 360.0, "VFR_HUD.heading": 360, "GLOBAL_POSITION_INT.hdg": 36000,
     "ATTITUDE.yaw": math.tau,
 }  # fmt: skip
-"""Angles that wrap around."""
-STREAMED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
-"""Compared by their number and by the fields of the first message."""
+"""Values after which an angle wraps around."""
+COUNTED = frozenset({"TIMESYNC", "CURRENT_EVENT_SEQUENCE", "ORBIT_EXECUTION_STATUS", "MISSION_ITEM_REACHED"})
+"""Messages that are compared by their number and by the fields of the first one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +134,7 @@ class Difference:
 
 
 def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = None) -> list[Difference]:
-    """All differences of one dialogue; `hashes` are the parameter hashes received earlier in its session."""
+    """All differences of one dialogue; `hashes`: the parameter hashes received earlier in the session."""
     name = dialogue["id"]
     for entry in dialogue["received"]:
         if "decoded" in entry:
@@ -143,32 +145,29 @@ def compare(dialogue: Dialogue, result: DialogueResult, hashes: Hashes | None = 
         if "link" not in e
     ]
     out: list[Row] = []
-    out += _reports(recorded, result)
-    out += _states(recorded, result)
+    out += _compare_reports(recorded, result)
+    out += _compare_states(recorded, result)
     sim = [m for m in result.received if m.name not in STATE_MESSAGES and not _in_report(m)]
     real = [m for m in recorded if m.name not in STATE_MESSAGES and not _in_report(m)]
-    sim, real = (
-        [
-            m
-            for m in side
-            if m.name != "PARAM_VALUE" or m.values["param_id"] not in result.set_before or _reads(dialogue)
-        ]
-        for side in (sim, real)
-    )
+    if not _reads_parameters(dialogue):
+        sim, real = (
+            [m for m in side if m.name != "PARAM_VALUE" or m.values["param_id"] not in result.set_before]
+            for side in (sim, real)
+        )
     summary = dialogue.get("summary", {})
     thinned = "received_total" in dialogue or "kept" in summary or "messages_received" in summary
-    sim = rules.ends(sim, dialogue.get("note"))
+    sim = rules.first_and_last(sim, dialogue.get("note"))
     sim, real = rules.without_earlier_repeats(sim), rules.without_earlier_repeats(real)
-    sim = rules.without_edge(sim, real, dialogue["window_s"])
+    sim = rules.without_last_moment(sim, real, dialogue["window_s"])
     for kind in dict.fromkeys(m.name for m in (*real, *sim)):
-        cut = "received_total" in dialogue and sum(m.name == kind for m in recorded) in THINNED_TO
+        cut = "received_total" in dialogue and sum(m.name == kind for m in recorded) in THINNED_NUMBERS
         out += _align(kind, _joined(real, kind), _joined(sim, kind), thinned, cut)
     out = (hashes or Hashes()).without_hashes(out)
-    out += _end(dialogue, result)
+    out += _compare_end(dialogue, result)
     return [Difference(name, *row) for row in out]
 
 
-def _reads(dialogue: Dialogue) -> bool:
+def _reads_parameters(dialogue: Dialogue) -> bool:
     return any(e["msg"].startswith("PARAM_REQUEST") for e in dialogue["send"]) and not any(
         e["msg"] == "PARAM_SET" for e in dialogue["send"]
     )
@@ -178,7 +177,8 @@ def _in_report(message: Received) -> bool:
     if message.name != "EVENT":
         return False
     event_id = message.values["id"]
-    return event_id in (SUMMARY, HEALTH) or EVENT_NAMES.get(event_id, "").startswith("check_")
+    is_check = EVENT_NAMES.get(event_id, "").startswith("check_")
+    return is_check or event_id in (ARMING_SUMMARY_ID, HEALTH_SUMMARY_ID)
 
 
 def _joined(messages: list[Received], kind: str) -> list[Received]:
@@ -222,8 +222,8 @@ def _key(message: Received) -> Any:
         case "COMMAND_ACK" | "COMMAND_LONG" | "COMMAND_INT":
             return v["command"]
         case "STATUSTEXT":
-            text = re.sub(r"\[[-\d. ]+\]", "[…]", v["text"])  # measured, with their noise
-            text = rules.without_heights(text)
+            text = re.sub(r"\[[-\d. ]+\]", "[…]", v["text"])  # measured values have noise
+            text = rules.without_altitudes(text)
             return re.sub(r"[\d-]+/[\d_]+\.ulg", "….ulg", text)  # the file name is the time
         case "EVENT":
             return EVENT_NAMES.get(v["id"], v["id"])
@@ -241,7 +241,7 @@ def _align(
     out: list[Row] = []
     if kind in TELEMETRY and not recorded:
         return out
-    if kind in STREAMED or (len(recorded) > 8 and len({_key(m) for m in recorded}) == 1):
+    if kind in COUNTED or (len(recorded) > 8 and len({_key(m) for m in recorded}) == 1):
         if not thinned and abs(len(recorded) - len(sim)) > max(1, RATE_TOLERANCE * len(recorded)):
             out.append((kind, "(number)", len(recorded), len(sim)))
         recorded, sim = recorded[:1], sim[:1]
@@ -250,7 +250,7 @@ def _align(
     if thinned:
         recorded, sim = _distinct(recorded), _distinct(sim)
     if kind in ("STATUSTEXT", "EVENT") and not thinned:
-        recorded, sim, often = rules.sent_often(recorded, sim, _key)
+        recorded, sim, often = rules.compare_frequent(recorded, sim, _key)
         out += [(kind, f"(number) {key}", real, sim) for key, real, sim in often]
     a, b = [_key(m) for m in recorded], [_key(m) for m in sim]
     missing: list[Received] = []
@@ -258,13 +258,13 @@ def _align(
     for tag, i0, i1, j0, j1 in difflib.SequenceMatcher(None, a, b, autojunk=False).get_opcodes():
         if tag == "equal":
             for real, replayed in zip(recorded[i0:i1], sim[j0:j1], strict=True):
-                out += _fields(kind, real.values, replayed.values)
+                out += _compare_fields(kind, real.values, replayed.values)
             continue
         missing += recorded[i0:i1]
         if not thinned or (kind in ("COMMAND_ACK", "STATUSTEXT") and not cut):
             extra += sim[j0:j1]
-    for real, replayed in rules.swapped(missing, extra, _key):
-        out += _fields(kind, real.values, replayed.values)
+    for real, replayed in rules.swapped_pairs(missing, extra, _key):
+        out += _compare_fields(kind, real.values, replayed.values)
     out += [(kind, _row_name("missing", m), _key(m), "–") for m in missing]
     out += [(kind, _row_name("extra", m), "–", _key(m)) for m in extra]
     return out
@@ -276,7 +276,7 @@ def _row_name(what: str, message: Received) -> str:
 
 
 def _distinct(messages: list[Received]) -> list[Received]:
-    """One message of each kind in sorted order: a thinned recording has neither numbers nor order."""
+    """One message for each key, sorted by key: a thinned recording does not keep the number and the order."""
     return [m for _, m in sorted({str(_key(m)): m for m in messages}.items())]
 
 
@@ -286,7 +286,7 @@ def _plain(value: Any) -> Any:
     return value.rstrip("\0") if isinstance(value, str) else value
 
 
-def _fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> list[Row]:
+def _compare_fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> list[Row]:
     skipped = NOT_COMPARED["*"] | NOT_COMPARED.get(kind, frozenset())
     out: list[Row] = []
     for name, value in real.items():
@@ -299,21 +299,21 @@ def _fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> list[Row]:
         if name == "arguments" and EVENT_NAMES.get(real["id"]) == "logger_open_file_time":
             continue  # the arguments are the time
         if kind == "STATUSTEXT" and name == "text":
-            a, b = rules.heights_in(value), rules.heights_in(sim[name])
-            if not same(a, b, rules.HEIGHT_M):
-                out.append((kind, f"{_label(kind, real)}heights", a, b))
+            a, b = rules.altitudes_in(value), rules.altitudes_in(sim[name])
+            if not same(a, b, rules.ALTITUDE_TOLERANCE_M):
+                out.append((kind, f"{_key_prefix(kind, real)}altitudes", a, b))
             continue  # the key contains the rest of the text
         if name == "arguments" and EVENT_NAMES.get(real["id"]) == rules.RETURN_EVENT:
-            a, b = rules.return_heights(a), rules.return_heights(b)
-            if not same(a, b, rules.HEIGHT_M):
-                out.append((kind, f"{_label(kind, real)}{name}", a, b))
+            a, b = rules.return_altitudes(a), rules.return_altitudes(b)
+            if not same(a, b, rules.ALTITUDE_TOLERANCE_M):
+                out.append((kind, f"{_key_prefix(kind, real)}{name}", a, b))
             continue
         if kind == "FILE_TRANSFER_PROTOCOL" and real["req_opcode"] == rules.FTP_LIST:
             if name == "data_hex":
-                a, b = rules.listing(real, a), rules.listing(sim, b)
+                a, b = rules.listed_entries(real, a), rules.listed_entries(sim, b)
             elif name == "size" and real["offset"]:
                 continue
-        if name == "arguments" and real["id"] == HEALTH:
+        if name == "arguments" and real["id"] == HEALTH_SUMMARY_ID:
             a, b = _masked(a), _masked(b)
         if name == "param_value" and "int_value" in real:
             a = real["int_value"] & 0xFFFFFFFF
@@ -324,9 +324,9 @@ def _fields(kind: str, real: dict[str, Any], sim: dict[str, Any]) -> list[Row]:
         if name == "param_value" and "int_value" not in real and str(real["param_id"]).startswith(CALIBRATED):
             a, b, tolerance = value, sim[name], CALIBRATION_TOLERANCE
         else:
-            tolerance = ABSOLUTE.get(f"{kind}.{name}")
+            tolerance = TOLERANCES.get(f"{kind}.{name}")
         if not same(a, b, tolerance):
-            out.append((kind, f"{_label(kind, real)}{name}", a, b))
+            out.append((kind, f"{_key_prefix(kind, real)}{name}", a, b))
     return out
 
 
@@ -335,7 +335,7 @@ def _masked(arguments: list[int]) -> list[int]:
     return [value & ~0x04 if n == 2 else value for n, value in enumerate(arguments)]
 
 
-def _label(kind: str, values: dict[str, Any]) -> str:
+def _key_prefix(kind: str, values: dict[str, Any]) -> str:
     key = _key(Received(0, kind, values))
     return f"[{key}]." if key != "" else ""
 
@@ -355,18 +355,18 @@ def same(a: Any, b: Any, tolerance: float | None = None) -> bool:
     return a == b
 
 
-def _reports(recorded: list[Received], result: DialogueResult) -> list[Row]:
+def _compare_reports(recorded: list[Received], result: DialogueResult) -> list[Row]:
     events = [m for m in recorded if _in_report(m)]
-    ends = [n for n, m in enumerate(events) if m.values["id"] == HEALTH]
-    if not ends or not any(m.values["id"] == SUMMARY for m in events[: ends[-1]]):
+    ends = [n for n, m in enumerate(events) if m.values["id"] == HEALTH_SUMMARY_ID]
+    if not ends or not any(m.values["id"] == ARMING_SUMMARY_ID for m in events[: ends[-1]]):
         return []
-    first = max(n for n, m in enumerate(events[: ends[-1]]) if m.values["id"] == SUMMARY)
+    first = max(n for n, m in enumerate(events[: ends[-1]]) if m.values["id"] == ARMING_SUMMARY_ID)
     real = events[first : ends[-1] + 1]
     found = [_align("EVENT", real, sim, thinned=False) for sim in result.reports]
     return min(found, key=len, default=[("EVENT", "(missing)", "arming report", "–")])
 
 
-def _states(recorded: list[Received], result: DialogueResult) -> list[Row]:
+def _compare_states(recorded: list[Received], result: DialogueResult) -> list[Row]:
     out: list[Row] = []
     for real in recorded:
         if real.name not in STATE_MESSAGES:
@@ -374,7 +374,7 @@ def _states(recorded: list[Received], result: DialogueResult) -> list[Row]:
         sim = [m for m in (*result.received, *result.after) if m.name == real.name]
         if real.name in result.before:
             sim.insert(0, result.before[real.name])
-        found = [_fields(real.name, real.values, m.values) for m in sim]
+        found = [_compare_fields(real.name, real.values, m.values) for m in sim]
         if not found:
             out.append((real.name, "(missing)", real.values, "–"))
         elif all(found):
@@ -382,7 +382,7 @@ def _states(recorded: list[Received], result: DialogueResult) -> list[Row]:
     return out
 
 
-def _end(dialogue: Dialogue, result: DialogueResult) -> list[Row]:
+def _compare_end(dialogue: Dialogue, result: DialogueResult) -> list[Row]:
     out: list[Row] = []
     for name in ("armed", "custom_mode", "landed_state"):
         real = dialogue["state_after"].get(name)

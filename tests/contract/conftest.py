@@ -1,4 +1,4 @@
-"""Recordings of a real PX4 for tests that compare whole recordings."""
+"""The recordings of a real PX4."""
 
 import os
 from pathlib import Path
@@ -7,8 +7,8 @@ import pytest
 
 
 @pytest.fixture
-def recorded(shared: Path) -> Path:
-    """The folder of recordings, for tests that compare whole recordings: minutes of computing."""
+def recordings_folder(shared: Path) -> Path:
+    """The folder with all recordings; tests that use it compute for minutes, so `make test` skips them."""
     if os.environ.get("ALL_DIALOGUES") != "1":
         pytest.skip("make test-clients compares whole recordings (ALL_DIALOGUES=1)")
     return shared / "px4"

@@ -16,15 +16,15 @@ from tests.contract.recordings import (
     requires_boot,
     script,
     sends,
-    stored,
+    uploaded_mission,
 )
 from tests.contract.replay_vehicle import DO_SET_MODE, HOLD, Received, Vehicle
-from tests.contract.unrecorded_states import GIVEN, LATE_S
+from tests.contract.unrecorded_states import RECEPTION_DELAY_S, UNRECORDED_STATES
 from vehicle_sim.mavlink.dialect import LAYOUTS
 
 RIGHT_AFTER_BOOT_S = 0.3
-REFUSAL = "is currently not available"
-STATE_SAMPLED_S = 1.1
+UNAVAILABLE_TEXT = "is currently not available"
+STATE_SAMPLE_PERIOD_S = 1.1
 """The recordings sampled the state after a dialogue from messages at 1 Hz."""
 OFFBOARD = 0x60000
 AIR_MISSION: list[dict[str, Any]] = [
@@ -35,49 +35,52 @@ AIR_MISSION: list[dict[str, Any]] = [
          (6, 16, 473979220, 85472000, 12.0), (2, 20, 0, 0, 0.0))
     )
 ]  # fmt: skip
-"""The mission of the groups "air" and "fence". No recording contains it, so this is a substitute: a take-off,
-two waypoints too far to be reached, and Return."""
-ECHOES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "LOCAL_POSITION_NED")
+"""A substitute for the mission of the groups "air" and "fence", which no recording contains: a take-off, two
+waypoints too far away to be reached, and Return."""
+ECHOED_MESSAGES = ("POSITION_TARGET_LOCAL_NED", "ATTITUDE_TARGET", "LOCAL_POSITION_NED")
 REQUESTED_MODES = {
     "altctl": (2, 0), "acro": (5, 0), "offboard": (6, 0), "mission": (4, 4), "rtl": (4, 5), "land": (4, 6),
     "takeoff": (4, 2), "termination": (10, 0), "orbit": (3, 1), "follow": (4, 8), "precland": (4, 9),
     "manual": (1, 0), "posctl": (3, 0), "stabilized": (7, 0), "hold": (4, 3),
 }  # fmt: skip
-CONTINUES = ("in fact armed", "commanded", "running", "sent while", "timed out just before", "flying in RTL",
-         "was sent for", "is still open", "battery draining")  # fmt: skip
-"""Words in preconditions that only the previous dialogue can have caused."""
+CAUSED_BY_PREVIOUS = (
+    "in fact armed", "commanded", "running", "sent while", "timed out just before", "flying in RTL",
+    "was sent for", "is still open", "battery draining",
+)  # fmt: skip
+"""Phrases in preconditions. Each describes a state that only the previous dialogue can have caused."""
 
 
 @dataclass(slots=True)
 class DialogueResult:
-    """What the simulator did in one dialogue."""
+    """The messages and states of the simulator in one dialogue."""
 
     received: list[Received] = field(default_factory=list)
-    before: dict[str, Received] = field(default_factory=list)  # type: ignore[arg-type]
+    before: dict[str, Received] = field(default_factory=dict)
     """Newest sample of each state message before the dialogue."""
     after: list[Received] = field(default_factory=list)
     """State messages of the second after the dialogue: the recordings sampled some of them at 1 Hz."""
     set_before: frozenset[str] = frozenset()
     """Parameters set by earlier dialogues: PX4 also sends those that it has not saved yet."""
     reports: list[list[Received]] = field(default_factory=list)
-    """The arming reports that were valid at some time of the dialogue: PX4 chooses when it sends one."""
+    """The arming reports that were valid at some time of the dialogue: the time at which PX4 sends one
+    varies."""
     states: list[dict[str, Any]] = field(default_factory=list)
     """Armed, custom_mode and landed_state at times near the end."""
     echo: dict[str, dict[str, Any]] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)
 
 
-class Player:
-    """Replays one session in order; starts a new vehicle if the old one cannot be brought to the starting
-    state."""
+class DialoguePlayer:
+    """Replays the dialogues of one session in order; starts a new vehicle if the present one cannot reach the
+    starting state of a dialogue."""
 
     def __init__(self, listen: tuple[str, ...] = (), *, log: bool = False) -> None:
         self._vehicle: Vehicle | None = None
         self._listen = listen
-        """Streams to send in addition to the usual ones."""
+        """Names of telemetry messages that are compared in addition to the usual ones."""
         self._log = log
-        """Whether the vehicle writes onboard logs, which take a seventh of the computing time:
-        `needs_logs`."""
+        """Whether the vehicle writes onboard logs (`needs_logs`), which take a seventh of the computing
+        time."""
         self._set_before: frozenset[str] = frozenset()
         self._cleared = False
         self._plan: list[dict[str, Any]] = []
@@ -90,17 +93,18 @@ class Player:
         return self._vehicle
 
     def play(self, dialogue: Dialogue, next_dialogue: Dialogue | None = None) -> DialogueResult:
-        """Establishes the starting state, sends, and receives; `next_dialogue` may follow immediately."""
+        """Establishes the starting state, replays the dialogue, and returns the result; `next_dialogue`: the
+        dialogue that may follow immediately."""
         vehicle = self._prepare(dialogue)
         precondition = dialogue["precondition"]
         next_follows = next_dialogue is not None and _continues(next_dialogue)
         if "with a 20 Hz position stream" in precondition:
-            vehicle.stream(True)
+            vehicle.stream_setpoints(True)
             vehicle.run(0.3)
             vehicle.command(DO_SET_MODE, 1, 6)
             vehicle.run(0.2)
         else:
-            vehicle.stream(False)
+            vehicle.stream_setpoints(False)
         changed = (
             {} if requires_boot(precondition) or sends(dialogue, "PARAM_SET") else parameters_in(precondition)
         )
@@ -109,9 +113,9 @@ class Player:
         for name in previous:
             vehicle.set_parameter(name, changed[name])
         if previous:
-            vehicle.stream(vehicle.state()["custom_mode"] == OFFBOARD)
+            vehicle.stream_setpoints(vehicle.state()["custom_mode"] == OFFBOARD)
             vehicle.run(2.5)
-            vehicle.stream(False)
+            vehicle.stream_setpoints(False)
         previous = {name: value for name, value in previous.items() if not name.startswith("SIM_BAT_")}
         matches = re.findall(r"(\w+) set to \S+ \(default (\S+)\)", precondition)
         previous |= {name: float(text) for name, text in matches}
@@ -121,7 +125,7 @@ class Player:
             result.set_before = self._set_before - now_set
             self._set_before |= now_set
             self._cleared |= sends(dialogue, "MISSION_CLEAR_ALL")
-            self._plan = stored(dialogue) or self._plan
+            self._plan = uploaded_mission(dialogue) or self._plan
             return result
         finally:
             for name, value in previous.items():
@@ -134,9 +138,9 @@ class Player:
         flying = state.get("landed_state", 1) != 1 or "flying" in precondition
         unusable = vehicle is not None and (
             vehicle.commander.terminated
-            or (not flying and vehicle.height_m > 1.0)
-            or (flying and not vehicle.commander.armed and vehicle.height_m > 1.0)
-            or (flying and vehicle.commander.armed and vehicle.height_m < 4.0)
+            or (not flying and vehicle.altitude_m > 1.0)
+            or (flying and not vehicle.commander.armed and vehicle.altitude_m > 1.0)
+            or (flying and vehicle.commander.armed and vehicle.altitude_m < 4.0)
         )
         continues = _continues(dialogue)
         if (
@@ -163,31 +167,31 @@ class Player:
                 vehicle.run(2.5)
             else:
                 vehicle.run(12)
-        _let_transfers_end(vehicle)
+        _wait_for_transfers(vehicle)
         if not continues:
             self._start(vehicle, dialogue)
         elif "3 s ago" in precondition:
             vehicle.run(0.95)
         if "stored" in precondition or "uploaded with" in precondition:
             _upload_plan(vehicle, dialogue)
-        unrecorded = GIVEN.get(dialogue["id"])
+        unrecorded = UNRECORDED_STATES.get(dialogue["id"])
         if unrecorded is not None:
             unrecorded.establish(vehicle, dialogue)
-        _set_refusals(vehicle, dialogue)
+        _match_unavailable_reports(vehicle, dialogue)
         return vehicle
 
     def _start(self, vehicle: Vehicle, dialogue: Dialogue) -> None:
         precondition, state = dialogue["precondition"], dialogue["state"]
         if "in Offboard at" in precondition:
-            vehicle.offboard()
+            vehicle.hover_in_offboard()
         elif "flying in Hold" in precondition:
-            vehicle.fly()
+            vehicle.hover_in_hold()
         elif "armed on the ground, Hold" in precondition and not precondition.startswith("disarmed"):
-            vehicle.ground(True, HOLD)
+            vehicle.put_on_ground(True, HOLD)
         else:
             mode_request = re.search(r"mode (\w+) requested", precondition)
             manual_chosen = "Manual mode chosen" in precondition
-            vehicle.ground(
+            vehicle.put_on_ground(
                 state["armed"], HOLD if mode_request or "Hold mode" in precondition else state["custom_mode"]
             )
             if mode_request or manual_chosen:
@@ -210,7 +214,9 @@ class Player:
         vehicle.counts.clear()
         del vehicle.reports[:-1]
         recorded_link = dialogue["link"]
-        extra = requested(dialogue) | {layout_id(name) for name in ECHOES if "echo_at_end" in dialogue}
+        extra = requested(dialogue) | {
+            layout_id(name) for name in ECHOED_MESSAGES if "echo_at_end" in dialogue
+        }
         extra -= vehicle.compared_ids
         vehicle.compared_ids |= extra
         before = {
@@ -218,7 +224,7 @@ class Player:
             for name in STATE_MESSAGES
             if (recorded_link, name) in vehicle.last
         }
-        for dt_s, link, name, fields, src in script(dialogue, vehicle.system_id, LATE_S):
+        for dt_s, link, name, fields, src in script(dialogue, vehicle.system_id, RECEPTION_DELAY_S):
             if dt_s > window_s:
                 break
             if start_s + dt_s > vehicle.now_s + 0.006:
@@ -230,12 +236,12 @@ class Player:
             vehicle.send(name, fields, link, src)
         result = DialogueResult(before=before)
         vehicle.run_to(start_s + window_s)
-        late_s = vehicle.now_s - STATE_SAMPLED_S
+        late_s = vehicle.now_s - STATE_SAMPLE_PERIOD_S
         earlier = [state for at_s, state in vehicle.states if at_s <= late_s]
         result.states = earlier[-1:] + [state for at_s, state in vehicle.states if at_s > late_s]
         result.reports = list(vehicle.reports)
         result.counts = {LAYOUTS[i].name: n for i, n in vehicle.counts.items() if i in LAYOUTS}
-        for name in ECHOES if "echo_at_end" in dialogue else ():
+        for name in ECHOED_MESSAGES if "echo_at_end" in dialogue else ():
             if ("gcs", name) in vehicle.last:
                 result.echo[name] = vehicle.last["gcs", name][1]
         result.received = [
@@ -257,14 +263,14 @@ class Player:
 
 def _continues(dialogue: Dialogue) -> bool:
     """Whether the previous dialogue created this dialogue's state."""
-    return any(each in dialogue["precondition"] for each in CONTINUES)
+    return any(each in dialogue["precondition"] for each in CAUSED_BY_PREVIOUS)
 
 
-def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """PX4 reports an unavailable mode at most once per second; the dialogue shows whether it had just
-    reported one."""
+def _match_unavailable_reports(vehicle: Vehicle, dialogue: Dialogue) -> None:
+    """Reports an unavailable mode before the dialogue if PX4 had: PX4 sends such a report at most once per
+    second."""
     if dialogue["state"].get("armed") and sends(dialogue, "COMMAND_LONG"):
-        reported = [e for e in dialogue["received"] if REFUSAL in str(e["fields"].get("text", ""))]
+        reported = [e for e in dialogue["received"] if UNAVAILABLE_TEXT in str(e["fields"].get("text", ""))]
         refused = any(
             e["msg"] == "COMMAND_ACK" and e["fields"]["command"] == DO_SET_MODE and e["fields"]["result"] == 1
             for e in dialogue["received"]
@@ -276,9 +282,9 @@ def _set_refusals(vehicle: Vehicle, dialogue: Dialogue) -> None:
             vehicle.run(0.1)
 
 
-def _let_transfers_end(vehicle: Vehicle) -> None:
-    """Waits for the end of transfers that the previous dialogue left unfinished; the recording waited,
-    too."""
+def _wait_for_transfers(vehicle: Vehicle) -> None:
+    """Waits for the end of mission transfers that the previous dialogue left unfinished, as the recording
+    did."""
     for _ in range(12):
         requested_at_s = [
             vehicle.last.get(("gcs", name), (-9.0,))[0] for name in ("MISSION_REQUEST_INT", "MISSION_REQUEST")

@@ -1,7 +1,8 @@
 """The known differences from the recordings: each line of `explained.tsv` is one difference with its cause.
 
-A line has session, dialogue, message and field (or the missing or additional message), the number of
-occurrences, and the cause; docs/simulator.md explains the causes. A line without a difference fails the test.
+A line has the session, the dialogue, the message, the field (or the missing or additional message), the
+number of occurrences, and the cause, which docs/simulator.md explains. A line whose difference no longer
+occurs fails the test.
 """
 
 from __future__ import annotations
@@ -12,38 +13,38 @@ from pathlib import Path
 
 from tests.contract.compare import Difference
 
-Cell = tuple[str, str, str, str]
+DifferenceKey = tuple[str, str, str, str]
 """Session, dialogue, message, field."""
 
 
 @dataclass(frozen=True, slots=True)
-class Explained:
-    """How often a difference occurs in its dialogue, and its cause."""
+class ExplainedDifference:
+    """Number of occurrences of a difference in its dialogue, and the cause."""
 
-    times: int
-    reason: str
+    count: int
+    cause: str
 
 
-def _read() -> dict[Cell, Explained]:
+def _read() -> dict[DifferenceKey, ExplainedDifference]:
     path = Path(__file__).resolve().parent / "explained.tsv"
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.reader(file, delimiter="\t", quoting=csv.QUOTE_NONE)
         next(rows)
         return {
-            (session, dialogue, message, field): Explained(int(times), why)
-            for session, dialogue, message, field, times, why in rows
+            (session, dialogue, message, field): ExplainedDifference(int(count), cause)
+            for session, dialogue, message, field, count, cause in rows
         }
 
 
-EXPLAINED: dict[Cell, Explained] = _read()
+EXPLAINED: dict[DifferenceKey, ExplainedDifference] = _read()
 
 
-def times_explained(cell: Cell) -> int:
+def explained_count(key: DifferenceKey) -> int:
     """Known number of occurrences of a difference; 0 for an unknown difference."""
-    row = EXPLAINED.get(cell)
-    return row.times if row is not None else 0
+    row = EXPLAINED.get(key)
+    return row.count if row is not None else 0
 
 
-def cell_of(session: str, difference: Difference) -> Cell:
+def key_of(session: str, difference: Difference) -> DifferenceKey:
     """The key of a difference in the table."""
     return session, difference.dialogue, difference.message, difference.field

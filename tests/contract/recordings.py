@@ -25,11 +25,12 @@ STATE_MESSAGES = frozenset(
 )  # fmt: skip
 """The recordings keep these messages when their content changed."""
 REAL_TIME_FACTOR = 0.995
-"""Speed of the recorded simulation: length of one second of the station's stream on the vehicle's clock."""
-STREAMED_ON = frozenset(
+"""Speed of the recorded simulation: seconds of the vehicle's clock per second of the station's clock."""
+STREAMED_TO_THE_END = frozenset(
     {"offboard_disarmed_stream_1hz", "offboard_disarmed_stream_2hz", "offboard_air_enter_exit"}
 )
-"""Streams that continued to the end: the vehicle is in Offboard for seconds after the last listed message."""
+"""Dialogues whose stream continued to their end: the vehicle is in Offboard for seconds after the last listed
+message."""
 METRE_NORTH_E7 = math.degrees(1.0 / 6_371_000.0) * 1e7
 METRE_EAST_E7 = METRE_NORTH_E7 / math.cos(math.radians(47.3977423))
 """A metre at the recorded home [1e-7 degrees]."""
@@ -40,11 +41,11 @@ TELEMETRY = (frozenset(API) | {"SYSTEM_TIME"}) - STATE_MESSAGES - {"ORBIT_EXECUT
 
 def load(path: Path) -> list[Dialogue]:
     """The dialogues of one group."""
-    return [completed(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [with_all_items(json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
-def completed(dialogue: Dialogue) -> Dialogue:
-    """The dialogue; the upload of 200 items with all items. The recording has 6 of them, and PX4's checksum
+def with_all_items(dialogue: Dialogue) -> Dialogue:
+    """The dialogue; for the upload of 200 items, of which the recording has 6, with all items. PX4's checksum
     confirms the others."""
     if dialogue["id"] != "mission_upload_200_items":
         return dialogue
@@ -131,8 +132,8 @@ def parameters_in(precondition: str) -> dict[str, float]:
     return {name: float(value) if "." in value else int(value) for name, value in found}
 
 
-def stored(dialogue: Dialogue) -> list[dict[str, Any]]:
-    """The mission that a dialogue uploads, if PX4 accepted it."""
+def uploaded_mission(dialogue: Dialogue) -> list[dict[str, Any]]:
+    """The items of the mission that a dialogue uploads; empty if PX4 did not accept the mission."""
     items = {e["fields"]["seq"]: e["fields"] for e in dialogue["send"] if e["msg"] == "MISSION_ITEM_INT"}
     accepted = any(e["msg"] == "MISSION_ACK" and e["fields"]["type"] == 0 for e in dialogue["received"])
     mission = [items[seq] for seq in sorted(items)]
@@ -163,7 +164,7 @@ def script(
         if match and entry is dialogue["send"][-1]:
             hz, duration_s = float(match.group(1)), float(match.group(2)) - entry["dt_s"]
         count = max(1, round(hz * duration_s))
-        if hz and dialogue["id"] in STREAMED_ON:
+        if hz and dialogue["id"] in STREAMED_TO_THE_END:
             count = int(hz * (dialogue["window_s"] - entry["dt_s"])) + 1
         for n in range(count):
             dt_s = entry["dt_s"] + (n / hz * REAL_TIME_FACTOR if count > 1 else 0.0)
@@ -173,7 +174,8 @@ def script(
 
 
 def _wire(name: str, fields: dict[str, Any], system_id: int) -> dict[str, Any]:
-    """Recorded fields in the form that the dialect packs; setpoints without a target get this vehicle."""
+    """Recorded fields in the form that the dialect packs; messages without a target are sent to this
+    vehicle."""
     if "target_system" in BY_NAME[name].fields:
         fields = {"target_system": system_id, "target_component": 1} | fields
     if name == "PARAM_SET" and ("int_value" in fields or fields.get("value") is not None):

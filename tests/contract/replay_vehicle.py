@@ -22,12 +22,12 @@ from vehicle_sim.storage.metadata import BUILT_IN
 
 RECORDED = Path(__file__).resolve().parents[3] / "shared" / "px4"
 NAMES = {"all_events.json.xz": "events.json.xz"}
-"""Names in the recordings of the build's files that have another name here."""
+"""Names of files here, and their names in the recordings."""
 TICK_S = 0.02
 STREAM_EVERY_S = 0.05
 REARM_AFTER_S = 4.0
-"""Age of an arming on the ground at which it is repeated: PX4 disarms after 10 s, and the recording armed the
-vehicle shortly before each dialogue."""
+"""A vehicle that has been armed on the ground for this time is armed again before a dialogue: PX4 disarms
+after 10 s, and the recording armed the vehicle shortly before each dialogue."""
 HOLD = 0x3040000
 TAKEOFF, DO_SET_MODE, DO_REPOSITION, ARM_DISARM = 22, 176, 192, 400
 FORCE = 21196
@@ -77,11 +77,11 @@ class Vehicle:
         self.states: list[tuple[float, dict[str, Any]]] = []
         """Armed, mode and landed state, and the time of the change."""
         self.counts: dict[int, int] = {}
-        self._skip_unread()
+        self._skip_uncompared()
         self._parsers = {name: FrameParser() for name in ("gcs", "api")}
         self._sequence = 0
         self._next_heartbeat_s = 0.0
-        self.background: dict[str, Any] | None = None
+        self.background_setpoint: dict[str, Any] | None = None
         """Setpoints streamed in addition to the dialogue's messages."""
         self._stream_s = 0.0
 
@@ -90,15 +90,16 @@ class Vehicle:
         return self.sim.time_s
 
     @property
-    def height_m(self) -> float:
+    def altitude_m(self) -> float:
+        """Above the local origin."""
         return -float(self.sim.simulation.truth.position_ned_m[0, 2])
 
     @property
     def speed_m_s(self) -> float:
         return math.sqrt(sum(v * v for v in self.sim.simulation.truth.velocity_ned_m_s[0].tolist()))
 
-    def _skip_unread(self) -> None:
-        """Skips streams that no dialogue compares, because encoding them takes most of the time."""
+    def _skip_uncompared(self) -> None:
+        """Sends no streams that no dialogue compares, because their encoding takes most of the time."""
         telemetry = self.sim.nodes[0].context.telemetry
         build = telemetry.payload
         telemetry.payload = lambda msg_id: build(msg_id) if msg_id in self.compared_ids else None  # type: ignore[method-assign]
@@ -126,8 +127,8 @@ class Vehicle:
             if self.heartbeats and self.now_s >= self._next_heartbeat_s:
                 self.send("HEARTBEAT", {"type": 6, "autopilot": 8, "mavlink_version": 3})
                 self._next_heartbeat_s = self.now_s + 1.0
-            if self.background is not None and self.now_s >= self._stream_s:
-                self.send("SET_POSITION_TARGET_LOCAL_NED", self.background, "api")
+            if self.background_setpoint is not None and self.now_s >= self._stream_s:
+                self.send("SET_POSITION_TARGET_LOCAL_NED", self.background_setpoint, "api")
                 self._stream_s = self.now_s + STREAM_EVERY_S
             self.sim.step(min(tick_s, max(end_s - self.now_s, 0.004)))
             self.collect()
@@ -183,8 +184,8 @@ class Vehicle:
 
     # --- starting states -------------------------------------------------------------------------------
 
-    def fly(self) -> None:
-        """Flies to Hold at 10 m, from any state."""
+    def hover_in_hold(self) -> None:
+        """Brings the vehicle from any state to Hold at 10 m above home."""
         if not self.commander.armed:
             self.run_until(self.ready, 15)
             self.command(DO_SET_MODE, 1, 4, 3)
@@ -192,29 +193,30 @@ class Vehicle:
             self.command(ARM_DISARM, 1)
             self.run(0.1)
             self.command(TAKEOFF, -1, 0, 0, NAN, NAN, NAN, self.autopilot.home.alt_amsl_m + 10)
-            self.run_until(lambda: self.state()["custom_mode"] == HOLD and self.height_m > 8.5, 40)
+            self.run_until(lambda: self.state()["custom_mode"] == HOLD and self.altitude_m > 8.5, 40)
             self.run(3.0)
         elif self.state()["custom_mode"] != HOLD:
             self.command(DO_SET_MODE, 1, 4, 3)
             self.run(0.4)
         self.run_until(lambda: self.speed_m_s < 1.0, 8)
 
-    def offboard(self) -> None:
-        """Flies to Offboard at 10 m, with a stream of setpoints."""
-        if not 6 < self.height_m < 16:
-            self.fly()
-        self.stream(True)
+    def hover_in_offboard(self) -> None:
+        """Brings the vehicle to Offboard at 10 m, by a stream of setpoints that then ends."""
+        if not 6 < self.altitude_m < 16:
+            self.hover_in_hold()
+        self.stream_setpoints(True)
         self.run(0.6)
         self.command(DO_SET_MODE, 1, 6)
         self.run(1.0)
-        self.stream(False)
+        self.stream_setpoints(False)
 
-    def stream(self, on: bool) -> None:
-        """Starts or stops a 20 Hz stream of a position 10 m above the start."""
-        self.background = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
-                           "type_mask": 2552, "z": -10.0} if on else None  # fmt: skip
+    def stream_setpoints(self, on: bool) -> None:
+        """Starts or stops a stream of 20 Hz of a position 10 m above the local origin."""
+        setpoint = {"target_system": self.system_id, "target_component": 1, "coordinate_frame": 1,
+                    "type_mask": 2552, "z": -10.0}  # fmt: skip
+        self.background_setpoint = setpoint if on else None
 
-    def ground(self, armed: bool, custom_mode: int) -> None:
+    def put_on_ground(self, armed: bool, custom_mode: int) -> None:
         """Brings the vehicle to the ground and into this arming state and mode."""
         armed_s = [at_s for at_s, _ in itertools.takewhile(lambda e: e[1]["armed"], reversed(self.states))]
         about_to_disarm = armed and bool(armed_s) and self.now_s - armed_s[-1] > REARM_AFTER_S

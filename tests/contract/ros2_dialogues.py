@@ -1,4 +1,4 @@
-"""Recorded ROS 2 dialogues of a real PX4, and their replay with the simulated vehicle on simulated time."""
+"""Recorded ROS 2 dialogues of a real PX4, and their replay to the simulated vehicle on simulated time."""
 
 from __future__ import annotations
 
@@ -26,25 +26,24 @@ COMPLETED = "/fmu/out/mode_completed"
 STATUS, FLAGS = "/fmu/out/vehicle_status_v1", "/fmu/out/failsafe_flags"
 PERIOD_S = 0.3138
 """Period of the arming check requests by the recorder's clock."""
-LATE_S = 0.05
-"""A reply later than this was delayed on purpose."""
+DELIBERATE_DELAY_S = 0.05
+"""A reply that was sent later than this after its request was delayed on purpose."""
 GCS = (255, 190)
-BETWEEN_S, LONGEST_PAUSE_S = 1.5, 60.0
-EARLY_S = 0.25
-SLACK_S = 0.7
-"""Tolerance of times: `vehicle_status` comes at 2 Hz, `failsafe_flags` at 1.8 Hz."""
+PAUSE_S, LONGEST_PAUSE_S = 1.5, 60.0
+MAX_EARLY_S = 0.25
+TOLERANCE_S = 0.7
+"""PX4 publishes `vehicle_status` at 2 Hz and `failsafe_flags` at 1.8 Hz."""
 STATE = (
     "arming_state", "nav_state", "nav_state_user_intention", "failsafe", "executor_in_charge",
     "failsafe_defer_state", "pre_flight_checks_pass",
 )  # fmt: skip
-SETTABLE = "can_set_nav_states_mask"
+SELECTABLE_MODES = "can_set_nav_states_mask"
 FLAG_NAMES = ("offboard_control_signal_lost", "manual_control_signal_lost")
 EVENTS = {
     COMMAND_ACK: ("command", "result", "target_system", "target_component"),
     REGISTERED: ("name", "success", "arming_check_id", "mode_id", "mode_executor_id", "px4_ros2_api_version"),
     FORMAT: ("topic_name", "success", "message_hash", "protocol_version"),
 }  # fmt: skip
-
 COMPARED = {*EVENTS, REQUEST, STATUS, FLAGS, COMPLETED}
 
 Dialogue = dict[str, Any]
@@ -78,10 +77,10 @@ def flat_fields(fields: dict[str, Any]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class TimedDialogue:
-    """A dialogue, and the time until the next one of the same boot begins."""
+    """A dialogue, and its duration: the time until the next dialogue of the same boot begins."""
 
     dialogue: Dialogue
-    lasts_s: float
+    duration_s: float
     replies_continue: bool = False
     """Whether the components that sent the last replies continue to reply until the next dialogue."""
 
@@ -104,14 +103,14 @@ def _timed_dialogue(dialogue: Dialogue, after: Dialogue | None) -> TimedDialogue
     end_s = _end(dialogue)
     requests, next_requests = _requests(dialogue), _requests(after) if after else []
     if after is None or after["session"] != dialogue["session"] or not requests or not next_requests:
-        return TimedDialogue(dialogue, end_s + BETWEEN_S)
+        return TimedDialogue(dialogue, end_s + PAUSE_S)
     (first_s, first_id), (last_s, last_id) = next_requests[0], requests[-1]
-    lasts_s = last_s + (first_id - last_id) % REQUEST_IDS * PERIOD_S - first_s
-    if not end_s - PERIOD_S < lasts_s < end_s + LONGEST_PAUSE_S:
-        return TimedDialogue(dialogue, end_s + BETWEEN_S)
+    duration_s = last_s + (first_id - last_id) % REQUEST_IDS * PERIOD_S - first_s
+    if not end_s - PERIOD_S < duration_s < end_s + LONGEST_PAUSE_S:
+        return TimedDialogue(dialogue, end_s + PAUSE_S)
     replies = _replies(after)
     replied = bool(replies) and replies[0]["fields"]["request_id"] <= first_id
-    return TimedDialogue(dialogue, max(lasts_s, end_s + SLACK_S), replied)
+    return TimedDialogue(dialogue, max(duration_s, end_s + TOLERANCE_S), replied)
 
 
 class _Responder:
@@ -121,10 +120,9 @@ class _Responder:
         self._fields = flat_fields(entry["fields"])
         first_s = entry["dt_s"]
         delay_s = first_s - requested.get(entry["fields"]["request_id"], first_s)
-        self._delay_s = delay_s if delay_s > LATE_S else 0.0
-        self._from_s, self._until_s = first_s - self._delay_s - 0.1, entry["until_dt_s"] - self._delay_s + 0.1
-        if continues:
-            self._until_s = math.inf
+        self._delay_s = delay_s if delay_s > DELIBERATE_DELAY_S else 0.0
+        self._from_s = first_s - self._delay_s - 0.1
+        self._until_s = math.inf if continues else entry["until_dt_s"] - self._delay_s + 0.1
         self._left, self._last_id = entry["count"], 0
 
     def reply(self, at_s: float, request_id: int) -> tuple[float, dict[str, Any]] | None:
@@ -135,7 +133,7 @@ class _Responder:
         return at_s + self._delay_s, self._fields | {"request_id": request_id}
 
     def surplus(self, at_s: float) -> dict[str, Any] | None:
-        """A second reply to the last request, if more replies than requests were recorded."""
+        """A second reply to the last request, if the recording has more replies than requests."""
         if self._left <= 0 or at_s < self._until_s or not self._last_id:
             return None
         self._left = 0
@@ -150,8 +148,8 @@ class _Vehicle(Ros2Vehicle):
             super().publish(topic, data)
 
 
-class Player:
-    """Plays the dialogues of one boot after the other."""
+class Ros2DialoguePlayer:
+    """Replays dialogues in order; starts a new vehicle for each boot."""
 
     def __init__(self) -> None:
         self.vehicle = Ros2Vehicle()
@@ -177,7 +175,7 @@ class Player:
         _use_slots(dialogue, self.vehicle)
         self.modes = []
         self.began_s = self.vehicle.sim.time_s
-        self._until_s = self.began_s + _end(dialogue) + SLACK_S
+        self._until_s = self.began_s + _end(dialogue) + TOLERANCE_S
         self._begin(dialogue)
         pending = sorted(_messages(dialogue), key=lambda each: each[0])
         responders = _responders(
@@ -203,7 +201,7 @@ class Player:
 
     def _has_ended(self, now_s: float, timed_dialogue: TimedDialogue) -> bool:
         """Whether the dialogue has ended."""
-        return now_s >= timed_dialogue.lasts_s
+        return now_s >= timed_dialogue.duration_s
 
     def _boot(self) -> None:
         """Called after a boot."""
@@ -237,14 +235,13 @@ class Player:
     def changes(self, topic: str, name: str) -> list[tuple[float, Any]]:
         """Time, and old and new value, of each change of a field."""
         received = [(at_s, each[name]) for at_s, t, each in self.vehicle.received if t == topic]
-        changed = [
-            (new[0], (old[1], new[1])) for old, new in itertools.pairwise(received) if new[1] != old[1]
-        ]
+        pairs = itertools.pairwise(received)
+        changed = [(new[0], (old[1], new[1])) for old, new in pairs if new[1] != old[1]]
         return [(at_s - self.began_s, each) for at_s, each in changed if self.began_s < at_s < self._until_s]
 
 
 def _use_slots(dialogue: Dialogue, vehicle: Ros2Vehicle) -> None:
-    """Marks the slots as used that PX4 gave to other modes in unrecorded dialogues of this boot."""
+    """Marks slots as used: PX4 gave them to other modes in unrecorded dialogues of this boot."""
     parameters = vehicle.sim.simulation.parameters[0]
     registered = [each for each in recorded_events(dialogue, REGISTERED) if each[1] and each[3] >= FIRST_MODE]
     if registered and name_hash(registered[0][0]) not in parameters.mode_hashes:
@@ -264,7 +261,7 @@ def _messages(dialogue: Dialogue) -> Iterator[tuple[float, str, dict[str, Any]]]
         fields.pop("writer_qos", None)
         for n in range(sent.get("count", 1)):
             at_s = sent["dt_s"] + n / sent.get("streamed_hz", 1)
-            if at_s > -EARLY_S:  # earlier messages of a stream belong to the previous dialogue
+            if at_s > -MAX_EARLY_S:  # earlier messages of a stream belong to the previous dialogue
                 yield at_s, topic, fields_at(sent["setpoints"], at_s) if "setpoints" in sent else fields
 
 
@@ -352,9 +349,13 @@ def recorded_modes(dialogue: Dialogue) -> list[dict[str, Any]]:
 
 
 def compare(
-    player: Player, dialogue: Dialogue, *, until_s: float = math.inf, ignored: frozenset[str] = frozenset()
+    player: Ros2DialoguePlayer,
+    dialogue: Dialogue,
+    *,
+    until_s: float = math.inf,
+    ignored: frozenset[str] = frozenset(),
 ) -> list[str]:
-    """Texts about the differences between what PX4 and the simulated vehicle published.
+    """Texts about the differences between the messages of PX4 and of the simulated vehicle.
 
     Args:
         until_s: the times of changes are compared until this time of the recording.
@@ -370,19 +371,18 @@ def compare(
             simulated, recorded = player.changes(topic, name), recorded_changes(dialogue, topic, name)
             if [value for _, value in simulated] != [value for _, value in recorded]:
                 found.append(f"{name}: {simulated}, recorded {recorded}")
-            late = [
-                (a, b)
-                for (a, _), (b, _) in zip(simulated, recorded, strict=False)
-                if abs(a - b) > SLACK_S and b < until_s
-            ]
+            times = [(a, b) for (a, _), (b, _) in zip(simulated, recorded, strict=False)]
+            late = [(a, b) for a, b in times if abs(a - b) > TOLERANCE_S and b < until_s]
             if late:
                 found.append(f"{name} changed at {late} (simulated, recorded)")
-    simulated = by_mode(player.changes(STATUS, SETTABLE))
-    recorded = by_mode(recorded_changes(dialogue, STATUS, SETTABLE))
+    simulated = by_mode(player.changes(STATUS, SELECTABLE_MODES))
+    recorded = by_mode(recorded_changes(dialogue, STATUS, SELECTABLE_MODES))
     if [each[:2] for each in simulated] != [each[:2] for each in recorded]:
-        found.append(f"{SETTABLE}: {simulated}, recorded {recorded}")
-    elif any(abs(a[2] - b[2]) > SLACK_S and b[2] < until_s for a, b in zip(simulated, recorded, strict=True)):
-        found.append(f"{SETTABLE} changed at {simulated}, recorded {recorded}")
+        found.append(f"{SELECTABLE_MODES}: {simulated}, recorded {recorded}")
+    else:
+        pairs = zip(simulated, recorded, strict=True)
+        if any(abs(a[2] - b[2]) > TOLERANCE_S and b[2] < until_s for a, b in pairs):
+            found.append(f"{SELECTABLE_MODES} changed at {simulated}, recorded {recorded}")
     simulated = completed(player.vehicle.all(COMPLETED, player.began_s))
     recorded = recorded_completed(dialogue)
     if simulated != recorded:

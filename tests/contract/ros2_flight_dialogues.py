@@ -9,10 +9,10 @@ from tests.contract.ros2_dialogues import (
     GCS,
     REPLY,
     REQUEST,
-    SLACK_S,
     STATUS,
+    TOLERANCE_S,
     Dialogue,
-    Player,
+    Ros2DialoguePlayer,
     TimedDialogue,
     recorded_changes,
     recorded_modes,
@@ -28,7 +28,7 @@ GROUPS = ("component_lost_in_flight", "executor", "overrides", "mode_replacement
 RTL, LAND_COMMAND, TAKEOFF_COMMAND, ARM, SET_NAV_STATE = 5, 21, 22, 400, 100_001
 CONTROLLERS = ("position", "velocity", "altitude", "climb_rate", "acceleration", "attitude", "rates")
 TRAJECTORY = {f"flag_control_{name}_enabled": True for name in (*CONTROLLERS, "allocation")}
-SETTLE_S = 9.0
+TAKEOFF_S = 9.0
 """Minimum time from the take-off command to Hold."""
 MIN_HEIGHT_M = 2.5
 HEARTBEAT_S = 1.0
@@ -39,7 +39,7 @@ FIRST_ENTRY = 18
 """Entry of AVAILABLE_MODES of the first external mode."""
 
 
-class FlightPlayer(Player):
+class Ros2FlightPlayer(Ros2DialoguePlayer):
     """Plays dialogues that begin in flight, with the heartbeats of a ground station."""
 
     def __init__(self) -> None:
@@ -114,7 +114,7 @@ class FlightPlayer(Player):
         altitude_m = autopilot.view.estimate.alt_amsl_m + max(MIN_HEIGHT_M, height_m)
         self.vehicle.command(ARM, 1.0)
         self.vehicle.command(TAKEOFF_COMMAND, *[math.nan] * 6, altitude_m)
-        self._run(SETTLE_S)
+        self._run(TAKEOFF_S)
         while autopilot.commander.active is NavState.TAKEOFF:
             self._run(1.0)
 
@@ -123,14 +123,14 @@ class FlightPlayer(Player):
         return any(after == DISARMED for _, (_, after) in changes)
 
     def _has_ended(self, now_s: float, timed_dialogue: TimedDialogue) -> bool:
-        if now_s < timed_dialogue.lasts_s:
+        if now_s < timed_dialogue.duration_s:
             return False
         if (
             self._ends_with_landing(timed_dialogue.dialogue)
             and self.vehicle.sim.autopilots[0].commander.armed
         ):
-            self._until_s = self.vehicle.sim.time_s + SLACK_S
-        return self.vehicle.sim.time_s >= self._until_s or now_s >= timed_dialogue.lasts_s + LANDING_S
+            self._until_s = self.vehicle.sim.time_s + TOLERANCE_S
+        return self.vehicle.sim.time_s >= self._until_s or now_s >= timed_dialogue.duration_s + LANDING_S
 
     def _begin(self, dialogue: Dialogue) -> None:
         marks = {each["text"]: self.began_s + each["dt_s"] for each in dialogue.get("marks") or []}

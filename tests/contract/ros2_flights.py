@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.contract.ros2_dialogues import RECORDED, SLACK_S, STATUS, fields_at, flat_fields
+from tests.contract.ros2_dialogues import RECORDED, STATUS, TOLERANCE_S, fields_at, flat_fields
 from tests.support.ros2_vehicle import ADDRESSES, NO_TIME_SYNC, Ros2Vehicle
 from vehicle_sim.autopilot.modes import NavState
 from vehicle_sim.ros2.topics import COMMAND
@@ -23,14 +23,15 @@ POSITION = "/fmu/out/vehicle_local_position"
 ARM, TAKEOFF, SET_MODE, OFFBOARD = 400, 22, 176, 14
 ARMED = 2
 BEFORE_S, OFFBOARD_AT_S = 6.0, -5.0
-"""A flight that began in Offboard is replayed from this long before its first event, and enters Offboard."""
+"""The replay of a flight that began in Offboard starts 6 s before the first event, and switches to Offboard
+1 s later."""
 STEP_S = 0.004
 COMPARED_EVERY_S = 0.5
 FAR_AWAY_M = 2.0
-"""A vehicle recorded in Offboard further than this from its setpoint was still flying to the setpoint."""
-FAR_POINT = 2.5
-"""Distance from the setpoint at which the replay of such a flight begins, as a multiple of the first recorded
-distance: the simulated vehicle then passes the first recorded position at the recorded 7.9 m/s."""
+"""A vehicle that was recorded in Offboard at a greater distance from its setpoint was still flying to it."""
+FAR_POINT_FACTOR = 2.5
+"""The replay of such a flight begins at this multiple of the first recorded distance from the setpoint: the
+simulated vehicle then passes the first recorded position at the recorded speed of 7.9 m/s."""
 SWITCHES_EVERY_S = 0.5
 """Period with which PX4 switches its controllers, counted from the change of mode."""
 SAME_PHASE_S = 0.008
@@ -212,14 +213,14 @@ def _take_off(vehicle: Ros2Vehicle, height_m: float) -> None:
 
 
 def _begin_far_away(vehicle: _Vehicle, flight: Flight) -> None:
-    """Flies in Offboard to a far point, and back until the first recorded distance from the setpoint.
+    """Flies in Offboard to a far point, and back to the first recorded distance from the setpoint.
 
-    The flight is repeated until the controllers switch at the recorded times, relative to the first event.
+    Repeats this until PX4's period of controller switches has the recorded phase at the first event.
     """
     setpoint, recorded = flight.setpoint_ned_m, flight.track[0][1]
     distance_m = math.dist(recorded[:2], setpoint[:2])
     north_m, east_m = (
-        target + FAR_POINT * (start - target)
+        target + FAR_POINT_FACTOR * (start - target)
         for start, target in zip(recorded[:2], setpoint[:2], strict=True)
     )
     far = (north_m, east_m, setpoint[2])
@@ -283,7 +284,7 @@ def largest_errors(flown: Track, recorded: Track, until_s: float = math.inf) -> 
 
 
 def largest_excess(flown: Sequence[Track], recorded: Track) -> tuple[float, float]:
-    """How far a track since the first event leaves the range of several others [m].
+    """Distance by which a track leaves the range of several other tracks, since the first event [m].
 
     Args:
         flown: the other tracks; at each time, their range is a box around all of them.
@@ -333,7 +334,7 @@ def late_changes(flown: States, recorded: States, disarming_s: float) -> list[st
     return [
         f"{sim[1:]} at {sim[0]:.1f} s, recorded {px4[0]:.1f} s"
         for sim, px4 in zip(_merged(simulated), _merged(real), strict=True)
-        if abs(sim[0] - px4[0]) > (SLACK_S if sim[2] == ARMED else disarming_s)
+        if abs(sim[0] - px4[0]) > (TOLERANCE_S if sim[2] == ARMED else disarming_s)
     ]
 
 

@@ -1,21 +1,21 @@
 """Differences caused by the recording, not by the vehicle: rules with a bound, each tested in
 `test_rules.py`.
 
-- *ends*: if the recording kept only the first and last messages, the same number of the simulator's is
-compared.
-- *earlier repeats*: PX4 repeats a command to itself after 1.0, 1.5 and 2.0 s. A repeat that arrives earlier
-than its number allows belongs to a command from before the dialogue, and both sides are compared without it.
-- *swapped*: texts and events leave PX4 in two queues, and its modules run in parallel: two messages of one
-kind may swap within 0.1 s.
-- *sent often*: messages sent more than eight times in a dialogue are compared by their count, within a
-tenth.
-- *edge*: a text or event that the simulator sends in the last 0.3 s may belong to the time after the
+- *first and last*: if the recording kept only the first and last messages, as many first and last messages of
+the simulator are compared.
+- *earlier repeats*: PX4 repeats a command to itself after 1.0, 1.5 and 2.0 s. A repeat that arrives too early
+for its confirmation number belongs to a command from before the dialogue. It is removed from both sides.
+- *swapped*: PX4 sends texts and events from two queues, and its modules run in parallel: two messages may
+change places within 0.1 s.
+- *frequent*: messages that PX4 sent more than eight times in a dialogue are compared by their number, within
+10 %.
+- *last moment*: a text or event that the simulator sends in the last 0.3 s may belong to the time after the
 recording.
-- *heights*: the heights in the text and event of a return agree within 2 m (GPS noise, drift of home).
-- *hash*: the recorded vehicles had parameter values that no dialogue shows. The simulator's `_HASH_CHECK`
-must change when PX4's changes, and return to an earlier value when PX4's does.
-- *listing*: the order of a directory's entries is that of the recording machine's disk; a later part of a
-listing has as many entries as PX4's.
+- *altitudes*: the altitudes in the text and event of a return agree within 2 m (GPS noise, drift of home).
+- *hash*: the recorded vehicles had parameter values that no dialogue shows. The `_HASH_CHECK` of the
+simulator must change, and return to an earlier value, whenever that of PX4 does.
+- *directory*: PX4 lists entries in the order of the recording machine's disk. The first part must have the
+same entries; a later part must have the same number of entries.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ REPEATS = 3
 SWAP_WITHIN_S = 0.1
 OFTEN, OFTEN_WITHIN = 8, 0.1
 EDGE_S = 0.3
-HEIGHT_M = 2.0
+ALTITUDE_TOLERANCE_M = 2.0
 RETURN_EVENT = "vrtl_return_at"
 FTP_LIST = 3
-_HEIGHTS = re.compile(r"(?<=^RTL: start return at )(\d+) m \((-?\d+) m")
+_ALTITUDES = re.compile(r"(?<=^RTL: start return at )(\d+) m \((-?\d+) m")
 _AUTOPILOT_TO_ALL = 0
 
 Key = Callable[[Received], Hashable]
 Row = tuple[str, str, Any, Any]
 
 
-def ends(simulated: list[Received], note: str | None) -> list[Received]:
-    """The first and last of the simulator's messages, as many as the recording has according to its note."""
+def first_and_last(simulated: list[Received], note: str | None) -> list[Received]:
+    """The first and last messages of the simulator, as many as the note of the recording states."""
     kept = re.search(r"only the first (\d+) and last (\d+) messages are kept", note or "")
     if kept is None:
         return simulated
@@ -53,7 +53,7 @@ def ends(simulated: list[Received], note: str | None) -> list[Received]:
 
 
 def without_earlier_repeats(received: list[Received]) -> list[Received]:
-    """Messages without repeats of commands that the autopilot sent itself before the dialogue began."""
+    """Messages without the repeats of commands that the autopilot sent to itself before the dialogue."""
     return [m for m in received if not _is_earlier_repeat(m)]
 
 
@@ -67,8 +67,8 @@ def _is_earlier_repeat(message: Received) -> bool:
     return message.dt_s < FIRST_REPEAT_S + (repeat - 1) * REPEAT_S - REPEAT_JITTER_S
 
 
-def without_edge(simulated: list[Received], recorded: list[Received], end_s: float) -> list[Received]:
-    """Messages without texts and events of the last moment that the recording does not contain."""
+def without_last_moment(simulated: list[Received], recorded: list[Received], end_s: float) -> list[Received]:
+    """The simulator's messages without texts and events of the last moment that are not in the recording."""
     return [
         m
         for m in simulated
@@ -81,8 +81,10 @@ def _is_in(message: Received, recorded: list[Received]) -> bool:
     return any(m.name == message.name and m.values[field] == message.values[field] for m in recorded)
 
 
-def swapped(missing: list[Received], extra: list[Received], key: Key) -> list[tuple[Received, Received]]:
-    """Pairs of messages that only swapped; removes them from both lists."""
+def swapped_pairs(
+    missing: list[Received], extra: list[Received], key: Key
+) -> list[tuple[Received, Received]]:
+    """Pairs of messages that only changed places; the function removes them from both lists."""
     pairs: list[tuple[Received, Received]] = []
     for real in list(missing):
         sim = next(
@@ -95,11 +97,14 @@ def swapped(missing: list[Received], extra: list[Received], key: Key) -> list[tu
     return pairs
 
 
-def sent_often(
+def compare_frequent(
     recorded: list[Received], simulated: list[Received], key: Key
 ) -> tuple[list[Received], list[Received], list[tuple[Hashable, int, int]]]:
-    """Recorded and simulated messages without those that PX4 sent more than eight times; key and both counts
-    where the counts of those differ."""
+    """Compares the numbers of the messages that PX4 sent more than eight times.
+
+    Returns:
+        The other recorded and simulated messages; key and both numbers where the numbers differ.
+    """
     real, sim = Counter(map(key, recorded)), Counter(map(key, simulated))
     often = {each for each, count in real.items() if count > OFTEN}
     wrong = [
@@ -110,35 +115,35 @@ def sent_often(
     return [m for m in recorded if key(m) not in often], [m for m in simulated if key(m) not in often], wrong
 
 
-def without_heights(text: str) -> str:
-    """A text without its measured heights."""
-    return _HEIGHTS.sub("… m (… m", text)
+def without_altitudes(text: str) -> str:
+    """A text without its measured altitudes."""
+    return _ALTITUDES.sub("… m (… m", text)
 
 
-def heights_in(text: str) -> list[float]:
-    """The measured heights in a text [m]."""
-    return [float(each) for found in _HEIGHTS.findall(text) for each in found]
+def altitudes_in(text: str) -> list[float]:
+    """The measured altitudes in a text: AMSL and above the destination [m]."""
+    return [float(each) for found in _ALTITUDES.findall(text) for each in found]
 
 
-def return_heights(arguments: list[int]) -> list[float]:
-    """The heights [m] in the arguments of the event of a return."""
+def return_altitudes(arguments: list[int]) -> list[float]:
+    """The altitudes in the arguments of a return's event: AMSL and above the destination [m]."""
     return [float(each) for each in struct.unpack_from("<ii", bytes(arguments))]
 
 
-def listing(payload: dict[str, Any], data_hex: str) -> list[str]:
-    """A directory's entries in any order; for a part of it only their number."""
+def listed_entries(payload: dict[str, Any], data_hex: str) -> list[str]:
+    """The entries of a directory, sorted; for a later part of the directory only their number."""
     entries = bytes.fromhex(data_hex).decode("utf-8", "replace").split("\0")
     return sorted(entries) if payload["offset"] == 0 else [str(len(entries))]
 
 
 class Hashes:
-    """The parameter hashes of a session: PX4's and the simulator's change at the same time."""
+    """The parameter hashes of a session; those of PX4 and of the simulator must change at the same time."""
 
     def __init__(self) -> None:
         self._simulated: dict[int, int] = {}
 
     def without_hashes(self, rows: list[Row]) -> list[Row]:
-        """Rows without those of `_HASH_CHECK` that change as PX4's did."""
+        """Rows without those of `_HASH_CHECK` in which the simulator's hash changed when PX4's did."""
         return [row for row in rows if not (row[1] == "[_HASH_CHECK].param_value" and self._fits(*row[2:]))]
 
     def _fits(self, real: int, sim: int) -> bool:

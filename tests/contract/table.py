@@ -1,4 +1,4 @@
-"""Prints the table of differences: `python -m tests.contract.table [group…]`."""
+"""Prints the table of differences: `python -m tests.contract.table [group or session…]`."""
 
 import itertools
 import os
@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 
 from tests.contract.compare import compare
-from tests.contract.driver import Player
+from tests.contract.driver import DialoguePlayer
 from tests.contract.recordings import needs_logs, sessions
 from tests.contract.rules import Hashes
 
@@ -22,7 +22,7 @@ def main() -> None:
         if len(sys.argv) > 1 and not any(name.startswith(each) for each in sys.argv[1:]):
             continue
         began = time.perf_counter()
-        player, count = Player(log=needs_logs(dialogues)), 0
+        player, count = DialoguePlayer(log=needs_logs(dialogues)), 0
         hashes = Hashes()
         for dialogue, next_dialogue in itertools.zip_longest(dialogues, dialogues[1:]):
             total += 1

@@ -1,7 +1,7 @@
 """Every recorded dialogue with the simulated vehicle on a fake clock: only explained differences occur.
 
 A difference without a row in `explained.tsv` fails, and so does a row without a difference. `python -m
-tests.contract.table [session…]` prints the table.
+tests.contract.table [group or session…]` prints the table.
 """
 
 import itertools
@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests.contract.compare import compare, same
-from tests.contract.driver import Player
-from tests.contract.explained import EXPLAINED, Cell, cell_of, times_explained
+from tests.contract.driver import DialoguePlayer
+from tests.contract.explained import EXPLAINED, DifferenceKey, explained_count, key_of
 from tests.contract.recordings import Dialogue, needs_logs, sessions
 from tests.contract.rules import Hashes
 
@@ -23,9 +23,9 @@ WHOLE = RECORDED.is_dir() and os.environ.get("ALL_DIALOGUES") == "1"
 SESSIONS: dict[str, list[Dialogue]] = dict(
     sessions(RECORDED if WHOLE else Path(__file__).resolve().parent / "data")
 )
-"""The first few dialogues of most groups; all of them in `make test-clients`, if they are beside the
-checkout."""
-LONGEST = {
+"""The first few dialogues of most groups; with `make test-clients` all dialogues, if the recordings are
+beside the checkout."""
+LONG_SESSIONS = {
     "air-0",
     "arming-0",
     "arming_denied-0",
@@ -34,7 +34,7 @@ LONGEST = {
     "calibration-1",
     "termination-0",
 }
-"""Each of these takes as long as ten others: only `make test-clients` runs them."""
+"""Each of these sessions takes as long as ten others: only `make test-clients` replays them."""
 DIALOGUES = 602
 MAX_ROWS = 40
 RATE_HZ_TOLERANCE = 0.1
@@ -43,36 +43,36 @@ RATE_HZ_TOLERANCE = 0.1
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     "session",
-    [pytest.param(name, marks=pytest.mark.broad if name in LONGEST else ()) for name in SESSIONS],
+    [pytest.param(name, marks=pytest.mark.broad if name in LONG_SESSIONS else ()) for name in SESSIONS],
 )
 def test_dialogues_of_a_session_have_only_explained_differences(session: str) -> None:
     """One test per session, since each dialogue starts in the state that the previous one left."""
     dialogues, hashes = SESSIONS[session], Hashes()
-    player = Player(log=needs_logs(dialogues))
-    found: Counter[Cell] = Counter()
+    player = DialoguePlayer(log=needs_logs(dialogues))
+    found: Counter[DifferenceKey] = Counter()
     unexplained: list[str] = []
     for dialogue, next_dialogue in itertools.zip_longest(dialogues, dialogues[1:]):
         for difference in compare(dialogue, player.play(dialogue, next_dialogue), hashes):
-            cell = cell_of(session, difference)
-            found[cell] += 1
-            if found[cell] > times_explained(cell):
+            key = key_of(session, difference)
+            found[key] += 1
+            if found[key] > explained_count(key):
                 unexplained.append(str(difference)[:300])
     assert not unexplained, "\n".join(unexplained)
     played = {dialogue["id"] for dialogue in dialogues}
     stale = [row for row in EXPLAINED if row[:2] in {(session, each) for each in played}
-             and found[row] < times_explained(row)]  # fmt: skip
+             and found[row] < explained_count(row)]  # fmt: skip
     assert not stale, f"no longer a difference, delete these rows: {stale}"
 
 
-def test_all_recorded_dialogues_are_replayed(recorded: Path) -> None:
-    assert recorded == RECORDED.parent
+def test_all_recorded_dialogues_are_replayed(recordings_folder: Path) -> None:
+    assert recordings_folder == RECORDED.parent
     assert sum(len(dialogues) for dialogues in SESSIONS.values()) == DIALOGUES
 
 
 def test_another_result_a_missing_message_or_another_value_is_a_difference() -> None:
-    """Checks the comparison with changed recordings."""
+    """The comparison finds each change of a recording."""
     dialogue = next(d for d in SESSIONS["request_message-0"] if d["id"] == "request_1_sys_status")
-    result = Player().play(dialogue)
+    result = DialoguePlayer().play(dialogue)
     assert not compare(dialogue, result)
     for entry in dialogue["received"]:
         changed = {**dialogue, "received": [e for e in dialogue["received"] if e is not entry]}
@@ -90,14 +90,14 @@ def test_the_documentation_explains_each_cause_and_no_other() -> None:
     text = (REPOSITORY / "docs" / "simulator.md").read_text(encoding="utf-8")
     section = text.split("## Differences in the recorded dialogues")[1].split("\n## ")[0]
     table = [line.split("|")[1].strip() for line in section.splitlines() if line.startswith("| ")]
-    assert sorted(table[1:]) == sorted({row.reason for row in EXPLAINED.values()})
+    assert sorted(table[1:]) == sorted({row.cause for row in EXPLAINED.values()})
 
 
 def test_the_table_is_short_and_each_row_belongs_to_a_recorded_dialogue(shared: Path) -> None:
     known = {(name, d["id"]) for name, dialogues in sessions(shared / "px4" / "dialogues") for d in dialogues}
     assert len(EXPLAINED) <= MAX_ROWS
-    assert {cell[:2] for cell in EXPLAINED} <= known
-    assert all(row.times > 0 and not set("*?") & set("".join(cell)) for cell, row in EXPLAINED.items())
+    assert {key[:2] for key in EXPLAINED} <= known
+    assert all(row.count > 0 and not set("*?") & set("".join(key)) for key, row in EXPLAINED.items())
 
 
 @pytest.mark.parametrize(("part", "hz"), [("after_200000us", 0), ("after_0", 4.5)])
@@ -107,7 +107,7 @@ def test_a_stream_has_the_requested_rate(shared: Path, part: str, hz: float) -> 
     dialogue = next(d for d in recorded if "measured_hz" in d)
     end_s = hz + 4.5
     cut = [e for e in dialogue["send"] if e["dt_s"] < end_s]
-    result = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s})
-    before = Player(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s - 4.0})
+    result = DialoguePlayer(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s})
+    before = DialoguePlayer(("ATTITUDE",)).play({**dialogue, "send": cut, "window_s": end_s - 4.0})
     counted_hz = (result.counts["ATTITUDE"] - before.counts["ATTITUDE"]) / 4.0
     assert counted_hz == pytest.approx(dialogue["measured_hz"][part], rel=RATE_HZ_TOLERANCE)

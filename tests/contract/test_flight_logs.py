@@ -23,13 +23,13 @@ FLIGHTS = {
     "failsafe-datalink-rtl": ("gcs", {"NAV_DLL_ACT": 2}),
     "offboard-api": ("api", {}),
 }
-"""Logs that contain everything that was sent to the vehicle: the logged link, and the parameters set
+"""Logs with all messages that were sent to the vehicle: the logged link, and the parameters that had been set
 before."""
 AUTOPILOT, API_CLIENT = 1, 245
 READY_S = 5.0
-"""The simulated estimator is ready earlier; from this time on both are."""
+"""From this time on both estimators are ready; the simulated one is ready earlier than PX4's."""
 MIN_COUNT, TOLERANCE = 10, 0.1
-HEIGHT_M = 1.5
+ALTITUDE_TOLERANCE_M = 1.5
 NOT_STREAMED = {"PARAM_VALUE", "STATUSTEXT", "EVENT", "COMMAND_ACK", "COMMAND_LONG", "AVAILABLE_MODES"}
 
 Received = list[tuple[float, str, dict[str, Any]]]
@@ -64,7 +64,7 @@ def read(path: Path) -> tuple[Received, Sent, float]:
     return messages, sent, boot_s
 
 
-def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str, float]) -> Received:
+def replay(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str, float]) -> Received:
     """The simulated vehicle's messages on that link."""
     station = Station(heartbeats=False, parameters=parameters, links=BOTH)
     for time_s, sender, name, fields in sent:
@@ -79,7 +79,8 @@ def fly(sent: Sent, boot_s: float, end_s: float, link: str, parameters: dict[str
 def changes(
     received: Received, name: str, value_of: Any, until_s: float, lasting_s: float = 0.0
 ) -> list[Any]:
-    """The values of `value_of` for a message's fields, whenever the value is new and remains for a while."""
+    """The values that `value_of` returns for a message's fields, each time the value changes for at least
+    `lasting_s`."""
     values = [
         (time_s, value_of(fields))
         for time_s, n, fields in received
@@ -91,13 +92,13 @@ def changes(
     return [value for value, _ in itertools.groupby(kept)]
 
 
-def steps(heights_m: list[float]) -> list[float]:
-    """Only heights that differ from the previous one by more than `HEIGHT_M`."""
-    clear = heights_m[:1]
-    for height_m in heights_m:
-        if abs(height_m - clear[-1]) > HEIGHT_M:
-            clear.append(height_m)
-    return clear
+def altitude_steps(altitudes_m: list[float]) -> list[float]:
+    """Only altitudes that differ from the previous one by more than `ALTITUDE_TOLERANCE_M`."""
+    steps_m = altitudes_m[:1]
+    for altitude_m in altitudes_m:
+        if abs(altitude_m - steps_m[-1]) > ALTITUDE_TOLERANCE_M:
+            steps_m.append(altitude_m)
+    return steps_m
 
 
 def text_of(fields: dict[str, Any]) -> str | None:
@@ -106,7 +107,7 @@ def text_of(fields: dict[str, Any]) -> str | None:
     return None if "[logger]" in text else re.sub(r"\d+", "#", text)
 
 
-def event(fields: dict[str, Any]) -> str | None:
+def event_name(fields: dict[str, Any]) -> str | None:
     name = EVENT_NAMES.get(fields["id"], str(fields["id"]))
     return None if name.startswith("logger") else name
 
@@ -117,11 +118,13 @@ def disarmed_s(received: Received) -> float:
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_a_simulated_flight_sends_the_messages_of_the_logged_flight(recorded: Path, name: str) -> None:
-    (path,) = (recorded / "tlogs").glob(f"{name}.tlog*")
+def test_a_simulated_flight_sends_the_messages_of_the_logged_flight(
+    recordings_folder: Path, name: str
+) -> None:
+    (path,) = (recordings_folder / "tlogs").glob(f"{name}.tlog*")
     real, sent, boot_s = read(path)
     end_s = real[-1][0]
-    sim = fly(sent, boot_s, end_s, *FLIGHTS[name])
+    sim = replay(sent, boot_s, end_s, *FLIGHTS[name])
 
     counts = [Counter(n for t, n, _ in received if READY_S < t < end_s) for received in (real, sim)]
     different_counts = {
@@ -146,7 +149,7 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_flight(recorded: Pa
         ("HEARTBEAT", lambda f: (f["base_mode"] >> 7, hex(f["custom_mode"]), f["system_status"])),
         ("EXTENDED_SYS_STATE", lambda f: f["landed_state"]),
         ("STATUSTEXT", text_of),
-        ("EVENT", event),
+        ("EVENT", event_name),
         ("OPEN_DRONE_ID_LOCATION", lambda f: f["status"]),
         ("MISSION_CURRENT", lambda f: f["seq"]),
         ("GIMBAL_MANAGER_STATUS", lambda f: f["flags"]),
@@ -160,9 +163,11 @@ def test_a_simulated_flight_sends_the_messages_of_the_logged_flight(recorded: Pa
     px4, simulated = changes_in_both("COMMAND_LONG", lambda f: f["command"])
     assert set(simulated) == set(px4), "commands to its own components"
     px4, simulated = (
-        steps(values) for values in changes_in_both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"])
+        altitude_steps(values) for values in changes_in_both("POSITION_TARGET_GLOBAL_INT", lambda f: f["alt"])
     )
-    assert simulated == [pytest.approx(height_m, abs=HEIGHT_M) for height_m in px4], "target positions"
+    assert simulated == [pytest.approx(altitude_m, abs=ALTITUDE_TOLERANCE_M) for altitude_m in px4], (
+        "target positions"
+    )
     px4, simulated = changes_in_both("TIME_ESTIMATE_TO_TARGET", lambda f: f["safe_return"])
     assert max(simulated, default=0) == pytest.approx(max(px4, default=0), abs=3), (
         "duration of the return [s]"

@@ -1,10 +1,10 @@
-"""The angles of the simulated gimbal after each recorded gimbal dialogue, compared with the real one."""
+"""The angles of the simulated gimbal after each recorded gimbal dialogue, compared with those of PX4."""
 
 import math
 from pathlib import Path
 from typing import Any
 
-from tests.contract.driver import Player
+from tests.contract.driver import DialoguePlayer
 from tests.contract.recordings import load
 from tests.contract.replay_vehicle import Vehicle
 
@@ -27,7 +27,7 @@ EXPLAINED: dict[str, str] = {
 }
 
 
-def pointing(vehicle: Vehicle) -> dict[str, float]:
+def gimbal_angles(vehicle: Vehicle) -> dict[str, float]:
     _, mount = vehicle.last["gcs", "MOUNT_ORIENTATION"]
     _, device = vehicle.last["gcs", "GIMBAL_DEVICE_ATTITUDE_STATUS"]
     return {
@@ -49,16 +49,16 @@ def differences(real: dict[str, Any], simulated: dict[str, float]) -> list[str]:
     return different
 
 
-def test_the_simulated_gimbal_reaches_the_recorded_angles(recorded: Path) -> None:
-    player = Player(listen=("MOUNT_ORIENTATION",))
+def test_the_simulated_gimbal_reaches_the_recorded_angles(recordings_folder: Path) -> None:
+    player = DialoguePlayer(listen=("MOUNT_ORIENTATION",))
     different: dict[str, list[str]] = {}
     compared = 0
-    for dialogue in load(recorded / "dialogues" / "gimbal.jsonl"):
+    for dialogue in load(recordings_folder / "dialogues" / "gimbal.jsonl"):
         player.play({**dialogue, "window_s": dialogue["window_s"] - READ_BEFORE_END_S, "received": []})
         if "gimbal_after" not in dialogue:
             continue
         compared += 1
-        found = differences(dialogue["gimbal_after"], pointing(player.vehicle))
+        found = differences(dialogue["gimbal_after"], gimbal_angles(player.vehicle))
         if found:
             different[dialogue["id"]] = found
     assert compared > 35

@@ -12,7 +12,7 @@ import pytest
 
 from tests.contract.ros2_dialogues import (
     RECORDED,
-    Player,
+    Ros2DialoguePlayer,
     TimedDialogue,
     compare,
     dialogue_parameters,
@@ -50,8 +50,8 @@ NOT_REPLAYED = {
 
 
 @pytest.fixture(scope="module")
-def player() -> Player:
-    return Player()
+def player() -> Ros2DialoguePlayer:
+    return Ros2DialoguePlayer()
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def player() -> Player:
     dialogue_parameters(timed_dialogues(load(GROUPS)), lambda session: session not in ALWAYS),
 )
 def test_a_replayed_dialogue_has_the_recorded_replies_and_states(
-    player: Player, timed_dialogue: TimedDialogue
+    player: Ros2DialoguePlayer, timed_dialogue: TimedDialogue
 ) -> None:
     player.play(timed_dialogue)
     found = compare(player, timed_dialogue.dialogue)

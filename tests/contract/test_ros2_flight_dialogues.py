@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.contract.ros2_dialogues import TimedDialogue, compare, dialogue_parameters, load, timed_dialogues
-from tests.contract.ros2_flight_dialogues import GROUPS, FlightPlayer, landed_s
+from tests.contract.ros2_flight_dialogues import GROUPS, Ros2FlightPlayer, landed_s
 
 ONE_OF_EACH = frozenset({"x_gone_back", "x_exec", "d2_timeout", "x_repl5", "x_two"})
 """Boots of PX4, one of each group; `make test-clients` repeats all of them."""
@@ -35,15 +35,15 @@ pytestmark = pytest.mark.flight
 
 
 @pytest.fixture(scope="module")
-def player() -> FlightPlayer:
-    return FlightPlayer()
+def player() -> Ros2FlightPlayer:
+    return Ros2FlightPlayer()
 
 
 @pytest.mark.parametrize(
     "timed_dialogue", dialogue_parameters(timed_dialogues(DIALOGUES), lambda session: session != SHORTEST)
 )
 def test_a_replayed_dialogue_in_flight_has_the_recorded_replies_and_states(
-    player: FlightPlayer, timed_dialogue: TimedDialogue
+    player: Ros2FlightPlayer, timed_dialogue: TimedDialogue
 ) -> None:
     player.play(timed_dialogue)
     found = compare(

@@ -1,5 +1,6 @@
 """Flights of a real PX4 commanded over ROS 2, replayed on the topics of the simulated vehicle: setpoints of
-the wrong kind, lost streams, setpoints outside Offboard, the published node. The bench compares the others.
+the wrong kind, lost streams, setpoints outside Offboard, PX4's example node. `tests/bench` compares the
+others.
 
 A flight is compared by its motion since the first event, and by the changes of mode and arming.
 """
@@ -29,8 +30,8 @@ pytestmark = pytest.mark.flight
 
 LAND = 18
 SPREAD_M = (1.4, 0.8)
-"""Largest horizontal and vertical differences between recorded flights with equal setpoints: the node and a
-step, three times each, and a hovering vehicle, four times [m]. The simulated vehicle has no noise here."""
+"""Largest horizontal and vertical differences between recorded flights with equal setpoints [m]: the example
+node and a step, three flights each; a hover, four flights. The simulated vehicle has no noise here."""
 LANDING_M = 1.3
 """Largest vertical difference between flights that have a landing [m]."""
 DISARMING_S = 6.0
@@ -38,14 +39,14 @@ DISARMING_S = 6.0
 ALWAYS = frozenset({"all_nan", "hold_goto_30hz"})
 """Flights that `make test` replays; `make test-clients` replays all of them."""
 FOLLOWS_VELOCITY = "loss_ocm_only"
-"""The vertical motion of this flight follows a velocity setpoint, so the altitude drifts with the error of
-the estimated vertical speed. The replay has sensor noise."""
+"""A flight with vertical velocity setpoints: its altitude drifts with the error of the estimated vertical
+speed. The replay has sensor noise."""
 SEEDS = range(4)
 DRIFTS_ON_GROUND = "nav_takeoff_7m_relative_wrong"
-"""The commanded take-off altitude is below the vehicle, so PX4 used the vehicle's altitude. The vehicle
-climbed because its altitude estimate drifted downwards on the ground; the simulated GPS gets this drift. The
-drift in the air is unknown, so only the order of the modes and the farthest points after the go-to are
-compared."""
+"""The commanded take-off altitude is below the vehicle, so PX4 takes off to the vehicle's own altitude. The
+vehicle climbed because its altitude estimate had drifted downwards on the ground; the replay gives the
+simulated GPS this drift. The drift in the air is unknown: only the order of the modes and the farthest points
+after the go-to are compared."""
 GO_TO_S = 12.3
 WHOLE = os.environ.get("ALL_DIALOGUES") == "1"
 
@@ -110,7 +111,7 @@ def test_a_take_off_to_the_present_altitude_climbs_if_the_altitude_estimate_drif
         assert abs(simulated_m - recorded_m) <= limit_m
     _, states = fly(flight)
     assert changes(states)[-1][1:] != changes(flight.states)[-1][1:], (
-        "the vehicle takes off without the drift"
+        "the vehicle took off also without the drift"
     )
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.contract import rules
-from tests.contract.recordings import STREAMED_ON, completed, grid_200
+from tests.contract.recordings import STREAMED_TO_THE_END, grid_200, with_all_items
 from tests.contract.replay_vehicle import Received
-from tests.contract.unrecorded_states import GIVEN, LATE_S
+from tests.contract.unrecorded_states import RECEPTION_DELAY_S, UNRECORDED_STATES
 from vehicle_sim.mavlink.services.mission_items import opaque_id
 
 
@@ -34,31 +34,35 @@ def test_repeats_of_a_command_sent_before_the_dialogue_are_ignored() -> None:
 
 def test_the_first_and_last_messages_of_a_long_burst_are_compared() -> None:
     simulated = [statustext(float(n), str(n)) for n in range(9)]
-    kept = rules.ends(simulated, "burst; only the first 2 and last 3 messages are kept")
+    kept = rules.first_and_last(simulated, "burst; only the first 2 and last 3 messages are kept")
     assert [key(m) for m in kept] == ["0", "1", "6", "7", "8"]
-    assert rules.ends(simulated, "all of them") == rules.ends(simulated, None) == simulated
-    assert rules.ends(simulated[:4], "only the first 2 and last 3 messages are kept") == simulated[:4]
+    assert (
+        rules.first_and_last(simulated, "all of them") == rules.first_and_last(simulated, None) == simulated
+    )
+    assert (
+        rules.first_and_last(simulated[:4], "only the first 2 and last 3 messages are kept") == simulated[:4]
+    )
 
 
-def test_messages_may_swap_within_a_tenth_of_a_second() -> None:
+def test_messages_may_change_places_within_a_tenth_of_a_second() -> None:
     missing, extra = (
         [statustext(1.0, "a"), statustext(1.0, "b"), statustext(1.0, "c")],
         [statustext(1.09, "a"), statustext(1.2, "b")],
     )
-    pairs = rules.swapped(missing, extra, key)
+    pairs = rules.swapped_pairs(missing, extra, key)
     assert [(real.values["text"], sim.dt_s) for real, sim in pairs] == [("a", 1.09)]
     assert [key(m) for m in missing] == ["b", "c"]
     assert [key(m) for m in extra] == ["b"]
 
 
-def test_messages_sent_often_are_compared_by_their_count() -> None:
+def test_frequent_messages_are_compared_by_their_number() -> None:
     real = [statustext(0.1 * n, "often") for n in range(30)] + [statustext(1.0, "once")]
     sim = real[:28]
-    recorded, simulated, wrong = rules.sent_often(real, sim, key)
+    recorded, simulated, wrong = rules.compare_frequent(real, sim, key)
     assert ([key(m) for m in recorded], simulated, wrong) == (["once"], [], [])
-    assert rules.sent_often(real, real[:26], key)[2] == [("often", 30, 26)]
+    assert rules.compare_frequent(real, real[:26], key)[2] == [("often", 30, 26)]
     eight = [statustext(0.1 * n, "eight") for n in range(8)]
-    assert rules.sent_often(eight, eight[:7], key)[:2] == (eight, eight[:7])
+    assert rules.compare_frequent(eight, eight[:7], key)[:2] == (eight, eight[:7])
 
 
 def test_only_messages_near_the_end_may_be_missing_in_the_recording() -> None:
@@ -68,17 +72,17 @@ def test_only_messages_near_the_end_may_be_missing_in_the_recording() -> None:
         statustext(1.8, "c"),
         Received(1.9, "COMMAND_ACK", {"command": 400}),
     ]
-    kept = rules.without_edge(simulated, [statustext(1.8, "c")], 2.0)
+    kept = rules.without_last_moment(simulated, [statustext(1.8, "c")], 2.0)
     assert [m.values.get("text", "ack") for m in kept] == ["a", "c", "ack"]
 
 
-def test_only_the_heights_of_a_return_may_differ() -> None:
+def test_only_the_altitudes_of_a_return_may_differ() -> None:
     sample_text = "RTL: start return at 530 m (30 m above destination)\t"
-    assert rules.without_heights(sample_text) == "RTL: start return at … m (… m above destination)\t"
-    assert rules.heights_in(sample_text) == [530.0, 30.0]
+    assert rules.without_altitudes(sample_text) == "RTL: start return at … m (… m above destination)\t"
+    assert rules.altitudes_in(sample_text) == [530.0, 30.0]
     other = "Climb to 10.0 meters above home"
-    assert (rules.without_heights(other), rules.heights_in(other)) == (other, [])
-    assert rules.return_heights(list(struct.pack("<ii", 530, -3)) + [0] * 32) == [530.0, -3.0]
+    assert (rules.without_altitudes(other), rules.altitudes_in(other)) == (other, [])
+    assert rules.return_altitudes(list(struct.pack("<ii", 530, -3)) + [0] * 32) == [530.0, -3.0]
 
 
 def hash_row(real: int, sim: int) -> rules.Row:
@@ -96,7 +100,7 @@ def test_the_parameter_hash_changes_and_reverts_when_that_of_px4_does() -> None:
 
 def test_the_entries_of_a_directory_may_have_any_order() -> None:
     def entries(data: bytes, offset: int = 0) -> list[str]:
-        return rules.listing({"offset": offset}, data.hex())
+        return rules.listed_entries({"offset": offset}, data.hex())
 
     assert entries(b"Dlog\0S\0Fa\t1\0") == entries(b"S\0Fa\t1\0Dlog\0")
     assert entries(b"Dlog\0S\0") != entries(b"Dlog\0")
@@ -115,11 +119,11 @@ def test_each_unrecorded_starting_state_has_evidence_in_the_dialogue(shared: Pat
         lines = path.read_text(encoding="utf-8").splitlines()
         dialogues |= {each["id"]: each for each in map(json.loads, lines)}
     without_evidence = [
-        name for name, state in GIVEN.items() if state.shown_by not in json.dumps(dialogues[name])
+        name for name, state in UNRECORDED_STATES.items() if state.evidence not in json.dumps(dialogues[name])
     ]
     assert not without_evidence
-    assert {name for name, _ in LATE_S} | STREAMED_ON <= dialogues.keys()
-    whole = completed(dialogues["mission_upload_200_items"])
+    assert {name for name, _ in RECEPTION_DELAY_S} | STREAMED_TO_THE_END <= dialogues.keys()
+    whole = with_all_items(dialogues["mission_upload_200_items"])
     items = {
         entry["fields"]["seq"]: entry["fields"] for entry in dialogues["mission_upload_200_items"]["send"][1:]
     }

@@ -2,7 +2,7 @@
 
 Some recorded dialogues are withheld, and between dialogues the recording harness flew, armed and landed the
 vehicle without recording it. Each entry brings the simulated vehicle into that state and names the evidence
-in the recording (`shown_by`; `test_rules.py` searches for it). The rest of the dialogue is then compared like
+in the recording (`evidence`; `test_rules.py` searches for it). The rest of the dialogue is then compared like
 any other.
 """
 
@@ -18,28 +18,28 @@ from tests.contract.replay_vehicle import ARM_DISARM, DO_SET_MODE, FORCE, HOLD, 
 
 HOME_LAT_E7, HOME_LON_E7 = 473977423, 85455936
 PREFLIGHT_CALIBRATION = 241
-STILL_TO_CLIMB_M = 4.0
+REMAINING_CLIMB_M = 4.0
 METRE_E7 = 90
 """A metre to the north [1e-7 degrees], approximately."""
 HOLD_MODE, MISSION_MODE, RTL_MODE = (4, 3), (4, 4), (4, 5)
-LATE_S = {
+RECEPTION_DELAY_S = {
     ("offboard_air_stream_slows_to_1hz", 5): 0.06,
     ("calibration_baro", 0): 10.79,
     ("arm_in_mode_takeoff", 0): 0.555,
 }
-"""Delay with which PX4 received the n-th message of each stream of a dialogue. The recording machine was
-busy: PX4 lost a stream of 1 Hz, acknowledged a calibration command after 10.8 s and ignored its cancellation,
-and armed half a second late, once each."""
+"""Delay with which PX4 received the n-th message of each stream of a dialogue, because the recording machine
+was busy. PX4 lost a stream of 1 Hz; acknowledged a calibration command after 10.8 s and ignored its
+cancellation; armed half a second late."""
 
 Action = Callable[[Vehicle, Dialogue], None]
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class UnrecordedState:
     """One unrecorded starting state."""
 
-    shown_by: str
-    """Part of the dialogue's JSON."""
+    evidence: str
+    """A part of the dialogue's JSON that shows this state."""
     establish: Action
 
 
@@ -81,7 +81,7 @@ def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
     view = vehicle.autopilot.view
     alt_amsl_m = view.estimate.alt_amsl_m + 7.0
     vehicle.command(TAKEOFF, -1, 0, 0, math.nan, math.nan, math.nan, alt_amsl_m)
-    vehicle.run_until(lambda: view.estimate.alt_amsl_m > alt_amsl_m - STILL_TO_CLIMB_M, 20)
+    vehicle.run_until(lambda: view.estimate.alt_amsl_m > alt_amsl_m - REMAINING_CLIMB_M, 20)
 
 
 def _disarmed(vehicle: Vehicle, dialogue: Dialogue) -> None:
@@ -89,10 +89,10 @@ def _disarmed(vehicle: Vehicle, dialogue: Dialogue) -> None:
     once before, so its first log is closed."""
     vehicle.command(ARM_DISARM, 0, FORCE)
     vehicle.run(1.0)
-    vehicle.ground(False, HOLD)
-    vehicle.ground(True, HOLD)
+    vehicle.put_on_ground(False, HOLD)
+    vehicle.put_on_ground(True, HOLD)
     vehicle.run(0.3)
-    vehicle.ground(False, dialogue["state"]["custom_mode"])
+    vehicle.put_on_ground(False, dialogue["state"]["custom_mode"])
     vehicle.run(0.5)
 
 
@@ -110,19 +110,19 @@ def _parameter(name: str, value: float, wait_s: float) -> Action:
 
 
 def _on_its_side(vehicle: Vehicle, _: Dialogue) -> None:
-    """Tips the vehicle over: an actuator test does this to PX4's simulated airframe."""
+    """Turns the vehicle onto its side, as an actuator test does with PX4's simulated airframe."""
     half = math.sqrt(0.5)
     vehicle.sim.simulation.set_attitude_if_disarmed(0, (half, half, 0.0, 0.0))
-    # A vehicle that is turned by hand changes its attitude at once.
+    # The turn takes no simulated time, so the estimator starts again.
     vehicle.sim.simulation._estimator.reset(0)
     vehicle.run(10.0)
 
 
 def _returning(vehicle: Vehicle, _: Dialogue) -> None:
-    vehicle.fly()
+    vehicle.hover_in_hold()
     vehicle.command(DO_SET_MODE, 1, *RTL_MODE)
     vehicle.run(1.0)
-    vehicle.run_until(lambda: vehicle.height_m < 5.0, 60)
+    vehicle.run_until(lambda: vehicle.altitude_m < 5.0, 60)
 
 
 def _turning_by_hand(vehicle: Vehicle, _: Dialogue) -> None:
@@ -132,19 +132,19 @@ def _turning_by_hand(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _at_rest(vehicle: Vehicle, _: Dialogue) -> None:
-    vehicle.stream(True)
+    vehicle.stream_setpoints(True)
     vehicle.run(3.0)
     vehicle.run_until(lambda: vehicle.speed_m_s < 0.3, 10)
-    vehicle.stream(False)
+    vehicle.stream_setpoints(False)
 
 
 def _heading(yaw_ned_rad: float) -> Action:
     def establish(vehicle: Vehicle, _: Dialogue) -> None:
-        vehicle.stream(True)
-        assert vehicle.background is not None
-        vehicle.background["yaw"] = yaw_ned_rad
+        vehicle.stream_setpoints(True)
+        assert vehicle.background_setpoint is not None
+        vehicle.background_setpoint["yaw"] = yaw_ned_rad
         vehicle.run(3.0)
-        vehicle.stream(False)
+        vehicle.stream_setpoints(False)
 
     return establish
 
@@ -173,43 +173,46 @@ def _on_disk(vehicle: Vehicle, dialogue: Dialogue) -> None:
         (root / "test_data").symlink_to("log")
 
 
-GIVEN: dict[str, State] = {
-    "air_takeoff_again": State("Already higher than takeoff altitude", _altitude(14.0)),
-    "air_setmode_auto_none": State("Climb to 10.0 meters above home", _altitude(7.5)),
-    "air_setmode_auto_mission": State("Executing Mission", _altitude(10.0, 30)),
-    "air_setmode_auto_rtl": State("530 m (30 m above destination", _rally_point_near),
-    "air_rtl": State("530 m (30 m above destination", _rally_point_near),
-    "air_standard_mode_7": State('"command": 2003, "confirmation": 0', _mode(*MISSION_MODE)),
-    "air_standard_mode_8": State("Using default takeoff altitude: 2.5 m", _altitude(1.8)),
+UNRECORDED_STATES: dict[str, UnrecordedState] = {
+    "air_takeoff_again": UnrecordedState("Already higher than takeoff altitude", _altitude(14.0)),
+    "air_setmode_auto_none": UnrecordedState("Climb to 10.0 meters above home", _altitude(7.5)),
+    "air_setmode_auto_mission": UnrecordedState("Executing Mission", _altitude(10.0, 30)),
+    "air_setmode_auto_rtl": UnrecordedState("530 m (30 m above destination", _rally_point_near),
+    "air_rtl": UnrecordedState("530 m (30 m above destination", _rally_point_near),
+    "air_standard_mode_7": UnrecordedState('"command": 2003, "confirmation": 0', _mode(*MISSION_MODE)),
+    "air_standard_mode_8": UnrecordedState("Using default takeoff altitude: 2.5 m", _altitude(1.8)),
     **{
-        name: State('"msg": "ORBIT_EXECUTION_STATUS"', _at_the_orbit_centre)
+        name: UnrecordedState('"msg": "ORBIT_EXECUTION_STATUS"', _at_the_orbit_centre)
         for name in ("air_orbit_basic", "air_orbit_nan_radius", "air_orbit_too_fast", "air_orbit_centre_1km",
                      "air_orbit_yaw_behaviour_9", "air_orbit_nan_velocity")
     },
-    "air_mission_clear_while_running": State('"custom_mode": 50593792', _mode(*HOLD_MODE)),
-    "cmd_actuator_test_release": State("Attitude failure (roll)", _on_its_side),
-    "param_set_cal_volatile": State("Attitude failure (roll)", _on_its_side),
-    "fence_upload_inclusion_polygon": State('"total": 200', _items_200),
-    "fence_arm_inside_exclusion": State("[logger] ./log/", _disarmed),
-    "fence_clear": State('"base_mode": 29', _disarmed),
-    "mission_start_range_disarmed": State("Armed by mission start", _disarmed),
-    "setmode_mission_disarmed_with_mission": State('"base_mode": 29', _disarmed),
-    "param_set_int32_back": State('"param_id": "NAV_DLL_ACT"', _parameter("NAV_DLL_ACT", 2, 2.5)),
-    "param_cruise_restore": State('"param_value": 5.0', _parameter("MPC_XY_CRUISE", 12.0, 2.5)),
-    "param_set_negative_int": State('"param_id": "COM_ARM_WO_GPS"', _parameter("COM_ARM_WO_GPS", 1, 0.2)),
-    "hold_after_rtl": State('"relative_altitude_m": 4.99', _returning),
-    "setmode_disarmed_posctl": State('"system_status": 2', _turning_by_hand),
-    "setmode_disarmed_base_29": State('"system_status": 2', _turning_by_hand),
-    "shell_again_after_exit": State("again_after_exit", _console_closed),
+    "air_mission_clear_while_running": UnrecordedState('"custom_mode": 50593792', _mode(*HOLD_MODE)),
+    "cmd_actuator_test_release": UnrecordedState("Attitude failure (roll)", _on_its_side),
+    "param_set_cal_volatile": UnrecordedState("Attitude failure (roll)", _on_its_side),
+    "fence_upload_inclusion_polygon": UnrecordedState('"total": 200', _items_200),
+    "fence_arm_inside_exclusion": UnrecordedState("[logger] ./log/", _disarmed),
+    "fence_clear": UnrecordedState('"base_mode": 29', _disarmed),
+    "mission_start_range_disarmed": UnrecordedState("Armed by mission start", _disarmed),
+    "setmode_mission_disarmed_with_mission": UnrecordedState('"base_mode": 29', _disarmed),
+    "param_set_int32_back": UnrecordedState('"param_id": "NAV_DLL_ACT"', _parameter("NAV_DLL_ACT", 2, 2.5)),
+    "param_cruise_restore": UnrecordedState('"param_value": 5.0', _parameter("MPC_XY_CRUISE", 12.0, 2.5)),
+    "param_set_negative_int": UnrecordedState(
+        '"param_id": "COM_ARM_WO_GPS"', _parameter("COM_ARM_WO_GPS", 1, 0.2)
+    ),
+    "hold_after_rtl": UnrecordedState('"relative_altitude_m": 4.99', _returning),
+    "setmode_disarmed_posctl": UnrecordedState('"system_status": 2', _turning_by_hand),
+    "setmode_disarmed_base_29": UnrecordedState('"system_status": 2', _turning_by_hand),
+    "shell_again_after_exit": UnrecordedState("again_after_exit", _console_closed),
     **{
-        name: State("46706172616d65746572732e62736f6e09", _on_disk)  # "Fparameters.bson" and its size
+        # "Fparameters.bson" and its size
+        name: UnrecordedState("46706172616d65746572732e62736f6e09", _on_disk)
         for name in ("ftp_list_root_offset_5", "ftp_list_dot", "ftp_list_empty", "armed_ground_ftp_list")
     },
-    "offboard_air_no_stream": State('"custom_mode": 33816576', _taking_off),
-    "offboard_disarmed_stream_1hz": State('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
-    "offboard_disarmed_stream_2hz": State('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
-    "sp_mask_velocity_0xdc7": State('"yaw": -0.194', _heading(-0.19)),
-    "sp_mask_position_only_0xdf8": State('"vz": 0.24', _at_rest),
-    "gsp_frame11_terrain": State('"vy": -0.06', _at_rest),
+    "offboard_air_no_stream": UnrecordedState('"custom_mode": 33816576', _taking_off),
+    "offboard_disarmed_stream_1hz": UnrecordedState('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
+    "offboard_disarmed_stream_2hz": UnrecordedState('"custom_mode": 50593792, "intended', _mode(*HOLD_MODE)),
+    "sp_mask_velocity_0xdc7": UnrecordedState('"yaw": -0.194', _heading(-0.19)),
+    "sp_mask_position_only_0xdf8": UnrecordedState('"vz": 0.24', _at_rest),
+    "gsp_frame11_terrain": UnrecordedState('"vy": -0.06', _at_rest),
 }  # fmt: skip
 """Unrecorded starting states by the dialogue's id."""
