@@ -14,8 +14,8 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
-READY_S = 90.0
-"""Time for a vehicle on a busy machine to boot, to align its estimator, and to get a position."""
+READY_TIMEOUT_S = 90.0
+"""Time that a vehicle on a busy machine needs to boot, to align its estimator, and to get a position."""
 
 
 class Drone:
@@ -78,7 +78,7 @@ class Drone:
 
 @asynccontextmanager
 async def connected(port: int) -> AsyncIterator[Drone]:
-    """The vehicle on this TCP port of this machine, once it can be armed."""
+    """Connects to the vehicle on this TCP port of this machine, and waits until the vehicle can be armed."""
     address = f"tcpout://127.0.0.1:{port}"
     try:
         from mavsdk.asyncio import Mavsdk
@@ -90,7 +90,7 @@ async def connected(port: int) -> AsyncIterator[Drone]:
             server_port = probe.getsockname()[1]
         system = System(port=server_port)
         try:
-            async with asyncio.timeout(READY_S):
+            async with asyncio.timeout(READY_TIMEOUT_S):
                 await system.connect(address)
             yield await _ready(Drone(3, system))
         finally:
@@ -101,11 +101,15 @@ async def connected(port: int) -> AsyncIterator[Drone]:
         configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
         async with Mavsdk(configuration) as mavsdk:
             await mavsdk.add_any_connection(address)
-            yield await _ready(Drone(4, await mavsdk.first_autopilot(timeout_s=READY_S)))
+            yield await _ready(Drone(4, await mavsdk.first_autopilot(timeout_s=READY_TIMEOUT_S)))
 
 
 async def _ready(drone: Drone) -> Drone:
     began_s = time.monotonic()
-    await drone.until("health", lambda h: h.is_armable and h.is_home_position_ok, "ready to arm", READY_S)
-    await drone.until("home", lambda _: True, "home", max(1.0, READY_S - (time.monotonic() - began_s)))
+    await drone.until(
+        "health", lambda h: h.is_armable and h.is_home_position_ok, "ready to arm", READY_TIMEOUT_S
+    )
+    await drone.until(
+        "home", lambda _: True, "home", max(1.0, READY_TIMEOUT_S - (time.monotonic() - began_s))
+    )
     return drone

@@ -14,7 +14,7 @@ from tests.station import free_port, server, vehicle
 
 @pytest.fixture
 def observed() -> Iterator[ObservedVehicle]:
-    """A vehicle that is ready to arm; no client is in control."""
+    """A vehicle that can be armed; no client has control."""
     udp_port, tcp_port = free_port(), free_port(socket.SOCK_STREAM)
     with (
         server([f"udpin://127.0.0.1:{udp_port}"]) as (url, _),

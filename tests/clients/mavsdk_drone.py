@@ -16,7 +16,8 @@ from tests.station import free_port, running, wait_until
 SPEED = 3
 """Speed of the simulation as a multiple of real time; MAVSDK's timeouts use the real clock."""
 TIMEOUT_S = 200.0
-"""Limit for one test: a flight of two minutes, also on a machine too busy to run faster than real time."""
+"""Limit for one test: a flight of two minutes, also on a machine that cannot simulate faster than real
+time."""
 T = TypeVar("T")
 
 
@@ -46,8 +47,8 @@ async def connected_drone(*, arguments: Sequence[str] = ()) -> AsyncIterator[Sys
             )
             yield drone
         finally:
-            # Otherwise MAVSDK's helper process tries to connect to this port until the interpreter ends, even
-            # if another process uses the port.
+            # Otherwise mavsdk_server connects to this port again until the interpreter ends, even if another
+            # process uses the port then.
             drone._stop_mavsdk_server()
 
 
@@ -82,15 +83,15 @@ async def first(stream: AsyncIterator[T], within_s: float = 10) -> T:
     return await until(stream, lambda _: True, "value", within_s)
 
 
-async def take_off(drone: System, height_m: float) -> None:
-    """Arms and takes off to a height above home."""
-    await drone.action.set_takeoff_altitude(height_m)
+async def take_off(drone: System, alt_home_m: float) -> None:
+    """Arms the vehicle and takes off to an altitude above home."""
+    await drone.action.set_takeoff_altitude(alt_home_m)
     await drone.action.arm()
     await drone.action.takeoff()
     await until(
         drone.telemetry.position(),
-        lambda p: p.relative_altitude_m > height_m - 0.7,
-        f"{height_m} m of height",
+        lambda p: p.relative_altitude_m > alt_home_m - 0.7,
+        f"altitude of {alt_home_m} m above home",
     )
 
 

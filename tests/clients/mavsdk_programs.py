@@ -50,7 +50,8 @@ async def request_mode(drone: Drone, request: Callable[[], Awaitable[None]], mod
 
 
 async def go_to_before_lift_off_and_return_after_hold(drone: Drone, _: Path) -> None:
-    """A go-to during take-off is flown; Return directly after Hold ends in Return."""
+    """A go-to during the take-off is flown; a request for Return directly after one for Hold ends in
+    Return."""
     home = await first(drone.stream("home"))
     lat_deg = home.latitude_deg + 40.0 / METRES_PER_DEGREE
     await drone.action.arm()
@@ -104,7 +105,7 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
             location = types.TargetLocation(lat_deg, home.longitude_deg, target_alt_m, 0.0, 0.0, 0.0)
             try:
                 await drone.follow_me.set_target_location(location)
-            except types.FollowMeError:  # MAVSDK stops following at a heartbeat from before the start
+            except types.FollowMeError:  # a heartbeat from before the start makes MAVSDK stop following
                 if not may_start_again:
                     raise
                 may_start_again = False
@@ -115,22 +116,25 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
     await drone.action.set_takeoff_altitude(5.0)
     await drone.action.arm()
     await drone.action.takeoff()
-    await drone.until("position", lambda p: p.relative_altitude_m > 4.5, "the take-off's height")
+    await drone.until("position", lambda p: p.relative_altitude_m > 4.5, "the take-off altitude")
     await drone.follow_me.start()
     await drone.until_mode("FOLLOW_ME")
     leader = asyncio.ensure_future(lead())
-    low_and_away: list[Any] = []
+    low_positions: list[Any] = []
 
     def has_arrived(position: Any) -> bool:
         north_m = (position.latitude_deg - home.latitude_deg) * METRES_PER_DEGREE
         if north_m > 3.0 and position.relative_altitude_m < 12.0:
-            low_and_away.append(position)
+            low_positions.append(position)
         return north_m > 30.0
 
     await drone.until("position", has_arrived, "arrival near the target")
-    check(not low_and_away, f"moved horizontally before the altitude was reached: {low_and_away[:1]}")
+    check(
+        not low_positions,
+        f"the vehicle moved horizontally before it reached the altitude: {low_positions[:1]}",
+    )
 
-    # Eight metres above a target that is thirty metres below the ground.
+    # The requested altitude is 8 m above a target that is 30 m below the ground.
     target_alt_m = home.absolute_altitude_m - 30.0
     await drone.follow_me.set_config(config(8.0, "TARGET_GPS"))
     await drone.until("ground_truth", lambda t: t.absolute_altitude_m - ground_m < 2.5, "descent")
@@ -145,8 +149,8 @@ async def follow_a_target_at_a_safe_height(drone: Drone, _: Path) -> None:
 
 
 async def sticks_with_gaps(drone: Drone, _: Path) -> None:
-    """Alternating half a second of stick positions and half a second without them: the vehicle takes off and
-    climbs."""
+    """The program sends stick positions for half a second and none for half a second, again and again: the
+    vehicle takes off and climbs."""
     sticks, sends = [0.0, 0.0, 0.0, 0.0], True
 
     async def pilot() -> None:
@@ -164,21 +168,22 @@ async def sticks_with_gaps(drone: Drone, _: Path) -> None:
     await drone.action.arm()
     await asyncio.sleep(0.5)
     sticks[2] = 0.9
-    height_m = 0.0
+    alt_home_m = 0.0
     for _gap in range(40):
         sends = True
         await asyncio.sleep(0.5)
         sends = False
         await asyncio.sleep(0.5)
-        height_m = (await first(drone.stream("position"))).relative_altitude_m
-        if height_m > 3.0:
+        alt_home_m = (await first(drone.stream("position"))).relative_altitude_m
+        if alt_home_m > 3.0:
             break
-    check(height_m > 3.0, f"after forty throttle inputs the vehicle is {height_m:.1f} m high")
+    check(alt_home_m > 3.0, f"after forty throttle inputs the vehicle is {alt_home_m:.1f} m above home")
     pilot_task.cancel()
 
 
 async def files_in_ten_rounds(drone: Drone, folder: Path) -> None:
-    """Ten rounds of directories, uploads, and downloads with and without burst: no session stays open."""
+    """Ten times: creates a directory, uploads a file, and downloads it with or without burst. No FTP session
+    stays open."""
     ftp = drone.ftp
 
     async def read_to_end(steps: AsyncIterator[Any]) -> None:
@@ -202,20 +207,20 @@ async def files_in_ten_rounds(drone: Drone, folder: Path) -> None:
         sent.write_bytes(bytes((round_number + k) % 251 for k in range(1200)))
         await ftp.create_directory("/round")
         await read_to_end(ftp.upload(str(sent), "/round"))
-        check(await ftp.are_files_identical(str(sent), "/round/note.txt"), "other bytes arrived")
+        check(await ftp.are_files_identical(str(sent), "/round/note.txt"), "the uploaded file differs")
         downloaded = folder / f"back{round_number}"
         downloaded.mkdir()
         await download(downloaded, bool(round_number % 2))
-        check((downloaded / "note.txt").read_bytes() == sent.read_bytes(), "other bytes came back")
+        check((downloaded / "note.txt").read_bytes() == sent.read_bytes(), "the downloaded file differs")
         listed = await ftp.list_directory("/round")
         names = getattr(listed, "entries" if drone.version == 4 else "files")
-        check(len(names) == 1, f"one file was written, the list has {names}")
+        check(len(names) == 1, f"the directory lists {names} instead of one file")
         await ftp.remove_file("/round/note.txt")
         await ftp.remove_directory("/round")
 
 
 async def accelerometer_calibrated_on_all_sides(drone: Drone, _: Path) -> None:
-    """The vehicle requests its sides one after the other and measures the mean on each."""
+    """The vehicle requests one side after the other and measures the mean acceleration on each."""
     texts: list[str] = []
 
     async def listen() -> None:
@@ -234,9 +239,9 @@ async def accelerometer_calibrated_on_all_sides(drone: Drone, _: Path) -> None:
     listener.cancel()
     check(progress > 0.8, f"progress ended at {progress:.2f}")
     finished = {text for text in instructions if "side done" in text}
-    check(len(finished) == SIDES, f"{SIDES} sides were shown, the vehicle named {finished}")
+    check(len(finished) == SIDES, f"the vehicle did not finish {SIDES} sides: {finished}")
     results = [text for text in texts if "side result" in text]
-    check(len(results) == SIDES, f"{SIDES} sides were measured, the vehicle reported {results}")
+    check(len(results) == SIDES, f"the vehicle did not report {SIDES} measurements: {results}")
     for text in results:
         reading = [abs(float(word)) for word in text.rsplit("[", 1)[1].rstrip("] \t").split()]
         error = max(

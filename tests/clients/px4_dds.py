@@ -20,7 +20,7 @@ _PRIMITIVES: dict[str, Any] = {
 
 _ZEROS: dict[Any, dict[str, Any]] = {}
 QOS = Qos(Policy.Reliability.BestEffort, Policy.Durability.TransientLocal, Policy.History.KeepLast(1))
-"""The QoS of the reference programs; a reliable reader receives nothing from PX4."""
+"""The QoS of PX4's example programs; a reliable reader receives nothing from PX4."""
 
 
 def message(name: str, declaration: str) -> Any:
@@ -91,7 +91,7 @@ TimesyncStatus = message(
 )
 
 
-def new(kind: Any, **fields: Any) -> Any:
+def new_message(kind: Any, **fields: Any) -> Any:
     """A message; fields that are not given are zero, as in ROS."""
     zeros = {name: list(value) if isinstance(value, list) else value for name, value in _ZEROS[kind].items()}
     return kind(**(zeros | fields))

@@ -23,7 +23,7 @@ from tests.clients.px4_dds import (
     VehicleCommand,
     VehicleOdometry,
     VehicleStatus,
-    new,
+    new_message,
 )
 
 VEHICLE_CMD_COMPONENT_ARM_DISARM, VEHICLE_CMD_DO_SET_MODE, VEHICLE_CMD_NAV_LAND = 400, 176, 21
@@ -56,16 +56,16 @@ class Flow:
 
     def publish_offboard_control_mode(self, control_type: str) -> None:
         """Set the type of offboard control to be used."""
-        self.control_mode.write(new(OffboardControlMode, timestamp=self.now, **{control_type: True}))
+        self.control_mode.write(new_message(OffboardControlMode, timestamp=self.now, **{control_type: True}))
 
     def publish_trajectory_setpoint(self, xyz: list[float]) -> None:
         """NED; negative Z is higher altitude."""
-        self.setpoint.write(new(TrajectorySetpoint, timestamp=self.now, position=xyz))
+        self.setpoint.write(new_message(TrajectorySetpoint, timestamp=self.now, position=xyz))
 
     def publish_vehicle_command(self, command: int, **params: float) -> None:
         """Sends a command to the autopilot of system 1."""
         self.command.write(
-            new(
+            new_message(
                 VehicleCommand, timestamp=self.now, command=command, target_system=1, target_component=1,
                 source_system=1, source_component=1, from_external=True, **params,
             )

@@ -22,7 +22,7 @@ from tests.clients.px4_dds import (
     VehicleCommand,
     VehicleLocalPosition,
     VehicleStatus,
-    new,
+    new_message,
 )
 
 VEHICLE_CMD_COMPONENT_ARM_DISARM, VEHICLE_CMD_DO_SET_MODE, VEHICLE_CMD_NAV_LAND = 400, 176, 21
@@ -65,19 +65,19 @@ class OffboardControl:
     def publish_offboard_control_heartbeat_signal(self) -> None:
         """Publish the offboard control mode."""
         self.offboard_control_mode_publisher.write(
-            new(OffboardControlMode, position=True, timestamp=time.time_ns() // 1000)
+            new_message(OffboardControlMode, position=True, timestamp=time.time_ns() // 1000)
         )
 
     def publish_position_setpoint(self, x: float, y: float, z: float) -> None:
         """Publish the trajectory setpoint."""
         self.trajectory_setpoint_publisher.write(
-            new(TrajectorySetpoint, position=[x, y, z], yaw=1.57079, timestamp=time.time_ns() // 1000)
+            new_message(TrajectorySetpoint, position=[x, y, z], yaw=1.57079, timestamp=time.time_ns() // 1000)
         )
 
     def publish_vehicle_command(self, command: int, **params: Any) -> None:
         """Publish a vehicle command."""
         self.vehicle_command_publisher.write(
-            new(
+            new_message(
                 VehicleCommand, command=command, target_system=1, target_component=1, source_system=1,
                 source_component=1, from_external=True, timestamp=time.time_ns() // 1000, **params,
             )

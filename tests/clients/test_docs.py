@@ -1,4 +1,4 @@
-"""Each curl call and each Python program of the documents is run."""
+"""Runs each curl call and each Python program of the documents."""
 
 from __future__ import annotations
 
@@ -22,10 +22,12 @@ curl() {{
   command curl --fail-with-body --max-time 40 "$@" || echo "status $? of: curl $*" >> {failed}
 }}
 """
+"""Shell functions before the calls: `sleep` divided by the simulation's speed, and `curl` that reports
+failures."""
 
 
-def blocks(document: str, language: str, containing: str) -> list[str]:
-    """Fenced blocks of this language with a text, in the order of the document."""
+def code_blocks(document: str, language: str, containing: str) -> list[str]:
+    """Fenced blocks of this language that contain a text, in the order of the document."""
     text = (ROOT / document).read_text(encoding="utf-8")
     found = re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     return [block for block in found if containing in block]
@@ -57,7 +59,7 @@ def address() -> Iterator[str]:
 @pytest.mark.parametrize("document", ["docs/api.md", "README.md"])
 def test_each_curl_call_of_the_document_works_in_order(document: str, address: str, tmp_path: Path) -> None:
     failed = tmp_path / "failed"
-    snippets = blocks(document, "sh", "curl ")
+    snippets = code_blocks(document, "sh", "curl ")
     assert snippets
     script = PRELUDE.format(failed=failed, speed=SPEED) + "\n".join(snippets).replace(
         "localhost:8080", address
@@ -71,10 +73,10 @@ def test_each_curl_call_of_the_document_works_in_order(document: str, address: s
 
 @pytest.mark.parametrize("document", ["docs/api.md", "docs/offboard.md", "README.md"])
 def test_each_python_program_of_the_document_runs(document: str, address: str, tmp_path: Path) -> None:
-    with SyncGcs(f"http://{address}", client="docs") as gcs:  # after the flight of another test
+    with SyncGcs(f"http://{address}", client="docs") as gcs:  # waits for the flight of another test
         control = gcs.vehicle("1").control
         wait_until(lambda: control.show()["holder"] is None, "control to be free", 40)
-    for number, program in enumerate(blocks(document, "python", "localhost:8080")):
+    for number, program in enumerate(code_blocks(document, "python", "localhost:8080")):
         file = tmp_path / f"program{number}.py"
         file.write_text(program.replace("localhost:8080", address), encoding="utf-8")
         result = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, timeout=240)

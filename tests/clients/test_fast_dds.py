@@ -1,5 +1,5 @@
-"""Wire interoperation with an independent DDS: programs with eProsima Fast DDS and Fast CDR. PX4's agent and
-the default middleware of ROS 2 use them, too. They need Debian's `libfastrtps-dev` and `g++`."""
+"""Interoperation with another DDS implementation: programs with eProsima Fast DDS and Fast CDR, which PX4's
+agent and the default middleware of ROS 2 use, too. The tests need Debian's `libfastrtps-dev` and `g++`."""
 
 from __future__ import annotations
 
@@ -85,7 +85,9 @@ def test_the_server_reads_telemetry_and_sends_commands_and_setpoints_over_fast_d
     assert output.read_text().splitlines() == EXPECTED_OUTPUT
 
 
-def test_the_server_names_a_fast_dds_program_that_sends_malformed_messages(build: Build) -> None:
+def test_the_link_of_the_server_reports_a_fast_dds_program_that_sends_malformed_messages(
+    build: Build,
+) -> None:
     program = build("malformed")
     with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, server):
 

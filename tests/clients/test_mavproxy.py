@@ -1,5 +1,5 @@
-"""MAVProxy connected to a vehicle that the server also observes: it connects, loads parameters and
-waypoints, arms, and displays the flight."""
+"""MAVProxy connected to a vehicle that the server also observes: MAVProxy loads parameters and waypoints,
+uses FTP, arms the vehicle and commands the flight."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_mavproxy_loads_parameters_arms_and_takes_off(observed: ObservedVehicle,
     with mavproxy(observed, tmp_path, "param,cmdlong,arm,mode") as (type_command, wait_for_output):
         wait_for_output(b"Received 929 parameters", "the parameters")
         type_command("arm throttle")
-        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
+        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="arming by MAVProxy")
         type_command("long NAV_TAKEOFF -1 0 0 nan nan nan nan")
         observed.drone.until(
             lambda v: v["status"]["landed_state"] in ("taking_off", "in_air"), timeout_s=60, what="lift-off"
@@ -75,7 +75,7 @@ FTP_ERRORS = (b"request timed out", b"no sessions available", b"Remove failed", 
 """Error messages of MAVProxy about a vehicle's FTP sessions."""
 
 
-def test_mavproxy_connects_and_creates_directories_at_the_first_request(
+def test_mavproxy_creates_directories_and_leaves_no_ftp_session_open(
     observed: ObservedVehicle, tmp_path: Path
 ) -> None:
     with mavproxy(observed, tmp_path, "ftp,param") as (type_command, wait_for_output):
@@ -109,8 +109,10 @@ def test_mavproxy_uploads_waypoints_and_reads_them_back_and_the_vehicle_flies_th
         type_command("long DO_SET_MODE 1 4 4 0 0 0 0")
         observed.drone.until(lambda v: v["status"]["mode"] == "mission", timeout_s=60, what="Mission")
         type_command("arm throttle")
-        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="MAVProxy to arm it")
+        observed.drone.until(lambda v: v["status"]["armed"], timeout_s=60, what="arming by MAVProxy")
         observed.drone.until_disarmed(timeout_s=180)
         north_m = [value["position_ned_m"][0] for value in observed.history("local_position")]
-        assert math.isclose(max(north_m), NORTH_M, abs_tol=1.5), "over the second waypoint, and landed there"
+        assert math.isclose(max(north_m), NORTH_M, abs_tol=1.5), (
+            "the vehicle did not fly to the second waypoint"
+        )
         assert max(-value["position_ned_m"][2] for value in observed.history("local_position")) > 7.0

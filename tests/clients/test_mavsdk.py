@@ -1,4 +1,5 @@
-"""MAVSDK programs of users with `python -m vehicle_sim`, while the server is connected."""
+"""Programs of MAVSDK users with `python -m vehicle_sim`, while the server is connected to the same
+vehicle."""
 
 from __future__ import annotations
 
@@ -58,9 +59,9 @@ def test_the_gimbal_program_runs_to_its_end_and_the_gimbal_moves(
     assert reached(gimbal_states, roll_deg=45, pitch_deg=0)
     assert reached(gimbal_states, roll_deg=0, pitch_deg=45)
     assert {tuple(value["primary_control"] or ()) for value in gimbal_states} > {()}, (
-        "control requested and released"
+        "gimbal control was not requested and released"
     )
-    # The program ends after the acknowledgement; the next heartbeat shows disarmed within a second.
+    # The program ends after the acknowledgement of the disarm command; the next heartbeat shows the state.
     observed.drone.until_disarmed(timeout_s=10)
 
 

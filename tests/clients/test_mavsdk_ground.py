@@ -22,11 +22,12 @@ from pyulog import ULog
 from tests.clients.mavsdk_drone import TIMEOUT_S, connected_drone, first, until
 
 pytestmark = pytest.mark.timeout(TIMEOUT_S + 20.0)
-BUSY_S = 1.0
-"""Like PX4, the vehicle denies a calibration for 0.6 s after it has reported the end of another."""
+CALIBRATION_PAUSE_S = 1.0
+"""Pause between two calibrations: like PX4, the vehicle denies a calibration for 0.6 s after the end of
+another."""
 
 
-async def all_values(stream: AsyncIterator[Any]) -> list[Any]:
+async def collect(stream: AsyncIterator[Any]) -> list[Any]:
     return [value async for value in stream]
 
 
@@ -41,7 +42,7 @@ async def _read_and_write(folder: Path) -> None:
         await _files(drone, folder)
         (entry,) = await drone.log_files.get_entries()
         log = folder / "log.ulg"
-        await all_values(drone.log_files.download_log_file(entry, str(log)))
+        await collect(drone.log_files.download_log_file(entry, str(log)))
         assert log.stat().st_size == entry.size_bytes
         assert "vehicle_local_position" in {data.name for data in ULog(str(log)).data_list}
 
@@ -70,12 +71,12 @@ async def _files(drone: System, folder: Path) -> None:
     sent = folder / "note.txt"
     sent.write_text("as it was\n" * 300, encoding="utf-8")
     await ftp.create_directory("/notes")
-    await all_values(ftp.upload(str(sent), "/notes"))
+    await collect(ftp.upload(str(sent), "/notes"))
     assert await ftp.are_files_identical(str(sent), "/notes/note.txt")
     for burst in (False, True):
         downloaded = folder / f"back-{burst}"
         downloaded.mkdir()
-        await all_values(ftp.download("/notes/note.txt", str(downloaded), burst))
+        await collect(ftp.download("/notes/note.txt", str(downloaded), burst))
         assert (downloaded / "note.txt").read_bytes() == sent.read_bytes()
     await ftp.rename("/notes/note.txt", "/notes/other.txt")
     assert [name for name in (await ftp.list_directory("/notes")).files if "other.txt" in name]
@@ -99,7 +100,7 @@ RATES = (
     "position_velocity_ned", "ground_truth", "fixedwing_metrics", "imu", "scaled_imu",
     "unix_epoch_time", "distance_sensor", "altitude", "health",
 )  # fmt: skip
-NOT_IN_PX4 = ("actuator_control_target", "raw_imu")
+REFUSED_BY_PX4 = ("actuator_control_target", "raw_imu")
 
 
 def test_every_telemetry_stream_sends_a_value_and_the_vehicle_information_is_read() -> None:
@@ -110,7 +111,7 @@ async def _streams() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         for name in RATES:
             await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
-        for name in NOT_IN_PX4:
+        for name in REFUSED_BY_PX4:
             with pytest.raises(TelemetryError):
                 await getattr(drone.telemetry, f"set_rate_{name}")(5.0)
         await drone.transponder.set_rate_transponder(1.0)
@@ -137,14 +138,14 @@ def test_calibration_runs_to_its_end_or_is_cancelled() -> None:
 async def _calibrate() -> None:
     async with asyncio.timeout(TIMEOUT_S), connected_drone() as drone:
         for method in ("calibrate_gyro", "calibrate_level_horizon"):
-            steps = await all_values(getattr(drone.calibration, method)())
+            steps = await collect(getattr(drone.calibration, method)())
             assert max(step.progress for step in steps if step.has_progress) == pytest.approx(1.0)
-            await asyncio.sleep(BUSY_S)
+            await asyncio.sleep(CALIBRATION_PAUSE_S)
         with pytest.raises(CalibrationError) as failed:
             # The vehicle stays on its first side.
-            await all_values(drone.calibration.calibrate_accelerometer())
+            await collect(drone.calibration.calibrate_accelerometer())
         assert failed.value._result.result is CalibrationResult.Result.FAILED
-        calibration = asyncio.ensure_future(all_values(drone.calibration.calibrate_magnetometer()))
+        calibration = asyncio.ensure_future(collect(drone.calibration.calibrate_magnetometer()))
         await asyncio.sleep(2.0)
         await drone.calibration.cancel()
         with pytest.raises(CalibrationError) as cancelled:

@@ -29,15 +29,15 @@ def item(north_m: float, *, up_m: float = 10.0, fly_through: bool = True) -> Mis
     )  # fmt: skip
 
 
-def raw(
-    seq: int, command: int, *, frame: int = 6, kind: int = 0, p1: float = 0.0, north_m: float = 0.0,
-    up_m: float = 0.0,
+def raw_item(
+    seq: int, command: int, *, frame: int = 6, mission_type: int = 0, param1: float = 0.0,
+    north_m: float = 0.0, up_m: float = 0.0,
 ) -> RawItem:  # fmt: skip
     lat = round((LAT + north_m / 111_195.0) * 1e7)
-    current = int(seq == 0 and kind == 0)
+    current = int(seq == 0 and mission_type == 0)
     return RawItem(
-        seq, frame, command, current, 1, p1, 0.0, 0.0, math.nan if kind == 0 else 0.0, lat,
-        round(LON * 1e7), up_m, kind,
+        seq, frame, command, current, 1, param1, 0.0, 0.0, math.nan if mission_type == 0 else 0.0, lat,
+        round(LON * 1e7), up_m, mission_type,
     )  # fmt: skip
 
 
@@ -90,7 +90,11 @@ async def _raw() -> None:
         plans = drone.mission_raw
         changed = asyncio.ensure_future(first(plans.mission_changed(), 40))
         await asyncio.sleep(0.2)
-        items = [raw(0, TAKEOFF, up_m=10.0), raw(1, WAYPOINT, north_m=20.0, up_m=10.0), raw(2, LAND)]
+        items = [
+            raw_item(0, TAKEOFF, up_m=10.0),
+            raw_item(1, WAYPOINT, north_m=20.0, up_m=10.0),
+            raw_item(2, LAND),
+        ]
         await plans.upload_mission(items)
         downloaded = await plans.download_mission()
         assert [(each.seq, each.command, each.x, each.z) for each in downloaded] == [
@@ -110,10 +114,12 @@ async def _raw() -> None:
         await plans.set_current_mission_item(1)
         await second
         corners = [(-50.0, 0), (50.0, 1), (60.0, 2)]
-        fence = [raw(k, FENCE_VERTEX, frame=5, kind=1, p1=3.0, north_m=n) for n, k in corners]
+        fence = [
+            raw_item(k, FENCE_VERTEX, frame=5, mission_type=1, param1=3.0, north_m=n) for n, k in corners
+        ]
         await plans.upload_geofence(fence)
         assert [each.x for each in await plans.download_geofence()] == [each.x for each in fence]
-        rally = [raw(0, RALLY_POINT, frame=3, kind=2, north_m=15.0, up_m=12.0)]
+        rally = [raw_item(0, RALLY_POINT, frame=3, mission_type=2, north_m=15.0, up_m=12.0)]
         await plans.upload_rally_points(rally)
         assert [each.x for each in await plans.download_rallypoints()] == [rally[0].x]
 

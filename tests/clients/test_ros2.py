@@ -35,7 +35,7 @@ def test_a_program_in_another_process_flies_the_simulator(vehicle):
     position = node.subscription(VehicleLocalPosition, "/fmu/out/vehicle_local_position")
     deadline_s = time.monotonic() + 90.0
     while status.latest is None or not status.latest.pre_flight_checks_pass:
-        assert time.monotonic() < deadline_s, "no vehicle that can be armed"
+        assert time.monotonic() < deadline_s, "the vehicle cannot be armed"
         time.sleep(0.1)
 
     def sleep(seconds: float) -> None:
@@ -44,4 +44,4 @@ def test_a_program_in_another_process_flies_the_simulator(vehicle):
 
     ros2_offboard_node.main(DOMAIN, NAMESPACE, sleep)
     assert position.latest.z == pytest.approx(-5.0, abs=1.0)
-    assert domain  # this reference has kept the domain open
+    assert domain  # keeps the DDS domain open until here

@@ -1,4 +1,4 @@
-"""A simulated vehicle for the accelerometer calibration; after each finished side it is turned to the next.
+"""A simulated vehicle for the accelerometer calibration; it turns to the next side after each finished side.
 
 `python -m tests.clients.turned_vehicle PORT SPEED`: the vehicle's TCP port, and its speed as a multiple of
 real time."""
@@ -18,7 +18,7 @@ SIDES = (Side.DOWN, Side.LEFT, Side.UP, Side.RIGHT, Side.FRONT, Side.BACK, Side.
 
 
 def run(port: int, speed: float) -> None:
-    """Runs the vehicle on the ground; it is turned when it reports a finished side."""
+    """Runs the vehicle on the ground and turns it to the next side when it reports a finished side."""
     fleet = VehicleSim(links=())
 
     def turn(message: StatusText | Event) -> None:

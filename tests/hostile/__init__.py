@@ -1,1 +1,2 @@
-"""Hostile parties beside a vehicle in Offboard: real processes, real sockets."""
+"""Attacks by hostile clients and vehicles while another vehicle flies in Offboard: real processes and
+sockets."""

@@ -1,5 +1,5 @@
-"""A vehicle that flies in Offboard while hostile clients or vehicles attack, and the limits for effects on
-the flight."""
+"""A flight in Offboard while hostile clients or vehicles attack the server, and the limits for their
+effects."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ import httpx
 from gcs_server.client import SyncGcs, SyncVehicle
 from tests.bench.process import process_tree, resident_mb
 from tests.bench.relay import Relay
-from tests.hostile.metronome import PERIOD_S, Metronome
+from tests.hostile.wake_ups import PERIOD_S, WakeUpMeter
 from tests.station import free_port, running, server_command, vehicle, wait_until
 
 LATE_S = 0.02
-"""Maximum gap between two setpoints beyond their period, or beyond the delay of the machine itself if that is
-longer."""
+"""Time by which the gap between two setpoints may exceed their period or the longest gap of an idle process."""
 GROWTH_MB = 100.0
 CHECK_PERIOD_S = 0.2
 VALID_FOR_S = 600
@@ -33,7 +32,7 @@ VALID_FOR_S = 600
 
 @dataclass
 class AttackedFlight:
-    """A flight, and its measurements during the attacks."""
+    """A flight in Offboard, and its measurements during the attacks."""
 
     url: str
     process: subprocess.Popen[bytes]
@@ -48,21 +47,21 @@ class AttackedFlight:
 
     @contextlib.contextmanager
     def under_attack(self) -> Generator[None]:
-        """Measures while the block attacks; checks the measurements at its end."""
+        """Measures during the block, which runs an attack; checks the measurements at its end."""
         before_mb, self.growth_mb = self._memory_mb(), 0.0
         log_bytes = self.log.stat().st_size
         self.relay.setpoints.clear()
         stopped = threading.Event()
         watcher = threading.Thread(target=self._watch, args=(stopped, before_mb))
         watcher.start()
-        metronome = Metronome()
+        meter = WakeUpMeter()
         try:
             yield
         finally:
             stopped.set()
             watcher.join()
-            machine_s = metronome.stop()
-        self._check(log_bytes, machine_s)
+            idle_gap_s = meter.stop()
+        self._check(log_bytes, idle_gap_s)
 
     def _watch(self, stopped: threading.Event, before_mb: float) -> None:
         with httpx.Client(base_url=self.url, timeout=10, headers={"X-Client-Id": "pilot"}) as client:
@@ -76,13 +75,13 @@ class AttackedFlight:
         pids = [pid for pid in process_tree(self.process.pid) if _is_server_or_stream_process(pid)]
         return sum(resident_mb(pid) for pid in pids)
 
-    def _check(self, log_bytes: int, machine_s: float) -> None:
+    def _check(self, log_bytes: int, idle_gap_s: float) -> None:
         arrivals = self.relay.arrivals_s().get(101, [])
         assert len(arrivals) > 100, self._failure_details()
         gaps = [later - earlier for earlier, later in itertools.pairwise(arrivals)]
-        summary = f"largest gap {max(gaps) * 1e3:.1f} ms, of an idle process {machine_s * 1e3:.1f} ms"
+        summary = f"largest gap {max(gaps) * 1e3:.1f} ms, of an idle process {idle_gap_s * 1e3:.1f} ms"
         print(f"{summary}; memory grew by {self.growth_mb:.1f} MB")
-        assert max(gaps) <= max(PERIOD_S, machine_s) + LATE_S, summary
+        assert max(gaps) <= max(PERIOD_S, idle_gap_s) + LATE_S, summary
         assert self.statuses == {200}
         assert self.growth_mb < GROWTH_MB, f"the server grew by {self.growth_mb:.0f} MB"
         status = self.drone.show()["status"]
@@ -156,7 +155,7 @@ def pause(seconds: float) -> None:
     time.sleep(seconds)
 
 
-def endless_recording(path: Path, records: int) -> None:
+def write_recording(path: Path, records: int) -> None:
     """Writes a telemetry log in which each record has another sender or message."""
     first_us = 1_752_220_800_000_000
     with path.open("wb") as file:

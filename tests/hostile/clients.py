@@ -10,8 +10,8 @@ import sys
 from collections.abc import Awaitable, Callable
 
 API = "/api/v1"
-PIECE = b"x" * 65536
-SECONDS = 8.0
+CHUNK = b"x" * 65536
+IDLE_S = 8.0
 Statuses = set[int]
 
 
@@ -41,36 +41,36 @@ def post(path: str, headers: str, body: bytes = b"") -> bytes:
     return head.encode() + body
 
 
-async def bodies(host: str, port: int) -> Statuses:
+async def large_bodies(host: str, port: int) -> Statuses:
     """Bodies of several megabytes: with Content-Length, in chunks, as one deeply nested or very wide JSON
     value."""
     wide = json.dumps({f"k{n}": n for n in range(250_000)}).encode()
     deep = b"[" * 400_000
-    takeoff = "/vehicles/101/offboard/setpoint"
+    path = "/vehicles/101/offboard/setpoint"
     attempts = [
-        send_request(host, port, [post(takeoff, f"Content-Length: {len(body)}\r\n"), body])
+        send_request(host, port, [post(path, f"Content-Length: {len(body)}\r\n"), body])
         for body in (wide, deep, b"9" * 3_500_000)
     ]
-    attempts.append(send_request(host, port, [post(takeoff, "Content-Length: 100000000\r\n"), PIECE], 1500))
-    chunk = b"10000\r\n" + PIECE + b"\r\n"
-    attempts.append(send_request(host, port, [post(takeoff, "Transfer-Encoding: chunked\r\n"), chunk], 1500))
+    attempts.append(send_request(host, port, [post(path, "Content-Length: 100000000\r\n"), CHUNK], 1500))
+    chunk = b"10000\r\n" + CHUNK + b"\r\n"
+    attempts.append(send_request(host, port, [post(path, "Transfer-Encoding: chunked\r\n"), chunk], 1500))
     return set(await asyncio.gather(*attempts))
 
 
-async def headers(host: str, port: int) -> Statuses:
-    """An endless header, an endless number of headers, and an endless address."""
+async def endless_headers(host: str, port: int) -> Statuses:
+    """A very long header, a very large number of headers, and a very long address."""
     start = f"GET {API}/vehicles".encode()
     end = b" HTTP/1.1\r\nHost: 127.0.0.1\r\n"
     return set(
         await asyncio.gather(
-            send_request(host, port, [start + end + b"X-Long: ", PIECE], 3000),
+            send_request(host, port, [start + end + b"X-Long: ", CHUNK], 3000),
             send_request(host, port, [start + end, b"X-Many: 1\r\n" * 6000], 500),
-            send_request(host, port, [start + b"?", PIECE], 3000),
+            send_request(host, port, [start + b"?", CHUNK], 3000),
         )
     )
 
 
-async def idle(host: str, port: int) -> Statuses:
+async def idle_connections(host: str, port: int) -> Statuses:
     """A thousand connections; half of them send nothing, the others one byte."""
     writers: list[asyncio.StreamWriter] = []
     for n in range(1100):
@@ -79,13 +79,13 @@ async def idle(host: str, port: int) -> Statuses:
             writers.append(writer)
             if n % 2:
                 writer.write(b"G")
-    await asyncio.sleep(SECONDS)
+    await asyncio.sleep(IDLE_S)
     for writer in writers:
         writer.close()
     return set()
 
 
-async def unread(host: str, port: int) -> Statuses:
+async def unread_replies(host: str, port: int) -> Statuses:
     """WebSockets that send invalid messages and never read the replies."""
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n"
     upgrade = f"Host: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n{key}\r\n"
@@ -98,8 +98,8 @@ async def unread(host: str, port: int) -> Statuses:
     return statuses
 
 
-async def requests(host: str, port: int) -> Statuses:
-    """Three thousand requests for control from different clients, and as many invalid commands."""
+async def control_requests(host: str, port: int) -> Statuses:
+    """A thousand requests for control and two thousand commands, each from a different client."""
     statuses: Statuses = set()
 
     async def send_numbered(n: int) -> None:
@@ -113,10 +113,10 @@ async def requests(host: str, port: int) -> Statuses:
     return statuses
 
 
-async def nonsense(host: str, port: int) -> Statuses:
+async def invalid_http(host: str, port: int) -> Statuses:
     """Bytes that are not HTTP, or almost HTTP."""
     bad = [
-        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + PIECE,
+        b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + CHUNK,
         b"GET / HTTP/9.9\r\n\r\n",
         b"\0" * 1000 + b"\r\n\r\n",
         b"GET /\xff\xfe%00%zz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
@@ -131,7 +131,17 @@ async def nonsense(host: str, port: int) -> Statuses:
 
 
 Attack = Callable[[str, int], Awaitable[Statuses]]
-ATTACKS: dict[str, Attack] = {f.__name__: f for f in (bodies, headers, idle, unread, requests, nonsense)}
+ATTACKS: dict[str, Attack] = {
+    f.__name__: f
+    for f in (
+        large_bodies,
+        endless_headers,
+        idle_connections,
+        unread_replies,
+        control_requests,
+        invalid_http,
+    )
+}
 
 
 def main(name: str, address: str) -> None:

@@ -1,7 +1,6 @@
 """Attacks while a vehicle flies in Offboard: its setpoints stay on time, and memory and log stay limited.
 
-One server and one flight are used for all attacks, so that a later attack also meets the effects of an
-earlier one.
+All attacks use the same server and flight: the effects of an attack may still exist during a later one.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.hostile.attacked_flight import AttackedFlight, attack, attacked_flight, endless_recording, pause
+from tests.hostile.attacked_flight import AttackedFlight, attack, attacked_flight, pause, write_recording
 
 FUZZ_FRAMES = int(os.environ.get("HOSTILE_FRAMES", "500000"))
 OVERLOAD_STATUSES = {503}
@@ -38,7 +37,7 @@ def test_a_vehicle_with_hostile_messages_affects_no_other_vehicle(
 
 
 def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(flight: AttackedFlight) -> None:
-    """The test requests the hostile vehicle's readiness, parameters and parameter metadata."""
+    """The test requests the readiness, the parameters and their metadata of the hostile vehicle."""
     statuses: set[int] = set()
 
     def request_everything() -> None:
@@ -55,7 +54,17 @@ def test_a_vehicle_with_endless_files_and_parameters_affects_no_other_vehicle(fl
     assert not {status for status in statuses if status >= 500 and status not in (503, 504)}, statuses
 
 
-@pytest.mark.parametrize("name", ["bodies", "headers", "idle", "unread", "requests", "nonsense"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "large_bodies",
+        "endless_headers",
+        "idle_connections",
+        "unread_replies",
+        "control_requests",
+        "invalid_http",
+    ],
+)
 def test_a_hostile_client_affects_no_vehicle(flight: AttackedFlight, name: str) -> None:
     with flight.under_attack():
         statuses = {int(each) for each in attack("clients", name, flight.url.removeprefix("http://")).split()}
@@ -65,16 +74,16 @@ def test_a_hostile_client_affects_no_vehicle(flight: AttackedFlight, name: str) 
 
 def test_a_recording_with_a_million_senders_affects_no_vehicle(flight: AttackedFlight) -> None:
     (flight.data / "recordings").mkdir(exist_ok=True)
-    endless_recording(flight.data / "recordings" / "endless.tlog", 1_000_000)
+    write_recording(flight.data / "recordings" / "endless.tlog", 1_000_000)
     with flight.under_attack(), httpx.Client(base_url=f"{flight.url}/api/v1", timeout=60) as client:
         index = client.get("/recordings/endless.tlog/index")
         opened = client.post("/replays", json={"recording": "endless.tlog", "speed": 50})
         position = {"position_unix_s": opened.json()["end_unix_s"] - 10}
-        jumped = client.post(f"/replays/{opened.json()['name']}", json=position)
+        sought = client.post(f"/replays/{opened.json()['name']}", json=position)
         pause(3)
         closed = client.delete(f"/replays/{opened.json()['name']}")
     assert index.json()["left_out"] > 900_000
-    assert [response.status_code for response in (index, opened, jumped, closed)] == [200, 201, 200, 204]
+    assert [response.status_code for response in (index, opened, sought, closed)] == [200, 201, 200, 204]
 
 
 def test_half_a_million_invalid_frames_affect_no_vehicle(flight: AttackedFlight) -> None:

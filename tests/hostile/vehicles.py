@@ -38,14 +38,14 @@ HOSTILE = 66
 """System id of the hostile vehicle."""
 FRAMES_PER_S = 5000
 REQUEST_MESSAGE, COMPONENT_METADATA = 512, 397
-"""A MAVLink command, and the id of the message that it requests."""
+"""The command MAV_CMD_REQUEST_MESSAGE, and the id of COMPONENT_METADATA."""
 FTP_HEAD = struct.Struct("<HBBBBBBI")
 OPEN, READ, BURST, ACK, NAK = 4, 5, 15, 128, 129
 ENDLESS_BYTES = 900_000
 
 
 class Sender:
-    """One socket that sends as any system, at a limited rate."""
+    """A socket that sends messages with any system id, at a limited rate."""
 
     def __init__(self, port: int, frames_per_s: float = FRAMES_PER_S) -> None:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -185,7 +185,7 @@ def fuzz(sender: Sender, rng: random.Random, count: int) -> None:
 
 
 def sources(sender: Sender, rng: random.Random, count: int) -> None:
-    """An endless number of vehicles: every system id, many components, from many addresses."""
+    """Heartbeats of many vehicles: many system ids and components, from many addresses."""
     for _ in range(count):
         other = Sender(sender.target[1])
         for _ in range(20):
@@ -195,7 +195,7 @@ def sources(sender: Sender, rng: random.Random, count: int) -> None:
 
 
 def texts(sender: Sender, rng: random.Random, count: int) -> None:
-    """Status texts in endless parts, and unknown events."""
+    """Parts of status texts that never end, and unknown events."""
     for n in range(count):
         if n % 500 == 0:
             sender.heartbeat()
@@ -211,7 +211,7 @@ def texts(sender: Sender, rng: random.Random, count: int) -> None:
 
 
 def files(sender: Sender, rng: random.Random, count: int) -> None:
-    """A vehicle with endless files: one byte per piece at any offset, for `count` seconds."""
+    """A vehicle whose files never end and whose parameters are invalid, for `count` seconds."""
     end_s = time.monotonic() + count
     while time.monotonic() < end_s:
         sender.heartbeat()
@@ -263,7 +263,7 @@ ATTACKS = {f.__name__: f for f in (extremes, fuzz, sources, texts, files)}
 
 
 def main(name: str, port: str, seed: str = "0", count: str = "1000") -> None:
-    """Runs one attack and prints how much was sent."""
+    """Runs one attack; prints the number of sent datagrams."""
     sender = Sender(int(port))
     sender.heartbeat()
     ATTACKS[name](sender, random.Random(int(seed)), int(count))

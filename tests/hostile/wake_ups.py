@@ -1,5 +1,5 @@
-"""A process that wakes up 50 times a second and does nothing else: measures the delay that the machine itself
-causes."""
+"""A process that wakes up 50 times a second and does nothing else: its longest gap is the delay of the
+machine."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from gcs_server.streamer.process.worker import request_priority
 PERIOD_S = 0.02
 
 
-class Metronome:
+class WakeUpMeter:
     """Runs from its creation until `stop`, at the priority of the stream process."""
 
     def __init__(self) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.hostile.metronome"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            [sys.executable, "-m", "tests.hostile.wake_ups"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
 
     def stop(self) -> float:
