@@ -50,7 +50,7 @@ async def _photograph(folder: Path) -> None:
         path = picture.file_url.removeprefix("mftp://[;comp=1]")
         async for _ in drone.ftp.download(path, str(folder), use_burst=False):
             pass
-        assert (folder / Path(path).name).read_bytes()[:2] == b"\xff\xd8", "a JPEG"
+        assert (folder / Path(path).name).read_bytes()[:2] == b"\xff\xd8", "the picture is not a JPEG"
 
         await camera.start_photo_interval(camera_id, 1.0)
         await _wait_until(lambda: len(captured.values) >= 4, "a series of pictures")

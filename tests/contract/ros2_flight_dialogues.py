@@ -29,14 +29,14 @@ RTL, LAND_COMMAND, TAKEOFF_COMMAND, ARM, SET_NAV_STATE = 5, 21, 22, 400, 100_001
 CONTROLLERS = ("position", "velocity", "altitude", "climb_rate", "acceleration", "attitude", "rates")
 TRAJECTORY = {f"flag_control_{name}_enabled": True for name in (*CONTROLLERS, "allocation")}
 TAKEOFF_S = 9.0
-"""Minimum time from the take-off command to Hold."""
-MIN_HEIGHT_M = 2.5
+"""The vehicle is in Hold no earlier than this after the take-off command."""
+MIN_CLIMB_M = 2.5
 HEARTBEAT_S = 1.0
 STEP_S = 0.02
 LANDING_S = 12.0
 DISARMED = 1
 FIRST_ENTRY = 18
-"""Entry of AVAILABLE_MODES of the first external mode."""
+"""`mode_index` of the first external mode in AVAILABLE_MODES."""
 
 
 class Ros2FlightPlayer(Ros2DialoguePlayer):
@@ -47,7 +47,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         self._heartbeat_gaps: list[tuple[float, float]] = []
         """Periods without heartbeats, in time since boot."""
         self._heartbeat_at_s = 0.0
-        self._replied = 0
+        self._replied_count = 0
         self._is_preparing = False
 
     def _boot(self) -> None:
@@ -56,7 +56,7 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
     def _prepare(self, dialogue: Dialogue) -> None:
         """Brings the vehicle into the state in which the dialogue began."""
         state = dialogue["state"]
-        self._is_preparing, self._replied = True, len(self.vehicle.received)
+        self._is_preparing, self._replied_count = True, len(self.vehicle.received)
         missing = state["can_set_nav_states_mask"] & ~self._status()["can_set_nav_states_mask"]
         for mode in range(FIRST_MODE, LAST_MODE + 1):
             if missing >> mode & 1:
@@ -74,7 +74,8 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         self._is_preparing = False
 
     def _activate_executor(self, executor: int) -> None:
-        """Activates an executor by selecting its mode, which then selects the previous mode again."""
+        """Activates an executor: selects its mode, from which the executor then selects the previous mode
+        again."""
         status = self._status()
         if executor and not status["executor_in_charge"]:
             intended = float(status["nav_state_user_intention"])
@@ -109,9 +110,9 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         self.vehicle.send("/fmu/in/config_control_setpoints", {"source_id": mode} | TRAJECTORY)
         self._run(0.5)
 
-    def _take_off(self, height_m: float) -> None:
+    def _take_off(self, climb_m: float) -> None:
         autopilot = self.vehicle.sim.autopilots[0]
-        altitude_m = autopilot.view.estimate.alt_amsl_m + max(MIN_HEIGHT_M, height_m)
+        altitude_m = autopilot.view.estimate.alt_amsl_m + max(MIN_CLIMB_M, climb_m)
         self.vehicle.command(ARM, 1.0)
         self.vehicle.command(TAKEOFF_COMMAND, *[math.nan] * 6, altitude_m)
         self._run(TAKEOFF_S)
@@ -156,12 +157,12 @@ class Ros2FlightPlayer(Ros2DialoguePlayer):
         self.vehicle.sim.feed(0, "gcs", frame_v2(layout, payload, 0, *GCS))
 
     def _reply_to_all(self) -> None:
-        for _, topic, fields in self.vehicle.received[self._replied :]:
+        for _, topic, fields in self.vehicle.received[self._replied_count :]:
             if topic == REQUEST:
                 for check in range(2):
                     reply = {"request_id": fields["request_id"], "registration_id": check}
                     self.vehicle.send(REPLY, reply, can_arm_and_run=True, mode_req_local_position=True)
-        self._replied = len(self.vehicle.received)
+        self._replied_count = len(self.vehicle.received)
 
 
 def landed_s(dialogue: Dialogue) -> float:

@@ -201,9 +201,9 @@ def _apply_ground_drift(vehicle: Ros2Vehicle, flight: Flight, now_s: float) -> N
     faults.gps_offset_ned_m_s[0, 2] = np.interp(now_s, at_s, vz_m_s, right=0.0)
 
 
-def _take_off(vehicle: Ros2Vehicle, height_m: float) -> None:
+def _take_off(vehicle: Ros2Vehicle, climb_m: float) -> None:
     autopilot = vehicle.sim.autopilots[0]
-    altitude_m = autopilot.view.estimate.alt_amsl_m + height_m
+    altitude_m = autopilot.view.estimate.alt_amsl_m + climb_m
     vehicle.command(ARM, 1.0)
     vehicle.command(TAKEOFF, *[math.nan] * 6, altitude_m)
     vehicle.run(9.0)

@@ -62,8 +62,8 @@ def names() -> list[str]:
     ]
 
 
-def height_limit_m(flight: Flight) -> float:
-    """Largest vertical difference of a flight."""
+def vertical_limit_m(flight: Flight) -> float:
+    """Limit for the vertical difference of a flight."""
     lands = any(nav_state == LAND for _, nav_state, _ in flight.states)
     return LANDING_M if lands else SPREAD_M[1]
 
@@ -81,7 +81,7 @@ def test_a_replayed_flight_is_within_the_spread_of_the_recorded_flights(name: st
     track, states = fly(flight)
     found = late_changes(states, flight.states, DISARMING_S)
     horizontal_m, vertical_m = largest_errors(track, flight.track)
-    if horizontal_m > SPREAD_M[0] or vertical_m > height_limit_m(flight):
+    if horizontal_m > SPREAD_M[0] or vertical_m > vertical_limit_m(flight):
         found.append(f"{horizontal_m:.2f} m horizontally, {vertical_m:.2f} m vertically")
     assert not found
 
@@ -94,7 +94,7 @@ def test_a_recorded_flight_that_drifts_is_in_the_range_of_simulated_flights_with
     assert not any(late_changes(states, flight.states, DISARMING_S) for _, states in flown)
     horizontal_m, vertical_m = largest_excess([track for track, _ in flown], flight.track)
     assert horizontal_m <= SPREAD_M[0]
-    assert vertical_m <= height_limit_m(flight)
+    assert vertical_m <= vertical_limit_m(flight)
 
 
 @pytest.mark.skipif(not WHOLE, reason="make test-clients replays all flights")

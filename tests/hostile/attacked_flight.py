@@ -24,7 +24,7 @@ from tests.hostile.wake_ups import PERIOD_S, WakeUpMeter
 from tests.station import free_port, running, server_command, vehicle, wait_until
 
 LATE_S = 0.02
-"""Time by which the gap between two setpoints may exceed their period or the longest gap of an idle process."""
+"""Time by which the gap between setpoints may exceed their period or the longest gap of an idle process."""
 GROWTH_MB = 100.0
 CHECK_PERIOD_S = 0.2
 VALID_FOR_S = 600

@@ -25,11 +25,11 @@ from gcs_server.streamer.waypoints.interrupted import ProgressStore
 from tests.protocol.offboard_world import OffboardWorld, seconds
 
 ANNA, BOB = Principal.from_identity("anna", "anna's tab"), Principal.from_identity("bob", "bob's tab")
-MISSION = 4 << 16 | 4 << 24
+MISSION_MODE = 4 << 16 | 4 << 24
 START = StartRequest.model_validate(
     {"setpoint": {"type": "position", "position_ned_m": [0, 0, -5]}, "valid_for_s": 60}
 )
-FORCE = control_models.TakeControl(force=True)
+TAKE_BY_FORCE = control_models.TakeControl(force=True)
 
 
 class InlinePlanWork:

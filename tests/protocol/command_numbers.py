@@ -18,4 +18,4 @@ GIMBAL_PITCHYAW = sim.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW
 GIMBAL_CONFIGURE = sim.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE
 IMAGE_START_CAPTURE = sim.MAV_CMD_IMAGE_START_CAPTURE
 FORCE = 21196
-"""Second parameter of a disarm command that PX4 executes in flight, too."""
+"""Second parameter of MAV_CMD_COMPONENT_ARM_DISARM with which PX4 also disarms in flight."""

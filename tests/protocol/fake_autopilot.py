@@ -1,7 +1,7 @@
 """A scripted autopilot on a link that may lose packets.
 
-It uses pymavlink's encoder and parser (the simulator's dialect module), so the tests check the server's codec
-against independent code.
+The autopilot uses pymavlink's encoder and parser (the simulator's dialect module), so the tests check the
+server's codec against independent code.
 """
 
 import asyncio
@@ -12,6 +12,7 @@ from typing import Any
 
 from gcs_server.links.memory import MemoryLink
 from gcs_server.mavlink.codec import encode_frame
+from tests.protocol.command_numbers import FORCE
 from vehicle_sim.mavlink import generated_dialect as sim
 
 HOLD, TAKEOFF, LAND, RTL = (4 << 16 | sub << 24 for sub in (3, 2, 6, 5))
@@ -19,8 +20,6 @@ MANUAL, OFFBOARD = 1 << 16, 6 << 16
 ON_GROUND, IN_AIR = sim.MAV_LANDED_STATE_ON_GROUND, sim.MAV_LANDED_STATE_IN_AIR
 TAKING_OFF = sim.MAV_LANDED_STATE_TAKEOFF
 LATENCY_S = 0.005
-FORCE = 21196
-"""Second parameter of a disarm command that PX4 executes in flight, too."""
 
 
 class FakeAutopilot:
@@ -45,7 +44,9 @@ class FakeAutopilot:
         self.armed, self.mode, self.landed_state = False, HOLD, ON_GROUND
         self.received: list[Any] = []
         self.refusals: dict[int, int] = {}
+        """Commands that the autopilot refuses, with the MAV_RESULT of the acknowledgement."""
         self.silent_commands: set[int] = set()
+        """Commands that the autopilot ignores."""
         self.arm_denied = False
         self.vehicle_type, self.autopilot_type, self.sends_version = 2, 12, True
         self.home = (47.397742, 8.545594, 489.0)
@@ -54,12 +55,15 @@ class FakeAutopilot:
         self.target = (47.397742, 8.545594, 489.0)
         self.params: dict[str, tuple[int, float]] = {"MPC_XY_VEL_MAX": (9, 12.0), "NAV_DLL_ACT": (6, 2)}
         self.gimbal_control = (0, 0)
+        """System and component in control of the gimbal."""
         self.has_gimbal = True
         self.gimbal_q = [1.0, 0.0, 0.0, 0.0]
         self.gimbal_flags = 0
         self.handlers: list[Callable[[Any], bool]] = []
+        """Called for each message before the autopilot; True: the message is handled."""
         self.event_sequence = 0
         self.alive = True
+        """False: the autopilot sends nothing."""
         self.last_arrival_s = 0.0
         self._every(1.0, self.heartbeat)
         self._every(2.0, self.current_mode)

@@ -11,9 +11,9 @@ from gcs_server.errors import InvalidRequest, NotInControl, Refused, UnknownVehi
 from tests.protocol.api_calls import (
     ANNA,
     BOB,
-    FORCE,
-    MISSION,
+    MISSION_MODE,
     START,
+    TAKE_BY_FORCE,
     journal_lines,
     json_of,
     run_with_routes,
@@ -131,10 +131,10 @@ def test_control_taken_by_force_is_journaled_and_the_other_client_informed(run_s
         with rig.station.authority.connected(ANNA):
             await control_routes.take("1", rig.station, ANNA)
             with pytest.raises(Refused, match="has not been asked"):
-                await control_routes.take("1", rig.station, BOB, FORCE)
+                await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
             await control_routes.request("1", rig.station, BOB)
             await seconds(15.1)
-            assert json_of(await control_routes.take("1", rig.station, BOB, FORCE))["yours"]
+            assert json_of(await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE))["yours"]
         action, text = control_changes(rig.vehicle)[-1]
         assert (action, text) == ("forced", "bob has taken control of vehicle 1 from anna by force.")
         [event] = [e for e in rig.vehicle.events.since() if e.data.get("action") == "forced"]
@@ -172,9 +172,9 @@ def test_control_of_an_unknown_vehicle_cannot_be_taken(run_simulated):
 @pytest.mark.parametrize(
     ("on_expiry", "mode", "mode_after"),
     [
-        ("nothing", MISSION, MISSION),
-        ("hold", MISSION, HOLD),
-        ("land", MISSION, LAND),
+        ("nothing", MISSION_MODE, MISSION_MODE),
+        ("hold", MISSION_MODE, HOLD),
+        ("land", MISSION_MODE, LAND),
         ("rtl", HOLD, RTL),
         ("hold", POSITION, POSITION),
         ("rtl", POSITION, POSITION),
@@ -204,7 +204,7 @@ def test_the_action_on_expiry_is_executed_except_in_a_pilots_mode_or_offboard(
 
 def test_expired_control_commands_nothing_on_the_ground(run_simulated):
     async def scenario(rig):
-        rig.autopilot.mode = MISSION
+        rig.autopilot.mode = MISSION_MODE
         await seconds(2.5)
         await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry="rtl"))
         await seconds(40)

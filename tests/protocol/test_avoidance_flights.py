@@ -62,7 +62,7 @@ class Flight:
     def highest_over_the_box(self):
         return max(-down for north, _, down, _ in self.track if BOX_NORTH_M[0] <= north <= BOX_NORTH_M[1])
 
-    def is_undamaged(self):
+    def has_never_collided(self):
         return not any(collided for *_, collided in self.track)
 
     def set_sensor_interval(self, interval_us=-1.0):
@@ -97,7 +97,7 @@ def test_without_avoidance_and_brake_the_straight_path_hits_the_box(run_simulate
     async def scenario(flight):
         await flight.offboard.operator_limits.set(OperatorLimits(obstacle_brake=False), by="test")
         await flight.offboard.setpoint(request_to(GOAL_NED_M))
-        await until(lambda: not flight.is_undamaged(), 30)
+        await until(lambda: not flight.has_never_collided(), 30)
         assert flight.position_ned_m[0] < BOX_NORTH_M[0]
 
     run_at_the_box(run_simulated, scenario)
@@ -117,7 +117,7 @@ def test_the_brake_stops_before_the_box_and_avoidance_enabled_in_flight_flies_ov
         await until(lambda: flight.avoidance.state == "over", 5)
         assert "climbing over" in flight.avoidance.text
         await until(lambda: flight.avoidance.state == "clear" and flight.is_near(GOAL_NED_M), 60)
-        assert flight.is_undamaged()
+        assert flight.has_never_collided()
         assert 4.4 < flight.highest_over_the_box() < 7.0
         assert offboard_event_codes(flight.vehicle).count("avoidance") >= 2
         offboard.avoidance.switch_off()
@@ -134,7 +134,7 @@ def test_avoidance_flies_around_the_box_and_rejoins_the_path_behind_it(run_simul
         await flight.offboard.setpoint(StreamRequest(Path(points), 60.0, client="test"))
         await until(lambda: flight.avoidance.state == "around", 20)
         await until(lambda: flight.avoidance.state == "clear" and flight.is_near((18.0, 0.0, -2.0)), 60)
-        assert flight.is_undamaged()
+        assert flight.has_never_collided()
         assert max(-down for _, _, down, _ in flight.track) < 3.0
         assert max(abs(east) for _, east, _, _ in flight.track) > 2.5
 
@@ -159,7 +159,7 @@ def test_the_vehicle_stops_while_its_obstacle_sensors_send_nothing(run_simulated
         assert "avoidance_stopped" in offboard_event_codes(flight.vehicle)
         flight.set_sensor_interval(2e5)
         await until(lambda: flight.is_near(GOAL_NED_M), 60)
-        assert flight.is_undamaged()
+        assert flight.has_never_collided()
 
     run_at_the_box(run_simulated, scenario)
 

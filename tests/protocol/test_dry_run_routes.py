@@ -4,7 +4,7 @@ nothing to it."""
 import json
 
 from gcs_server.api import control_routes, dry_run_models, dry_run_routes
-from tests.protocol.api_calls import ANNA, BOB, FORCE, json_of, run_with_routes
+from tests.protocol.api_calls import ANNA, BOB, TAKE_BY_FORCE, json_of, run_with_routes
 from tests.protocol.command_numbers import REQUEST_MESSAGE, RUN_PREARM_CHECKS, SET_MESSAGE_INTERVAL
 from tests.protocol.offboard_world import seconds
 
@@ -79,7 +79,7 @@ def test_a_dry_run_of_a_vehicle_in_flight_starts_at_its_home(run_simulated):
 
 def test_a_dry_run_sends_nothing_to_the_vehicle_and_needs_no_control(run_simulated):
     async def scenario(rig):
-        await control_routes.take("1", rig.station, BOB, FORCE)
+        await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
         await seconds(1.0)
         before = len(commands(rig.autopilot))
         await request_by(rig, ANNA, flights=50)

@@ -6,7 +6,7 @@ import pytest
 from gcs_server.api import control_models, control_routes, models, offboard_routes, vehicle_routes
 from gcs_server.api.setpoint_request import SetpointRequest, StartRequest
 from gcs_server.errors import NotInControl, Refused
-from tests.protocol.api_calls import ANNA, BOB, FORCE, MISSION, run_with_routes
+from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, TAKE_BY_FORCE, run_with_routes
 from tests.protocol.fake_autopilot import HOLD, LAND, OFFBOARD
 from tests.protocol.offboard_world import POSITION, assert_silent, mode_requests, seconds
 from vehicle_sim.mavlink import generated_dialect as sim
@@ -98,14 +98,14 @@ def test_without_network_the_vehicle_executes_its_configured_action(run_simulate
             await vehicle_routes.mode("1", models.ModeRequest(mode="mission"), rig.station, ANNA)
             await seconds(100)
         await seconds(29)  # the socket is closed: the control lease of 30 s runs
-        assert rig.autopilot.mode == MISSION
+        assert rig.autopilot.mode == MISSION_MODE
         await seconds(4)
         await assert_silent(rig.autopilot, None, seconds_=60.0)
         expected = ["control taken", "mode mission by command", "control expired"]
         if on_expiry == "hold":
             expected.append("mode hold by command")
         assert event_summary(rig.vehicle) == expected
-        assert rig.autopilot.mode == (HOLD if on_expiry == "hold" else MISSION)
+        assert rig.autopilot.mode == (HOLD if on_expiry == "hold" else MISSION_MODE)
 
     run_with_routes(run_simulated, scenario)
 
@@ -141,7 +141,7 @@ def test_a_second_client_takes_control_and_the_first_client_can_no_longer_move_t
             await offboard_routes.start("1", LONG_START, rig.station, ANNA)
             await control_routes.request("1", rig.station, BOB)
             await seconds(15.5)
-            await control_routes.take("1", rig.station, BOB, FORCE)
+            await control_routes.take("1", rig.station, BOB, TAKE_BY_FORCE)
             assert rig.autopilot.mode == OFFBOARD, "the flight mode changed"
             sent = rig.autopilot.setpoints[-1][1].z
             target = {"type": "position", "position_ned_m": [9, 0, -9]}

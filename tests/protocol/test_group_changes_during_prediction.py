@@ -48,13 +48,13 @@ def pilot_takes_over(rig, vehicle_id):
 
 def test_a_member_that_leaves_during_the_prediction_cancels_the_start(run_simulated, monkeypatch):
     async def scenario(rig):
-        async def event():
+        async def pilot_switches():
             assert set(modes(rig).values()) == {OFFBOARD}
             await seconds(6)  # the server waits for a mode that it has just requested
             pilot_takes_over(rig, "2")
             await seconds(6)
 
-        during_prediction(monkeypatch, 2, event)
+        during_prediction(monkeypatch, 2, pilot_switches)
         with pytest.raises(NotTogether, match="Vehicle 2 left before the common start") as refused:
             await start_group(rig, ALL_NORTH, others_go_on=True)
         assert refused.value.vehicles == ("2",)
@@ -68,10 +68,10 @@ def test_a_member_that_leaves_during_the_prediction_cancels_the_start(run_simula
 
 def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch):
     async def scenario(rig):
-        async def event():
+        async def hold():
             await group_routes.hold("1", rig.station, BOB)
 
-        during_prediction(monkeypatch, 2, event)
+        during_prediction(monkeypatch, 2, hold)
         with pytest.raises(NotTogether, match="left before the common start, so none moves"):
             await start_group(rig, ALL_NORTH)
         await seconds(3)
@@ -84,11 +84,11 @@ def test_hold_during_the_prediction_cancels_the_start(run_simulated, monkeypatch
 
 def test_a_member_that_gets_a_stream_during_the_prediction_is_refused(run_simulated, monkeypatch):
     async def scenario(rig):
-        async def event():
+        async def start_stream():
             alone = StartRequest.model_validate({"setpoint": position(1), "valid_for_s": 60})
             await offboard_routes.start("3", alone, rig.station, ANNA)
 
-        during_prediction(monkeypatch, 1, event)
+        during_prediction(monkeypatch, 1, start_stream)
         with pytest.raises(NotTogether, match="Vehicle 3 already has a setpoint stream"):
             await start_group(rig, ALL_NORTH)
         assert rig.vehicles["3"].offboard.status().state == "streaming"
@@ -114,12 +114,12 @@ def test_one_of_two_starts_with_a_common_vehicle_is_refused(run_simulated):
 
 def test_vehicles_that_approach_during_the_prediction_are_refused(run_simulated, monkeypatch):
     async def scenario(rig):
-        async def event():
+        async def move_vehicle_2():
             north_m, _, down_m = rig.autopilots["2"].ned
             rig.autopilots["2"].ned = [north_m, -7.0, down_m]  # its origin is 10 m to the east
             await seconds(1)
 
-        during_prediction(monkeypatch, 1, event)
+        during_prediction(monkeypatch, 1, move_vehicle_2)
         with pytest.raises(NotTogether, match=r"Vehicles 1 and 2 are 3\.0 m apart now"):
             await start_group(rig, ALL_NORTH)
         assert not any(mode_requests(p, OFFBOARD) for p in rig.autopilots.values())
@@ -132,13 +132,13 @@ def test_a_member_that_leaves_during_the_prediction_of_new_setpoints_gets_no_set
     run_simulated, monkeypatch, others_go_on
 ):
     async def scenario(rig):
-        async def event():
+        async def pilot_switches():
             pilot_takes_over(rig, "2")
             await seconds(6)
 
         await start_group(rig, ALL_NORTH, others_go_on=others_go_on)
         await seconds(7)
-        during_prediction(monkeypatch, 1, event)
+        during_prediction(monkeypatch, 1, pilot_switches)
         with pytest.raises(Refused, match=r"Vehicle 2 is held|is ended: it accepts no setpoints"):
             await group_routes.setpoints(
                 "1", setpoints_request({"1": position(7), "2": position(7)}), rig.station, ANNA
@@ -156,12 +156,12 @@ def test_a_client_that_disconnects_during_the_prediction_leaves_no_partial_group
         async def disconnect_during(call):
             reached = asyncio.Event()
 
-            async def event():
+            async def stay_in_prediction():
                 reached.set()
                 await seconds(60)
 
             with monkeypatch.context() as patch:
-                during_prediction(patch, 1, event)
+                during_prediction(patch, 1, stay_in_prediction)
                 waiting = asyncio.ensure_future(call)
                 await reached.wait()
                 waiting.cancel()

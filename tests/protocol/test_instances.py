@@ -23,7 +23,7 @@ def test_the_less_charged_of_two_batteries_is_shown(run_simulated):
                 await asyncio.sleep(0.5)
                 value = vehicle.topic("battery").value
                 values.add((value.battery_id, value.remaining_percent, value.voltage_v))
-        assert values == {(0, 80, 16.0), (1, 35, 15.0)}, "the fuller battery was shown beside the other one"
+        assert values == {(0, 80, 16.0), (1, 35, 15.0)}, "the shown battery had a value of the other one"
         assert [(b.battery_id, b.remaining_percent) for b in value.batteries] == [(0, 80), (1, 35)]
         history = [s.value for s in vehicle.history(("battery",), 0.0)][2:]
         assert {b.battery_id for b in history} == {1}

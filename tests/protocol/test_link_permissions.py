@@ -11,7 +11,7 @@ from gcs_server.api import (
     vehicle_routes,
 )
 from gcs_server.errors import NotInControl, Refused, UnknownLink
-from tests.protocol.api_calls import ANNA, BOB, FORCE, START, journal_lines, run_with_routes
+from tests.protocol.api_calls import ANNA, BOB, START, TAKE_BY_FORCE, journal_lines, run_with_routes
 from tests.protocol.offboard_world import seconds
 
 CONFIRMATION = "link memory closes, vehicle 1 in flight loses its last link"
@@ -84,7 +84,7 @@ def test_on_the_ground_any_client_closes_a_link_while_nobody_has_control(run_sim
 
 def test_on_the_ground_the_link_of_a_vehicle_controlled_by_another_client_stays_open(run_simulated):
     async def scenario(rig):
-        await control_routes.take("1", rig.station, ANNA, FORCE)
+        await control_routes.take("1", rig.station, ANNA, TAKE_BY_FORCE)
         with pytest.raises(NotInControl):
             await close(rig, BOB)
         await close(rig, ANNA)

@@ -12,7 +12,7 @@ from gcs_server.errors import InvalidRequest, NotInControl, PlanFindings, Refuse
 from gcs_server.plans.store import PlanStore
 from missions.offboard.document import OffboardMission
 from missions.offboard.steps import Land
-from tests.protocol.api_calls import ANNA, BOB, MISSION, journal_lines, json_of, station_of
+from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, journal_lines, json_of, station_of
 from tests.protocol.fake_autopilot import IN_AIR
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
 from tests.protocol.offboard_world import OffboardWorld, seconds
@@ -134,7 +134,7 @@ def test_without_control_upload_clear_and_start_are_refused(run_simulated, tmp_p
 def test_changing_the_mission_in_flight_needs_confirmation(run_simulated, tmp_path):
     async def work(rig):
         await upload(rig)
-        rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, MISSION, IN_AIR
+        rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.landed_state = True, MISSION_MODE, IN_AIR
         await seconds(2.5)
         for attempt in (
             upload(rig),
@@ -201,12 +201,16 @@ def test_a_mission_starts_at_an_item_and_continues_after_hold(run_simulated, tmp
         with pytest.raises(Refused, match="not flying"):
             await mission_routes.resume("1", rig.station, ANNA)
         await start(rig, item=1)
-        assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (True, MISSION, 1)
+        assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (
+            True,
+            MISSION_MODE,
+            1,
+        )
         rig.autopilot.landed_state = IN_AIR
         await rig.vehicle.command.hold()
         await seconds(1.5)
         await mission_routes.resume("1", rig.station, ANNA)
-        assert (rig.autopilot.mode, rig.autopilot.flight.current) == (MISSION, 1)
+        assert (rig.autopilot.mode, rig.autopilot.flight.current) == (MISSION_MODE, 1)
 
     run_with_rig(run_simulated, tmp_path, work)
 

@@ -9,7 +9,7 @@ from gcs_server.errors import NotInControl, PlanFindings, Refused
 from gcs_server.plans.store import PlanStore
 from gcs_server.storage.records import Records
 from gcs_server.streamer.waypoints.interrupted import ProgressStore
-from tests.protocol.api_calls import ANNA, BOB, MISSION, json_of, station_of
+from tests.protocol.api_calls import ANNA, BOB, MISSION_MODE, json_of, station_of
 from tests.protocol.command_numbers import DO_CHANGE_SPEED, DO_SET_CAM_TRIGG_DIST
 from tests.protocol.fake_autopilot import HOLD, IN_AIR, ON_GROUND, RTL
 from tests.protocol.mission_autopilot import MissionAutopilot, UploadingStation
@@ -142,7 +142,11 @@ def test_after_a_battery_change_the_interrupted_leg_is_flown_from_its_start(run_
         assert offer["distance_m"] == pytest.approx(40, abs=0.5)
         assert offer["cautions"] == []
         await start(rig, item=offer["item"], mission_id=offer["mission_id"])
-        assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (True, MISSION, 1)
+        assert (rig.autopilot.armed, rig.autopilot.mode, rig.autopilot.flight.current) == (
+            True,
+            MISSION_MODE,
+            1,
+        )
         await fly_to(rig, 1, 20)
         assert "armed" in (await mission_view(rig))["no_resume"]
         await land(rig)
@@ -315,7 +319,7 @@ def test_a_simulated_px4_with_a_new_battery_flies_the_rest_with_its_speed_and_al
             await start(rig, item=offer["item"], mission_id=offer["mission_id"])
             await until(lambda: mission.current == 4, 40)
             assert [number for number in sent if number in RESTORED] == RESTORED, (
-                "not the speed, then the pictures"
+                "PX4 did not restore the speed and then the pictures"
             )
             await seconds(6)
             assert rig.vehicle.topic("local_position").value.velocity_ned_m_s[0] == pytest.approx(3, abs=0.7)

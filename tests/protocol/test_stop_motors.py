@@ -9,7 +9,7 @@ import pytest
 
 from gcs_server.api import control_models, control_routes
 from gcs_server.errors import GcsError, NoReply, Refused, Rejected
-from tests.protocol.api_calls import MISSION, run_with_routes
+from tests.protocol.api_calls import MISSION_MODE, run_with_routes
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_REPOSITION,
@@ -237,7 +237,7 @@ def test_a_late_arm_command_does_not_confirm_stop_motors(run_simulated):
 @pytest.mark.parametrize(("ignored_s", "mode_after"), [(2.0, None), (20.0, HOLD)])
 def test_on_expiry_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
     async def scenario(rig):
-        rig.autopilot.mode = MISSION
+        rig.autopilot.mode = MISSION_MODE
         await seconds(2.5)
         await control_routes.take("1", rig.station, ANNA, control_models.TakeControl(on_expiry="hold"))
         await seconds(28.5)
@@ -248,7 +248,7 @@ def test_on_expiry_waits_for_stop_motors(run_simulated, ignored_s, mode_after):
         await asyncio.gather(kill, return_exceptions=True)
         await seconds(3.0)
         assert bool(rig.autopilot.commands(DO_SET_MODE)) == (mode_after is not None)
-        assert rig.autopilot.mode == (mode_after or MISSION)
+        assert rig.autopilot.mode == (mode_after or MISSION_MODE)
 
     run_with_routes(run_simulated, scenario)
 

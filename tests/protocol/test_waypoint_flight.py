@@ -12,7 +12,7 @@ from gcs_server.storage.cache import Cache
 from gcs_server.streamer.waypoints.link_loss import PARAMETERS
 from gcs_server.vehicle.services.items_cache import ItemsCache
 from missions.dry_run import task
-from tests.protocol.api_calls import ANNA, MISSION, json_of, station_of
+from tests.protocol.api_calls import ANNA, MISSION_MODE, json_of, station_of
 from tests.protocol.command_numbers import (
     ARM_DISARM,
     DO_PAUSE_CONTINUE,
@@ -188,7 +188,7 @@ def fly_in_mode(rig, mode):
 def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_another_plan(run_simulated):
     async def work(rig):
         await upload(rig)
-        fly_in_mode(rig, MISSION)
+        fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
         flown = await flight_view(rig)
         assert (flown["state"], flown["client"], flown["dry_run"]) == ("flying", None, None)
@@ -199,7 +199,7 @@ def test_a_flight_that_the_pilot_selects_is_monitored_until_the_vehicle_gets_ano
         flown = await flight_view(rig)
         assert flown["state"] == "paused"
         assert flown["reason"].startswith("The vehicle has left Mission mode: ")
-        fly_in_mode(rig, MISSION)
+        fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
         assert (await flight_view(rig))["state"] == "flying"
         assert event_codes(rig) == ["monitoring_paused", "monitoring_resumed"]
@@ -219,7 +219,7 @@ def test_a_flight_that_began_before_the_server_knew_the_plan_is_monitored_from_t
 ):
     async def work(rig):
         await upload(rig)
-        fly_in_mode(rig, MISSION)
+        fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
         rig.station.waypoint_flights.detach(rig.vehicle)  # as after a restart of the server
         rig.station.waypoint_flights.attach(rig.vehicle)
@@ -261,7 +261,7 @@ def test_a_restarted_server_knows_the_flown_plan_by_its_ids_and_sends_no_command
         rig.vehicle.mission.set_cache(cache)
         await upload(rig)
         before = rig.vehicle.mission.items_on_vehicle
-        fly_in_mode(rig, MISSION)
+        fly_in_mode(rig, MISSION_MODE)
         rig.autopilot.flight.current = 1
         await seconds(2.5)
         (cached,) = tmp_path.iterdir()
@@ -364,7 +364,7 @@ def store_dry_run(rig, plan=PLAN, north_m=0.0):
 def test_a_start_in_flight_continues_the_flight_unless_it_names_a_dry_run(run_simulated):
     async def work(rig):
         await upload(rig)
-        fly_in_mode(rig, MISSION)
+        fly_in_mode(rig, MISSION_MODE)
         await seconds(2.5)
         first = await flight_view(rig)
         await start(rig, item=1)
