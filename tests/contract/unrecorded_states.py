@@ -1,9 +1,8 @@
-"""Unrecorded events before a dialogue, for which the dialogue itself has evidence.
+"""Starting states of dialogues that were caused by unrecorded events.
 
-Some recorded dialogues are withheld, and between dialogues the recording harness flew, armed and landed the
-vehicle without recording it. Each entry brings the simulated vehicle into that state and names the evidence
-in the recording (`evidence`; `test_rules.py` searches for it). The rest of the dialogue is then compared like
-any other.
+Some dialogues are not in the recordings; between dialogues, the recording program flew, armed and landed the
+vehicle without recording that. Each entry brings the simulated vehicle into such a state, and has a part of
+the dialogue as evidence, which `test_rules.py` verifies. Then the dialogue is compared like any other.
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ def _mode(*mode: int) -> Action:
 
 
 def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
-    """Takes off to an altitude that the vehicle reaches at the end of the dialogue."""
+    """Starts a take-off to an altitude that the vehicle reaches at the end of the dialogue."""
     view = vehicle.autopilot.view
     alt_amsl_m = view.estimate.alt_amsl_m + 7.0
     vehicle.command(TAKEOFF, -1, 0, 0, math.nan, math.nan, math.nan, alt_amsl_m)
@@ -85,8 +84,8 @@ def _taking_off(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _disarmed(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """Disarms the vehicle, because the heartbeat that shows it armed was sent earlier. The vehicle was armed
-    once before, so its first log is closed."""
+    """Disarms the vehicle: the recorded heartbeat with an armed vehicle is older. Also arms the vehicle once
+    before, so that its first log is closed."""
     vehicle.command(ARM_DISARM, 0, FORCE)
     vehicle.run(1.0)
     vehicle.put_on_ground(False, HOLD)
@@ -157,7 +156,7 @@ def _console_closed(vehicle: Vehicle, _: Dialogue) -> None:
 
 
 def _on_disk(vehicle: Vehicle, dialogue: Dialogue) -> None:
-    """The vehicle's folder as its listing shows it: folders, files of these sizes, links."""
+    """Creates the folders, files and links that the recorded listing of the vehicle's folder shows."""
     root = vehicle.sim.files[0].root
     for name in ("dataman", "parameters_backup.bson"):
         (root / name).touch()

@@ -51,7 +51,7 @@ class Missions:
     def begin(
         self, vehicle: Vehicle, mission: OffboardMission, *, in_air: bool = False, role: str | None = None
     ) -> MissionFlight:
-        """Starts a mission, or one role of it, compiled for the vehicle's position."""
+        """Compiles a mission, or one of its roles, for the vehicle's position, and starts the mission."""
         estimates = VehicleEstimates(vehicle)
         local, attitude = estimates.local(), estimates.attitude()
         assert local is not None

@@ -12,7 +12,7 @@ STEP_S = 0.02
 
 
 class SimulatedAutopilot:
-    """Replaces `FakeAutopilot`: one peer of a memory link.
+    """A simulated PX4 in place of a `FakeAutopilot`, as one peer of a memory link.
 
     Args:
         loss: share of packets lost in each direction; may be changed while it runs.
@@ -29,7 +29,7 @@ class SimulatedAutopilot:
         self.loop.call_later(STEP_S, self.run)
 
     def run(self) -> None:
-        """Steps the simulation and delivers what it sent."""
+        """Steps the simulation, and delivers the frames of the vehicle to the server."""
         if not self.alive:
             return
         self.sim.step(STEP_S)
@@ -39,7 +39,7 @@ class SimulatedAutopilot:
         self.loop.call_later(STEP_S, self.run)
 
     def receive(self, data: bytes) -> None:
-        """Receives from the server."""
+        """Delivers a frame of the server to the vehicle."""
         if self.random.random() >= self.loss:
             self.received.append(data)
             self.sim.feed(0, "gcs", data)

@@ -1,5 +1,5 @@
-"""Commands to a scripted autopilot, with packet loss: a command succeeds when the vehicle's state shows
-it."""
+"""Commands to a scripted autopilot at packet loss: a command succeeds when the vehicle's state shows the
+result."""
 
 import asyncio
 import math
@@ -124,7 +124,7 @@ def test_a_refusal_to_arm_lists_the_failed_checks(run_simulated):
         with pytest.raises(Rejected):
             await vehicle.command.takeoff(5)
         assert autopilot.commands(RUN_PREARM_CHECKS)
-        assert vehicle.status.mode == "hold"  # not left in Takeoff, where arming would make it climb
+        assert vehicle.status.mode == "hold"  # in Takeoff mode, the vehicle would climb when it is armed
 
     run_scenario(run_simulated, scenario)
 

@@ -108,8 +108,8 @@ def test_kill_of_an_unknown_vehicle_is_404(run_simulated):
 
 
 def test_a_vehicle_identified_as_another_loses_its_stream_with_an_event(run_simulated):
-    """Vehicle `1~2` receives setpoints when it is identified as vehicle `1` on another link. Its id is
-    removed and may be used again."""
+    """Vehicle `1~2` has a setpoint stream when the server identifies it as vehicle `1` on another link. The
+    id `1~2` is then removed and may be used again."""
 
     async def scenario(world, station, first, second):
         merged, kept = world.fleet.get("1~2"), world.fleet.get("1")

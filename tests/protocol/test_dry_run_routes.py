@@ -1,5 +1,5 @@
-"""Dry runs for a vehicle by the server's routes: the server uses the known data of the vehicle and sends
-nothing to it."""
+"""Dry runs for a vehicle by the server's routes: the server uses its data about the vehicle and sends
+nothing to the vehicle."""
 
 import json
 

@@ -94,7 +94,7 @@ class OutputChecker:
     def __init__(self, world: OffboardWorld, link: Any) -> None:
         self.world, self.link = world, link
         self.invalid, self.other = (world.fleet.get(v) for v in ("1", "2"))
-        """The vehicle that sends extreme values, and the vehicle that they must not affect."""
+        """The vehicle that sends extreme values, and a vehicle that these values must not affect."""
         self.encoded = EncodedSamples(world.clock, world.fleet)
         self.tracks = Tracks(world.fleet, None, world.clock)
         self.seq = itertools.count()

@@ -1,5 +1,5 @@
-"""Too many texts, reports and unknown events of a vehicle: the server limits them and reports how many it
-dropped."""
+"""Too many texts, reports and unknown events of a vehicle: the server limits their number and reports
+how many it dropped."""
 
 import struct
 
