@@ -16,7 +16,7 @@ from typing import Any
 import httpx
 
 from tests import station
-from tests.support.line_mission import MISSION, NAME
+from tests.support.line_mission import MISSION, MODE_NAME
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
 DOMAIN = 58
@@ -128,7 +128,7 @@ class ModesVehicle:
     def register(self, mission: dict[str, Any]) -> str:
         """Registers the mission when the vehicle is ready; returns the mission's mode."""
         station.wait_until(self.ready, "readiness", 60.0)
-        (mode,) = self.call("mission_modes/register", {"mission": mission, "name": NAME})["modes"]
+        (mode,) = self.call("mission_modes/register", {"mission": mission, "name": MODE_NAME})["modes"]
         assert mode["state"] == "registered"
         return mode["mode"]
 

@@ -24,7 +24,7 @@ from tests.e2e.mission_modes import (
     DOMAIN,
     LINK,
     MISSION,
-    NAME,
+    MODE_NAME,
     NAMESPACE,
     ModesVehicle,
     modes_vehicle,
@@ -176,7 +176,9 @@ def test_the_mode_of_a_killed_server_is_removed_and_the_next_server_can_register
         station.wait_until(
             lambda: estimates <= restarted.vehicle()["topics"].keys(), "the vehicle's estimates", 10.0
         )
-        (mode,) = restarted.call("mission_modes/register", {"mission": FAR_MISSION, "name": NAME})["modes"]
+        (mode,) = restarted.call("mission_modes/register", {"mission": FAR_MISSION, "name": MODE_NAME})[
+            "modes"
+        ]
         assert (mode["state"], nav_state(mode["mode"])) == ("registered", mission_state)
         restarted.call("mode", {"mode": mode["mode"]})
         restarted.until_north()
@@ -212,6 +214,6 @@ def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(
     modes = vehicle.modes()
     assert modes["possible"] is True
     assert modes["modes"][0]["state"] == "lost"
-    vehicle.call("mission_modes/register", {"mission": FAR_MISSION, "name": NAME})
+    vehicle.call("mission_modes/register", {"mission": FAR_MISSION, "name": MODE_NAME})
     vehicle.call("mode", {"mode": vehicle.modes()["modes"][0]["mode"]})
     vehicle.until_mission("flying")

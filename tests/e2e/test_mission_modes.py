@@ -13,7 +13,7 @@ pytest.importorskip("cyclonedds")
 
 from tests import station
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, open_page, violations_in_both_themes
-from tests.e2e.mission_modes import MISSION, NAME, TAKE_OFF_MISSION, ModesVehicle, modes_vehicle
+from tests.e2e.mission_modes import MISSION, MODE_NAME, TAKE_OFF_MISSION, ModesVehicle, modes_vehicle
 from tests.e2e.plan_page import plan_room
 from tools import build_page
 
@@ -29,10 +29,10 @@ def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_s
     vehicle: ModesVehicle,
 ) -> None:
     mode = vehicle.register_and_take_off()
-    assert NAME in vehicle.other_station.mode_names()
+    assert MODE_NAME in vehicle.other_station.mode_names()
     vehicle.other_station.select_mode(mode)
     station.wait_until(lambda: vehicle.status["mode"] == mode, "the mode", 5.0)
-    assert vehicle.status["mode_label"] == NAME
+    assert vehicle.status["mode_label"] == MODE_NAME
     for start in (None, {"mode": mode}):
         if start is not None:
             vehicle.call("mode", start)
@@ -41,9 +41,9 @@ def test_a_registered_mission_is_listed_by_another_station_and_started_by_both_s
         station.wait_until(lambda: vehicle.status["mode"] == "hold", "Hold", 5.0)
     assert vehicle.north_m() == pytest.approx(16.0, abs=2.0)
     assert vehicle.modes()["modes"][0]["state"] == "registered"
-    assert vehicle.call("mission_modes/unregister", {"name": NAME})["modes"] == []
+    assert vehicle.call("mission_modes/unregister", {"name": MODE_NAME})["modes"] == []
     station.wait_until(
-        lambda: NAME not in vehicle.other_station.mode_names(), "the removal of the mission", 10.0
+        lambda: MODE_NAME not in vehicle.other_station.mode_names(), "the removal of the mission", 10.0
     )
 
 
@@ -52,7 +52,7 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_o
     vehicle: ModesVehicle,
 ) -> None:
     station.wait_until(vehicle.ready, "readiness", 60.0)
-    body = {"mission": TAKE_OFF_MISSION, "name": NAME}
+    body = {"mission": TAKE_OFF_MISSION, "name": MODE_NAME}
     (mode,) = vehicle.call("mission_modes/register", body)["modes"]
     assert (mode["state"], mode["takes_off"]) == ("registered", True)
     vehicle.other_station.select_mode(mode["mode"])
@@ -84,7 +84,7 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
         expect(room.get_by_label("Name of the plan")).to_have_value("Line")
         room.get_by_text("Mission as a PX4 flight mode", exact=True).click()
         modes = room.get_by_role("group", name="Mission as a PX4 flight mode")
-        modes.get_by_label("Name of the flight mode").fill(NAME)
+        modes.get_by_label("Name of the flight mode").fill(MODE_NAME)
         deferral = modes.get_by_label("Defer failsafes")
         register = modes.get_by_role("button", name=re.compile("register", re.I))
         deferral.fill("500")
@@ -93,14 +93,14 @@ def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: M
         deferral.fill("20")
         register.click()
         expect(modes).to_contain_text("The mission starts when this mode is selected in flight")
-        assert NAME in vehicle.other_station.mode_names()
+        assert MODE_NAME in vehicle.other_station.mode_names()
         assert vehicle.modes()["modes"][0]["defer_failsafes_s"] == 20
         assert violations_in_both_themes(page) == []
-        modes.get_by_role("button", name=f"Start {NAME}…").click()
+        modes.get_by_role("button", name=f"Start {MODE_NAME}…").click()
         hold_space(page)
-        expect(page.locator(".pill b")).to_have_text(NAME)
+        expect(page.locator(".pill b")).to_have_text(MODE_NAME)
         expect(modes).to_contain_text("Selected")
-        expect(modes.get_by_role("button", name=f"Remove {NAME}")).to_have_count(0)
+        expect(modes.get_by_role("button", name=f"Remove {MODE_NAME}")).to_have_count(0)
         vehicle.until_mission("done")
-        modes.get_by_role("button", name=f"Remove {NAME}").click()
+        modes.get_by_role("button", name=f"Remove {MODE_NAME}").click()
         expect(modes.get_by_role("listitem")).to_have_count(0)

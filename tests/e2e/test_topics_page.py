@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, expect
 from gcs_server.ros2.dds import open_domain
 from tests import station
 from tests.e2e.browser import REPOSITORY, chromium, open_page, violations_in_both_themes
-from tests.support.dds_vehicle import ATTITUDE, AnsweringVehicle, Background
+from tests.support.dds_vehicle import ATTITUDE, AcknowledgingVehicle, PeriodicThread
 from tools import build_page
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
@@ -33,9 +33,9 @@ def browser() -> Iterator[Browser]:
 
 
 def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: Browser) -> None:
-    domain, background = open_domain(DOMAIN, None), Background()
-    vehicle = AnsweringVehicle(DOMAIN, NAMESPACE, 1)
-    background.steps.append(vehicle.step)
+    domain, periodic = open_domain(DOMAIN, None), PeriodicThread()
+    vehicle = AcknowledgingVehicle(DOMAIN, NAMESPACE, 1)
+    periodic.callbacks.append(vehicle.step)
     try:
         with (
             station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, _),
@@ -57,5 +57,5 @@ def test_topics_are_shown_with_rate_and_fields_while_the_panel_is_open(browser: 
             page.keyboard.press("Escape")
             expect(panel).to_have_count(0)
     finally:
-        background.close()
+        periodic.close()
     assert domain  # this reference has kept the domain open

@@ -12,7 +12,7 @@ from tests.protocol.mission_squadron import (
     run_with_squadron,
 )
 from tests.protocol.simulated_world import until
-from tests.support.mission_steps import kinds_of_document
+from tests.support.mission_steps import all_step_kinds
 from vehicle_sim.autopilot.modes import NavState
 
 pytestmark = pytest.mark.flight
@@ -175,4 +175,4 @@ def test_after_a_killed_server_each_vehicle_continues_its_mode_or_executes_its_f
 
 
 def test_each_kind_of_step_is_flown_by_one_of_the_vehicles():
-    assert kinds_flown() == kinds_of_document()
+    assert kinds_flown() == all_step_kinds()

@@ -1,4 +1,4 @@
-"""The server's API in process, without links, simulator and recordings."""
+"""The server's API in the test's process, without links, simulator and recordings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def settings_for(data: Path, *, scene: bool = False, record: bool = False) -> Se
 def api_client(
     data: Path, *, path: str = "", record: bool = False, raises: bool = True, static: Path | None = None
 ) -> Iterator[TestClient]:
-    """A client of a server with this data folder.
+    """A client of a new server with this data folder.
 
     Args:
         data: the server's data folder.

@@ -1,4 +1,4 @@
-"""A vehicle on real DDS that publishes recorded messages and answers commands. Needs `cyclonedds`."""
+"""A vehicle on real DDS that publishes recorded messages and acknowledges commands. Needs `cyclonedds`."""
 
 from __future__ import annotations
 
@@ -23,11 +23,12 @@ MESSAGES_OF_TOPICS = {
     ATTITUDE: "VehicleAttitude",
     "/fmu/out/vehicle_local_position": "VehicleLocalPosition",
 }
-ARM = 400
+ARM_DISARM = 400
+"""VehicleCommand.VEHICLE_CMD_COMPONENT_ARM_DISARM."""
 
 
-class AnsweringVehicle:
-    """A vehicle that publishes recorded messages at 20 Hz and arms when it is commanded to."""
+class AcknowledgingVehicle:
+    """A vehicle that acknowledges every command. A command to arm arms it, any other command disarms it."""
 
     def __init__(self, domain_id: int, namespace: str, system_id: int) -> None:
         self._publisher, self._system_id = Publisher(domain_id, namespace), system_id
@@ -38,6 +39,7 @@ class AnsweringVehicle:
         self._armed = False
 
     def step(self) -> None:
+        """Acknowledges the received commands; publishes the status and one message of each other topic."""
         for sample in self._commands.take(8):
             if isinstance(sample, Sample):
                 self._answer(SHOWN["VehicleCommand"].decode(sample.cdr))
@@ -47,17 +49,17 @@ class AnsweringVehicle:
             self._publisher.send(topic, recorded()[topic], message)
 
     def _answer(self, command: dict[str, Any]) -> None:
-        self._armed = command["command"] == ARM and command["param1"] == 1.0
+        self._armed = command["command"] == ARM_DISARM and command["param1"] == 1.0
         ack = {"command": command["command"], "result": 0}
         ack |= {f"target_{part}": command[f"source_{part}"] for part in ("system", "component")}
         self._publisher.send(COMMAND_ACK, SHOWN["VehicleCommandAck"].encode(ack), "VehicleCommandAck")
 
 
-class Background:
-    """Calls functions 20 times a second in a thread of its own."""
+class PeriodicThread:
+    """A thread that calls its callbacks at 20 Hz."""
 
     def __init__(self) -> None:
-        self.steps: list[Callable[[], None]] = []
+        self.callbacks: list[Callable[[], None]] = []
         self.errors: list[Exception] = []
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._main)
@@ -66,8 +68,8 @@ class Background:
     def _main(self) -> None:
         while not self._stop.wait(0.05):
             try:
-                for step in list(self.steps):
-                    step()
+                for callback in list(self.callbacks):
+                    callback()
             except Exception as error:
                 self.errors.append(error)
                 return

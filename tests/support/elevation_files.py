@@ -30,7 +30,14 @@ def write(
     """Writes a file of ground altitudes.
 
     Args:
-        elevation: altitude AMSL [m] of the cells' centres; gets their latitudes and longitudes.
+        path: the file.
+        elevation: altitude AMSL [m] of the cells' centres; gets their latitudes and longitudes [deg].
+        west_deg: western edge, in units of the file's coordinate system: degrees unless `crs` is given.
+        north_deg: northern edge, in the same units.
+        cells: number of cells on each side.
+        step_deg: size of a cell, in the same units.
+        driver: GDAL's name of the file format.
+        options: profile of the file for rasterio, such as `crs` or `count`.
     """
     lat = north_deg - (np.arange(cells) + 0.5) * step_deg
     lon = west_deg + (np.arange(cells) + 0.5) * step_deg
@@ -57,13 +64,21 @@ def flat(amsl_m: float) -> Elevation:
 
 def hill(
     amsl_m: float,
-    top_m: float,
+    height_m: float,
     *,
     lat_deg: float = LAT_DEG,
     lon_deg: float = LON_DEG,
     width_deg: float = 0.002,
 ) -> Elevation:
-    """A round hill on flat ground; `width_deg` is its standard deviation."""
+    """A Gaussian hill on flat ground.
+
+    Args:
+        amsl_m: altitude AMSL of the flat ground.
+        height_m: height of the summit above the flat ground.
+        lat_deg: latitude of the summit.
+        lon_deg: longitude of the summit.
+        width_deg: standard deviation.
+    """
     return lambda lat, lon: (
-        amsl_m + top_m * np.exp(-(((lat - lat_deg) ** 2 + (lon - lon_deg) ** 2) / (2 * width_deg**2)))
+        amsl_m + height_m * np.exp(-(((lat - lat_deg) ** 2 + (lon - lon_deg) ** 2) / (2 * width_deg**2)))
     )

@@ -1,5 +1,5 @@
-"""Digests of all bytes that vehicles of a fleet send while they arm and take off, and half of them lose
-GPS."""
+"""Digests of all bytes that the vehicles of a fleet send. All vehicles arm and take off; the vehicles with an
+even instance then lose GPS."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from vehicle_sim.mavlink.dialect import pack
 from vehicle_sim.mavlink.framing import frame_v2
 from vehicle_sim.simulation import row_east
 
-ARM_AT = 0.6
-"""Fraction of the time after which the vehicles are armed: EKF2 needs six seconds after boot."""
-GPS_LOST_AT = 0.8
-"""Fraction of the time after which the even instances lose GPS."""
+ARM_AT_FRACTION = 0.6
+"""When the vehicles are armed, as a fraction of the simulated time. EKF2 is ready six seconds after boot: in
+a simulation of less than 10 s the vehicles cannot be armed."""
+GPS_LOSS_AT_FRACTION = 0.8
+"""When the even instances lose GPS, as a fraction of the simulated time."""
 TICK_S = 0.02
 ARM, TAKEOFF = 400, 22
 """MAV_CMD_COMPONENT_ARM_DISARM and MAV_CMD_NAV_TAKEOFF."""
@@ -28,10 +29,10 @@ def digests(first: int, count: int, seconds: float, seed: int = 11) -> dict[int,
     steps = round(seconds / TICK_S)
     for step in range(steps):
         for row in range(count):
-            if step == round(ARM_AT * steps):
+            if step == round(ARM_AT_FRACTION * steps):
                 _command(sim, row, ARM, 1.0)
                 _command(sim, row, TAKEOFF, *[float("nan")] * 6, target_amsl_m)
-            if step == round(GPS_LOST_AT * steps) and (first + row) % 2 == 0:
+            if step == round(GPS_LOSS_AT_FRACTION * steps) and (first + row) % 2 == 0:
                 sim.set_parameter(row, "SIM_GPS_USED", 3)
         sim.step(TICK_S)
         for row in range(count):

@@ -1,10 +1,10 @@
-"""A short offboard mission for tests of missions as flight modes: a line north, then a hold."""
+"""A short offboard mission for tests of missions as flight modes: it flies 8 m north and holds."""
 
 from __future__ import annotations
 
 from typing import Any
 
-NAME = "Short line"
+MODE_NAME = "Short line"
 """Name of its flight mode."""
 MISSION: dict[str, Any] = {
     "format": "offboard-gcs-mission",

@@ -1,4 +1,4 @@
-"""Records everything that a link delivers, for tests."""
+"""Records a link's received data, peers and states, for tests."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""Running missions in the middle of each kind of step, for tests of events during that step.
+"""Missions that are in the middle of a step, for tests of events during each kind of step.
 
 A step without a duration is combined with a step that has a duration: a gimbal track with a hold, a branch
 or a call with a hold in its list. Photos are one second apart; the event occurs between two photos.
@@ -42,16 +42,16 @@ STEPS: dict[str, tuple[str, ...]] = {
     "land": ("step: land",),
 }
 """The steps of each flight. The event occurs during the last step."""
-BY_PX4 = ("take_off", "land")
-IN_OFFBOARD = [kind for kind in STEPS if kind not in BY_PX4]
+FLOWN_BY_PX4 = ("take_off", "land")
+FLOWN_BY_SETPOINTS = [kind for kind in STEPS if kind not in FLOWN_BY_PX4]
 
 
-def kinds_of_document() -> set[str]:
-    """All kinds of steps that a document can have."""
+def all_step_kinds() -> set[str]:
+    """All kinds of steps that a mission's document can have."""
     return {each.model_fields["step"].default for each in get_args(get_args(MissionStep)[0])}
 
 
-def kinds_of(steps: tuple[str, ...]) -> set[str]:
+def step_kinds(steps: tuple[str, ...]) -> set[str]:
     """The kinds of these steps, without the steps inside them."""
     return {step.removeprefix("step: ").partition(",")[0] for step in steps}
 
@@ -85,10 +85,10 @@ def slope(first_down_m: float = -10.0, duration_s: float = 12.0) -> str:
     return "\n".join(rows)
 
 
-def flight(kind: str, **actions: str) -> FakeFlight:
+def flight_during(kind: str, **actions: str) -> FakeFlight:
     """A running mission in the middle of a step of this kind."""
     fake = _at_meeting(actions) if kind == "meet" else _single_vehicle(kind, actions)
-    if kind in BY_PX4:
+    if kind in FLOWN_BY_PX4:
         state = "taking_off" if kind == "take_off" else "landing"
         return fake.until(lambda: fake.status.state == state and fake.reading.landed == "in_air").fly(1.0)
     place = f"step {1 + len(STEPS[kind])}"
@@ -97,12 +97,12 @@ def flight(kind: str, **actions: str) -> FakeFlight:
 
 
 def _single_vehicle(kind: str, actions: dict[str, str]) -> FakeFlight:
-    steps = ("step: hold, duration_s: 4",) if kind in BY_PX4 else STEPS[kind]
+    steps = ("step: hold, duration_s: 4",) if kind in FLOWN_BY_PX4 else STEPS[kind]
     return FakeFlight(_with_actions(mission_with_lists(flight_steps(*steps, FLY)), actions)).start()
 
 
 def _at_meeting(actions: dict[str, str]) -> FakeFlight:
-    """The role "lead" of two; the test acts for the role "left", see `end_wait`."""
+    """The role "lead" of a mission for two vehicles; `end_wait` replaces the arrival of the role "left"."""
     document = _with_actions(
         mission_for_two(*STEPS["take_off"], *STEPS["meet"], FLY, *STEPS["land"]), actions
     )
@@ -115,11 +115,11 @@ def _with_actions(document: OffboardMission, actions: dict[str, str]) -> Offboar
 
 
 def end_wait(fake: FakeFlight, kind: str) -> FakeFlight:
-    """Ends a wait for a person or for the other role; other kinds of steps end by themselves."""
+    """Ends a wait for the pilot or for the other role; other kinds of steps end by themselves."""
     if kind == "person":
-        fake.in_state("waiting").go_on()
+        fake.until_state("waiting").continue_after_question()
     elif kind == "meet":
-        fake.in_state("waiting")
+        fake.until_state("waiting")
         part = fake.runner.setpoint_part
         assert part is not None
         part.leave_meeting()
@@ -127,7 +127,7 @@ def end_wait(fake: FakeFlight, kind: str) -> FakeFlight:
 
 
 def assert_nothing_is_requested(fake: FakeFlight, for_s: float = 5.0) -> None:
-    """Flies for this time and checks that the mission requests nothing and sends no setpoint."""
+    """Checks that the mission requests nothing and sends no setpoint for this time [s]."""
     request_count, sent_count = len(fake.requests), len(fake.sent)
     fake.fly(for_s)
     assert fake.requests[request_count:] == []

@@ -17,15 +17,15 @@ from missions.setpoints import Estimate, Position, Trajectory, Velocity, zeros_f
 
 STEP_S = 0.1
 CLIMB_M_S = 2.0
-ALL: frozenset[Estimate] = frozenset({"position", "velocity", "heading", "global_position", "home"})
+ALL_ESTIMATES: frozenset[Estimate] = frozenset({"position", "velocity", "heading", "global_position", "home"})
 
 
 class FakeFlight:
-    """A runner, a script sampler and a vehicle on one clock.
+    """A mission runner, a script sampler and a fake vehicle on one clock.
 
     Args:
         mission: the mission.
-        timeline: timeline of one role; None: the mission's.
+        timeline: timeline of one role; None: the mission's timeline.
         options: options of the runner.
     """
 
@@ -34,16 +34,16 @@ class FakeFlight:
         self.now_s = 100.0
         self.reading = Reading(
             mode="hold", armed=False, landed="on_ground", position_ned_m=(0.0, 0.0, 0.0),
-            velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL, control_holder="alice",
-            control_holder_name="Alice", battery_share=0.9,
+            velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL_ESTIMATES,
+            control_holder="alice", control_holder_name="Alice", battery_share=0.9,
         )  # fmt: skip
         self.sampler: ScriptSampler | None = None
         self.requests: list[Request] = []
         self.sent: list[tuple[float, Any]] = []
         self.path: list[tuple[float, float, float]] = []
-        self.refused: dict[type, str] = {}
-        """Reasons of the requests that fail, by class of the request."""
-        self._goal_down_m = 0.0
+        self.failures: dict[type, str] = {}
+        """Classes of requests that the vehicle refuses, with the reason."""
+        self._take_off_down_m = 0.0
         self._blocked_at: tuple[float, float, float] | None = None
 
     # --- disturbances -----------------------------------------------------------------------------
@@ -52,13 +52,13 @@ class FakeFlight:
         """Sets fields of the reading: the state of the vehicle as the runner knows it."""
         self.reading = self.reading._replace(**changes)
 
-    def mode(self, mode: str, source: str, text: str | None = None) -> None:
-        """Changes the mode from outside the runner; this ends the stream."""
+    def change_mode(self, mode: str, source: str, text: str | None = None) -> None:
+        """Changes the vehicle's mode without a request of the runner; this ends the stream."""
         self.sampler = None
         self.set_reading(mode=mode, mode_source=source, mode_text=text, stream="idle", progress=None)
 
     def block(self) -> Any:
-        """Keeps the vehicle at its position, whatever setpoints it gets; returns the position."""
+        """Keeps the vehicle at its position: it ignores its setpoints. Returns the position."""
         self._blocked_at = self.reading.position_ned_m
         return self._blocked_at
 
@@ -68,30 +68,30 @@ class FakeFlight:
 
     def lose_link(self) -> None:
         """Stops all messages of the vehicle; the server has already ended the stream and commanded Hold."""
-        self.mode("hold", "command", "The server commanded Hold")
+        self.change_mode("hold", "command", "The server commanded Hold")
         self.set_reading(link_active=False)
 
-    # --- operator ---------------------------------------------------------------------------------
+    # --- commands of the operator -----------------------------------------------------------------
 
     def start(self) -> FakeFlight:
         """Starts the mission."""
-        self.do(self.runner.start(self.now_s, self.reading))
+        self.execute(self.runner.start(self.now_s, self.reading))
         return self
 
     def pause(self) -> None:
-        self.do(self.runner.pause(self.now_s, self.reading, "Alice"))
+        self.execute(self.runner.pause(self.now_s, self.reading, "Alice"))
 
     def resume(self) -> None:
-        self.do(self.runner.resume(self.now_s, self.reading, "Alice"))
+        self.execute(self.runner.resume(self.now_s, self.reading, "Alice"))
 
     def skip(self) -> None:
-        self.do(self.runner.skip(self.now_s, self.reading, "Alice"))
+        self.execute(self.runner.skip(self.now_s, self.reading, "Alice"))
 
     def abort(self, then: str = "hold") -> None:
-        self.do(self.runner.abort(self.reading, "Alice", then))
+        self.execute(self.runner.abort(self.reading, "Alice", then))
 
-    def go_on(self) -> None:
-        self.do(self.runner.continue_after_question("Alice"))
+    def continue_after_question(self) -> None:
+        self.execute(self.runner.continue_after_question("Alice"))
 
     # --- time -------------------------------------------------------------------------------------
 
@@ -112,7 +112,7 @@ class FakeFlight:
         end_s = self.now_s + for_s
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
-    def in_state(self, *states: str) -> FakeFlight:
+    def until_state(self, *states: str) -> FakeFlight:
         """Flies until the mission is in one of these states."""
         return self.until(lambda: self.status.state in states)
 
@@ -120,7 +120,7 @@ class FakeFlight:
         """Moves the vehicle by one setpoint and updates the runner once."""
         self.now_s += STEP_S
         self._move()
-        self.do(self.runner.tick(self.now_s, self.reading))
+        self.execute(self.runner.tick(self.now_s, self.reading))
 
     # --- results ----------------------------------------------------------------------------------
 
@@ -142,15 +142,15 @@ class FakeFlight:
 
     # --- the vehicle ------------------------------------------------------------------------------
 
-    def do(self, requests: list[Request]) -> None:
+    def execute(self, requests: list[Request]) -> None:
         """Executes the runner's requests."""
         for request in requests:
             self.requests.append(request)
-            if type(request) in self.refused:
-                text = self.refused[type(request)]
-                self.do(self.runner.request_failed(request, self.reading, text))
+            if type(request) in self.failures:
+                text = self.failures[type(request)]
+                self.execute(self.runner.request_failed(request, self.reading, text))
             elif isinstance(request, TakeOff):
-                self._goal_down_m = self._down_m - request.height_m
+                self._take_off_down_m = self._down_m - request.height_m
                 self._set_mode("takeoff")
                 self.set_reading(armed=True)
             elif isinstance(request, StreamScript):
@@ -160,7 +160,7 @@ class FakeFlight:
             elif isinstance(request, ChangeScript) and self.sampler is not None:
                 self.sampler.change_script(request.change)
             elif isinstance(request, SetMode):
-                self.mode(request.mode, "command", "The mission")
+                self.change_mode(request.mode, "command", "The mission")
             elif isinstance(request, StopStream):
                 self.sampler = None
                 self.set_reading(stream="idle", progress=None)
@@ -189,10 +189,10 @@ class FakeFlight:
                 velocity = zeros_for_none(setpoint.velocity_ned_m_s)
                 n, e, d = (x + v * STEP_S for x, v in zip((n, e, d), velocity, strict=True))
         elif self.reading.mode == "takeoff":
-            d = max(self._goal_down_m, d - CLIMB_M_S * STEP_S)
+            d = max(self._take_off_down_m, d - CLIMB_M_S * STEP_S)
             self.set_reading(landed="in_air" if d < -0.1 else "taking_off")
-            if d == self._goal_down_m:
-                self.set_reading(mode="hold", mode_source="vehicle", mode_text="its own course")
+            if d == self._take_off_down_m:
+                self.set_reading(mode="hold", mode_source="vehicle", mode_text="PX4 completed the take-off")
         elif self.reading.mode == "land" and self.reading.armed:
             d = min(0.0, d + CLIMB_M_S * STEP_S)
             if d == 0.0:

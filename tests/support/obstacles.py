@@ -1,4 +1,4 @@
-"""Obstacles of plans and missions for tests."""
+"""Obstacles for plans and missions in tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Offboard missions for tests: written in YAML, compiled, and sampled."""
+"""Reads offboard missions from YAML, compiles them and samples their segments, for tests."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from missions.setpoints import Position, Trajectory
 from missions.values import HomePosition
 
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
-UP = "- {step: take_off, height_m: 10}\n"
-DOWN = "- {step: land}\n"
+TAKE_OFF = "- {step: take_off, height_m: 10}\n"
+LAND = "- {step: land}\n"
 
 
 def flight_steps(*steps: str) -> str:
     """YAML of a take-off, these steps, and a landing."""
-    return UP + "".join(f"- {{{step}}}\n" for step in steps) + DOWN
+    return TAKE_OFF + "".join(f"- {{{step}}}\n" for step in steps) + LAND
 
 
 def mission(steps: str, **rest: Any) -> OffboardMission:

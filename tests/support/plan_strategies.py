@@ -33,7 +33,7 @@ LON_DEG = st.integers(-1_800_000_000, 1_800_000_000).map(lambda e7: e7 / 1e7)
 ALTITUDES = st.builds(
     Altitude, value_m=numbers(-400.0, 9000.0), reference=st.sampled_from(["home", "amsl", "terrain"])
 )
-RESOLVED = ALTITUDES | st.builds(
+RESOLVED_ALTITUDES = ALTITUDES | st.builds(
     Altitude,
     value_m=numbers(-400.0, 9000.0),
     reference=st.just("terrain"),

@@ -17,12 +17,12 @@ from vehicle_sim.sensors.faults import Driver
 from vehicle_sim.simulation import Simulation
 
 SETTLED_S = 8.0
-LIFT_S = 1.0
+AIRBORNE_AT_S = 1.0
 """After this time the land detector would report the vehicles as airborne."""
 CHECK_EVERY_STEPS = 10
-"""The interval at which the estimator publishes."""
+"""Simulation steps from one check to the next: the estimator publishes at this interval."""
 DISPLACED_M = 30.0
-NEW_COURSE_EVERY_S = 3.0
+NEW_SETPOINTS_EVERY_S = 3.0
 EVALUATED_AFTER_S = 1.0
 FLYING_ABOVE_M = 1.0
 DESCENT_M_S = 0.7
@@ -30,17 +30,18 @@ DESCENT_M_S = 0.7
 
 @dataclass(frozen=True, slots=True)
 class FaultKind:
-    """A kind of fault, and a real PX4's largest ratios of error to stated accuracy, 1 to 20 s after it."""
+    """A kind of fault, and a real PX4's largest ratios of error to stated accuracy, 1 to 20 s after the
+    fault."""
 
     inject: Callable[[Simulation, int, np.random.Generator], None]
     aided: bool | None
-    """Whether GNSS continues to aid the estimate; None: it depends on chance."""
+    """Whether GNSS still aids the estimate after the fault; None: this depends on the random flight."""
     horizontal: tuple[float, float]
     """Smallest and largest value of the recorded flights."""
     vertical: tuple[float, float]
     tolerance: float = 1.1
-    """Factor by which nine of ten flights may be outside `horizontal` and `vertical`; greater where these
-    flights differ from the recorded ones."""
+    """Nine of ten flights have ratios below this factor times the upper value of `horizontal` and `vertical`.
+    The factor is greater for faults whose random flights differ from the recorded flights."""
 
 
 def _parameter(sim: Simulation, row: int, name: str, value: float) -> None:
@@ -73,7 +74,7 @@ def _pressure_step(sim: Simulation, row: int, random: np.random.Generator) -> No
     _parameter(sim, row, "SIM_BARO_OFF_P", float(random.choice([-1, 1]) * random.uniform(20.0, 1500.0)))
 
 
-def _field_step(sim: Simulation, row: int, random: np.random.Generator) -> None:
+def _magnetic_field_step(sim: Simulation, row: int, random: np.random.Generator) -> None:
     _parameter(sim, row, f"SIM_MAG_OFFSET_{random.choice(list('XYZ'))}", float(random.uniform(-0.5, 0.5)))
 
 
@@ -82,7 +83,7 @@ def _wind_step(sim: Simulation, row: int, random: np.random.Generator) -> None:
     sim.set_wind(random.uniform(3.0, 10.0) * np.array([np.cos(turn), np.sin(turn), 0.0]), row)
 
 
-def _lifted_accelerometer(sim: Simulation, row: int, random: np.random.Generator) -> None:
+def _accelerometer_offset(sim: Simulation, row: int, random: np.random.Generator) -> None:
     sim.sensor_faults.set_imu_offset(row, np.zeros(3), np.array([0.0, 0.0, random.uniform(1.0, 2.0)]))
 
 
@@ -96,36 +97,38 @@ RECORDED_HEIGHT_M = 10.0
 """Height of the recorded flights with a frozen fix, which kept one setpoint. The height limits the vertical
 error that is possible before the vehicle hits the ground."""
 STUCK_GPS = "stuck GPS"
-DIVERGES = 1.5
-"""A vehicle whose setpoint changes after the freeze diverges faster than the recorded vehicles."""
-TILTED, SIDEWAYS = (0.4, 2.7), 1.3
-"""The recorded flights hovered; these vehicles tilt, and a tilted faulty accelerometer also pushes
-sideways."""
-SHORTER = 1.3
+DIVERGING_TOLERANCE = 1.5
+"""A vehicle whose setpoint changes while its fix is frozen diverges faster than the recorded vehicles."""
+TILTED_HORIZONTAL, TILTED_TOLERANCE = (0.4, 2.7), 1.3
+"""The recorded vehicles hovered. These vehicles tilt, so that the offset of the accelerometer's z axis also
+has a horizontal component."""
+SHORT_LOSS_TOLERANCE = 1.3
 """Some of the random GPS losses are shorter than the recorded losses and cause smaller errors."""
 KINDS = {
-    TEMPORARY_GPS_LOSS: FaultKind(_no_fix, None, (1.0, 3.6), (0.4, 4.6), SHORTER),
+    TEMPORARY_GPS_LOSS: FaultKind(_no_fix, None, (1.0, 3.6), (0.4, 4.6), SHORT_LOSS_TOLERANCE),
     "few satellites": FaultKind(_few_satellites, False, (1.0, 3.6), (0.4, 4.6)),
     "silent GPS": FaultKind(_silent(Driver.GPS), False, (1.0, 3.6), (0.4, 4.6)),
-    STUCK_GPS: FaultKind(_stuck(Driver.GPS), None, *DIVERGING, DIVERGES),
+    STUCK_GPS: FaultKind(_stuck(Driver.GPS), None, *DIVERGING, DIVERGING_TOLERANCE),
     "displaced GPS": FaultKind(_displaced, True, (100.0, 100.2), UNAFFECTED_VERTICAL),
     "pressure step": FaultKind(_pressure_step, True, UNAFFECTED_HORIZONTAL, (0.4, 7.5)),
     "silent barometer": FaultKind(_silent(Driver.BARO), True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
     "stuck barometer": FaultKind(_stuck(Driver.BARO), True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
-    "field step": FaultKind(_field_step, True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
+    "field step": FaultKind(_magnetic_field_step, True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
     "silent compass": FaultKind(_silent(Driver.MAG), True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
     "wind step": FaultKind(_wind_step, True, UNAFFECTED_HORIZONTAL, UNAFFECTED_VERTICAL),
-    "lifted accelerometer": FaultKind(_lifted_accelerometer, True, TILTED, (19.8, 20.5), SIDEWAYS),
+    "lifted accelerometer": FaultKind(
+        _accelerometer_offset, True, TILTED_HORIZONTAL, (19.8, 20.5), TILTED_TOLERANCE
+    ),
 }
 
 
 @dataclass(slots=True)
-class Course:
-    """The errors of one estimate after its fault."""
+class FaultFlight:
+    """The estimate of one vehicle after its fault: its validity and its errors."""
 
     kind: str
     fixes_s: list[float]
-    """Times of the GPS reports [s] after the fault; the same for all vehicles."""
+    """Times of the GPS fixes after the fault [s]; the same for all vehicles."""
     gps_returns_s: float
     """Time after the fault at which a lost GPS returns."""
     origin_ned_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -140,8 +143,8 @@ class Course:
     vertical_ratio: float = 0.0
 
 
-def fly(count: int, seed: int, seconds: float) -> list[Course]:
-    """Flies random courses with one fault per vehicle, for this time.
+def fly(count: int, seed: int, seconds: float) -> list[FaultFlight]:
+    """Flies random setpoints with one fault for each vehicle.
 
     Raises:
         AssertionError: an estimate is not finite.
@@ -150,29 +153,29 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
     sim = Simulation(count, seed=seed, start_ned_m=np.zeros((count, 3)))
     fixes_s: list[float] = []
     kinds = list(KINDS)
-    courses = [
-        Course(kinds[row % len(kinds)], fixes_s, float(random.uniform(0.5, 1.5 * seconds)))
+    flights = [
+        FaultFlight(kinds[row % len(kinds)], fixes_s, float(random.uniform(0.5, 1.5 * seconds)))
         for row in range(count)
     ]
     sim.setpoints.armed[:] = True
     sim.setpoints.level[:] = ControlLevel.TRAJECTORY
     fault_step = round(SETTLED_S / sim.dt_s)
-    stuck = np.array([course.kind == STUCK_GPS for course in courses])
-    valid, reckoning = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+    stuck = np.array([flight.kind == STUCK_GPS for flight in flights])
+    valid, dead_reckoning = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
     flying = np.ones(count, dtype=bool)
     for step in range(fault_step + round(seconds / sim.dt_s)):
-        if step % round(NEW_COURSE_EVERY_S / sim.dt_s) == 0:
-            _new_courses(sim, random, stuck, stuck & (step > 0))
-        if step == round(LIFT_S / sim.dt_s):
+        if step % round(NEW_SETPOINTS_EVERY_S / sim.dt_s) == 0:
+            _new_setpoints(sim, random, stuck, stuck & (step > 0))
+        if step == round(AIRBORNE_AT_S / sim.dt_s):
             sim.setpoints.in_air[:] = True
         if step == fault_step:
             assert sim.estimate.valid_position.all()
-            for row, course in enumerate(courses):
-                course.origin_ned_m = _origin(sim, row)
-                KINDS[course.kind].inject(sim, row, random)
-        for row, course in enumerate(courses):
-            if course.kind == TEMPORARY_GPS_LOSS and step == fault_step + round(
-                course.gps_returns_s / sim.dt_s
+            for row, flight in enumerate(flights):
+                flight.origin_ned_m = _origin(sim, row)
+                KINDS[flight.kind].inject(sim, row, random)
+        for row, flight in enumerate(flights):
+            if flight.kind == TEMPORARY_GPS_LOSS and step == fault_step + round(
+                flight.gps_returns_s / sim.dt_s
             ):
                 _parameter(sim, row, "SIM_GPS_USED", 10)
         fixes = sim.sensors.gps_count
@@ -184,16 +187,18 @@ def fly(count: int, seed: int, seconds: float) -> list[Course]:
         now_s = (step - fault_step) * sim.dt_s
         estimate = sim.estimate
         for row in np.flatnonzero(estimate.valid_position != valid):
-            changes = courses[row].invalid_at_s if valid[row] else courses[row].valid_at_s
+            changes = flights[row].invalid_at_s if valid[row] else flights[row].valid_at_s
             changes.append(now_s)
-        for row in np.flatnonzero(sim.fusion.dead_reckoning != reckoning):
-            changes = courses[row].aided_again_at_s if reckoning[row] else courses[row].dead_reckoning_at_s
+        for row in np.flatnonzero(sim.fusion.dead_reckoning != dead_reckoning):
+            changes = (
+                flights[row].aided_again_at_s if dead_reckoning[row] else flights[row].dead_reckoning_at_s
+            )
             changes.append(now_s)
-        valid, reckoning = estimate.valid_position.copy(), sim.fusion.dead_reckoning.copy()
+        valid, dead_reckoning = estimate.valid_position.copy(), sim.fusion.dead_reckoning.copy()
         _descend(sim, ~valid)
         flying &= sim.truth.position_ned_m[:, 2] < -FLYING_ABOVE_M
-        _evaluate(sim, courses, flying if now_s >= EVALUATED_AFTER_S else np.zeros(count, dtype=bool))
-    return courses
+        _evaluate(sim, flights, flying if now_s >= EVALUATED_AFTER_S else np.zeros(count, dtype=bool))
+    return flights
 
 
 def _origin(sim: Simulation, row: int) -> np.ndarray:
@@ -206,29 +211,32 @@ def _origin(sim: Simulation, row: int) -> np.ndarray:
     return np.array([float(north), float(east), home.alt_amsl_m - float(estimate.origin_alt_amsl_m[row])])
 
 
-def _evaluate(sim: Simulation, courses: list[Course], flying: np.ndarray) -> None:
+def _evaluate(sim: Simulation, flights: list[FaultFlight], flying: np.ndarray) -> None:
     estimate, truth = sim.estimate, sim.truth
     numbers = (
         estimate.position_ned_m, estimate.velocity_ned_m_s, estimate.q_ned_frd,
         estimate.horizontal_accuracy_m, estimate.vertical_accuracy_m, estimate.speed_accuracy_m_s,
     )  # fmt: skip
     assert all(np.isfinite(each).all() for each in numbers)
-    error = estimate.position_ned_m - truth.position_ned_m + [course.origin_ned_m for course in courses]
+    error = estimate.position_ned_m - truth.position_ned_m + [flight.origin_ned_m for flight in flights]
     horizontal = np.hypot(error[:, 0], error[:, 1]) / estimate.horizontal_accuracy_m
     vertical = np.abs(error[:, 2]) / estimate.vertical_accuracy_m
     for row in np.flatnonzero(flying):
-        course = courses[row]
-        course.horizontal_ratio = max(course.horizontal_ratio, float(horizontal[row]))
-        course.vertical_ratio = max(course.vertical_ratio, float(vertical[row]))
+        flight = flights[row]
+        flight.horizontal_ratio = max(flight.horizontal_ratio, float(horizontal[row]))
+        flight.vertical_ratio = max(flight.vertical_ratio, float(vertical[row]))
 
 
-def _new_courses(sim: Simulation, random: np.random.Generator, low: np.ndarray, keep: np.ndarray) -> None:
-    """Sets new setpoints, 15 to 25 m high: half of the vehicles keep a nearby position, half fly a velocity.
+def _new_setpoints(
+    sim: Simulation, random: np.random.Generator, at_recorded_height: np.ndarray, keep: np.ndarray
+) -> None:
+    """Sets new setpoints at a height of 15 to 25 m: a nearby position or a velocity, each for half of the
+    vehicles.
 
     Args:
         sim: the fleet.
         random: source of the setpoints.
-        low: (N,) vehicles that fly at the recorded height.
+        at_recorded_height: (N,) vehicles that fly at RECORDED_HEIGHT_M.
         keep: (N,) vehicles that keep their setpoints.
     """
     count, setpoints = sim.count, sim.setpoints
@@ -236,7 +244,9 @@ def _new_courses(sim: Simulation, random: np.random.Generator, low: np.ndarray, 
     keeps_position = random.random(count) < 0.5
     near = sim.estimate.position_ned_m[:, :2] + random.uniform(-8.0, 8.0, (count, 2))
     setpoints.position_ned_m[:, :2] = np.where(keeps_position[:, None], near, np.nan)
-    setpoints.position_ned_m[:, 2] = np.where(low, -RECORDED_HEIGHT_M, random.uniform(-25.0, -15.0, count))
+    setpoints.position_ned_m[:, 2] = np.where(
+        at_recorded_height, -RECORDED_HEIGHT_M, random.uniform(-25.0, -15.0, count)
+    )
     velocity = random.uniform(-3.0, 3.0, (count, 2))
     setpoints.velocity_ned_m_s[:, :2] = np.where(keeps_position[:, None], np.nan, velocity)
     setpoints.position_ned_m[keep], setpoints.velocity_ned_m_s[keep] = old_position, old_velocity
@@ -245,8 +255,7 @@ def _new_courses(sim: Simulation, random: np.random.Generator, low: np.ndarray, 
 
 
 def _descend(sim: Simulation, vehicles: np.ndarray) -> None:
-    """Lets these vehicles (N,), which have no valid position, descend with a level attitude, as the failsafe
-    does."""
+    """Sets a level descent for these vehicles (N,), which have no valid position, as PX4's failsafe does."""
     setpoints = sim.setpoints
     setpoints.position_ned_m[vehicles] = setpoints.velocity_ned_m_s[vehicles] = np.nan
     setpoints.acceleration_ned_m_s2[:, :2] = np.where(vehicles[:, None], 0.0, np.nan)

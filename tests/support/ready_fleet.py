@@ -1,4 +1,4 @@
-"""Simulated vehicles in a row on the ground that can be armed."""
+"""Simulated vehicles that stand in a row and are ready to arm."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ READY_WITHIN_S = 40.0
 
 
 def ready_in_a_row(count: int, apart_m: float) -> VehicleSim:
-    """Vehicles 1, 2, …, each east of the one before; bytes sent during their start are dropped.
+    """Vehicles 1, 2, …, each east of the previous one, without the bytes that they sent during their start.
 
     Raises:
-        AssertionError: one of them cannot be armed in time.
+        AssertionError: a vehicle cannot be armed in time.
     """
     positions_ned_m = np.zeros((count, 3))
     positions_ned_m[:, 1] = apart_m * np.arange(count)

@@ -11,7 +11,7 @@ from vehicle_sim.ros2.topics import COMMAND, COMMAND_ACK, INPUTS, OUTPUTS, SERVI
 
 READY_S = 4.0
 NO_TIME_SYNC = {"UXRCE_DDS_SYNCT": 0}
-"""Without time synchronization the vehicle is on ROS 2 1.3 s after its boot instead of 6.4 s."""
+"""Without time synchronization the vehicle publishes on ROS 2 1.3 s after its boot, otherwise after 6.4 s."""
 TYPES = {topic.name: topic.message for topic in (*OUTPUTS, *INPUTS)} | {
     SERVICE_REQUEST: MESSAGES["VehicleCommand"], SERVICE_REPLY: MESSAGES["VehicleCommandAck"],
 }  # fmt: skip
@@ -44,14 +44,14 @@ class Ros2Vehicle:
         inbox, self._inbox = self._inbox, []
         return inbox
 
-    # --- the program's side ----------------------------------------------------------------------------
+    # --- the ROS 2 node of the test ------------------------------------------------------------------------
 
     def send(self, topic: str, fields: Mapping[str, Any] = {}, **more_fields: Any) -> None:
         """Sends a message; fields that are not given are zero."""
         self._inbox.append((topic, TYPES[topic].encode({**fields, **more_fields})))
 
     def send_bytes(self, topic: str, data: bytes) -> None:
-        """Sends any bytes."""
+        """Sends these bytes, which need not be a valid message."""
         self._inbox.append((topic, data))
 
     def command(self, number: int, *parameters: float, topic: str = COMMAND, **fields: Any) -> None:
@@ -60,11 +60,11 @@ class Ros2Vehicle:
         self.send(topic, ADDRESSES | named | {"command": number, "from_external": True} | fields)
 
     def run(self, seconds: float) -> None:
-        """Simulates this time."""
+        """Simulates this time [s]."""
         self.sim.step(seconds)
 
     def stream(self, seconds: float, hz: float, *messages: tuple[str, Mapping[str, Any]]) -> None:
-        """Sends these messages repeatedly for this time."""
+        """Sends these messages at this rate for this time [s]."""
         for _ in range(round(seconds * hz)):
             for topic, fields in messages:
                 self.send(topic, fields)
@@ -89,7 +89,7 @@ class Ros2Vehicle:
         return local["x"], local["y"], local["z"]
 
     def hover(self) -> None:
-        """Arms and takes off to 2.5 m; ends in Hold."""
+        """Arms, takes off to HOVER_HEIGHT_M above the current altitude; ends in Hold."""
         self.command(400, 1.0)
         self.command(22, float("nan"), 0.0, 0.0, float("nan"), float("nan"), float("nan"), self._amsl())
         self.run(9.0)

@@ -1,4 +1,4 @@
-"""A camera for survey patterns, as a plan document has it."""
+"""A camera for survey patterns, with the fields of a pattern document."""
 
 CAMERA = {
     "sensor_width_mm": 13.2,

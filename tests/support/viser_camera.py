@@ -1,4 +1,4 @@
-"""The message with which a page tells viser its camera."""
+"""The message in which a page sends its camera to viser."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ from missions.values import (
     Reference,
 )
 from missions.vehicle import PowerModel, VehicleModel
-from tests.support.plan_strategies import RESOLVED, plans
+from tests.support.plan_strategies import RESOLVED_ALTITUDES, plans
 
 HOME = HomePosition(lat_deg=47.0, lon_deg=8.0, alt_amsl_m=480.0)
 DEG_PER_M = 1.0 / 111_194.9
@@ -181,7 +181,7 @@ def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
 
 
 @settings(deadline=None, max_examples=40)
-@given(plan=plans(altitudes=RESOLVED))
+@given(plan=plans(altitudes=RESOLVED_ALTITUDES))
 def test_all_checks_of_any_plan_are_completed(plan: Plan) -> None:
     limits = CheckLimits(power=POWER)
     assert "check_failed" not in {finding.code for finding in check(plan, limits)}

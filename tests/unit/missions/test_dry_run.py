@@ -21,22 +21,31 @@ from missions.errors import PlanError
 from missions.items import Takeoff
 from missions.plan import Plan
 from missions.values import Altitude
-from tests.support.dry_runs import AIRCRAFT, HOME, flyable, hop, item_at
+from tests.support.dry_runs import AIRCRAFT, HOME, flyable, item_at, short_plan
 
 pytestmark = pytest.mark.flight
 
-WINDY = Conditions(wind_ned_m_s=(0.0, 3.0, 0.0), gusts_m_s=0.5)
+WINDY_CONDITIONS = Conditions(wind_ned_m_s=(0.0, 3.0, 0.0), gusts_m_s=0.5)
 POST = Obstacle("post", 8.0, 6.0, 1.0, 1.0, 10.0)
 
 
 @pytest.fixture(scope="module")
 def single_run() -> DryRun:
-    return dry_run(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, seed=4, site=Site([POST]))
+    return dry_run(
+        flyable(short_plan(fence_radius_m=30.0)), AIRCRAFT, WINDY_CONDITIONS, seed=4, site=Site([POST])
+    )
 
 
 @pytest.fixture(scope="module")
 def batch() -> MonteCarlo:
-    return monte_carlo(flyable(hop(fence_m=30.0)), AIRCRAFT, WINDY, flights=3, seed=4, site=Site([POST]))
+    return monte_carlo(
+        flyable(short_plan(fence_radius_m=30.0)),
+        AIRCRAFT,
+        WINDY_CONDITIONS,
+        flights=3,
+        seed=4,
+        site=Site([POST]),
+    )
 
 
 def test_a_plan_is_flown_to_its_end_and_each_step_has_its_time(single_run):
@@ -95,11 +104,11 @@ def test_the_progress_callback_can_end_a_dry_run():
         raise Cancelled
 
     with pytest.raises(Cancelled):
-        dry_run(flyable(hop()), AIRCRAFT, report=stop)
+        dry_run(flyable(short_plan()), AIRCRAFT, report=stop)
 
 
 def test_a_mission_that_px4_refuses_is_refused_with_its_reason():
-    run = dry_run(flyable(hop(fence_m=10.0)), AIRCRAFT)
+    run = dry_run(flyable(short_plan(fence_radius_m=10.0)), AIRCRAFT)
     assert not run.finished
     assert [finding.code for finding in run.findings] == ["start_refused"]
     assert "an item lies outside the geofence" in run.findings[0].message
@@ -118,13 +127,13 @@ def test_the_error_names_an_item_that_px4_does_not_store():
 
 def test_too_many_flights_are_refused():
     with pytest.raises(PlanError, match=f"1 to {MAX_FLIGHTS}"):
-        monte_carlo(flyable(hop()), AIRCRAFT, flights=MAX_FLIGHTS + 1)
+        monte_carlo(flyable(short_plan()), AIRCRAFT, flights=MAX_FLIGHTS + 1)
 
 
 # --- findings about a flight ------------------------------------------------------------------------
 
 
-def evaluate_flight(*, fence_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
+def evaluate_flight(*, fence_radius_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
     """The evaluated dry run of a flight 40 m to the north in 10 s."""
     t_s = np.arange(0.0, 10.05, 0.1)
     positions = np.stack([4.0 * t_s, 0.0 * t_s, np.full_like(t_s, -5.0)], axis=1)
@@ -133,11 +142,13 @@ def evaluate_flight(*, fence_m: float | None = None, battery_end: float = 0.9, o
     steps = (Step("item 1", "Takeoff", 0), Step("item 2", "Waypoint", 1))
     track = Track(t_s, positions, battery, step, steps)
     flight = Flight(Conditions(), track, True, False, True, ())
-    return evaluate(flight, flyable(hop(5.0, fence_m=fence_m)), AIRCRAFT, Site(obstacles), 1.0)
+    return evaluate(
+        flight, flyable(short_plan(5.0, fence_radius_m=fence_radius_m)), AIRCRAFT, Site(obstacles), 1.0
+    )
 
 
 def test_a_flight_outside_the_fence_causes_a_finding_with_step_position_and_distance():
-    (finding,) = evaluate_flight(fence_m=30.0).findings
+    (finding,) = evaluate_flight(fence_radius_m=30.0).findings
     assert (finding.code, finding.severity, finding.step) == ("fence_touched", "error", "item 2")
     assert "by up to 10.0 m" in finding.message
     assert finding.position_ned_m == pytest.approx((40.0, 0.0, -5.0))

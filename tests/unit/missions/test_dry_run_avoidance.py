@@ -14,7 +14,7 @@ from missions.dry_run.setup import Site, prisms_of
 from missions.dry_run.task import NOTHING_TO_AVOID, SIMULATED_SENSORS, run
 from missions.offboard.document import OffboardMission
 from missions.values import FencePolygon
-from tests.support.dry_runs import AIRCRAFT, HOME, ORIGIN, QUICK
+from tests.support.dry_runs import AIRCRAFT, FAST_PARAMETERS, HOME, ORIGIN
 from tests.support.obstacles import block
 from tests.support.offboard_missions import mission
 
@@ -81,7 +81,7 @@ def test_if_avoidance_finds_no_path_the_vehicle_stops_in_front_of_the_obstacle()
 def run_task(document: OffboardMission) -> dict:
     request = {
         "kind": "offboard_mission", "plan": document.model_dump_json(), "origin": None,
-        "aircraft": {"home": HOME.model_dump(), "parameters": QUICK},
+        "aircraft": {"home": HOME.model_dump(), "parameters": FAST_PARAMETERS},
         "conditions": {"wind_ned_m_s": [0, 0, 0]}, "obstacles": [], "seed": 0, "flights": None,
         "spread": None,
     }  # fmt: skip

@@ -13,7 +13,7 @@ from missions.dry_run.setpoint_input import send
 from missions.dry_run.task import run
 from missions.geodesy import LocalOrigin
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
-from tests.support.dry_runs import AIRCRAFT, HOME, QUICK
+from tests.support.dry_runs import AIRCRAFT, FAST_PARAMETERS, HOME
 from tests.support.offboard_missions import mission
 from vehicle_sim.autopilot.offboard import Setpoint, SetpointKind
 
@@ -116,7 +116,7 @@ def test_a_dry_run_task_reports_progress_and_returns_json():
 
     request = {
         "kind": "offboard_mission", "plan": mission(STEPS).model_dump_json(), "origin": None,
-        "aircraft": {"home": HOME.model_dump(), "parameters": QUICK},
+        "aircraft": {"home": HOME.model_dump(), "parameters": FAST_PARAMETERS},
         "conditions": {"wind_ned_m_s": [0, 1, 0]}, "obstacles": [], "seed": 1, "flights": None,
         "spread": None,
     }  # fmt: skip

@@ -17,13 +17,13 @@ from missions.formats.results import Imported, ImportOptions
 from missions.items import Waypoint
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition, Point
-from tests.support.plan_strategies import RESOLVED, plans
+from tests.support.plan_strategies import RESOLVED_ALTITUDES, plans
 
 HOME_20 = ImportOptions(altitude=Altitude(value_m=20.0, reference="home"))
 
 
 @settings(deadline=None, max_examples=40)
-@given(plan=plans(altitudes=RESOLVED))
+@given(plan=plans(altitudes=RESOLVED_ALTITUDES))
 def test_any_plan_is_unchanged_after_geojson_and_kml(plan: Plan) -> None:
     without_speeds = plan.model_copy(update={"hover_speed_m_s": None, "cruise_speed_m_s": None})
     for written, read in ((geojson.write(plan), geojson.read), (kml.write(plan), kml.read)):

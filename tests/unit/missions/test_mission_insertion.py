@@ -24,7 +24,7 @@ from tests.support.offboard_missions import codes
 FORMAT = "offboard-gcs-mission"
 HOME = {"lat_deg": 47.0, "lon_deg": 8.0, "alt_amsl_m": 480.0}
 ELSEWHERE = {"lat_deg": 47.001, "lon_deg": 8.002, "alt_amsl_m": 492.0}
-UP, DOWN = {"step": "take_off", "height_m": 10}, {"step": "land"}
+TAKE_OFF, LAND = {"step": "take_off", "height_m": 10}, {"step": "land"}
 CSV = "t_s,north_m,east_m,down_m\n0,0,0,-10\n20,20,0,-10\n"
 
 
@@ -41,10 +41,10 @@ def mission(*steps: dict[str, Any], name: str = "Field", **rest: Any) -> Offboar
 
 
 def tower(*steps: dict[str, Any], **rest: Any) -> OffboardMission:
-    return mission(*(steps or (UP, fly(30, 0, -12), DOWN)), name="Tower", **rest)
+    return mission(*(steps or (TAKE_OFF, fly(30, 0, -12), LAND)), name="Tower", **rest)
 
 
-FIELD = mission(UP, fly(5, 0, -10), DOWN)
+FIELD = mission(TAKE_OFF, fly(5, 0, -10), LAND)
 
 
 def refused(host: OffboardMission, added: OffboardMission, *at: str | int, **options: Any) -> PlanError:
@@ -74,7 +74,7 @@ def test_the_steps_become_a_list_that_a_new_step_calls() -> None:
 
 def test_take_off_and_landing_are_omitted_from_a_mission_that_is_flown_in_the_air() -> None:
     gimbal = {"step": "gimbal", "track": "fixed"}
-    added = tower(gimbal, UP, fly(30, 0, -12), DOWN)
+    added = tower(gimbal, TAKE_OFF, fly(30, 0, -12), LAND)
     found = insert(FIELD, added, ("steps", 2), in_air=True)
     assert [step.step for step in found.mission.missions["Tower"]] == ["gimbal", "fly"]
     assert found.notes == (
@@ -82,10 +82,10 @@ def test_take_off_and_landing_are_omitted_from_a_mission_that_is_flown_in_the_ai
     )
     assert "takeoff_in_air" in codes(compile_mission(insert(FIELD, added, ("steps", 2)).mission))
     assert not codes(compile_mission(found.mission))
-    two_takeoffs = tower(UP, DOWN, UP, fly(30, 0, -12))
+    two_takeoffs = tower(TAKE_OFF, LAND, TAKE_OFF, fly(30, 0, -12))
     shorter = insert(FIELD, two_takeoffs, ("steps", 2), in_air=True).mission.missions["Tower"]
     assert [step.step for step in shorter] == ["land", "take_off", "fly"]
-    error = refused(FIELD, tower(UP, DOWN), in_air=True)
+    error = refused(FIELD, tower(TAKE_OFF, LAND), in_air=True)
     assert (error.field, error.reason) == ("in_air", "without its take-off and landing it has no steps")
 
 
@@ -102,7 +102,7 @@ def test_the_call_is_inserted_at_any_place(at: tuple[str | int, ...], place: str
     hold = {"step": "hold", "duration_s": 1}
     repeat = {"step": "repeat", "times": 2, "steps": [hold]}
     branch = {"step": "branch", "condition": {"value": "battery_share", "above": 0.5}, "then": [hold]}
-    host = mission(UP, call("round"), repeat, branch, missions={"round": [hold]})
+    host = mission(TAKE_OFF, call("round"), repeat, branch, missions={"round": [hold]})
     found = insert(host, tower(fly(30, 0, -12)), at)
     timeline = compile_mission(found.mission)
     places = [each.place for part in (timeline, timeline.then) if part for each in part.segments]
@@ -123,10 +123,12 @@ def test_an_invalid_path_to_a_step_is_refused(at: tuple[str | int, ...]) -> None
 
 
 def test_the_lists_that_the_inserted_mission_calls_are_copied_under_free_names() -> None:
-    lists = {"round": [fly(1, 0, -9), call("photos")], "photos": [{"step": "photo"}], "unused": [DOWN]}
+    lists = {"round": [fly(1, 0, -9), call("photos")], "photos": [{"step": "photo"}], "unused": [LAND]}
     repeat = {"step": "repeat", "times": 2, "steps": [call("round")]}
-    added = tower(UP, repeat, DOWN, missions=lists)
-    host = mission(UP, call("round"), missions={"round": [fly(2, 0, -9)], "photos": [{"step": "photo"}]})
+    added = tower(TAKE_OFF, repeat, LAND, missions=lists)
+    host = mission(
+        TAKE_OFF, call("round"), missions={"round": [fly(2, 0, -9)], "photos": [{"step": "photo"}]}
+    )
     found = insert(host, added, ("steps", 2)).mission
     assert list(found.missions) == ["round", "photos", "Tower", "round 2"]
     inner = found.missions["Tower"][1]
@@ -151,7 +153,7 @@ def test_a_mission_that_was_inserted_before_is_called_again() -> None:
 
 def test_a_mission_inserted_into_a_list_of_its_own_makes_no_loop() -> None:
     added = tower(call("round"), missions={"round": [fly(1, 0, -9)]})
-    host = mission(UP, call("round"), missions={"round": [fly(1, 0, -9)]})
+    host = mission(TAKE_OFF, call("round"), missions={"round": [fly(1, 0, -9)]})
     found = insert(host, added, ("missions", "round", 0)).mission
     assert found.missions["round"][0] == Call(mission="Tower")
     assert found.missions["Tower"] == (Call(mission="round 2"),)
@@ -163,7 +165,7 @@ def test_a_mission_inserted_into_a_list_of_its_own_makes_no_loop() -> None:
     ("name", "called"), [("a\x07\tb", "a  b"), ("\n", "mission"), ("é" * 100, "é" * 98 + " 2")]
 )
 def test_the_list_gets_a_valid_free_name(name: str, called: str) -> None:
-    host = mission(UP, call("é" * 100), missions={"é" * 100: [DOWN]})
+    host = mission(TAKE_OFF, call("é" * 100), missions={"é" * 100: [LAND]})
     assert insert(host, tower().model_copy(update={"name": name}), ("steps", 1)).called == called
 
 
@@ -185,7 +187,7 @@ def test_many_lists_that_call_each_other_take_little_time() -> None:
     lists = {
         name: [call(each) for each in below] for names, below in itertools.pairwise(layers) for name in names
     }
-    lists |= {name: [DOWN] for name in layers[-1]}
+    lists |= {name: [LAND] for name in layers[-1]}
     added = tower(
         call("0 0"), missions={name: lists[name] for name in lists if name == "0 0" or name[0] != "0"}
     )
@@ -194,16 +196,22 @@ def test_many_lists_that_call_each_other_take_little_time() -> None:
 
 
 def test_too_many_lists_or_tables_are_refused() -> None:
-    host = mission(UP, missions={f"list {i}": [DOWN] for i in range(100)})
+    host = mission(TAKE_OFF, missions={f"list {i}": [LAND] for i in range(100)})
     assert refused(host, tower()).place == "field missions"
     tables = {f"{i}.csv": CSV for i in range(20)}
     added = tower({"step": "table", "file": "a.csv"}, tables={"a.csv": CSV + "30,0,0,-10\n"})
-    assert refused(mission(UP, tables=tables), added).place == "field tables"
+    assert refused(mission(TAKE_OFF, tables=tables), added).place == "field tables"
 
 
 def test_a_mission_for_several_vehicles_is_refused() -> None:
     added = read_json(
-        json.dumps({"format": FORMAT, "name": "Show", "roles": {"a": {"steps": [UP]}, "b": {"steps": [UP]}}})
+        json.dumps(
+            {
+                "format": FORMAT,
+                "name": "Show",
+                "roles": {"a": {"steps": [TAKE_OFF]}, "b": {"steps": [TAKE_OFF]}},
+            }
+        )
     )
     error = refused(FIELD, added)
     assert "for 2 vehicles (roles: a, b)" in error.reason
@@ -213,7 +221,7 @@ def test_a_mission_for_several_vehicles_is_refused() -> None:
 
 
 RELATIVE = (
-    UP,
+    TAKE_OFF,
     fly(30, 0, -12),
     {"step": "fly", "points": [{"position_ned_m": [40, 10, -15]}]},
     {"step": "fly", "points": [{"lat_deg": 47.0015, "lon_deg": 8.0021, "alt_home_m": 20}]},
@@ -226,22 +234,22 @@ RELATIVE = (
     },
     {"step": "table", "file": "a.csv"},
     {"step": "table", "file": "a.csv", "relative": False},
-    DOWN,
+    LAND,
 )
 
 
 def test_positions_are_unchanged_if_the_starts_are_the_same() -> None:
     added = tower(*RELATIVE, home=HOME, tables={"a.csv": CSV})
     for home in (None, {**HOME, "alt_amsl_m": 480.3}):
-        host = mission(UP, DOWN, home=home) if home else mission(UP, DOWN)
+        host = mission(TAKE_OFF, LAND, home=home) if home else mission(TAKE_OFF, LAND)
         found = insert(host, added, ("steps", 1)).mission
         assert found.missions["Tower"] == added.steps
         assert found.tables == {"a.csv": CSV}
-    assert "no planned home" in insert(mission(UP, DOWN), added, ("steps", 1)).notes[0]
+    assert "no planned home" in insert(mission(TAKE_OFF, LAND), added, ("steps", 1)).notes[0]
 
 
 def test_different_starts_need_a_decision_if_positions_are_relative() -> None:
-    host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
+    host, added = mission(TAKE_OFF, LAND, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
     error = refused(host, added)
     assert error.field == "positions"
     assert "188 m apart" in error.reason
@@ -251,7 +259,7 @@ def test_different_starts_need_a_decision_if_positions_are_relative() -> None:
 
 
 def test_positions_can_stay_the_same_on_the_earth() -> None:
-    host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
+    host, added = mission(TAKE_OFF, LAND, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
     found = insert(host, added, ("steps", 1), in_air=True, positions="same_places")
     planned_ends = path_of(added)
     assert len(planned_ends) > 6
@@ -262,14 +270,17 @@ def test_positions_can_stay_the_same_on_the_earth() -> None:
 
 
 def test_positions_can_refer_to_the_new_start() -> None:
-    host, added = mission(UP, DOWN, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
+    host, added = mission(TAKE_OFF, LAND, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
     found = insert(host, added, ("steps", 1), positions="from_start")
     assert found.mission.missions["Tower"] == added.steps
     assert "now refer to the start and home of this mission" in found.notes[0]
 
 
 def test_a_role_has_its_own_start() -> None:
-    roles = {"a": {"start_ned_m": [0, 0, 0], "steps": [UP]}, "b": {"start_ned_m": [0, 20, -1], "steps": [UP]}}
+    roles = {
+        "a": {"start_ned_m": [0, 0, 0], "steps": [TAKE_OFF]},
+        "b": {"start_ned_m": [0, 20, -1], "steps": [TAKE_OFF]},
+    }
     lists = {"round": [fly(1, 0, -9)]}
     host = read_json(
         json.dumps({"format": FORMAT, "name": "Show", "home": HOME, "roles": roles, "missions": lists})
@@ -293,12 +304,12 @@ def test_a_role_has_its_own_start() -> None:
 
 
 def test_positions_that_are_too_far_away_are_refused() -> None:
-    host, added = mission(UP, home=HOME), tower(home={**ELSEWHERE, "lat_deg": 80.0})
+    host, added = mission(TAKE_OFF, home=HOME), tower(home={**ELSEWHERE, "lat_deg": 80.0})
     error = refused(host, added, positions="same_places")
     assert "km from the start" in error.reason
 
 
-# --- what is stated for the whole flight ----------------------------------------------------------
+# --- fields of the whole mission ------------------------------------------------------------------
 
 
 def test_the_speed_limit_becomes_a_speed_of_each_step() -> None:
@@ -311,12 +322,12 @@ def test_the_speed_limit_becomes_a_speed_of_each_step() -> None:
         return [step.speed_m_s for step in steps if isinstance(step, Fly)]
 
     assert speeds(FIELD) == [3, 2, 3]
-    assert speeds(mission(UP, limits={"speed_m_s": 5})) == [3, 2, 3]
-    assert speeds(mission(UP, limits={"speed_m_s": 2.5})) == [None, 2, 9]
+    assert speeds(mission(TAKE_OFF, limits={"speed_m_s": 5})) == [3, 2, 3]
+    assert speeds(mission(TAKE_OFF, limits={"speed_m_s": 2.5})) == [None, 2, 9]
 
 
 def test_for_other_limits_the_lower_value_applies() -> None:
-    host = mission(UP, limits={"climb_m_s": 2, "tilt_rad": 0.3})
+    host = mission(TAKE_OFF, limits={"climb_m_s": 2, "tilt_rad": 0.3})
     added = tower(limits={"climb_m_s": 1, "tilt_rad": 0.5, "jerk_m_s3": 4})
     found = insert(host, added, ("steps", 1))
     limits = found.mission.limits
@@ -334,7 +345,7 @@ def test_avoidance_becomes_a_field_of_each_step() -> None:
         return [step.avoidance for step in steps if isinstance(step, Fly)]
 
     assert avoidance_of_steps(FIELD) == ["around", False]
-    assert avoidance_of_steps(mission(UP, avoidance="around")) == [None, False]
+    assert avoidance_of_steps(mission(TAKE_OFF, avoidance="around")) == [None, False]
     table = {"step": "table", "file": "a.csv", "name": "Line"}
     error = refused(FIELD, tower(table, avoidance=True, tables={"a.csv": CSV}))
     assert error.place == "mission 'Tower', step 'Line'"
@@ -349,7 +360,7 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
     barn = {"polygon": corners, "top": {"value_m": 8.0, "reference": "home"}}
     actions = {"link_loss": "continue"}
     added = tower(fly(1, 0, -9), fence=[inside, outside], obstacles=[barn], home=ELSEWHERE, actions=actions)
-    host = mission(UP, DOWN, home=HOME, fence=[outside])
+    host = mission(TAKE_OFF, LAND, home=HOME, fence=[outside])
     found = insert(host, added, ("steps", 1), positions="from_start")
     assert found.mission.fence == (*host.fence, added.fence[0])
     assert found.mission.obstacles[0].top.value_m == 20.0
@@ -360,23 +371,23 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
         "The actions of this mission apply: link_loss hold, not continue.",
     )
     wider = {**inside, "radius_m": 400}
-    error = refused(mission(UP, fence=[wider]), tower(fence=[inside]))
+    error = refused(mission(TAKE_OFF, fence=[wider]), tower(fence=[inside]))
     assert (error.place, "stay inside" in error.reason) == ("mission 'Tower', field fence", True)
     assert isinstance(
-        insert(mission(UP, fence=[inside]), tower(fence=[inside]), ("steps", 1)), InsertionResult
+        insert(mission(TAKE_OFF, fence=[inside]), tower(fence=[inside]), ("steps", 1)), InsertionResult
     )
 
 
 def test_tables_are_inserted_with_the_mission_and_a_missing_table_is_refused() -> None:
     table = {"step": "table", "file": "a.csv"}
-    added = tower(UP, table, DOWN, tables={"a.csv": CSV, "unused.csv": CSV})
-    host = mission(UP, table, DOWN, tables={"a.csv": CSV.replace("20,20", "20,30")})
+    added = tower(TAKE_OFF, table, LAND, tables={"a.csv": CSV, "unused.csv": CSV})
+    host = mission(TAKE_OFF, table, LAND, tables={"a.csv": CSV.replace("20,20", "20,30")})
     found = insert(host, added, ("steps", 2)).mission
     assert found.tables == {**host.tables, "a 2.csv": CSV}
     table_step = found.missions["Tower"][1]
     assert isinstance(table_step, Table)
     assert table_step.file == "a 2.csv"
-    error = refused(host, tower(UP, table))
+    error = refused(host, tower(TAKE_OFF, table))
     assert (error.place, error.reason) == (
         "mission 'Tower', step 'table'",
         "the mission has no table 'a.csv'",

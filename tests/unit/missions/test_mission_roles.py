@@ -18,15 +18,15 @@ from missions.offboard.state import MissionVehicle
 from missions.offboard.writer import write_yaml
 from tests.support.offboard_missions import HOME
 
-UP, DOWN = "{step: take_off, height_m: 10}", "{step: land}"
+TAKE_OFF, LAND = "{step: take_off, height_m: 10}", "{step: land}"
 
 
 def crossing(wait: str = "") -> OffboardMission:
     """A mission of two vehicles 40 m apart that fly through the same point, on crossing diagonals."""
     return read(
         "name: Crossing\nroles:\n"
-        f"  lead:\n    steps:\n    - {UP}\n    - {fly(40, 40)}\n{wait}    - {DOWN}\n"
-        f"  left:\n    steps:\n    - {UP}\n{wait}    - {fly(40, -40)}\n    - {DOWN}\n"
+        f"  lead:\n    steps:\n    - {TAKE_OFF}\n    - {fly(40, 40)}\n{wait}    - {LAND}\n"
+        f"  left:\n    steps:\n    - {TAKE_OFF}\n{wait}    - {fly(40, -40)}\n    - {LAND}\n"
     )
 
 
@@ -57,7 +57,7 @@ def test_roles_are_read_written_and_counted() -> None:
 
 
 def test_a_mission_without_roles_is_written_without_roles() -> None:
-    text = document.write(read(f"name: One\nsteps:\n  - {DOWN}\n")).decode()
+    text = document.write(read(f"name: One\nsteps:\n  - {LAND}\n")).decode()
     assert "roles" not in text
     assert "separation" not in text
 
@@ -65,23 +65,23 @@ def test_a_mission_without_roles_is_written_without_roles() -> None:
 @pytest.mark.parametrize(
     ("text", "place", "reason"),
     [
-        (f"steps: [{DOWN}]\nroles:\n  a: {{steps: [{DOWN}]}}\n  b: {{steps: [{DOWN}]}}", "line 1", "roles"),
-        (f"roles:\n  a: {{steps: [{DOWN}]}}", "line 1", "single role"),
-        (f"steps: [{DOWN}]\nminimum_separation_m: 4", "line 1", "belongs to `roles`"),
+        (f"steps: [{LAND}]\nroles:\n  a: {{steps: [{LAND}]}}\n  b: {{steps: [{LAND}]}}", "line 1", "roles"),
+        (f"roles:\n  a: {{steps: [{LAND}]}}", "line 1", "single role"),
+        (f"steps: [{LAND}]\nminimum_separation_m: 4", "line 1", "belongs to `roles`"),
         (
-            f"roles:\n  a: {{steps: [{DOWN}]}}\n  b:\n    steps:\n    - {DOWN}\n    - {{step: hold}}",
+            f"roles:\n  a: {{steps: [{LAND}]}}\n  b:\n    steps:\n    - {LAND}\n    - {{step: hold}}",
             "line 7, role 'b', step 2, field duration_s",
             "required",
         ),
         ("roles:\n  a: {steps: []}", "line 3, role 'a', field steps", "at least 1"),
         (
-            f"roles:\n  a: {{steps: [{DOWN}]}}\n  b: {{steps: [{{step: call, mission: x}}]}}",
+            f"roles:\n  a: {{steps: [{LAND}]}}\n  b: {{steps: [{{step: call, mission: x}}]}}",
             "role 'b', call of 'x'",
             "no list with this name",
         ),
         ("steps: [{step: meet, meeting: x}]", "the steps", "no roles"),
         (
-            f"roles:\n  a: {{steps: [{{step: meet, meeting: x}}]}}\n  b: {{steps: [{DOWN}]}}",
+            f"roles:\n  a: {{steps: [{{step: meet, meeting: x}}]}}\n  b: {{steps: [{LAND}]}}",
             "role 'b', meeting 1",
             "it is missing, but 'x' in role 'a'",
         ),
@@ -93,7 +93,7 @@ def test_a_mission_without_roles_is_written_without_roles() -> None:
         ),
         (
             "roles:\n  a: {steps: [{step: branch, condition: {value: satellites, above: 9}, then: "
-            f"[{{step: meet, meeting: x}}]}}]}}\n  b: {{steps: [{DOWN}]}}",
+            f"[{{step: meet, meeting: x}}]}}]}}\n  b: {{steps: [{LAND}]}}",
             "role 'a'",
             "inside a branch",
         ),
@@ -139,8 +139,8 @@ def test_vehicles_that_cross_at_the_same_time_cause_a_finding_with_position_and_
 def test_vehicles_separated_by_a_meeting_give_no_finding() -> None:
     waiting = read(
         "name: Crossing\nroles:\n"
-        f"  lead:\n    steps: [{UP}, {fly(40, 60)}, {{step: meet, meeting: passed}}, {DOWN}]\n"
-        f"  left:\n    steps: [{UP}, {{step: meet, meeting: passed}}, {fly(40, -40)}, {DOWN}]\n"
+        f"  lead:\n    steps: [{TAKE_OFF}, {fly(40, 60)}, {{step: meet, meeting: passed}}, {LAND}]\n"
+        f"  left:\n    steps: [{TAKE_OFF}, {{step: meet, meeting: passed}}, {fly(40, -40)}, {LAND}]\n"
     )
     found = compile_apart(waiting)
     assert codes(found) == []
@@ -156,8 +156,8 @@ def test_vehicles_too_near_at_the_start_cause_a_finding() -> None:
 
 def test_the_documents_minimum_separation_is_used() -> None:
     side_by_side = read(
-        f"name: Two\nminimum_separation_m: 2\nroles:\n  lead: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
-        f"  left: {{steps: [{UP}, {fly(40, 0)}, {DOWN}]}}\n"
+        f"name: Two\nminimum_separation_m: 2\nroles:\n  lead: {{steps: [{TAKE_OFF}, {fly(40, 0)}, {LAND}]}}\n"
+        f"  left: {{steps: [{TAKE_OFF}, {fly(40, 0)}, {LAND}]}}\n"
     )
     assert codes(compile_apart(side_by_side, east_m=5.0)) == []
     default = side_by_side.model_copy(update={"minimum_separation_m": None})

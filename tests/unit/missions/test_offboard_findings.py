@@ -20,7 +20,7 @@ from missions.offboard.state import MissionVehicle, OperatorArea
 from missions.trajectory.limits import MotionLimits
 from missions.vehicle import PowerModel, VehicleModel
 from tests.support.mission_steps import STEPS, mission_for_two
-from tests.support.offboard_missions import DOWN, HOME, UP, codes, flight_steps, mission
+from tests.support.offboard_missions import HOME, LAND, TAKE_OFF, codes, flight_steps, mission
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -28,9 +28,9 @@ ROOT = Path(__file__).resolve().parents[3]
 @pytest.mark.parametrize(
     ("steps", "code"),
     [
-        ("- {step: hold, duration_s: 1}\n" + DOWN, "takeoff_missing"),
-        (UP + UP + DOWN, "takeoff_in_air"),
-        (UP, "landing_missing"),
+        ("- {step: hold, duration_s: 1}\n" + LAND, "takeoff_missing"),
+        (TAKE_OFF + TAKE_OFF + LAND, "takeoff_in_air"),
+        (TAKE_OFF, "landing_missing"),
         (flight_steps("step: table, file: x"), "step_invalid"),
         (flight_steps("step: fly, points: [{offset_ned_m: [9, 0, -9]}], speed_m_s: 50"), "speed_too_high"),
         (flight_steps("step: velocity, velocity_ned_m_s: [50, 0, 0], duration_s: 60"), "speed_exceeded"),
@@ -64,7 +64,8 @@ FENCE = "fence:\n- {shape: circle, inclusion: true, center: {lat_deg: 47, lon_de
 
 
 def test_a_path_outside_the_geofence_causes_a_finding_with_its_position() -> None:
-    text = f"name: Test\n{FENCE}steps:\n{UP}- {{step: fly, points: [{{offset_ned_m: [60, 0, -10]}}]}}\n{DOWN}"
+    fly = "- {step: fly, points: [{offset_ned_m: [60, 0, -10]}]}\n"
+    text = f"name: Test\n{FENCE}steps:\n{TAKE_OFF}{fly}{LAND}"
     assert codes(compile_mission(read(text))) == {"fence_unknown"}
     found = compile_mission(read(text).model_copy(update={"home": HOME}))
     assert codes(found) == {"fence_crossed"}

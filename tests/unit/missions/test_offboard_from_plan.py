@@ -16,7 +16,7 @@ from missions.offboard.segments import WaitSegment
 from missions.plan import Plan
 from missions.values import Altitude
 from tests.support.offboard_missions import HOME, codes, titles
-from tests.support.plan_strategies import RESOLVED, plans
+from tests.support.plan_strategies import RESOLVED_ALTITUDES, plans
 
 DEG_PER_M = 1.0 / 111_194.9
 
@@ -60,7 +60,7 @@ def test_a_return_and_a_landing_end_at_home() -> None:
 
 
 @settings(deadline=None, max_examples=30)
-@given(plan=plans(altitudes=RESOLVED))
+@given(plan=plans(altitudes=RESOLVED_ALTITUDES))
 def test_any_plan_gives_a_mission_or_a_plan_error(plan: Plan) -> None:
     with contextlib.suppress(PlanError):
         mission = from_plan(plan, "Any plan").mission

@@ -21,9 +21,9 @@ from missions.offboard.reader import read
 from missions.offboard.segments import CurveSegment, WaitSegment
 from missions.setpoints import Attitude, Position, Trajectory, Velocity
 from tests.support.offboard_missions import (
-    DOWN,
     HOME,
-    UP,
+    LAND,
+    TAKE_OFF,
     codes,
     flight_steps,
     mission,
@@ -88,12 +88,12 @@ def test_a_timeline_can_be_pickled() -> None:
 
 def test_steps_are_in_order_with_positions_and_waits() -> None:
     found = timeline(
-        UP
+        TAKE_OFF
         + "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], name: Out}\n"
         + "- {step: wait, until: person, timeout_s: 60, message: Go?}\n"
         + "- {step: wait, until: {value: wind_speed_m_s, below: 8, for_s: 5}, timeout_s: 60,"
         + " on_timeout: land}\n"
-        + DOWN
+        + LAND
     )
     assert [(s.place, s.title) for s in found.segments] == [
         ("step 1", "Take off"), ("step 2", "Out"), ("step 3", "Wait"), ("step 4", "Wait"), ("step 5", "Land"),
@@ -119,7 +119,7 @@ def test_positions_are_local_relative_or_global() -> None:
         "- {step: fly, points: [{position_ned_m: [10, 0, -10]}]}\n"
         "- {step: fly, points: [{offset_ned_m: [10, 0, -10]}]}\n"
         f"- {{step: fly, points: [{{lat_deg: {north_deg}, lon_deg: 8, alt_home_m: 12}}]}}\n"
-        f"- {{step: fly, points: [{{lat_deg: {north_deg}, lon_deg: 8, alt_amsl_m: 500}}]}}\n" + DOWN,
+        f"- {{step: fly, points: [{{lat_deg: {north_deg}, lon_deg: 8, alt_amsl_m: 500}}]}}\n" + LAND,
         start,
     )
     ends = [segment.end_ned_m for segment in found.segments[:4]]
@@ -130,7 +130,7 @@ def test_positions_are_local_relative_or_global() -> None:
 
 
 def test_a_global_position_needs_an_origin_or_a_planned_home() -> None:
-    steps = UP + "- {step: fly, points: [{lat_deg: 47, lon_deg: 8, alt_home_m: 12}]}\n" + DOWN
+    steps = TAKE_OFF + "- {step: fly, points: [{lat_deg: 47, lon_deg: 8, alt_home_m: 12}]}\n" + LAND
     assert codes(timeline(steps)) == {"estimate_missing"}
     assert compile_mission(mission(steps, home=HOME)).findings == ()
 
@@ -159,7 +159,7 @@ def test_an_orbit_begins_at_the_nearest_point_after_an_approach_and_a_turn() -> 
 
 
 def test_a_velocity_step_accelerates_and_brakes_within_its_duration() -> None:
-    found = timeline(UP + "- {step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10}\n" + DOWN)
+    found = timeline(TAKE_OFF + "- {step: velocity, velocity_ned_m_s: [3, 0, 0], duration_s: 10}\n" + LAND)
     segment = found.segments[1]
     assert segment.at(5.0) == Velocity((pytest.approx(3.0), 0.0, 0.0), 0.0)  # type: ignore[arg-type]
     assert segment.at(10.0) == Velocity((0.0, 0.0, 0.0), 0.0)
@@ -168,7 +168,7 @@ def test_a_velocity_step_accelerates_and_brakes_within_its_duration() -> None:
 
 
 def test_an_attitude_is_sent_for_its_duration() -> None:
-    found = timeline(UP + "- {step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 2}\n" + DOWN)
+    found = timeline(TAKE_OFF + "- {step: attitude, pitch_rad: -0.1, thrust: 0.5, duration_s: 2}\n" + LAND)
     setpoint = found.segments[1].at(1.0)
     assert isinstance(setpoint, Attitude)
     assert setpoint.thrust == 0.5
@@ -183,7 +183,9 @@ def test_tables_from_csv_and_numpy_are_flown_at_their_own_times() -> None:
     array = io.BytesIO()
     np.save(array, np.array([[5, 0, 0, -10, 0], [15, 20, 0, -10, 1], [25, 20, 20, -10, 1]], dtype=float))
     files = {"a.csv": CSV, "b.npy": array.getvalue()}
-    found = timeline(UP + "- {step: table, file: a.csv}\n- {step: table, file: b.npy}\n" + DOWN, files=files)
+    found = timeline(
+        TAKE_OFF + "- {step: table, file: a.csv}\n- {step: table, file: b.npy}\n" + LAND, files=files
+    )
     tables = [segment for segment in found.segments if segment.title == "Table"]
     assert [segment.duration_s for segment in tables] == [20.0, 20.0]
     assert position_at(tables[0], 10.0) == pytest.approx((20, 0, -10))
@@ -212,20 +214,20 @@ OVERSIZED_ARRAY = (
     ],
 )  # fmt: skip
 def test_an_invalid_table_causes_a_finding_that_names_the_row(data: bytes, text: str) -> None:
-    found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": data})
+    found = timeline(TAKE_OFF + "- {step: table, file: a}\n" + LAND, files={"a": data})
     assert [finding.code for finding in found.findings] == ["step_invalid"]
     assert text in found.findings[0].message
 
 
 def test_a_table_faster_than_the_vehicles_limits_causes_a_finding() -> None:
     fast = b"t_s,north_m,east_m,down_m\n0,0,0,-10\n1,40,0,-10\n2,80,0,-30\n"
-    found = timeline(UP + "- {step: table, file: a}\n" + DOWN, files={"a": fast})
+    found = timeline(TAKE_OFF + "- {step: table, file: a}\n" + LAND, files={"a": fast})
     assert {"speed_exceeded", "acceleration_exceeded"} <= codes(found)
 
 
 def test_the_gimbal_follows_its_track() -> None:
     found = timeline(
-        UP
+        TAKE_OFF
         + "- {step: gimbal, track: look_at, place: {offset_ned_m: [10, 0, 0]}}\n"
         + "- {step: hold, duration_s: 4}\n"
         + "- {step: gimbal, track: sweep, pitch_rad: -0.5, sweep_yaw_rad: 1, period_s: 4}\n"
@@ -235,7 +237,7 @@ def test_the_gimbal_follows_its_track() -> None:
         + "- {step: gimbal, track: fixed, pitch_rad: -1.2, yaw_rad: 0.4}\n"
         + "- {step: hold, duration_s: 1}\n"
         + "- {step: gimbal, track: release}\n"
-        + DOWN
+        + LAND
     )
     holds = [segment for segment in found.segments if segment.title == "Hold"]
     assert holds[0].gimbal_at(1.0) == pytest.approx((-math.pi / 4, 0.0))
@@ -249,8 +251,8 @@ def test_the_gimbal_follows_its_track() -> None:
 
 def test_pictures_are_events_at_their_times() -> None:
     found = timeline(
-        UP + "- {step: photo, count: 3, interval_s: 2}\n"
-        "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], photo_every_m: 5}\n" + DOWN
+        TAKE_OFF + "- {step: photo, count: 3, interval_s: 2}\n"
+        "- {step: fly, points: [{offset_ned_m: [20, 0, -10]}], photo_every_m: 5}\n" + LAND
     )
     assert [event.t_s for event in found.segments[1].events] == [0.0, 2.0, 4.0]
     shots = found.segments[2].events
@@ -292,9 +294,9 @@ def test_a_step_can_choose_another_avoidance_than_its_mission() -> None:
 def test_repeats_and_calls_are_expanded() -> None:
     text = (
         "name: Test\nsteps:\n"
-        + UP
+        + TAKE_OFF
         + "- {step: repeat, times: 2, steps: [{step: call, mission: a}]}\n"
-        + DOWN
+        + LAND
         + "missions:\n  a: [{step: hold, duration_s: 1}, {step: photo}]\n"
     )
     found = compile_mission(read(text))
@@ -368,7 +370,7 @@ def test_missions_with_too_many_steps_are_refused() -> None:
         timeline(flight_steps(f"step: repeat, times: 1000, steps: [{{{inner}}}]"))
     branches = "- {step: branch, condition: {value: satellites, above: 5}, then: [{step: photo}]}\n" * 20
     with pytest.raises(PlanError, match="branches"):
-        timeline(UP + branches)
+        timeline(TAKE_OFF + branches)
 
 
 def test_the_examples_in_the_documentation_match_the_files() -> None:

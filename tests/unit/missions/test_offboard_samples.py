@@ -11,7 +11,7 @@ from missions.offboard import samples
 from missions.offboard.compiler import compile_mission
 from missions.offboard.positions import Start
 from missions.offboard.reader import read
-from tests.support.offboard_missions import DOWN, UP, flight_steps, mission, timeline
+from tests.support.offboard_missions import LAND, TAKE_OFF, flight_steps, mission, timeline
 
 START = (0.0, 0.0, 0.0)
 ORBIT = "step: orbit, center: {offset_ned_m: [20, 0, -10]}, radius_m: 10, turns: 3"
@@ -34,7 +34,7 @@ def test_legs_are_connected_and_the_times_of_steps_sum_to_the_flight() -> None:
 
 
 def test_a_repeated_step_is_one_entry_with_the_time_of_all_rounds() -> None:
-    found = timeline(UP + "- {step: repeat, times: 3, steps: [{step: hold, duration_s: 5}]}\n" + DOWN)
+    found = timeline(TAKE_OFF + "- {step: repeat, times: 3, steps: [{step: hold, duration_s: 5}]}\n" + LAND)
     step = samples.step_times(found)[1]
     assert (step.place, step.duration_s) == ("step 2.1", 15.0)
 
@@ -44,7 +44,7 @@ def test_after_a_branch_both_paths_are_drawn_and_the_longer_path_is_timed() -> N
         "- {step: branch, condition: {value: battery_share, above: 0.5}, then: [], "
         "otherwise: [{step: fly, points: [{offset_ned_m: [0, 50, -10]}]}]}\n"
     )
-    found = timeline(UP + branch + DOWN)
+    found = timeline(TAKE_OFF + branch + LAND)
     legs = samples.legs(found, START)
     assert [(leg.place, leg.main) for leg in legs] == [
         ("step 1", True),
@@ -75,14 +75,14 @@ def test_a_landing_after_a_branch_is_checked_at_its_position() -> None:
     text = (
         "name: a\nhome: {lat_deg: 47.0, lon_deg: 8.0, alt_amsl_m: 480}\n"
         "fence: [{shape: circle, inclusion: false, center: {lat_deg: 47.0, lon_deg: 8.0003}, radius_m: 3}]\n"
-        f"steps:\n{UP}"
+        f"steps:\n{TAKE_OFF}"
         f"- {{step: branch, condition: {condition}, then: {branch_steps}, otherwise: {branch_steps}}}\n"
-        f"{DOWN}"
+        f"{LAND}"
     )
     assert compile_mission(read(text)).findings == ()
 
 
 def test_the_setpoint_time_excludes_take_off_landing_and_time_on_the_ground() -> None:
     wait, hold = "- {step: photo, count: 3, interval_s: 5}\n", "- {step: hold, duration_s: 30}\n"
-    assert samples.setpoint_time_s(timeline(wait + UP + hold + DOWN + wait)) == 30.0
+    assert samples.setpoint_time_s(timeline(wait + TAKE_OFF + hold + LAND + wait)) == 30.0
     assert samples.setpoint_time_s(timeline(hold, Start((0.0, 0.0, -10.0), in_air=True))) == 30.0

@@ -16,7 +16,7 @@ from missions.formats import mavlink_items, qgc_plan
 from missions.items import CommandItem, Jump, Waypoint
 from missions.plan import ComplexItem, Plan, without_originals
 from missions.values import Altitude
-from tests.support.plan_strategies import HOMES, RESOLVED, plans
+from tests.support.plan_strategies import HOMES, RESOLVED_ALTITUDES, plans
 
 FILES = sorted((Path(__file__).parents[2] / "data" / "plans").glob("*.plan"))
 
@@ -106,7 +106,7 @@ def test_changing_a_fence_zone_or_rally_point_leaves_other_zones_points_and_unkn
 
 
 @settings(deadline=None, max_examples=30)
-@given(plan=plans(altitudes=RESOLVED, homes=HOMES))
+@given(plan=plans(altitudes=RESOLVED_ALTITUDES, homes=HOMES))
 def test_any_plan_is_unchanged_after_writing_and_reading_a_plan_file(plan: Plan) -> None:
     rally = tuple(
         point.model_copy(update={"altitude": Altitude(value_m=point.altitude.value_m, reference="home")})

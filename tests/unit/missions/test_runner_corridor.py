@@ -78,12 +78,12 @@ def test_leaving_and_reentering_the_corridor_are_reported():
         "The vehicle is 4.5 m outside the corridor of the dry run.",
         "The vehicle is inside the corridor of the dry run again.",
     ]
-    fake.in_state("done")
+    fake.until_state("done")
     assert fake.status.outside_corridor_m is None
 
 
 def test_flown_and_sent_positions_are_recorded_with_a_limited_length():
-    fake = FakeFlight(mission(flight_steps("step: hold, duration_s: 5"))).start().in_state("flying")
+    fake = FakeFlight(mission(flight_steps("step: hold, duration_s: 5"))).start().until_state("flying")
     track, status = FlownTrack(), fake.status
     sent = Reading(
         position_ned_m=(3.0, 4.0, -10.0),

@@ -11,14 +11,14 @@ from missions.runner.parts import HOVERS_AFTER_S
 from missions.runner.reading import Reading
 from missions.runner.requests import Request, SetMode, StopStream, StreamScript, TakeOff
 from missions.runner.runner import Runner
-from tests.support.mission_vehicle import ALL
+from tests.support.mission_vehicle import ALL_ESTIMATES
 from tests.support.offboard_missions import flight_steps, mission
 
 FLY = "step: fly, points: [{offset_ned_m: [8, 0, -5]}]"
 MODE = "external_1"
 ARMED = Reading(
     mode=MODE, armed=True, landed="on_ground", position_ned_m=(0.0, 0.0, 0.0),
-    velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL, battery_share=0.9,
+    velocity_ned_m_s=(0.0, 0.0, 0.0), yaw_ned_rad=0.0, estimates=ALL_ESTIMATES, battery_share=0.9,
     executor_in_charge=True,
 )  # fmt: skip
 CLIMBING = ARMED._replace(mode="takeoff", landed="taking_off")

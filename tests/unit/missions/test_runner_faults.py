@@ -4,7 +4,14 @@ import pytest
 
 from missions.runner.requests import ChangeScript, Photo, SetMode, TakeOff
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, assert_nothing_is_requested, end_wait, flight
+from tests.support.mission_steps import (
+    FLOWN_BY_SETPOINTS,
+    FLY,
+    STEPS,
+    assert_nothing_is_requested,
+    end_wait,
+    flight_during,
+)
 from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flight_steps, mission
 
@@ -12,22 +19,22 @@ from tests.support.offboard_missions import flight_steps, mission
 @pytest.mark.parametrize("kind", STEPS)
 @pytest.mark.parametrize("action", ["hold", "return", "land", "continue"])
 def test_a_low_battery_triggers_its_action_once(kind, action):
-    fake = flight(kind, low_battery=action)
+    fake = flight_during(kind, low_battery=action)
     modes_before = fake.modes()
     fake.set_reading(battery_share=0.1, satellites=14)
     fake.fly(0.2)
     if action == "continue" or kind == "land":
         assert fake.modes() == modes_before
-        end_wait(fake, kind).in_state("done")
+        end_wait(fake, kind).until_state("done")
     else:
         assert fake.modes() == [{"hold": "hold", "return": "rtl", "land": "land"}[action]]
         assert fake.status.state == "suspended"
     assert sum("Battery" in text for text in fake.event_texts) == 1
 
 
-@pytest.mark.parametrize("kind", IN_OFFBOARD)
+@pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
 def test_a_lost_position_triggers_land(kind):
-    fake = flight(kind, failure="continue")
+    fake = flight_during(kind, failure="continue")
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.fly(0.5)
     assert fake.modes() == []
@@ -38,35 +45,35 @@ def test_a_lost_position_triggers_land(kind):
 
 
 def test_px4_handles_a_position_lost_during_take_off_and_the_mission_lands_after_it():
-    fake = flight("take_off", failure="continue")
+    fake = flight_during("take_off", failure="continue")
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
     fake.fly(2.0)
     assert (fake.modes(), fake.status.state, fake.sent) == ([], "taking_off", [])
-    fake.in_state("suspended")
+    fake.until_state("suspended")
     assert fake.modes() == ["land"]
     assert "position" in str(fake.status.reason)
 
 
 def test_a_landing_continues_after_a_lost_position():
-    fake = flight("land", failure="hold")
+    fake = flight_during("land", failure="hold")
     modes_before = fake.modes()
     fake.set_reading(estimates=frozenset({"heading"}), position_ned_m=None)
-    fake.in_state("done")
+    fake.until_state("done")
     assert (fake.modes(), fake.reading.armed) == (modes_before, False)
 
 
 def test_an_estimate_that_is_missing_for_a_moment_does_not_stop_the_mission():
-    fake = flight("orbit")
+    fake = flight_during("orbit")
     fake.set_reading(estimates=frozenset({"heading"}))
     fake.fly(0.5)
     fake.set_reading(estimates=None)
-    fake.in_state("done")
+    fake.until_state("done")
 
 
-@pytest.mark.parametrize("kind", IN_OFFBOARD)
+@pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
 def test_when_the_link_is_restored_the_missions_action_is_executed(kind, action, modes):
-    fake = flight(kind, link_loss=action)
+    fake = flight_during(kind, link_loss=action)
     fake.lose_link()
     assert_nothing_is_requested(fake, 10.0)
     fake.set_reading(link_active=True)
@@ -74,20 +81,20 @@ def test_when_the_link_is_restored_the_missions_action_is_executed(kind, action,
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
 
 
-@pytest.mark.parametrize("kind", IN_OFFBOARD)
+@pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
 def test_a_mission_that_continues_after_a_lost_link_resumes_from_hold(kind):
-    fake = flight(kind, link_loss="continue")
+    fake = flight_during(kind, link_loss="continue")
     fake.lose_link()
     fake.fly(10.0)
     fake.set_reading(link_active=True, satellites=14)
     fake.until(lambda: "The link was lost and is back: continuing." in fake.event_texts)
-    end_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).until_state("done")
 
 
 @pytest.mark.parametrize("action", ["continue", "hold", "return", "land"])
 def test_after_a_lost_link_a_vehicle_in_failsafe_is_not_commanded(action):
-    fake = flight("orbit", link_loss=action)
-    fake.mode("rtl", "failsafe", "its own failsafe")
+    fake = flight_during("orbit", link_loss=action)
+    fake.change_mode("rtl", "failsafe", "failsafe")
     fake.set_reading(link_active=False)
     fake.fly(10.0)
     fake.set_reading(link_active=True)
@@ -97,18 +104,18 @@ def test_after_a_lost_link_a_vehicle_in_failsafe_is_not_commanded(action):
 
 @pytest.mark.parametrize("kind", ["take_off", "land"])
 def test_px4_continues_take_off_and_landing_during_a_lost_link(kind):
-    fake = flight(kind, link_loss="return")
+    fake = flight_during(kind, link_loss="return")
     modes_before = fake.modes()
     fake.set_reading(link_active=False)
     fake.fly(1.0)
     fake.set_reading(link_active=True)
-    fake.in_state("done")
+    fake.until_state("done")
     assert fake.modes() == [*modes_before, "land"][-1:]
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
 def test_a_stream_that_ends_by_itself_triggers_the_failure_action(action, modes):
-    fake = flight("orbit", failure=action)
+    fake = flight_during("orbit", failure=action)
     fake.set_reading(stream="ending", stream_text="The setpoint leaves the fence.")
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
@@ -117,24 +124,24 @@ def test_a_stream_that_ends_by_itself_triggers_the_failure_action(action, modes)
 
 def test_a_refused_take_off_suspends_the_mission_on_the_ground():
     fake = FakeFlight(mission(flight_steps(FLY)))
-    fake.refused[TakeOff] = "Arming denied: no GPS."
+    fake.failures[TakeOff] = "Arming denied: no GPS."
     fake.start().fly(1.0)
     assert fake.status.state == "suspended"
     assert "Arming denied" in str(fake.status.reason)
-    fake.refused.clear()
+    fake.failures.clear()
     fake.resume()
-    fake.in_state("done")
+    fake.until_state("done")
 
 
 def test_a_take_off_that_takes_too_long_triggers_the_failure_action():
     fake = FakeFlight(mission("- {step: take_off, height_m: 400, timeout_s: 5}\n- {step: land}\n")).start()
-    fake.in_state("suspended")
+    fake.until_state("suspended")
     assert fake.modes() == ["hold"]
 
 
 def test_a_refused_mode_is_reported_and_the_stream_expires():
-    fake = flight("orbit")
-    fake.refused[SetMode] = "No reply within 6 s."
+    fake = flight_during("orbit")
+    fake.failures[SetMode] = "No reply within 6 s."
     fake.set_reading(battery_share=0.1)
     fake.fly(0.2)
     assert "did not change its mode" in fake.event_texts[-1]
@@ -145,8 +152,8 @@ def test_a_refused_mode_is_reported_and_the_stream_expires():
 
 def test_failed_pictures_are_reported_once_and_the_mission_continues():
     fake = FakeFlight(mission(flight_steps("step: photo, count: 5, interval_s: 1", FLY)))
-    fake.refused[Photo] = "no camera"
-    fake.start().in_state("done")
+    fake.failures[Photo] = "no camera"
+    fake.start().until_state("done")
     assert sum("picture" in text for text in fake.event_texts) == 1
 
 

@@ -10,34 +10,34 @@ from missions.runner.requests import ChangeScript, Photo, PointGimbal, StreamScr
 from missions.setpoints import Position, Trajectory
 from tests.support.mission_steps import (
     CENTER,
+    FLOWN_BY_SETPOINTS,
     FLY,
-    IN_OFFBOARD,
     STEPS,
-    flight,
-    kinds_of,
-    kinds_of_document,
+    all_step_kinds,
+    flight_during,
     mission_with_lists,
+    step_kinds,
 )
 from tests.support.mission_vehicle import STEP_S, FakeFlight
 from tests.support.offboard_missions import flight_steps, mission, timeline
 
 
 def test_each_kind_of_step_of_the_document_has_a_test_flight():
-    assert set[str]().union(*map(kinds_of, STEPS.values())) == kinds_of_document()
-    assert len(kinds_of_document()) >= 18
+    assert set[str]().union(*map(step_kinds, STEPS.values())) == all_step_kinds()
+    assert len(all_step_kinds()) >= 18
 
 
 # --- whole flights --------------------------------------------------------------------------------
 
 
 def test_a_whole_flight_takes_off_flies_its_path_and_lands():
-    steps = [step for kind in IN_OFFBOARD if kind != "meet" for step in STEPS[kind]]
+    steps = [step for kind in FLOWN_BY_SETPOINTS if kind != "meet" for step in STEPS[kind]]
     fake = FakeFlight(mission_with_lists(flight_steps(*steps, FLY))).start()
     fake.set_reading(satellites=14)
-    fake.in_state("waiting")
+    fake.until_state("waiting")
     assert fake.status.question == "Sharp?"
-    fake.go_on()
-    fake.in_state("done")
+    fake.continue_after_question()
+    fake.until_state("done")
     assert fake.modes() == ["land"]
     assert fake.count(TakeOff) == 1
     assert fake.count(StreamScript) == 1  # one stream from take-off to landing
@@ -55,7 +55,7 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
             )
         )
     )
-    fake.start().in_state("done")
+    fake.start().until_state("done")
     assert fake.count(Photo) == math.ceil(math.tau * 8 / 5)
     points = [request for request in fake.requests if isinstance(request, PointGimbal)]
     assert all(-math.pi / 2 <= p.pitch_rad < 0 for p in points)
@@ -66,7 +66,7 @@ def test_pictures_are_taken_and_the_gimbal_is_pointed_on_time():
 
 def test_each_photo_step_takes_its_pictures_with_its_camera():
     photos = "step: photo, count: 2, component: 101", "step: photo, count: 1"
-    fake = FakeFlight(mission(flight_steps(*photos))).start().in_state("done")
+    fake = FakeFlight(mission(flight_steps(*photos))).start().until_state("done")
     taken = [request.component for request in fake.requests if isinstance(request, Photo)]
     assert taken == [101, 101, None]
 
@@ -80,7 +80,7 @@ def test_a_wait_on_the_ground_streams_nothing_before_the_take_off():
     fake.set_reading(satellites=12)
     fake.fly(1.5)
     assert fake.count(TakeOff) == 0
-    fake.in_state("taking_off").in_state("done")
+    fake.until_state("taking_off").until_state("done")
 
 
 def test_after_a_landing_the_mission_takes_off_again():
@@ -88,19 +88,19 @@ def test_after_a_landing_the_mission_takes_off_again():
     fake = FakeFlight(
         mission(flight_steps(FLY) + wait_on_ground + flight_steps("step: hold, duration_s: 1"))
     ).start()
-    fake.in_state("waiting")
+    fake.until_state("waiting")
     assert fake.reading.armed is False
     sent = len(fake.sent)
     fake.fly(3)
     assert len(fake.sent) == sent
-    fake.go_on()
-    fake.in_state("done")
+    fake.continue_after_question()
+    fake.until_state("done")
     assert (fake.count(TakeOff), fake.modes()) == (2, ["land", "land"])
 
 
 def test_a_mission_that_ends_in_flight_switches_to_hold():
     fake = FakeFlight(mission("- {step: take_off, height_m: 10}\n- {" + FLY + "}\n")).start()
-    fake.in_state("done")
+    fake.until_state("done")
     assert fake.modes() == ["hold"]
 
 
@@ -113,7 +113,7 @@ def test_a_branch_is_decided_when_it_is_reached(battery_share, east):
     )
     fake = FakeFlight(mission(flight_steps(FLY, branch, "step: hold, duration_s: 1"))).start()
     fake.set_reading(battery_share=battery_share)
-    fake.in_state("done")
+    fake.until_state("done")
     assert fake.path[-1][1] == pytest.approx(east, abs=0.5)
     assert fake.count(StreamScript) == 1
 
@@ -135,17 +135,17 @@ def test_the_next_take_off_or_landing_is_found_from_any_segment_and_again_after_
 def test_a_long_mission_is_sent_to_the_stream_in_parts_and_in_time():
     laps = f"step: repeat, times: 30, steps: [{{step: orbit, {CENTER}}}, {{{FLY}}}]"
     fake = FakeFlight(mission(flight_steps(laps))).start()
-    fake.in_state("flying")
-    play = next(r for r in fake.requests if isinstance(r, StreamScript))
-    assert sum(s.duration_s for s in play.script.segments) < 200.0
-    longest_standing_s = standing_s = 0.0
+    fake.until_state("flying")
+    stream_request = next(r for r in fake.requests if isinstance(r, StreamScript))
+    assert sum(s.duration_s for s in stream_request.script.segments) < 200.0
+    longest_stop_s = stop_s = 0.0
     fake.fly(2.0)
     while fake.status.state == "flying" and fake.runner.flight.segment is not None:
         before = fake.path[-1]
         fake.step()
-        standing_s = standing_s + STEP_S if math.dist(before, fake.path[-1]) < 1e-5 else 0.0
-        longest_standing_s = max(longest_standing_s, standing_s)
-    assert longest_standing_s < 1.0
+        stop_s = stop_s + STEP_S if math.dist(before, fake.path[-1]) < 1e-5 else 0.0
+        longest_stop_s = max(longest_stop_s, stop_s)
+    assert longest_stop_s < 1.0
     assert fake.count(StreamScript) == 1
     assert sum(bool(r.change.appended) for r in fake.requests if isinstance(r, ChangeScript)) > 3
 
@@ -162,38 +162,38 @@ def test_a_wait_that_takes_too_long_executes_its_action(until, on_timeout, modes
     wait = f"step: wait, until: {until}, timeout_s: 5, on_timeout: {on_timeout}"
     fake = FakeFlight(mission(flight_steps(wait, FLY))).start()
     fake.set_reading(satellites=6)
-    fake.in_state("done" if on_timeout == "continue" else "suspended")
+    fake.until_state("done" if on_timeout == "continue" else "suspended")
     assert fake.modes() == modes
 
 
 def test_a_condition_must_be_true_without_interruption():
     wait = "step: wait, until: {value: wind_speed_m_s, below: 5, for_s: 3}, timeout_s: 60"
-    fake = FakeFlight(mission(flight_steps(wait, FLY))).start().in_state("waiting")
+    fake = FakeFlight(mission(flight_steps(wait, FLY))).start().until_state("waiting")
     for wind in (4.0, 7.0, 4.0, None):
         fake.set_reading(wind_speed_m_s=wind)
         fake.fly(2.0)
         assert fake.status.state == "waiting"
     fake.set_reading(wind_speed_m_s=4.0)
-    fake.in_state("flying")
+    fake.until_state("flying")
 
 
 # --- setpoints ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", [k for k in IN_OFFBOARD if k not in ("velocity", "attitude")])
+@pytest.mark.parametrize("kind", [k for k in FLOWN_BY_SETPOINTS if k not in ("velocity", "attitude")])
 def test_setpoints_are_continuous_through_pause_resume_skip_and_hold(kind):
-    fake = flight(kind)
+    fake = flight_during(kind)
     fake.set_reading(satellites=14)
     fake.pause()
-    fake.in_state("paused").fly(1.0)
+    fake.until_state("paused").fly(1.0)
     fake.resume()
     fake.fly(2.0)
-    fake.mode("hold", "command", "Bob commanded 'hold'")
+    fake.change_mode("hold", "command", "Bob commanded 'hold'")
     fake.fly(3.0)
     fake.resume()
     fake.fly(4.0)
     fake.skip()
-    fake.in_state("done")
+    fake.until_state("done")
     positions = [(t, s.position_ned_m) for t, s in fake.sent if isinstance(s, Trajectory | Position)]
     for (t0, a), (t1, b) in itertools.pairwise(positions):
         assert math.dist(a, b) <= STEP_S * 12.0 + 0.35, (t0, t1)

@@ -11,7 +11,7 @@ from missions.formats.results import ImportOptions
 from missions.items import Jump, Takeoff, Waypoint
 from missions.plan import Plan
 from missions.values import Altitude, HomePosition
-from tests.support.plan_strategies import ALTITUDES, HOMES, RESOLVED, plans
+from tests.support.plan_strategies import ALTITUDES, HOMES, RESOLVED_ALTITUDES, plans
 
 WAYPOINTS = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t47.3977419\t8.5455938\t489.4\t1
@@ -48,7 +48,7 @@ def test_any_items_are_unchanged_after_writing_and_reading_a_waypoints_file(plan
 
 
 @settings(deadline=None, max_examples=30)
-@given(plan=plans(altitudes=RESOLVED))
+@given(plan=plans(altitudes=RESOLVED_ALTITUDES))
 def test_any_items_are_unchanged_after_writing_and_reading_a_table(plan: Plan) -> None:
     assert csv_table.read(csv_table.write(plan).data).plan == Plan(items=plan.items)
 

@@ -184,13 +184,13 @@ def mission(*steps):
     return Flight(compiled, "Across", MotionLimits())
 
 
-UP, DOWN = "{step: take_off, height_m: 20}", "{step: land}"
+TAKE_OFF, LAND = "{step: take_off, height_m: 20}", "{step: land}"
 ACROSS = "{step: fly, points: [{position_ned_m: [0, 200, -20]}]}"
 CROSSING = line(east_m=100.0, north=True, hold_s=10)
 
 
 def test_an_offboard_mission_is_compared_along_its_timeline():
-    flight = mission(UP, ACROSS, DOWN)
+    flight = mission(TAKE_OFF, ACROSS, LAND)
     path = predicted_path(CROSSING, "2")
     found = first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0)))
     assert (found.place, found.other_place) == ("item 3", "step 2")
@@ -201,15 +201,15 @@ def test_an_offboard_mission_is_compared_along_its_timeline():
 
 def test_after_a_wait_for_a_person_a_mission_is_expected_at_any_later_time():
     path = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
-    waiting_steps = (UP, "{step: wait, until: person, timeout_s: 900}", ACROSS)
-    for steps, expected in (((UP, ACROSS, DOWN), False), (waiting_steps, True)):
+    waiting_steps = (TAKE_OFF, "{step: wait, until: person, timeout_s: 900}", ACROSS)
+    for steps, expected in (((TAKE_OFF, ACROSS, LAND), False), (waiting_steps, True)):
         mission_path = predict_mission("1", ORIGIN, mission(*steps), (0.0, 0.0, 0.0))
         assert (first_conflict(path, mission_path) is not None) == expected
         assert math.isinf(mission_path.latest_s[-1]) == expected
 
 
 def test_a_paused_mission_is_expected_at_any_later_time():
-    flight = mission(UP, ACROSS, DOWN)
+    flight = mission(TAKE_OFF, ACROSS, LAND)
     flight.paused = True
     path = predicted_path(line(east_m=100.0, north=True, hold_s=600), "2")
     assert first_conflict(path, predict_mission("1", ORIGIN, flight, (0.0, 0.0, 0.0))) is not None

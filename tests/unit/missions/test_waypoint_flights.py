@@ -27,15 +27,15 @@ def item_at(kind, north_m, east_m, alt_m, **more):
     return {"kind": kind, "lat_deg": lat, "lon_deg": lon, "altitude": altitude, **more}
 
 
-UP = item_at("takeoff", 0, 0, 10)
-DOWN = item_at("land", 40, 40, 0)
-SQUARE = [UP, item_at("waypoint", 40, 0, 10), item_at("waypoint", 40, 40, 10, hold_s=5), DOWN]
+TAKE_OFF = item_at("takeoff", 0, 0, 10)
+LAND = item_at("land", 40, 40, 0)
+SQUARE = [TAKE_OFF, item_at("waypoint", 40, 0, 10), item_at("waypoint", 40, 40, 10, hold_s=5), LAND]
 LOOP = [
-    UP,
+    TAKE_OFF,
     item_at("waypoint", 40, 0, 10),
     item_at("waypoint", 40, 40, 10),
     {"kind": "jump", "target_index": 1, "repeat": 1},
-    DOWN,
+    LAND,
 ]
 
 
@@ -88,7 +88,7 @@ def test_the_plan_gives_the_path_and_the_time_of_each_item():
 def test_each_execution_of_a_repeated_item_has_its_own_path():
     distant = item_at("waypoint", 40, 80, 10)
     repeated = [
-        UP,
+        TAKE_OFF,
         SQUARE[1],
         distant,
         {"kind": "jump", "target_index": 1, "repeat": 1},
@@ -102,9 +102,9 @@ def test_each_execution_of_a_repeated_item_has_its_own_path():
 
 
 def test_an_endless_plan_has_no_duration_and_a_return_is_not_compared():
-    endless = [UP, item_at("waypoint", 40, 0, 10), {"kind": "jump", "target_index": 1, "repeat": -1}]
+    endless = [TAKE_OFF, item_at("waypoint", 40, 0, 10), {"kind": "jump", "target_index": 1, "repeat": -1}]
     assert planned(endless).duration_s is None
-    with_return = planned([UP, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}])
+    with_return = planned([TAKE_OFF, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}])
     assert [each.compared for each in with_return.passes] == [True, True, False]
     assert with_return.passes[2].leg.points[1][3] == pytest.approx(-VEHICLE.return_alt_m, abs=0.01)
 
@@ -230,7 +230,7 @@ def test_a_flight_is_done_only_after_landing_and_disarming_at_the_last_item():
 
 
 def test_a_return_item_is_a_part_of_the_mission_but_a_failsafes_return_is_not():
-    items = [UP, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}]
+    items = [TAKE_OFF, item_at("waypoint", 40, 0, 10), {"kind": "return_home"}]
     monitored = MonitoredFlight(items)
     monitored.observe(1, (40.0, 0.0, -10.0))
     monitor = monitored.observe(2, (30.0, 0.0, -30.0), mode="rtl", source="unknown")
@@ -243,7 +243,7 @@ def test_a_return_item_is_a_part_of_the_mission_but_a_failsafes_return_is_not():
 
 
 def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
-    items = [UP, item_at("waypoint", 40, 0, 10)]
+    items = [TAKE_OFF, item_at("waypoint", 40, 0, 10)]
     monitored = MonitoredFlight(items)
     monitored.observe(1, (39.0, 0.0, -10.0))
     assert (
@@ -289,7 +289,7 @@ def nominal(seconds=20.0):
 
 def test_a_dry_run_gives_the_curved_path_and_all_items_of_a_pattern_are_one_pass():
     pattern = {"kind": "complex", "complex_type": "survey", "original": "{}", "items": SQUARE[1:3]}
-    plan = plan_of([UP, pattern])
+    plan = plan_of([TAKE_OFF, pattern])
     found = planned_by_dry_run(nominal(), plan, (100.0, 0.0, 1.0))
     assert [sorted(each.items) for each in found.passes] == [[0], [1, 2]]
     first, second = (each.leg for each in found.passes)

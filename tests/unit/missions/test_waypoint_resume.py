@@ -19,12 +19,12 @@ def item_at(kind, north_m, alt_m=30, **more):
     return {"kind": kind, "lat_deg": 47.0 + north_m / 111_195, "lon_deg": 8.0, "altitude": altitude, **more}
 
 
-UP, RETURN = item_at("takeoff", 0), {"kind": "return_home"}
+TAKE_OFF, RETURN = item_at("takeoff", 0), {"kind": "return_home"}
 SPEED, CLIMB = ({"kind": "change_speed", "speed_type": t, "speed_m_s": 4} for t in (1.0, 2.0))
 PICTURES = {"kind": "trigger_distance", "distance_m": 10}
 NO_PICTURES = {"kind": "trigger_distance", "distance_m": 0}
 LINE = [
-    UP,
+    TAKE_OFF,
     SPEED,
     item_at("waypoint", 50),
     PICTURES,
@@ -61,7 +61,7 @@ def test_a_flight_that_was_started_at_an_item_does_not_resume_before_it():
 
 def test_a_region_of_interest_and_a_gate_do_not_begin_a_leg():
     items = [
-        UP,
+        TAKE_OFF,
         item_at("waypoint", 50),
         item_at("roi_location", 90, 0),
         item_at("gate", 100),
@@ -72,7 +72,13 @@ def test_a_region_of_interest_and_a_gate_do_not_begin_a_leg():
 
 
 def test_the_next_waypoint_sets_the_altitude_of_the_flight_to_the_resume_point():
-    items = [UP, item_at("waypoint", 50), SPEED, item_at("waypoint", 90, 55), item_at("waypoint", 120, 20)]
+    items = [
+        TAKE_OFF,
+        item_at("waypoint", 50),
+        SPEED,
+        item_at("waypoint", 90, 55),
+        item_at("waypoint", 120, 20),
+    ]
     point = resume_point(plan_of(items), 2)
     assert (point.item, point.first.altitude.value_m) == (2, 55)
 
@@ -81,12 +87,12 @@ def test_the_next_waypoint_sets_the_altitude_of_the_flight_to_the_resume_point()
     "rest", [[RETURN], [item_at("land", 40, 0)], [SPEED, RETURN, item_at("waypoint", 9)], []]
 )
 def test_without_a_waypoint_before_the_landing_there_is_no_resume_point(rest):
-    items = [UP, item_at("waypoint", 50), *rest]
+    items = [TAKE_OFF, item_at("waypoint", 50), *rest]
     assert resume_point(plan_of(items), 2) == "No waypoint follows."
 
 
 def test_the_last_item_is_no_resume_point_because_px4_restarts_the_mission():
-    assert "begins again" in resume_point(plan_of([UP, item_at("waypoint", 50)]), 1)
+    assert "begins again" in resume_point(plan_of([TAKE_OFF, item_at("waypoint", 50)]), 1)
 
 
 def test_an_interrupted_return_is_not_resumed():
@@ -96,7 +102,7 @@ def test_an_interrupted_return_is_not_resumed():
 
 
 def not_restored(*before, after=()):
-    items = [UP, *before, item_at("waypoint", 50), item_at("waypoint", 90), *after, RETURN]
+    items = [TAKE_OFF, *before, item_at("waypoint", 50), item_at("waypoint", 90), *after, RETURN]
     return resume_point(plan_of(items), len(before) + 1).not_restored
 
 
@@ -132,7 +138,7 @@ def test_the_rest_is_checked_from_the_new_position_with_the_plans_item_numbers()
     polygon = [{"lat_deg": 47.0 + n / 111_195, "lon_deg": 8.0 + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 90, "reference": "home"}, "polygon": polygon}
     plan = plan_of(
-        [UP, item_at("waypoint", 50), item_at("waypoint", 90), item_at("waypoint", 100), RETURN],
+        [TAKE_OFF, item_at("waypoint", 50), item_at("waypoint", 90), item_at("waypoint", 100), RETURN],
         obstacles=[tower],
     )
     for north_m, messages in (

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.random_faults import KINDS, TEMPORARY_GPS_LOSS, Course, fly
+from tests.support.random_faults import KINDS, TEMPORARY_GPS_LOSS, FaultFlight, fly
 from vehicle_sim.estimator.estimator import DEAD_RECKONING_AFTER_S
 from vehicle_sim.estimator.fusion import HORIZON_S, RESET_TIMEOUT_S
 from vehicle_sim.estimator.gnss import RECHECK_S
@@ -27,11 +27,11 @@ def once_in_time(moments_s: list[float], due_s: float) -> bool:
     return len(moments_s) == 1 and in_time(moments_s[0], due_s)
 
 
-def valid_while_aided(course: Course, seconds: float) -> bool:
+def valid_while_aided(flight: FaultFlight, seconds: float) -> bool:
     """Whether validity ended in time in each long period of dead reckoning, and in no other period."""
-    invalid_s, valid_s = list(course.invalid_at_s), list(course.valid_at_s)
-    for k, start_s in enumerate(course.dead_reckoning_at_s):
-        end_s = course.aided_again_at_s[k] if k < len(course.aided_again_at_s) else math.inf
+    invalid_s, valid_s = list(flight.invalid_at_s), list(flight.valid_at_s)
+    for k, start_s in enumerate(flight.dead_reckoning_at_s):
+        end_s = flight.aided_again_at_s[k] if k < len(flight.aided_again_at_s) else math.inf
         due_s = start_s + NO_AID_S - RECKONING_AFTER_S
         ended = [ended_s for ended_s in invalid_s if start_s <= ended_s <= end_s]
         if ended:
@@ -45,33 +45,33 @@ def valid_while_aided(course: Course, seconds: float) -> bool:
     return not invalid_s and not valid_s
 
 
-def validity_ended_in_time(course: Course, seconds: float) -> bool:
+def validity_ended_in_time(flight: FaultFlight, seconds: float) -> bool:
     """Whether an estimate was valid while it was aided and for five seconds afterwards."""
-    last_fix_s = max(fix_s for fix_s in course.fixes_s if fix_s < 0.0)
+    last_fix_s = max(fix_s for fix_s in flight.fixes_s if fix_s < 0.0)
     due_s = last_fix_s + NO_AID_S
-    if KINDS[course.kind].aided:
-        return not course.invalid_at_s
-    if not valid_while_aided(course, seconds):
+    if KINDS[flight.kind].aided:
+        return not flight.invalid_at_s
+    if not valid_while_aided(flight, seconds):
         return False
-    if KINDS[course.kind].aided is False:
-        reckons = once_in_time(course.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
-        return reckons and once_in_time(course.invalid_at_s, due_s) and not course.valid_at_s
-    if course.kind != TEMPORARY_GPS_LOSS:
+    if KINDS[flight.kind].aided is False:
+        reckons = once_in_time(flight.dead_reckoning_at_s, last_fix_s + RECKONING_AFTER_S)
+        return reckons and once_in_time(flight.invalid_at_s, due_s) and not flight.valid_at_s
+    if flight.kind != TEMPORARY_GPS_LOSS:
         return True
-    last_bad_fix_s = max(fix_s for fix_s in course.fixes_s if fix_s < course.gps_returns_s)
+    last_bad_fix_s = max(fix_s for fix_s in flight.fixes_s if fix_s < flight.gps_returns_s)
     # A fix exactly at the end of the waiting time may or may not be the first fix that is used.
     first_used_fix_s = min(
-        (fix_s for fix_s in course.fixes_s if fix_s >= last_bad_fix_s + RECHECK_S - STEP_S), default=seconds
+        (fix_s for fix_s in flight.fixes_s if fix_s >= last_bad_fix_s + RECHECK_S - STEP_S), default=seconds
     )
     if first_used_fix_s + FIX_S + CHECK_S < due_s:
-        return not course.invalid_at_s
-    if first_used_fix_s < due_s and not course.invalid_at_s:
+        return not flight.invalid_at_s
+    if first_used_fix_s < due_s and not flight.invalid_at_s:
         return True
     # After 7 s without fusion the estimate is reset to a position outside the gate.
     reset_s = max(first_used_fix_s, last_fix_s + RESET_TIMEOUT_S) + 2.0 * FIX_S
-    valid_s = course.valid_at_s[0] if course.valid_at_s else seconds
+    valid_s = flight.valid_at_s[0] if flight.valid_at_s else seconds
     return (
-        once_in_time(course.invalid_at_s, due_s)
+        once_in_time(flight.invalid_at_s, due_s)
         and first_used_fix_s - CHECK_S <= valid_s <= reset_s + CHECK_S
     )
 
@@ -106,8 +106,8 @@ LONG_LOST = {"gps_returns_s": 9.9, **LOST, "aided_again_at_s": [11.06], "valid_a
 )
 def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, expected):
     fixes_s = [round(-0.06 + 0.124 * k, 3) for k in range(-10, 150)]
-    course = Course(kind, fixes_s, **{"gps_returns_s": 20.0, **moments})
-    assert validity_ended_in_time(course, 20.0) is expected
+    flight = FaultFlight(kind, fixes_s, **{"gps_returns_s": 20.0, **moments})
+    assert validity_ended_in_time(flight, 20.0) is expected
 
 
 @pytest.mark.flight
@@ -116,13 +116,13 @@ def test_the_end_of_validity_is_checked_to_within_50_ms(kind, moments, expected)
     [(36, 1, 7.5), pytest.param(240, 3, 20.0, marks=pytest.mark.broad)],
 )
 def test_the_ratios_of_error_to_accuracy_after_random_faults_match_the_recordings(count, seed, seconds):
-    courses = fly(count, seed, seconds)
-    assert [course for course in courses if not validity_ended_in_time(course, seconds)] == []
+    flights = fly(count, seed, seconds)
+    assert [flight for flight in flights if not validity_ended_in_time(flight, seconds)] == []
     for name, kind in KINDS.items():
-        courses_of_kind = [course for course in courses if course.kind == name]
+        flights_of_kind = [flight for flight in flights if flight.kind == name]
         for recorded, ratios in (
-            (kind.horizontal, [course.horizontal_ratio for course in courses_of_kind]),
-            (kind.vertical, [course.vertical_ratio for course in courses_of_kind]),
+            (kind.horizontal, [flight.horizontal_ratio for flight in flights_of_kind]),
+            (kind.vertical, [flight.vertical_ratio for flight in flights_of_kind]),
         ):
             assert np.quantile(ratios, 0.9) <= kind.tolerance * recorded[1], (name, ratios)
             if seconds >= 20.0:

@@ -10,7 +10,7 @@ from gcs_server.errors import Refused, UnknownDryRun
 from gcs_server.plans import dry_runs
 from gcs_server.plans.dry_runs import MAX_RESULTS, MAX_RUNNING, DryRuns
 from missions import plan as plan_document
-from tests.support.dry_runs import HOME, QUICK, hop
+from tests.support.dry_runs import FAST_PARAMETERS, HOME, short_plan
 from tests.support.elevation_files import LAT_DEG, LON_DEG, hill, write
 
 pytestmark = pytest.mark.flight
@@ -31,7 +31,7 @@ def request(plan, **changes):
         "kind": "waypoint_plan",
         "plan": plan_document.write(plan).decode(),
         "origin": None,
-        "aircraft": {"home": HOME.model_dump(), "parameters": QUICK, "endurance_s": 300.0},
+        "aircraft": {"home": HOME.model_dump(), "parameters": FAST_PARAMETERS, "endurance_s": 300.0},
         "conditions": {"wind_ned_m_s": [0.0, 2.0, 0.0]},
         "obstacles": [],
         "seed": 1,
@@ -47,7 +47,7 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
 
     async def scenario():
         runs = DryRuns()
-        run_request = request(hop(6.0), flights=1, spread={})
+        run_request = request(short_plan(6.0), flights=1, spread={})
         summary = await runs.run(
             "1", run_request, RUN_INFO, lambda text, share: reports.append((text, share))
         )
@@ -92,7 +92,7 @@ def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
     assert 100.0 < finding["position_ned_m"][0] < 667.0
 
 
-HOPS = """
+MISSION_FOR_TWO = """
 name: Two hops
 roles:
   lead: {steps: [{step: take_off, height_m: 3}, {step: meet, meeting: up}, {step: land}]}
@@ -102,17 +102,22 @@ roles:
 
 @pytest.mark.story
 def test_the_result_of_many_flights_with_roles_matches_the_api_description():
-    lead = request(hop())["aircraft"]
+    lead = request(short_plan())["aircraft"]
     left = {**lead, "home": {**lead["home"], "lat_deg": lead["home"]["lat_deg"] + 3e-4}}
     roles = {"lead": {"aircraft": lead, "origin": None}, "left": {"aircraft": left, "origin": None}}
-    run_request = {**request(hop()), "kind": "offboard_mission", "plan": HOPS, "roles": roles}
+    run_request = {
+        **request(short_plan()),
+        "kind": "offboard_mission",
+        "plan": MISSION_FOR_TWO,
+        "roles": roles,
+    }
     run_request |= {"flights": 1, "spread": {}}
-    about = {**RUN_INFO, "kind": "offboard_mission"}
+    run_info = {**RUN_INFO, "kind": "offboard_mission"}
     reports = []
 
     async def scenario():
         runs = DryRuns()
-        await runs.run("1", run_request, about, lambda text, _: reports.append(text))
+        await runs.run("1", run_request, run_info, lambda text, _: reports.append(text))
         return runs.get("1")
 
     view = DryRunView.model_validate_json(json.dumps(asyncio.run(scenario())))
@@ -131,7 +136,7 @@ def test_the_result_of_many_flights_with_roles_matches_the_api_description():
 @pytest.mark.story
 def test_a_plan_that_px4_does_not_store_is_refused_with_its_reason():
     async def scenario():
-        plan = hop().model_copy(update={"items": ()})
+        plan = short_plan().model_copy(update={"items": ()})
         await DryRuns().run("1", request(plan), RUN_INFO, lambda *_: None)
 
     with pytest.raises(Refused, match="nothing to fly"):
@@ -144,14 +149,14 @@ def test_cancelling_a_dry_run_ends_its_process(monkeypatch):
     async def scenario():
         runs = DryRuns()
         tasks = [
-            asyncio.ensure_future(runs.run(str(n), request(hop()), RUN_INFO, lambda *_: None))
+            asyncio.ensure_future(runs.run(str(n), request(short_plan()), RUN_INFO, lambda *_: None))
             for n in range(MAX_RUNNING)
         ]
         await asyncio.sleep(0)
         with pytest.raises(Refused, match="already running"):
             runs.next_id()
         with pytest.raises(Refused):
-            await runs.run("more", request(hop()), RUN_INFO, lambda *_: None)
+            await runs.run("more", request(short_plan()), RUN_INFO, lambda *_: None)
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
@@ -172,7 +177,7 @@ def test_the_newest_results_are_kept(monkeypatch):
     async def scenario():
         runs = DryRuns()
         for n in range(MAX_RESULTS + 1):
-            await runs.run(str(n), request(hop()), RUN_INFO, lambda *_: None)
+            await runs.run(str(n), request(short_plan()), RUN_INFO, lambda *_: None)
         return runs
 
     runs = asyncio.run(scenario())

@@ -26,15 +26,15 @@ from gcs_server.settings import Settings
 from tests.station import free_port
 from tests.support.dds_publisher import STATUS, Publisher, status
 from tests.support.dds_samples import recorded
-from tests.support.dds_vehicle import ATTITUDE, MESSAGES_OF_TOPICS, AnsweringVehicle, Background
+from tests.support.dds_vehicle import ATTITUDE, MESSAGES_OF_TOPICS, AcknowledgingVehicle, PeriodicThread
 
 DOMAIN = 100 + os.getpid() % 100
 """The link reads every vehicle of its domain: no other test may use the same domain."""
 
 
 @pytest.fixture
-def background() -> Iterator[Background]:
-    shared, running = open_domain(DOMAIN, None), Background()
+def periodic() -> Iterator[PeriodicThread]:
+    shared, running = open_domain(DOMAIN, None), PeriodicThread()
     yield running
     running.close()
     assert shared
@@ -116,13 +116,13 @@ def flooding(publisher: Publisher) -> None:
 def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
     fault: Callable[[Publisher], None],
     text: str | None,
-    background: Background,
+    periodic: PeriodicThread,
     client: TestClient,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 1.0)
-    good, bad = AnsweringVehicle(DOMAIN, "good", 1), Publisher(DOMAIN, "bad")
-    background.steps += [lambda: fault(bad), good.step]
+    good, bad = AcknowledgingVehicle(DOMAIN, "good", 1), Publisher(DOMAIN, "bad")
+    periodic.callbacks += [lambda: fault(bad), good.step]
     until(lambda: connected(client, "1"))
     until(lambda: text is None or text in warning_texts(client))
     armed = client.post("vehicles/1/arm", json={})
@@ -133,10 +133,10 @@ def test_a_faulty_vehicle_is_named_and_another_one_is_still_commanded(
 
 
 def test_the_topics_of_a_vehicle_are_shown_by_request_and_to_a_subscriber_that_names_them(
-    background: Background, client: TestClient
+    periodic: PeriodicThread, client: TestClient
 ) -> None:
-    good = AnsweringVehicle(DOMAIN, "good", 1)
-    background.steps.append(good.step)
+    good = AcknowledgingVehicle(DOMAIN, "good", 1)
+    periodic.callbacks.append(good.step)
     until(lambda: connected(client, "1"))
     response = client.get("vehicles/1/ros2/topics").json()
     assert (response["state"], response["domain_id"], response["namespace"]) == ("open", DOMAIN, "good")

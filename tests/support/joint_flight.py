@@ -13,8 +13,8 @@ from missions.runner.together import JointRunner
 from tests.support.mission_vehicle import FakeFlight
 
 
-class Squad:
-    """The roles of a mission, each with its vehicle.
+class JointFlight:
+    """A runner for all roles of a mission, and a fake vehicle for each role.
 
     Args:
         text: YAML of the mission.
@@ -30,28 +30,28 @@ class Squad:
         }
         for role in in_air:
             self.flights[role].set_reading(armed=True, landed="in_air")
-        self.together = JointRunner({role: flight.runner for role, flight in self.flights.items()})
+        self.runner = JointRunner({role: flight.runner for role, flight in self.flights.items()})
         self.now_s = 100.0
 
-    def start(self) -> Squad:
-        self.do(self.together.start(self.now_s, self.readings()))
+    def start(self) -> JointFlight:
+        self.execute(self.runner.start(self.now_s, self.readings()))
         return self
 
     def readings(self):
         return {role: flight.reading for role, flight in self.flights.items()}
 
-    def do(self, requests: dict[str, list[Request]]) -> None:
+    def execute(self, requests: dict[str, list[Request]]) -> None:
         for role, role_requests in requests.items():
-            self.flights[role].do(role_requests)
+            self.flights[role].execute(role_requests)
 
     def step(self) -> None:
         """Updates each vehicle, then the runner."""
         for flight in self.flights.values():
             flight.step()
         self.now_s = next(iter(self.flights.values())).now_s
-        self.do(self.together.update(self.now_s, self.readings()))
+        self.execute(self.runner.update(self.now_s, self.readings()))
 
-    def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> Squad:
+    def until(self, condition: Callable[[], bool], within_s: float = 300.0) -> JointFlight:
         """Flies until the condition is true.
 
         Raises:
@@ -63,17 +63,18 @@ class Squad:
             self.step()
         return self
 
-    def fly(self, for_s: float) -> Squad:
-        """Flies for this time."""
+    def fly(self, for_s: float) -> JointFlight:
+        """Flies for this time [s]."""
         end_s = self.now_s + for_s
         return self.until(lambda: self.now_s >= end_s, for_s + 1.0)
 
     def states(self) -> dict[str, str]:
         return {role: flight.status.state for role, flight in self.flights.items()}
 
-    def places(self) -> dict[str, str | None]:
+    def current_steps(self) -> dict[str, str | None]:
+        """The current step of each role, such as "lead, step 2"."""
         return {role: flight.status.place for role, flight in self.flights.items()}
 
-    def reach(self, **states: str) -> Squad:
-        """Flies until each given role is in this state."""
+    def until_states(self, **states: str) -> JointFlight:
+        """Flies until each of these roles is in its state."""
         return self.until(lambda: states.items() <= self.states().items())

@@ -42,9 +42,9 @@ def square(north_m, half_m):
 )
 def test_a_return_path_outside_the_missions_geofence_is_not_flown(zones, north_m, returns):
     fake = FakeFlight(CORNER.model_copy(update={"home": HOME, "fence": zones})).start()
-    fake.in_state("flying").fly(5.0)
-    fake.mode("hold", "command", "Bob commanded 'hold'")
-    fake.in_state("suspended")
+    fake.until_state("flying").fly(5.0)
+    fake.change_mode("hold", "command", "Bob commanded 'hold'")
+    fake.until_state("suspended")
     fake.set_reading(position_ned_m=(north_m, 0.0, -10.0))
     streamed_scripts, modes = fake.count(StreamScript), fake.count(SetMode)
     fake.resume()
@@ -57,16 +57,16 @@ def test_a_return_path_outside_the_missions_geofence_is_not_flown(zones, north_m
 
 def test_skipping_in_a_repeat_skips_one_round_and_continues_with_the_next_round():
     fake = FakeFlight(mission(flight_steps("step: repeat, times: 3, steps: [{step: hold, duration_s: 30}]")))
-    fake.start().in_state("flying").fly(1.0)
+    fake.start().until_state("flying").fly(1.0)
     begun_s = fake.now_s
     fake.skip()
-    fake.in_state("landing")
+    fake.until_state("landing")
     assert fake.now_s - begun_s == pytest.approx(60.0, abs=3.0)
 
 
 def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_the_delay_once():
     fake = FakeFlight(mission(flight_steps("step: fly, points: [{offset_ned_m: [60, 0, -10]}]"))).start()
-    fake.in_state("flying").fly(3.0)
+    fake.until_state("flying").fly(3.0)
     blocked_at = fake.block()
     fake.fly(30.0)
     assert fake.status.state == "flying"
@@ -74,7 +74,7 @@ def test_the_mission_waits_for_a_vehicle_that_lags_and_reports_the_delay_once():
     assert sum("the mission waits" in text for text in fake.event_texts) == 1
     assert fake.reading.position_ned_m == blocked_at
     fake.unblock()
-    fake.in_state("done")
+    fake.until_state("done")
     assert math.dist(fake.path[-1][:2], (60.0, 0.0)) < 1.0
 
 
@@ -86,4 +86,4 @@ def test_a_path_ends_only_after_the_vehicle_has_arrived():
     assert fake.status.place == "step 2"
     assert fake.modes() == []
     fake.unblock()
-    fake.in_state("done")
+    fake.until_state("done")

@@ -6,7 +6,14 @@ import pytest
 
 from missions.runner.requests import SetMode, StopStream, StreamScript
 from missions.runner.status import CannotDo
-from tests.support.mission_steps import FLY, IN_OFFBOARD, STEPS, assert_nothing_is_requested, end_wait, flight
+from tests.support.mission_steps import (
+    FLOWN_BY_SETPOINTS,
+    FLY,
+    STEPS,
+    assert_nothing_is_requested,
+    end_wait,
+    flight_during,
+)
 from tests.support.mission_vehicle import FakeFlight
 from tests.support.offboard_missions import flight_steps, mission
 
@@ -15,23 +22,23 @@ from tests.support.offboard_missions import flight_steps, mission
 
 @pytest.mark.parametrize("kind", STEPS)
 def test_a_paused_mission_stops_the_vehicle_and_after_resume_ends_as_planned(kind):
-    fake = flight(kind)
+    fake = flight_during(kind)
     fake.set_reading(satellites=14)
     fake.pause()
     state = "suspended" if kind in ("take_off", "land") else "paused"
-    fake.in_state(state)
+    fake.until_state(state)
     stop_ned_m = fake.path[-1]
     fake.fly(20.0)
     assert math.dist(fake.path[-1], stop_ned_m) < 1e-6
     fake.resume()
-    end_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).until_state("done")
     assert fake.reading.armed is False
     assert math.dist(fake.path[-1][:2], (30.0, 0.0)) < 1.0
 
 
 @pytest.mark.parametrize("kind", STEPS)
 def test_an_aborted_mission_switches_to_hold_and_requests_nothing_more(kind):
-    fake = flight(kind)
+    fake = flight_during(kind)
     fake.abort()
     assert fake.status.state == "aborted"
     assert fake.modes()[-1] == "hold"
@@ -42,18 +49,18 @@ def test_an_aborted_mission_switches_to_hold_and_requests_nothing_more(kind):
 
 @pytest.mark.parametrize(("action", "mode"), [("return", "rtl"), ("land", "land")])
 def test_an_abort_can_return_or_land(action, mode):
-    fake = flight("orbit")
+    fake = flight_during("orbit")
     fake.abort(action)
     assert fake.modes() == [mode]
 
 
 @pytest.mark.parametrize("kind", STEPS)
 def test_a_step_that_is_skipped_is_followed_by_the_next_step(kind):
-    fake = flight(kind)
+    fake = flight_during(kind)
     place = fake.status.place
     fake.skip()
     fake.until(lambda: fake.status.place != place or fake.status.state == "done", 30.0)
-    fake.in_state("done")
+    fake.until_state("done")
     if kind == "land":
         assert (fake.modes(), fake.reading.armed) == (["land", "hold"], True)
     else:
@@ -61,18 +68,18 @@ def test_a_step_that_is_skipped_is_followed_by_the_next_step(kind):
 
 
 def test_a_step_of_a_suspended_mission_is_skipped_without_a_command():
-    fake = flight("orbit")
-    fake.mode("hold", "command", "Bob commanded 'hold'")
-    fake.in_state("suspended")
+    fake = flight_during("orbit")
+    fake.change_mode("hold", "command", "Bob commanded 'hold'")
+    fake.until_state("suspended")
     request_count = fake.count(SetMode)
     fake.skip()
     assert (fake.status.place, fake.count(SetMode)) == ("step 3", request_count)
 
 
 def test_a_pause_before_the_stream_begins_keeps_the_vehicle_at_the_start_of_the_path():
-    fake = FakeFlight(mission(flight_steps(FLY))).start().in_state("taking_off")
+    fake = FakeFlight(mission(flight_steps(FLY))).start().until_state("taking_off")
     fake.runner.flight.paused = True
-    fake.in_state("paused")
+    fake.until_state("paused")
     assert fake.path[-1] == pytest.approx((0.0, 0.0, -10.0), abs=0.5)
 
 
@@ -96,8 +103,8 @@ def test_on_the_ground_a_take_off_cannot_be_skipped():
     ],
 )
 def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(kind, mode, source, text):
-    fake = flight(kind, link_loss="continue", failure="return", low_battery="return")
-    fake.mode(mode, source, "Bob commanded 'hold'")
+    fake = flight_during(kind, link_loss="continue", failure="return", low_battery="return")
+    fake.change_mode(mode, source, "Bob commanded 'hold'")
     request_count = len(fake.requests)
     fake.fly(0.2)
     assert [type(request).__name__ for request in fake.requests[request_count:]] == ["StopStream", "Notify"]
@@ -107,7 +114,7 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     fake.set_reading(battery_share=0.9, control_holder="bob", estimates=None, satellites=14)
     fake.resume()
     fake.until(lambda: fake.status.state != "suspended")
-    end_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).until_state("done")
 
 
 def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
@@ -121,7 +128,7 @@ def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
 
 
 def test_motors_that_stop_in_flight_end_the_mission():
-    fake = flight("orbit")
+    fake = flight_during("orbit")
     fake.set_reading(armed=False)
     fake.fly(0.2)
     assert (fake.status.state, fake.status.reason) == ("stopped", "The vehicle disarmed")
@@ -129,29 +136,29 @@ def test_motors_that_stop_in_flight_end_the_mission():
 
 
 def test_a_suspended_mission_ends_once_the_vehicle_has_landed():
-    fake = flight("orbit")
-    fake.mode("land", "pilot")
-    fake.in_state("suspended").in_state("stopped")
+    fake = flight_during("orbit")
+    fake.change_mode("land", "pilot")
+    fake.until_state("suspended").until_state("stopped")
 
 
 # --- control --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", IN_OFFBOARD)
+@pytest.mark.parametrize("kind", FLOWN_BY_SETPOINTS)
 def test_a_change_of_control_pauses_the_mission(kind):
-    fake = flight(kind)
+    fake = flight_during(kind)
     fake.set_reading(control_holder="bob", control_holder_name="Bob", satellites=14)
-    fake.in_state("paused")
+    fake.until_state("paused")
     assert "Bob has control now: paused." in fake.event_texts
     assert fake.reading.mode == "offboard"
     fake.resume()
-    end_wait(fake, kind).in_state("done")
+    end_wait(fake, kind).until_state("done")
 
 
 @pytest.mark.parametrize(("action", "modes"), [("hold", ["hold"]), ("return", ["rtl"]), ("land", ["land"])])
-@pytest.mark.parametrize("kind", ["take_off", *IN_OFFBOARD])
+@pytest.mark.parametrize("kind", ["take_off", *FLOWN_BY_SETPOINTS])
 def test_in_each_kind_of_step_expired_control_triggers_the_missions_action(kind, action, modes):
-    fake = flight(kind, control_lost=action)
+    fake = flight_during(kind, control_lost=action)
     fake.set_reading(control_holder=None)
     fake.fly(0.2)
     assert (fake.modes(), fake.status.state) == (modes, "suspended")
@@ -175,12 +182,12 @@ def test_expired_control_interrupts_only_flights_that_a_client_of_this_server_st
     mode, source = started
     fake = FakeFlight(mission(flight_steps(FLY, "step: hold, duration_s: 60")), mode=mode)
     fake.set_reading(mode=mode, mode_source=source, armed=True, landed="in_air", position_ned_m=(0, 0, -10))
-    fake.start().in_state("flying")
+    fake.start().until_state("flying")
     if resumed is not None:
-        fake.mode("position", "pilot")
-        fake.in_state("suspended").mode(mode, resumed)
+        fake.change_mode("position", "pilot")
+        fake.until_state("suspended").change_mode(mode, resumed)
         fake.resume()
-        fake.in_state("flying")
+        fake.until_state("flying")
     fake.requests.clear()
     fake.set_reading(control_holder=None)
     fake.fly(1.0)
@@ -188,9 +195,9 @@ def test_expired_control_interrupts_only_flights_that_a_client_of_this_server_st
 
 
 def test_without_control_a_mission_may_continue_until_another_client_takes_control():
-    fake = flight("orbit", control_lost="continue")
+    fake = flight_during("orbit", control_lost="continue")
     fake.set_reading(control_holder=None)
     fake.fly(1.0)
     fake.set_reading(control_holder="bob", control_holder_name="Bob")
-    fake.in_state("done")
+    fake.until_state("done")
     assert sum("No client has control" in text for text in fake.event_texts) == 1

@@ -195,7 +195,7 @@ def test_a_script_can_be_sent_to_another_process():
     assert [a.at(t / 5) for t in range(100)] == [b.at(t / 5) for t in range(100)]
 
 
-def test_the_player_reports_the_avoidance_of_the_current_segment():
+def test_the_sampler_reports_the_avoidance_of_the_current_segment():
     script = script_of_steps(LEGS + ", avoidance: around", "step: hold, duration_s: 3")
     sampler, avoidance = ScriptSampler(script, 0.0), []
     for second in range(1, round(script.segments[0].duration_s) + 3):
