@@ -7,10 +7,10 @@ class LinkRecorder:
     """Starts a link and records its bytes, peers and states in order."""
 
     def __init__(self, link):
-        self.link, self.data, self.peers, self.gone, self.states = link, [], [], [], []
+        self.link, self.data, self.peers, self.lost_peers, self.states = link, [], [], [], []
 
     def start(self):
-        self.link.start(self._bytes, lambda p: self.gone.append(p.name), self._state)
+        self.link.start(self._bytes, lambda p: self.lost_peers.append(p.name), self._state)
         return self
 
     def _bytes(self, data, peer, _received_s):

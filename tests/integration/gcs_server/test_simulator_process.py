@@ -1,4 +1,5 @@
-"""Starting, finding, watching and stopping the simulator's process, with a stand-in program."""
+"""The server starts, finds, monitors and stops the simulator's process; a stand-in program replaces the
+simulator."""
 
 import asyncio
 import contextlib

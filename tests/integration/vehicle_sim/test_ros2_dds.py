@@ -1,4 +1,5 @@
-"""The simulator's topics on real DDS. Within one process delivery is immediate, so time can be simulated."""
+"""The simulator's topics on real DDS. Within one process DDS delivers at once, so the tests use simulated
+time."""
 
 # No `from __future__ import annotations`: Cyclone evaluates the annotations of message types.
 import gc

@@ -1,4 +1,4 @@
-"""The simulator's ports: one TCP client at a time; UDP goes to the first sender."""
+"""The simulator's ports: TCP serves one client at a time, UDP messages go to the first sender."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_udp_messages_go_to_the_first_sender(server: SimServer) -> None:
 def test_the_timeout_of_a_ground_station_is_longer_at_faster_than_real_time(
     server: SimServer, speed: float, connected: bool
 ) -> None:
-    """At three times real time, a ground station's heartbeats come every three seconds of the vehicle's
+    """At three times real time, a ground station's heartbeats arrive every three seconds of simulated
     time."""
     server.run(speed, 0.02)
     context = server.fleet.nodes[0].context

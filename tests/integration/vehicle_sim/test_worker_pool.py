@@ -1,4 +1,4 @@
-"""A fleet in several processes: all of them end together."""
+"""A fleet in several simulator processes: all processes end together."""
 
 import contextlib
 import os
@@ -36,25 +36,25 @@ def fleet_in_two_processes(*options: str) -> Iterator[tuple[subprocess.Popen[str
             process.communicate(timeout=10)
 
 
-class ProcessFamily:
-    """Waits for the end of a process and its descendants, which need not be children of this process."""
+class ProcessTree:
+    """A process and its descendants, which need not be children of this process."""
 
     def __init__(self, first: int) -> None:
         self.pids = process_tree(first)
-        self._ends = [os.pidfd_open(pid) for pid in self.pids]
+        self._pidfds = [os.pidfd_open(pid) for pid in self.pids]
 
     def all_end(self) -> bool:
         """Whether each process ends within ten seconds."""
-        results = [bool(select.select([end], [], [], 10.0)[0]) for end in self._ends]
-        for end in self._ends:
-            os.close(end)
+        results = [bool(select.select([pidfd], [], [], 10.0)[0]) for pidfd in self._pidfds]
+        for pidfd in self._pidfds:
+            os.close(pidfd)
         return all(results)
 
 
 @pytest.mark.story
 def test_sigterm_ends_all_processes() -> None:
     with fleet_in_two_processes() as (process, _):
-        processes = ProcessFamily(process.pid)
+        processes = ProcessTree(process.pid)
         assert len(processes.pids) >= 3
         process.terminate()
         out, _ = process.communicate(timeout=10)
@@ -65,7 +65,7 @@ def test_sigterm_ends_all_processes() -> None:
 
 def test_killing_the_first_process_ends_the_others() -> None:
     with fleet_in_two_processes() as (process, _):
-        processes = ProcessFamily(process.pid)
+        processes = ProcessTree(process.pid)
         process.kill()
         assert processes.all_end()
 
@@ -73,7 +73,7 @@ def test_killing_the_first_process_ends_the_others() -> None:
 @pytest.mark.story
 def test_a_killed_worker_ends_the_others_and_is_reported() -> None:
     with fleet_in_two_processes() as (process, _):
-        processes = ProcessFamily(process.pid)
+        processes = ProcessTree(process.pid)
         workers = [p for p in processes.pids if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
         os.kill(workers[0], signal.SIGKILL)
         _, err = process.communicate(timeout=10)

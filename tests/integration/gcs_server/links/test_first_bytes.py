@@ -1,4 +1,5 @@
-"""A web page that connects by TCP is detected by its first bytes and disconnected before a frame is read."""
+"""The server detects a web page that connects to a TCP link by its first bytes, and disconnects it before it
+reads a frame."""
 
 import asyncio
 import logging

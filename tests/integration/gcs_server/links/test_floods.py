@@ -1,4 +1,4 @@
-"""A flooded link takes limited time of the event loop, and keeps its active peers."""
+"""A flooded link takes a limited share of the event loop's time, and keeps its active peers."""
 
 import asyncio
 import socket
@@ -12,7 +12,7 @@ from gcs_server.links.tcp import TcpServerLink
 from gcs_server.links.udp import UdpLink
 
 HANDLING_S = 0.002
-"""Time for handling one received piece of data in these tests."""
+"""Time that the tests' handler takes for one received piece of data."""
 
 
 def run(scenario):
@@ -61,12 +61,14 @@ def test_a_flooded_link_leaves_time_for_the_event_loop(kind):
 
 def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
     monkeypatch.setattr(udp, "MAX_PEERS", 3)
-    gone, received = [], []
+    lost_peers, received = [], []
 
     async def scenario():
         link = UdpLink("in", "udpin://x", "127.0.0.1", 0, outgoing=False)
         link.start(
-            lambda data, peer, at: received.append(peer.name), lambda p: gone.append(p.name), lambda: None
+            lambda data, peer, at: received.append(peer.name),
+            lambda p: lost_peers.append(p.name),
+            lambda: None,
         )
         async with asyncio.timeout(5):
             while link.local_port is None:  # noqa: ASYNC110
@@ -78,14 +80,14 @@ def test_a_flood_of_addresses_does_not_replace_active_peers(monkeypatch):
             async with asyncio.timeout(5):
                 while not link.info().detail:  # noqa: ASYNC110
                     await asyncio.sleep(0.005)
-            assert gone == []
+            assert lost_peers == []
             assert len(set(received)) == len(link.info().peers) == 3
             assert "further addresses are ignored" in link.info().detail
             monkeypatch.setattr(udp, "EVICT_AFTER_S", 0.0)
             await asyncio.sleep(udp.EVICT_RETRY_S)
             senders[-1].sendto(b"x", ("127.0.0.1", link.local_port))
             async with asyncio.timeout(5):
-                while not gone:  # noqa: ASYNC110
+                while not lost_peers:  # noqa: ASYNC110
                     await asyncio.sleep(0.005)
             assert len(link.info().peers) == 3, "no silent peer was replaced"
         finally:

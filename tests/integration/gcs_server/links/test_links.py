@@ -52,7 +52,7 @@ def test_a_udpin_link_receives_sends_to_its_peer_and_sends_from_any_thread():
         assert (info.bytes_received, info.bytes_sent, info.peers) == (50, 13, (peer.name,))
         vehicle.close()
         await recorder.link.close()
-        assert recorder.gone == [peer.name]
+        assert recorder.lost_peers == [peer.name]
         assert recorder.link.info().state == "closed"
         assert not recorder.link.send(b"x", peer)
 
@@ -80,13 +80,13 @@ def test_a_udpout_link_can_send_before_it_receives():
 
 @pytest.mark.parametrize("number", [errno.EAGAIN, errno.ENOBUFS])
 def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_packets_are_dropped(number):
-    class Full:
+    class FullSocket:
         failures_left = 3
 
         def sendto(self, data, address):
             if self.failures_left:
                 self.failures_left -= 1
-                raise OSError(number, "no room")
+                raise OSError(number, "buffer full")
             return real.sendto(data, address)
 
         def __getattr__(self, name):
@@ -99,13 +99,15 @@ def test_after_a_full_udp_buffer_urgent_packets_are_first_and_expired_packets_ar
         vehicle.settimeout(2)
         recorder = LinkRecorder(make_link(f"udpout://127.0.0.1:{vehicle.getsockname()[1]}")).start()
         (peer,) = recorder.link.peers()
-        link, full = recorder.link, Full()
+        link, full_socket = recorder.link, FullSocket()
         real = link._socket
         write = link._write
-        link._write = lambda _sock, data, to: write(full, data, to)
-        for data, priority, lives_s in ((b"rest", 4, 9.0), (b"late", 3, 0.001), (b"stop", 0, 9.0)):
+        link._write = lambda _sock, data, to: write(full_socket, data, to)
+        for data, priority, valid_for_s in ((b"rest", 4, 9.0), (b"late", 3, 0.001), (b"stop", 0, 9.0)):
             assert link.submit(
-                Packet(peer, 4, lambda data=data: data, priority=priority, expires_s=link.now_s() + lives_s)
+                Packet(
+                    peer, 4, lambda data=data: data, priority=priority, expires_s=link.now_s() + valid_for_s
+                )
             )
         assert link.info().frames_waiting == 3
         await recorder.until(lambda: not link.info().frames_waiting)
@@ -145,7 +147,7 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
         server = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
         (to_server,) = client.link.peers()
-        big = os.urandom(400_000)  # more than a socket accepts at once, so the rest waits in the outbox
+        big = os.urandom(400_000)  # more than a socket accepts at once, so the rest waits in the send queue
         assert client.link.send(big, to_server)
         await server.until(lambda: sum(map(len, server.data)) == len(big))
         assert b"".join(server.data) == big
@@ -154,7 +156,7 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
         await client.until(lambda: client.data == [b"back"])
         await server.link.close()
         await client.until(lambda: client.link.info().state == "waiting")
-        assert client.gone == [to_server.name]
+        assert client.lost_peers == [to_server.name]
         restarted = LinkRecorder(TcpServerLink("s", "tcpin", "127.0.0.1", port)).start()
         await client.until(lambda: client.link.info().state == "open")
         second = LinkRecorder(TcpServerLink("t", "tcpin", "127.0.0.1", port)).start()
@@ -165,7 +167,7 @@ def test_a_tcp_client_connects_and_reconnects_to_a_tcp_server_link():
     run(scenario)
 
 
-def test_a_full_outbox_drops_whole_frames():
+def test_a_full_send_queue_drops_whole_frames():
     async def scenario():
         listener = socket.socket()
         listener.bind(("127.0.0.1", 0))
@@ -203,7 +205,7 @@ def test_a_serial_link_carries_bytes_and_waits_after_the_device_is_unplugged():
     run(scenario)
 
 
-def test_the_errors_about_serial_ports_have_a_remedy():
+def test_each_error_of_a_serial_port_has_a_fix():
     async def scenario():
         recorder = LinkRecorder(SerialLink("radio", "serial", "/dev/ttyNOTHING", 57600)).start()
         info = recorder.link.info()
@@ -216,10 +218,10 @@ def test_the_errors_about_serial_ports_have_a_remedy():
     run(scenario)
 
 
-def test_a_serial_port_without_permission_is_reported_with_the_remedy(monkeypatch):
+def test_a_serial_port_without_permission_is_reported_with_its_fix(monkeypatch):
     real = os.open
 
-    def forbidden(path, flags, *arguments, **options):
+    def open_without_permission(path, flags, *arguments, **options):
         if path == "/dev/ttyFORBIDDEN":
             raise PermissionError(errno.EACCES, "Permission denied", path)
         return real(path, flags, *arguments, **options)
@@ -232,7 +234,7 @@ def test_a_serial_port_without_permission_is_reported_with_the_remedy(monkeypatc
         assert "sudo usermod -aG dialout $USER" in info.detail
         await recorder.link.close()
 
-    monkeypatch.setattr(os, "open", forbidden)
+    monkeypatch.setattr(os, "open", open_without_permission)
     run(scenario)
 
 
@@ -251,15 +253,15 @@ def test_a_serial_url_takes_its_rate_as_an_option_or_after_a_colon(url, device, 
     assert (link._device, link._baud, link.name) == (device, baud, f"serial-{tail}")
 
 
-@pytest.mark.parametrize("packed", [False, True])
-def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, packed):
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_recording_plays_at_the_requested_speed_and_ends(tmp_path, compressed):
     frames = [
         b"\xfd\x01\x00\x00" + bytes([n]) + b"\x01\x01\x00\x00\x00" + b"\x05" + b"\x00\x00" for n in range(20)
     ]
     data = b"".join(struct.pack(">Q", 1_700_000_000_000_000 + n * 10_000) + f for n, f in enumerate(frames))
-    path = tmp_path / ("a.tlog.gz" if packed else "a.tlog")
+    path = tmp_path / ("a.tlog.gz" if compressed else "a.tlog")
     data += b"torn"
-    path.write_bytes(gzip.compress(data) if packed else data)
+    path.write_bytes(gzip.compress(data) if compressed else data)
 
     async def scenario():
         recorder = LinkRecorder(make_link(f"tlog://{path}?speed=2")).start()

@@ -1,4 +1,4 @@
-"""The recording of a killed server has all records that were flushed."""
+"""The recording of a killed server contains all records that were written to the file before."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""Dry runs in the worker process: flown, reported, stored, refused and cancelled."""
+"""Dry runs in worker processes: progress, results, refusals and cancellation."""
 
 import asyncio
 import json
@@ -68,7 +68,7 @@ def test_a_plan_is_flown_in_the_worker_process_and_the_result_matches_the_api_de
 
 @pytest.mark.story
 def test_a_dry_run_flies_over_the_ground_of_elevation_files(tmp_path):
-    """A plan 8 m above the start, into a hill to the north."""
+    """The plan flies 8 m above home into a hill north of home."""
     south = {"lat_deg": LAT_DEG - 0.006, "lon_deg": LON_DEG}
     north = {"lat_deg": LAT_DEG, "lon_deg": LON_DEG}
     low = {"altitude": {"value_m": 8, "reference": "home"}}
@@ -101,7 +101,7 @@ roles:
 
 
 @pytest.mark.story
-def test_the_result_of_many_flights_with_roles_matches_the_api_description():
+def test_the_monte_carlo_result_of_a_mission_with_roles_matches_the_api_description():
     lead = request(short_plan())["aircraft"]
     left = {**lead, "home": {**lead["home"], "lat_deg": lead["home"]["lat_deg"] + 3e-4}}
     roles = {"lead": {"aircraft": lead, "origin": None}, "left": {"aircraft": left, "origin": None}}

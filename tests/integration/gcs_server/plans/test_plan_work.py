@@ -1,4 +1,5 @@
-"""Work on large or foreign plans in a worker process: results, limits, and cancellation by the caller."""
+"""Tasks on large plans and on imported files in a worker process: results, limits, and cancellation by the
+caller."""
 
 import asyncio
 import base64

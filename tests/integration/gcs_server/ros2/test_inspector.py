@@ -92,7 +92,7 @@ def test_a_flooded_topic_is_shown_as_flooded_and_other_topics_are_read(inspector
     until(is_shown, publish)
 
 
-def test_nothing_is_read_before_the_first_request_and_after_the_last(
+def test_topics_are_read_only_while_they_are_requested(
     inspector: DomainInspector, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert not inspector.running

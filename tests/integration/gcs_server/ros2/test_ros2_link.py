@@ -1,4 +1,4 @@
-"""The ROS 2 link on real DDS: programs of this process publish as vehicles do."""
+"""The ROS 2 link on real DDS: publishers in this process act as vehicles."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.support.dds_samples import recorded
 
 DOMAIN = 49
 NAMESPACE = f"link_{os.getpid()}"
-"""Unique, since tests that run at the same time share the loopback interface."""
+"""Unique: tests that run at the same time share the loopback interface."""
 
 
 def in_event_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
@@ -47,8 +47,8 @@ def _ignore(*_arguments: object) -> None:
     """A callback that does nothing."""
 
 
-class Received:
-    """A running link and the frames that it received."""
+class LinkFrames:
+    """A running link, and the system id and message name of each frame that it received, by peer."""
 
     def __init__(self, namespace: str | None = NAMESPACE) -> None:
         self.frames: dict[str, list[tuple[int, str]]] = {}
@@ -81,40 +81,40 @@ def _domain() -> Iterator[None]:
 
 @in_event_loop
 async def test_a_vehicle_is_found_by_its_status_and_its_messages_become_frames() -> None:
-    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
+    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
 
     def publish() -> None:
         vehicle.send(STATUS, status(system_id=7))
         topic = "/fmu/out/vehicle_land_detected"
         vehicle.send(topic, recorded()[topic], "VehicleLandDetected")
 
-    await received.until(lambda: "EXTENDED_SYS_STATE" in received.names(), publish)
-    assert {system for system, _ in received.frames[NAMESPACE]} == {7}
-    assert received.link.info().state == "open"
-    assert received.link.info().peers == (NAMESPACE,)
-    await received.link.close()
-    assert received.link.info().state == "closed"
+    await link_frames.until(lambda: "EXTENDED_SYS_STATE" in link_frames.names(), publish)
+    assert {system for system, _ in link_frames.frames[NAMESPACE]} == {7}
+    assert link_frames.link.info().state == "open"
+    assert link_frames.link.info().peers == (NAMESPACE,)
+    await link_frames.link.close()
+    assert link_frames.link.info().state == "closed"
 
 
 @in_event_loop
 async def test_each_vehicle_of_the_domain_is_a_separate_peer() -> None:
     others = [f"{NAMESPACE}_a", f"{NAMESPACE}_b"]
-    received, vehicles = Received(None), [Publisher(DOMAIN, name) for name in others]
+    link_frames, vehicles = LinkFrames(None), [Publisher(DOMAIN, name) for name in others]
 
     def publish() -> None:
         for number, vehicle in enumerate(vehicles, 1):
             vehicle.send(STATUS, status(system_id=number))
 
-    await received.until(lambda: set(others) <= received.frames.keys(), publish)
+    await link_frames.until(lambda: set(others) <= link_frames.frames.keys(), publish)
     for number, name in enumerate(others, 1):
-        assert {system for system, _ in received.frames[name]} == {number}
-    await received.link.close()
+        assert {system for system, _ in link_frames.frames[name]} == {number}
+    await link_frames.link.close()
 
 
 @in_event_loop
 async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> None:
     bad, good = f"{NAMESPACE}_bad", f"{NAMESPACE}_good"
-    received, flooding, vehicle = Received(None), Publisher(DOMAIN, bad), Publisher(DOMAIN, good)
+    link_frames, flooding, vehicle = LinkFrames(None), Publisher(DOMAIN, bad), Publisher(DOMAIN, good)
 
     def publish() -> None:
         for _ in range(200):
@@ -122,12 +122,12 @@ async def test_malformed_and_flooding_samples_affect_only_their_vehicle() -> Non
         vehicle.send(STATUS, status())
 
     def reported() -> bool:
-        return f"/{bad}{STATUS} cannot be used" in received.link.info().detail
+        return f"/{bad}{STATUS} cannot be used" in link_frames.link.info().detail
 
-    await received.until(lambda: "HEARTBEAT" in received.names(good) and reported(), publish)
-    assert not received.names(bad)
-    assert received.link.faults.count == 0
-    await received.link.close()
+    await link_frames.until(lambda: "HEARTBEAT" in link_frames.names(good) and reported(), publish)
+    assert not link_frames.names(bad)
+    assert link_frames.link.faults.count == 0
+    await link_frames.link.close()
 
 
 @in_event_loop
@@ -135,30 +135,30 @@ async def test_a_type_of_the_same_name_with_other_fields_is_reported(monkeypatch
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.5)
     other = replace(MESSAGES["VehicleStatus"], fields=MESSAGES["VehicleStatus"].fields[:3])
     monkeypatch.setitem(SHOWN, "Other", other)
-    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
+    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
 
     def reported() -> bool:
-        return "sends no message of PX4 v1.16's type" in received.link.info().detail
+        return "sends no message of PX4 v1.16's type" in link_frames.link.info().detail
 
-    await received.until(reported, lambda: vehicle.send(STATUS, HEADER + bytes(24), "Other"))
-    assert not received.frames
-    await received.link.close()
+    await link_frames.until(reported, lambda: vehicle.send(STATUS, HEADER + bytes(24), "Other"))
+    assert not link_frames.frames
+    await link_frames.link.close()
 
 
 @in_event_loop
 async def test_only_the_first_of_two_vehicles_in_one_namespace_is_read() -> None:
-    received, first, second = Received(), Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
-    await received.until(
-        lambda: "HEARTBEAT" in received.names(), lambda: first.send(STATUS, status(system_id=1))
+    link_frames, first, second = LinkFrames(), Publisher(DOMAIN, NAMESPACE), Publisher(DOMAIN, NAMESPACE)
+    await link_frames.until(
+        lambda: "HEARTBEAT" in link_frames.names(), lambda: first.send(STATUS, status(system_id=1))
     )
 
     def publish() -> None:
         first.send(STATUS, status(system_id=1))
         second.send(STATUS, status(system_id=2))
 
-    await received.until(lambda: "Several vehicles publish" in received.link.info().detail, publish)
-    assert {system for system, _ in received.frames[NAMESPACE]} == {1}
-    await received.link.close()
+    await link_frames.until(lambda: "Several vehicles publish" in link_frames.link.info().detail, publish)
+    assert {system for system, _ in link_frames.frames[NAMESPACE]} == {1}
+    await link_frames.link.close()
 
 
 @pytest.mark.parametrize(
@@ -179,39 +179,39 @@ async def test_only_the_first_of_two_vehicles_in_one_namespace_is_read() -> None
 async def test_an_unknown_version_or_type_is_reported_and_not_read(
     topic: str, message: str, text: str
 ) -> None:
-    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
-    await received.until(
-        lambda: text in received.link.info().detail, lambda: vehicle.send(topic, bytes(100), message)
+    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
+    await link_frames.until(
+        lambda: text in link_frames.link.info().detail, lambda: vehicle.send(topic, bytes(100), message)
     )
-    assert not received.frames
-    await received.link.close()
+    assert not link_frames.frames
+    await link_frames.link.close()
 
 
 @in_event_loop
 async def test_a_command_topic_of_another_version_is_reported_and_the_vehicle_is_still_read() -> None:
-    received, vehicle = Received(), Publisher(DOMAIN, NAMESPACE)
+    link_frames, vehicle = LinkFrames(), Publisher(DOMAIN, NAMESPACE)
     topic = wire_name("/fmu/in/vehicle_command_v1", NAMESPACE)
     command_topic = Topic(vehicle.participant, topic, idl_type(SHOWN["VehicleCommand"]))
     reader = DataReader(vehicle.participant, command_topic)
 
     def reported() -> bool:
         text = "has version 1, but this server knows version 0. Not available: commands."
-        return text in received.link.info().detail
+        return text in link_frames.link.info().detail
 
-    await received.until(
-        lambda: reported() and "HEARTBEAT" in received.names(), lambda: vehicle.send(STATUS, status())
+    await link_frames.until(
+        lambda: reported() and "HEARTBEAT" in link_frames.names(), lambda: vehicle.send(STATUS, status())
     )
     assert reader
-    await received.link.close()
+    await link_frames.link.close()
 
 
 @in_event_loop
 async def test_without_a_vehicle_the_link_reports_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs_server.ros2.link.FIRST_REPORT_S", 0.0)
-    received = Received("nobody")
-    await received.until(lambda: received.link.info().detail)
-    assert f"No vehicle publishes /nobody{STATUS} in DDS domain {DOMAIN}" in received.link.info().detail
-    await received.link.close()
+    link_frames = LinkFrames("nobody")
+    await link_frames.until(lambda: link_frames.link.info().detail)
+    assert f"No vehicle publishes /nobody{STATUS} in DDS domain {DOMAIN}" in link_frames.link.info().detail
+    await link_frames.link.close()
 
 
 @in_event_loop

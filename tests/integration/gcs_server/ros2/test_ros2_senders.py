@@ -1,4 +1,4 @@
-"""The streams' process on real DDS: its messages reach a vehicle's topics."""
+"""The stream process on real DDS: its messages reach a vehicle's topics."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def test_a_sender_sends_when_a_vehicle_subscribes_and_is_closed_when_unused() ->
         sender.send([(CONTROL_MODE, data)])
     reader = DataReader(participant, topic, qos=Qos(Policy.Reliability.BestEffort))
 
-    def received() -> dict[str, Any]:
-        """Sends until the vehicle has received a message."""
+    def send_until_received() -> dict[str, Any]:
+        """Sends until the vehicle has received a message; returns its fields."""
         end_s = time.monotonic() + 10.0
         while True:
             with contextlib.suppress(OSError):
@@ -57,8 +57,9 @@ def test_a_sender_sends_when_a_vehicle_subscribes_and_is_closed_when_unused() ->
             assert time.monotonic() < end_s
             time.sleep(0.02)
 
-    assert received()["position"] is True
-    # OffboardControlMode alone would keep Offboard active without a setpoint
+    assert send_until_received()["position"] is True
+    # The sender sends nothing if one topic has no subscriber: OffboardControlMode alone would keep Offboard
+    # active without a setpoint.
     reader.take(100)
     trajectory = SETPOINT_TOPICS["TrajectorySetpoint"]
     for messages, needed in (
@@ -68,10 +69,10 @@ def test_a_sender_sends_when_a_vehicle_subscribes_and_is_closed_when_unused() ->
         with pytest.raises(OSError, match=f"no vehicle subscribes to {trajectory}"):
             sender.send(messages, needed)
     data = MESSAGES["OffboardControlMode"].encode({"attitude": True})
-    assert received()["attitude"] is True
+    assert send_until_received()["attitude"] is True
     senders.close_unused(())
     assert senders.sender_for(address) is not sender
-    assert domain  # this reference has kept the domain open
+    assert domain  # this reference keeps the domain open
 
 
 def test_modes_are_registered_over_their_own_topics() -> None:
@@ -98,7 +99,7 @@ def test_modes_are_registered_over_their_own_topics() -> None:
     assert request.decode(requests[0].cdr) == request.decode(recorded()[REGISTER])
     assert replies[0][0] == REGISTER_REPLY
     assert MESSAGES["RegisterExtComponentReply"].decode(replies[0][1])["mode_id"] == 23
-    assert domain  # this reference has kept the domain open
+    assert domain  # this reference keeps the domain open
 
 
 def test_a_writer_that_ends_is_not_announced_as_a_publication() -> None:

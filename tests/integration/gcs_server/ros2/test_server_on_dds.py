@@ -1,4 +1,4 @@
-"""The server on real DDS: vehicles without valid messages do not affect the others, and are named."""
+"""The server on real DDS: it names vehicles without valid messages, and they do not affect other vehicles."""
 
 from __future__ import annotations
 

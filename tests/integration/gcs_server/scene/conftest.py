@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from tests.integration.gcs_server.scene.scene_running import SceneServer, serving
+from tests.integration.gcs_server.scene.scene_server import SceneServer, serving
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from gcs_server.clock import SystemClock
 from gcs_server.errors import Refused
 from gcs_server.scene.clicks import REACH_M, ground_point
 from gcs_server.scene.tracks import Tracks
-from tests.integration.gcs_server.scene.scene_running import DOWN_NORTH, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_server import CLICK_NORTH, open_stream, wait_until
 from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, FakeVehicle, flying_vehicle
 
@@ -57,10 +57,10 @@ def test_a_click_is_published_with_the_token_of_its_view(scene_server):
     async def click():
         async with open_stream(scene_server, "?view=clicked&vehicle=2") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: scene_server.scene.viewers == 1)
+            await wait_until(lambda: scene_server.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
-                response = await client.post(scene_server.url + "view/clicked/click", json=DOWN_NORTH)
-                sky = {**DOWN_NORTH, "ray_enu": [0, 1, 1]}
+                response = await client.post(scene_server.url + "view/clicked/click", json=CLICK_NORTH)
+                sky = {**CLICK_NORTH, "ray_enu": [0, 1, 1]}
                 sky_response = await client.post(scene_server.url + "view/clicked/click", json=sky)
         return response.json(), sky_response.json()
 
@@ -76,12 +76,12 @@ def test_a_click_is_published_with_the_token_of_its_view(scene_server):
     [({"ray_enu": [0, 1]}, "ray_enu"), ({"view_x": 2}, "view_x"), ({"eye_enu_m": [0, 0, 1e9]}, "eye_enu_m")],
 )
 def test_the_error_about_an_invalid_click_names_its_field(scene_server, change, field):
-    response = httpx.post(scene_server.url + "view/clicked/click", json={**DOWN_NORTH, **change})
+    response = httpx.post(scene_server.url + "view/clicked/click", json={**CLICK_NORTH, **change})
     assert response.status_code == 422
     assert field in response.text
 
 
 def test_a_click_of_a_foreign_page_is_refused(scene_server):
     headers = {"Origin": "http://elsewhere.example"}
-    response = httpx.post(scene_server.url + "view/clicked/click", json=DOWN_NORTH, headers=headers)
+    response = httpx.post(scene_server.url + "view/clicked/click", json=CLICK_NORTH, headers=headers)
     assert response.status_code == 409

@@ -14,11 +14,11 @@ from gcs_server.scene.preview_node import drag_label
 from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.views import HANDLES_DISTANCE_M, HANDLES_MAX_OFFSET_RAD, Preview, camera_for_handles
 from missions.frames import q_from_yaw
-from tests.integration.gcs_server.scene.scene_running import MOVED, eventually, open_stream
+from tests.integration.gcs_server.scene.scene_server import DRAG_MESSAGE, open_stream, wait_until
 from tests.support.viser_camera import CAMERA
 
 pack = msgspec.msgpack.encode
-RELEASED = {"type": "TransformControlsDragEndMessage", "name": GROUND_HANDLE, "owner": "client:1"}
+DRAG_END_MESSAGE = {"type": "TransformControlsDragEndMessage", "name": GROUND_HANDLE, "owner": "client:1"}
 PREVIEW = Preview((10.0, 0.0, -5.0), 0.0, handles=True, serial=1)
 
 
@@ -64,10 +64,10 @@ def test_visible_handles_do_not_move_the_camera():
 @pytest.mark.parametrize(
     ("eye_m", "handles_m"),
     [
-        pytest.param(EYE, (0.0, 9.0, 10.0), id="beside the view"),
+        pytest.param(EYE, (0.0, 9.0, 10.0), id="outside the picture"),
         pytest.param(EYE, (-20.0, 0.0, 10.0), id="behind the eye"),
         pytest.param((-2.0, 0.0, 11.2), VEHICLE, id="too near"),
-        pytest.param((-9.0, 0.0, 10.5), VEHICLE, id="from the side, where the ground's square is a line"),
+        pytest.param((-9.0, 0.0, 10.5), VEHICLE, id="seen from the side: the handles' square is a line"),
         pytest.param((0.0, 0.0, 30.0), (5.0, 5.0, 10.0), id="straight from above"),
     ],
 )
@@ -89,9 +89,9 @@ def test_the_camera_follows_moved_handles_from_the_same_side(eye_m, handles_m):
 
 @pytest.mark.parametrize("name", [GROUND_HANDLE, HEIGHT_HANDLE])
 def test_drags_of_both_handles_are_accepted(name):
-    moved = parse_message(pack({**MOVED, "name": name}))
+    moved = parse_message(pack({**DRAG_MESSAGE, "name": name}))
     assert moved == Drag((3.0, 4.0, 5.0), (1.0, 0.0, 0.0, 0.0), changes_yaw=name == GROUND_HANDLE)
-    assert parse_message(pack({**RELEASED, "name": name})) == Drag(
+    assert parse_message(pack({**DRAG_END_MESSAGE, "name": name})) == Drag(
         None, None, changes_yaw=name == GROUND_HANDLE
     )
 
@@ -99,15 +99,15 @@ def test_drags_of_both_handles_are_accepted(name):
 @pytest.mark.parametrize(
     "message",
     [
-        {**MOVED, "name": "/world/vehicle_1"},
-        {**MOVED, "position": (math.nan, 0.0, 0.0)},
-        {**MOVED, "position": (math.inf, 0.0, 0.0)},
-        {**MOVED, "wxyz": (0.0, 0.0, 0.0, 0.0)},
-        {**MOVED, "position": (0.0, 0.0)},
-        {**MOVED, "more": 1},
-        {**RELEASED, "name": 3},
-        {**MOVED, "type": "TransformControlsDragStartMessage"},
-        {**MOVED, "name": "x" * 5000},
+        {**DRAG_MESSAGE, "name": "/world/vehicle_1"},
+        {**DRAG_MESSAGE, "position": (math.nan, 0.0, 0.0)},
+        {**DRAG_MESSAGE, "position": (math.inf, 0.0, 0.0)},
+        {**DRAG_MESSAGE, "wxyz": (0.0, 0.0, 0.0, 0.0)},
+        {**DRAG_MESSAGE, "position": (0.0, 0.0)},
+        {**DRAG_MESSAGE, "more": 1},
+        {**DRAG_END_MESSAGE, "name": 3},
+        {**DRAG_MESSAGE, "type": "TransformControlsDragStartMessage"},
+        {**DRAG_MESSAGE, "name": "x" * 5000},
     ],
 )
 def test_messages_of_other_handles_are_dropped(message):
@@ -126,20 +126,20 @@ def test_a_dragged_preview_is_published_with_its_view(scene_server):
     async def drag():
         async with httpx.AsyncClient() as http, open_stream(scene_server, "?view=hand&vehicle=2") as stream:
             await stream.send(pack(CAMERA))
-            await eventually(lambda: scene_server.scene.viewers == 1)
+            await wait_until(lambda: scene_server.scene.viewers == 1)
             assert handles_in(scene_server) == 0
             preview = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
             await http.post(scene_server.url + "view/hand", json={"preview": preview})
-            await stream.send(pack(MOVED))  # in chase mode the scene moves during the drag
+            await stream.send(pack(DRAG_MESSAGE))  # in chase mode the scene moves during the drag
             await http.post(scene_server.url + "view/hand", json={"mode": "free"})
-            await eventually(lambda: handles_in(scene_server) == 2)
+            await wait_until(lambda: handles_in(scene_server) == 2)
             assert scene_server.gizmos == []
-            await stream.send(pack(MOVED))
-            await stream.send(pack(RELEASED))
-            await eventually(lambda: len(scene_server.gizmos) == 2)
+            await stream.send(pack(DRAG_MESSAGE))
+            await stream.send(pack(DRAG_END_MESSAGE))
+            await wait_until(lambda: len(scene_server.gizmos) == 2)
             await http.post(scene_server.url + "view/hand", json={"preview": None})
-            await eventually(lambda: handles_in(scene_server) == 0)
-            await stream.send(pack(MOVED))
+            await wait_until(lambda: handles_in(scene_server) == 0)
+            await stream.send(pack(DRAG_MESSAGE))
             await stream.send(pack(CAMERA))
             await asyncio.sleep(0.1)
 

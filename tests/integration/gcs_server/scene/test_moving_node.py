@@ -13,7 +13,7 @@ from viser import _messages
 from zstandard import ZstdDecompressor
 
 from gcs_server.scene.moving_node import MIN_MOVE_M, MovingNode
-from tests.integration.gcs_server.scene.scene_running import open_stream
+from tests.integration.gcs_server.scene.scene_server import open_stream
 from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import local_position
 
@@ -67,7 +67,7 @@ def test_a_change_is_encoded_as_viser_encodes_it(change, viser_message):
 
 
 def test_visers_handles_queue_the_same_kinds_of_messages(scene_server):
-    """A new version of viser that uses other messages fails this test."""
+    """This test fails if a new version of viser uses other messages."""
     server = scene_server.host._server
     sent: list[Any] = []
     frame = server.scene.add_frame("/moving", show_axes=False)

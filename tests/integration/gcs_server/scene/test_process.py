@@ -1,4 +1,4 @@
-"""The process of the 3D view: pictures and clicks, and the cases that it dies, hangs or cannot start."""
+"""The process of the 3D view: its pictures, its clicks, and the cases that it dies, hangs or cannot start."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from gcs_server.scene import process as scene_process
 from gcs_server.scene.messages import SceneError
 from gcs_server.scene.process import SceneProcess
 from gcs_server.supervise import Supervisor
-from tests.integration.gcs_server.scene.scene_running import (
-    DOWN_NORTH,
-    MOVED,
+from tests.integration.gcs_server.scene.scene_server import (
+    CLICK_NORTH,
+    DRAG_MESSAGE,
     PROTOCOL,
-    eventually,
-    types_in,
+    message_types,
+    wait_until,
 )
 from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying_vehicle, local_position
@@ -36,8 +36,8 @@ from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying_vehicle, l
 pack = msgspec.msgpack.encode
 
 
-class Site:
-    """A server with the 3D view in its process."""
+class SceneProcessServer:
+    """A server that runs the 3D view in a separate process."""
 
     def __init__(self) -> None:
         self.fleet = FakeFleet([flying_vehicle("1"), flying_vehicle("2")])
@@ -55,7 +55,7 @@ class Site:
         return connect(f"ws://{self.address}/scene/{query}", subprotocols=[PROTOCOL], max_size=None)
 
     async def wait_until_up(self, http: httpx.AsyncClient, before: int | None = None) -> None:
-        """Waits until the 3D view is available, in another process than `before`."""
+        """Waits until the 3D view is available in a process whose id is not `before`."""
         async with asyncio.timeout(60):
             # There is no event for this.
             while self.scene.pid == before or (await http.get(self.url)).status_code != 200:  # noqa: ASYNC110
@@ -64,20 +64,20 @@ class Site:
 
 @asynccontextmanager
 async def serving():
-    site, supervisor, app = Site(), Supervisor(SystemClock()), FastAPI()
-    app.include_router(site.scene.router())
+    scene_server, supervisor, app = SceneProcessServer(), Supervisor(SystemClock()), FastAPI()
+    app.include_router(scene_server.scene.router())
     app.exception_handler(GcsError)(lambda _r, e: JSONResponse({"code": e.code, "detail": str(e)}, 409))
     server = uvicorn.Server(
         uvicorn.Config(app, host="127.0.0.1", port=0, log_level="error", timeout_graceful_shutdown=1)
     )
     server.install_signal_handlers = lambda: None
     task = supervisor.spawn("http", server.serve())
-    supervisor.start("scene", site.scene.run)
-    await eventually(lambda: server.started)
-    site.address = f"127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
+    supervisor.start("scene", scene_server.scene.run)
+    await wait_until(lambda: server.started)
+    scene_server.address = f"127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}"
     try:
         async with httpx.AsyncClient() as http:
-            yield site, http
+            yield scene_server, http
     finally:
         server.should_exit = True
         await task
@@ -86,60 +86,70 @@ async def serving():
 
 def test_a_view_shows_the_fleet_and_handles_clicks_and_drags():
     async def run():
-        async with serving() as (site, http):
-            assert (await http.get(site.url)).status_code == 503
-            assert site.scene.warning() is None, "the start is reported as a failure"
-            await site.wait_until_up(http)
-            async with site.open("?view=page&vehicle=2") as stream:
+        async with serving() as (scene_server, http):
+            assert (await http.get(scene_server.url)).status_code == 503
+            assert scene_server.scene.warning() is None, "the start is reported as a failure"
+            await scene_server.wait_until_up(http)
+            async with scene_server.open("?view=page&vehicle=2") as stream:
                 await stream.send(pack(CAMERA))
                 kinds: set[str] = set()
                 async with asyncio.timeout(30):
                     while not {"MeshMessage", "LineSegmentsMessage"} <= kinds:
-                        kinds |= set(types_in(await stream.recv()))
-                await eventually(lambda: site.scene.viewers == 1)
-                response = await http.post(site.url + "view/page/click", json=DOWN_NORTH)
+                        kinds |= set(message_types(await stream.recv()))
+                await wait_until(lambda: scene_server.scene.viewers == 1)
+                response = await http.post(scene_server.url + "view/page/click", json=CLICK_NORTH)
                 assert response.json() == {"ground": True}
-                assert (site.clicks[0].view, site.clicks[0].vehicle) == ("page", "2")
+                assert (scene_server.clicks[0].view, scene_server.clicks[0].vehicle) == (
+                    "page",
+                    "2",
+                )
                 preview = {"position_ned_m": [0, 0, -5], "yaw_ned_rad": 0, "handles": True}
-                response = await http.post(site.url + "view/page", json={"mode": "free", "preview": preview})
+                response = await http.post(
+                    scene_server.url + "view/page", json={"mode": "free", "preview": preview}
+                )
                 assert response.json() == {"mode": "free", "vehicle": "2", "theme": "dark"}
-                await stream.send(pack(MOVED))
-                await eventually(lambda: site.gizmos)
-                assert site.gizmos[0].vehicle == "2"
-                response = await http.post(site.url + "view/page", json={"vehicle": "9"})
+                await stream.send(pack(DRAG_MESSAGE))
+                await wait_until(lambda: scene_server.gizmos)
+                assert scene_server.gizmos[0].vehicle == "2"
+                response = await http.post(scene_server.url + "view/page", json={"vehicle": "9"})
                 assert response.json()["code"] == UnknownVehicle.code
                 for step in range(200):
-                    site.fleet.vehicles[1].values["local_position"] = local_position(step * 0.2, 0.0, -10.0)
-                    site.fleet.vehicles[1].received_monotonic_s += 0.1
-                    if step > 20 and "SetPositionMessage" in types_in(await stream.recv()):
+                    scene_server.fleet.vehicles[1].values["local_position"] = local_position(
+                        step * 0.2, 0.0, -10.0
+                    )
+                    scene_server.fleet.vehicles[1].received_monotonic_s += 0.1
+                    if step > 20 and "SetPositionMessage" in message_types(await stream.recv()):
                         break
                 else:
                     raise AssertionError("the vehicle does not move")
-            await eventually(lambda: site.scene.viewers == 0)
+            await wait_until(lambda: scene_server.scene.viewers == 0)
 
     asyncio.run(run())
 
 
-def test_a_killed_process_is_started_again_with_its_views_and_leaves_no_folder():
+def test_a_killed_process_is_restarted_with_its_views_and_leaves_no_folder():
     async def run():
-        async with serving() as (site, http):
-            await site.wait_until_up(http)
-            await http.post(site.url + "view/page", json={"mode": "top", "vehicle": "2"})
-            first, folder = site.scene.pid, Path(site.scene._run.address.socket_path).parent
+        async with serving() as (scene_server, http):
+            await scene_server.wait_until_up(http)
+            await http.post(scene_server.url + "view/page", json={"mode": "top", "vehicle": "2"})
+            first, folder = (
+                scene_server.scene.pid,
+                Path(scene_server.scene._run.address.socket_path).parent,
+            )
             assert folder.exists()
-            async with site.open("?view=page") as stream:
+            async with scene_server.open("?view=page") as stream:
                 await stream.send(pack(CAMERA))
                 os.kill(first, signal.SIGKILL)
                 async with asyncio.timeout(10):
                     await stream.wait_closed()
-            await eventually(lambda: site.scene.warning() is not None)
-            assert "Flying is not affected" in site.scene.warning()
-            response = await http.post(site.url + "view/page", json={"theme": "light"})
+            await wait_until(lambda: scene_server.scene.warning() is not None)
+            assert "Flying is not affected" in scene_server.scene.warning()
+            response = await http.post(scene_server.url + "view/page", json={"theme": "light"})
             assert response.json()["code"] == SceneError.code
-            await site.wait_until_up(http, before=first)
-            assert site.scene.warning() is None
+            await scene_server.wait_until_up(http, before=first)
+            assert scene_server.scene.warning() is None
             assert not folder.exists()
-            response = await http.post(site.url + "view/page", json={"theme": "light"})
+            response = await http.post(scene_server.url + "view/page", json={"theme": "light"})
             assert response.json() == {"mode": "top", "vehicle": "2", "theme": "light"}
 
     asyncio.run(run())
@@ -151,19 +161,19 @@ def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeyp
     monkeypatch.setattr("gcs_server.scene.handle.END_TIMEOUT_S", 0.2)
 
     async def run():
-        async with serving() as (site, http):
-            await site.wait_until_up(http)
-            first = site.scene.pid
-            async with site.open() as stream:
+        async with serving() as (scene_server, http):
+            await scene_server.wait_until_up(http)
+            first = scene_server.scene.pid
+            async with scene_server.open() as stream:
                 await stream.send(pack(CAMERA))
-                await eventually(lambda: site.scene.viewers == 1)
+                await wait_until(lambda: scene_server.scene.viewers == 1)
                 os.kill(first, signal.SIGSTOP)
                 worst_s = 0.0
-                while site.scene.pid == first:
+                while scene_server.scene.pid == first:
                     began_s = time.monotonic()
                     await asyncio.sleep(0.01)
                     worst_s = max(worst_s, time.monotonic() - began_s - 0.01)
-            await site.wait_until_up(http, before=first)
+            await scene_server.wait_until_up(http, before=first)
             return first, worst_s
 
     first, worst_s = asyncio.run(run())
@@ -173,9 +183,9 @@ def test_a_hanging_process_does_not_block_the_event_loop_and_is_replaced(monkeyp
 
 def test_the_process_ends_with_the_server_and_removes_its_folder():
     async def run():
-        async with serving() as (site, http):
-            await site.wait_until_up(http)
-            return site.scene.pid, Path(site.scene._run.address.socket_path).parent
+        async with serving() as (scene_server, http):
+            await scene_server.wait_until_up(http)
+            return scene_server.scene.pid, Path(scene_server.scene._run.address.socket_path).parent
 
     pid, folder = asyncio.run(run())
     assert not Path(f"/proc/{pid}").exists()

@@ -21,12 +21,12 @@ from gcs_server.scene.messages import SECRET_HEADER
 from gcs_server.scene.page import content_policy, page
 from gcs_server.scene.proxy import parse_message
 from gcs_server.scene.view_request import MAX_VIEWS
-from tests.integration.gcs_server.scene.scene_running import (
+from tests.integration.gcs_server.scene.scene_server import (
     PROTOCOL,
     SceneServer,
-    eventually,
+    message_types,
     open_stream,
-    types_in,
+    wait_until,
 )
 from tests.support.viser_camera import CAMERA
 
@@ -127,9 +127,9 @@ def test_a_camera_message_passes_without_extra_fields():
     assert msgspec.msgpack.decode(parse_message(pack(CAMERA)), type=dict) == {
         k: list(v) if isinstance(v, tuple) else v for k, v in CAMERA.items()
     }
-    # A map with two types: parsers differ in which one they use, so the proxy encodes the message again.
-    twice = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA)[1:]
-    passed = parse_message(twice)
+    # A map with two "type" keys: parsers differ in which key they use, so the proxy encodes the map again.
+    two_types = b"\x8a" + pack("type") + pack("ShareUrlRequest") + pack(CAMERA)[1:]
+    passed = parse_message(two_types)
     assert passed is None or b"Share" not in passed
 
 
@@ -155,17 +155,17 @@ def test_other_messages_are_dropped(data):
 
 
 def test_a_request_for_a_public_tunnel_is_dropped(scene_server, monkeypatch):
-    """The proxy does not pass the request on, and viser has no handler for it."""
+    """The proxy does not pass the request on, and viser has no handler for this request."""
     import viser._tunnel
 
     tunnels: list[object] = []
     monkeypatch.setattr(viser._tunnel.ViserTunnel, "__init__", lambda *a, **k: tunnels.append(a))
     server = scene_server.host._server
-    message_types: list[str] = []
+    received_types: list[str] = []
     real = server._websock_server._handle_incoming_message
 
     async def spy(client_id, message):
-        message_types.append(type(message).__name__)
+        received_types.append(type(message).__name__)
         await real(client_id, message)
 
     monkeypatch.setattr(server._websock_server, "_handle_incoming_message", spy)
@@ -174,10 +174,10 @@ def test_a_request_for_a_public_tunnel_is_dropped(scene_server, monkeypatch):
         async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: "ViewerCameraMessage" in message_types)
+            await wait_until(lambda: "ViewerCameraMessage" in received_types)
 
     asyncio.run(request_tunnel())
-    assert "ShareUrlRequest" not in message_types
+    assert "ShareUrlRequest" not in received_types
     assert _messages.ShareUrlRequest not in server._websock_server._incoming_handlers
     assert server.request_share_url() is None
     assert tunnels == []
@@ -190,7 +190,7 @@ def test_a_text_message_ends_only_the_stream_that_sent_it(scene_server):
             async with asyncio.timeout(30):
                 await bad.wait_closed()
             await good.send(msgspec.msgpack.encode(CAMERA))
-            assert types_in(await good.recv())
+            assert message_types(await good.recv())
 
     asyncio.run(exchange())
 
@@ -236,11 +236,11 @@ def test_a_browser_gets_its_scene_which_is_removed_afterwards(scene_server):
                     not {"MeshMessage", "GridMessage", "LineSegmentsMessage", "SetCameraPositionMessage"}
                     <= kinds
                 ):
-                    kinds |= set(types_in(await stream.recv()))
-            await eventually(lambda: scene_server.scene.viewers == 1)
+                    kinds |= set(message_types(await stream.recv()))
+            await wait_until(lambda: scene_server.scene.viewers == 1)
 
     asyncio.run(run())
-    asyncio.run(eventually(lambda: scene_server.scene.viewers == 0))
+    asyncio.run(wait_until(lambda: scene_server.scene.viewers == 0))
 
 
 def test_an_unchanged_scene_is_not_sent_again(scene_server):
@@ -251,7 +251,7 @@ def test_an_unchanged_scene_is_not_sent_again(scene_server):
             try:
                 async with asyncio.timeout(1.5):
                     while True:
-                        received += types_in(await stream.recv())
+                        received += message_types(await stream.recv())
             except TimeoutError:
                 pass
             return received
@@ -280,13 +280,13 @@ def test_a_new_theme_rebuilds_the_scene(scene_server):
     async def run():
         async with open_stream(scene_server, "?view=page2&theme=dark") as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: scene_server.scene.viewers == 1)
+            await wait_until(lambda: scene_server.scene.viewers == 1)
             async with httpx.AsyncClient() as client:
                 await client.post(scene_server.url + "view/page2", json={"theme": "light"})
             browser_scenes = scene_server.scene._browser_scenes
             camera = next(iter(scene_server.host.clients().values())).camera
             position_before = tuple(camera.position)
-            await eventually(
+            await wait_until(
                 lambda: all(s.theme == "light" for _, s in browser_scenes.values()) and browser_scenes
             )
             assert tuple(camera.position) == position_before

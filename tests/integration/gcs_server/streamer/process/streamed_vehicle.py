@@ -1,4 +1,4 @@
-"""The real stream process and a vehicle connected by real sockets, for the tests in this folder."""
+"""The real stream process, and a vehicle that receives its frames on a real socket."""
 
 import asyncio
 import contextlib
@@ -26,7 +26,11 @@ VELOCITY_ONLY = 2503
 
 
 class Vehicle:
-    """The receiving end of a UDP or other link, and the server's objects for this link."""
+    """A vehicle's UDP socket, and stand-ins for the server's objects of its link.
+
+    `frames` has the datagrams that the stream process sent to the vehicle, `recorded` the frames that it
+    reported for the recording, and `relayed` the setpoints that the server must send itself.
+    """
 
     def __init__(self):
         self.receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -58,7 +62,7 @@ class Vehicle:
         return self.path
 
     async def receive_pending(self):
-        """Returns once `frames` has all datagrams that were sent before, and an empty one."""
+        """Waits until `frames` has all datagrams that were sent before this call, and an empty datagram."""
         self.link_socket.sendto(b"", self.receiver.getsockname())
         await until(lambda: self.frames and not self.frames[-1][1])
 
@@ -68,7 +72,7 @@ class Vehicle:
 
 
 def with_stream_process(scenario):
-    """Runs a test with the stream process and one vehicle in its own event loop."""
+    """Runs a test in a new event loop, with a stream process and one vehicle."""
 
     @functools.wraps(scenario, assigned=("__name__", "__doc__"))
     def test(**parameters):
@@ -126,7 +130,7 @@ async def until(condition, within_s=3.0):
         await asyncio.sleep(0.005)
 
 
-def bindable(address):
+def is_port_free(address):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.bind(address)

@@ -1,5 +1,5 @@
-"""The stream process sends by the sockets of UDP links, signed and recorded, and by the server on other
-links."""
+"""The stream process sends signed frames on the sockets of UDP links and reports them for the recording. On
+other links the server sends the setpoints."""
 
 import asyncio
 import time
@@ -15,7 +15,7 @@ from tests.integration.gcs_server.streamer.process.streamed_vehicle import (
     OWN_IDS,
     Vehicle,
     begin,
-    bindable,
+    is_port_free,
     snapshot,
     stall,
     until,
@@ -79,7 +79,7 @@ async def test_setpoints_for_serial_links_are_sent_while_the_loop_stalls(streams
     assert vehicle.frames == []
     at_s, created_s = vehicle.relayed[-1][0], vehicle.created_s
     assert 0 <= at_s - created_s < 0.5, (
-        "the link gets no recent time of creation, so it cannot drop late setpoints"
+        "without a recent time of creation the link cannot drop late setpoints"
     )
 
 
@@ -110,7 +110,7 @@ async def test_a_closed_links_port_is_free_after_the_process_used_its_socket(str
     assert streams.active() == []
     vehicle.link_socket.close()
     streams.update_snapshots({})
-    await until(lambda: bindable(address), 1.0)
+    await until(lambda: is_port_free(address), 1.0)
     await begin(streams, "2", second := Vehicle())  # the process still accepts sockets
     await until(lambda: len(second.frames) >= 2)
     second.close()
@@ -162,7 +162,7 @@ async def test_a_closed_links_port_is_free_at_once_while_another_vehicle_is_stre
     other.link_socket.close()
     other.path = None
     streams.links_changed()  # without update_snapshots
-    await until(lambda: bindable(address), 1.0)
+    await until(lambda: is_port_free(address), 1.0)
     assert streams.state("1").phase == "streaming"
     other.close()
 
@@ -175,4 +175,4 @@ async def test_a_link_closed_after_its_stream_has_ended_leaves_its_port_free(str
     streams.end("1", "stopped", "")
     vehicle.link_socket.close()
     streams.links_changed()
-    await until(lambda: bindable(address), 1.0)
+    await until(lambda: is_port_free(address), 1.0)

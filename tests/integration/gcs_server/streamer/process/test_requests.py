@@ -1,5 +1,5 @@
-"""Requests of the server to the stream process: executed and confirmed at once, not delayed by the event
-loop."""
+"""The stream process executes and confirms the server's requests at once; a stalled event loop does not delay
+it."""
 
 import asyncio
 import os

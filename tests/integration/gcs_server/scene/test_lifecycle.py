@@ -1,4 +1,4 @@
-"""Start, failure and end of the 3D view, and its vehicles when browsers are slow."""
+"""The 3D view starts, fails and ends; it draws vehicles for slow browsers without delaying other browsers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gcs_server.scene.messages import SceneError
 from gcs_server.scene.proxy import STALLED_AFTER_S, Bridges
 from gcs_server.scene.scene import Scene
 from gcs_server.scene.vehicle_node import VehicleNode
-from tests.integration.gcs_server.scene.scene_running import eventually, open_stream
+from tests.integration.gcs_server.scene.scene_server import open_stream, wait_until
 from tests.support.viser_camera import CAMERA
 from tests.unit.gcs_server.scene.scene_fakes import StillClock, flying_vehicle
 
@@ -34,14 +34,14 @@ def test_viser_prints_nothing_and_leaves_no_files(capfd):
 
 def test_folders_of_killed_servers_are_removed_and_other_folders_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    old, living, young = (tmp_path / f"gcs-scene-{n}" for n in ("old", "living", "young"))
+    killed, running, starting = (tmp_path / f"gcs-scene-{n}" for n in ("killed", "running", "starting"))
     listeners = []
-    for folder in (old, living, young):
+    for folder in (killed, running, starting):
         folder.mkdir()
         listener = socket.socket(socket.AF_UNIX)
         listener.bind(str(folder / "s"))
         listeners.append(listener)
-        if folder is not young:
+        if folder is not starting:
             os.utime(folder, (1.0, 1.0))
     listeners[1].listen()
 
@@ -53,17 +53,17 @@ def test_folders_of_killed_servers_are_removed_and_other_folders_are_kept(monkey
     asyncio.run(run())
     for listener in listeners:
         listener.close()
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["gcs-scene-living", "gcs-scene-young"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["gcs-scene-running", "gcs-scene-starting"]
 
 
-def test_a_scene_that_cannot_start_is_an_error_with_text(monkeypatch, tmp_path):
+def test_a_scene_that_cannot_start_raises_an_error_with_its_reason(monkeypatch, tmp_path):
     monkeypatch.setattr("tempfile.mkdtemp", lambda **_: str(tmp_path / "gone"))
     with pytest.raises(SceneError, match="3D view could not be started"):
         asyncio.run(ViserHost().start())
 
 
 def test_vehicles_are_added_one_by_one_and_the_followed_vehicle_first(scene_server, monkeypatch):
-    """A new browser must not delay the pictures of the others."""
+    """A new browser must not delay the pictures of other browsers."""
     more_vehicles = [flying_vehicle(name) for name in ("31", "32", "33", "34")]
     step, steps, nodes = Scene._step, [], []
 
@@ -78,13 +78,13 @@ def test_vehicles_are_added_one_by_one_and_the_followed_vehicle_first(scene_serv
 
     async def run():
         for query in ("", "?vehicle=33"):  # in the second round all poses are known
-            await eventually(
+            await wait_until(
                 lambda: scene_server.scene.viewers == 0
             )  # a closed view is removed after a moment
             nodes.clear()
             async with open_stream(scene_server, query) as stream:
                 await stream.send(msgspec.msgpack.encode(CAMERA))
-                await eventually(lambda: len(nodes) == len(scene_server.fleet.vehicles))
+                await wait_until(lambda: len(nodes) == len(scene_server.fleet.vehicles))
 
     monkeypatch.setattr(Scene, "_step", count_step)
     monkeypatch.setattr("gcs_server.scene.browser_scene.VehicleNode", CountedNode)
@@ -100,10 +100,10 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
     vehicle = scene_server.fleet.vehicles[0]
 
     async def run():
-        await eventually(lambda: scene_server.scene.viewers == 0)
+        await wait_until(lambda: scene_server.scene.viewers == 0)
         async with open_stream(scene_server) as stream:
             await stream.send(msgspec.msgpack.encode(CAMERA))
-            await eventually(lambda: scene_server.scene.viewers == 1 and vehicle.topic_reads > 0)
+            await wait_until(lambda: scene_server.scene.viewers == 1 and vehicle.topic_reads > 0)
             monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: bridge != "")
             await asyncio.sleep(0.1)
             before = vehicle.topic_reads
@@ -111,7 +111,7 @@ def test_nothing_is_drawn_for_a_browser_that_does_not_read_until_it_reads_again(
             assert vehicle.topic_reads == before
             assert scene_server.scene.viewers == 1
             monkeypatch.setattr(Bridges, "is_stalled", lambda self, bridge: False)
-            await eventually(lambda: vehicle.topic_reads > before)
+            await wait_until(lambda: vehicle.topic_reads > before)
 
     asyncio.run(run())
 

@@ -153,7 +153,9 @@ async def test_the_event_loop_never_waits_for_the_process(streams, vehicle):
 
 
 @with_stream_process
-async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicle, monkeypatch):
+async def test_a_process_that_reads_nothing_is_killed_when_too_many_bytes_wait_for_it(
+    streams, vehicle, monkeypatch
+):
     monkeypatch.setattr("gcs_server.streamer.process.handle.MAX_WAITING_BYTES", 2_000_000)
     await begin(streams, "1", vehicle)
     pid = streams.pid
@@ -167,11 +169,11 @@ async def test_a_process_that_reads_nothing_is_killed_at_a_limit(streams, vehicl
     assert [(vehicle_id, report.code) for vehicle_id, report in streams.take_reports()] == [("1", "fault")]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
 @with_stream_process
-async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, number):
+async def test_signals_for_the_server_do_not_stop_the_streams(streams, vehicle, signal_number):
     await begin(streams, "1", vehicle)
-    os.kill(streams.pid, number)
+    os.kill(streams.pid, signal_number)
     await asyncio.sleep(0.1)
     count = len(vehicle.frames)
     await until(lambda: len(vehicle.frames) >= count + 3)
@@ -181,7 +183,7 @@ def test_overloaded_streams_leave_processor_time_for_others(monkeypatch):
     waits = []
 
     class AlwaysLate:
-        """A clock and scheduler that is always late and due again at once."""
+        """A clock, and a scheduler whose next setpoint is always overdue."""
 
         def __init__(self):
             self.now_s = 10.0

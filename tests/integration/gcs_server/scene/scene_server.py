@@ -27,7 +27,7 @@ from tests.unit.gcs_server.scene.scene_fakes import FakeFleet, flying_vehicle
 
 
 class SceneServer:
-    """A scene with its own HTTP server on a free port; it draws in the test's process."""
+    """A scene with its own HTTP server on a free port. The scene is drawn in the test's process."""
 
     def __init__(self) -> None:
         self.fleet = FakeFleet([flying_vehicle("1"), flying_vehicle("2")])
@@ -42,7 +42,6 @@ class SceneServer:
         )
         self.address: ViserAddress | None = None
         self.port = 0
-        self.shares: list[str] = []
 
     def router(self) -> APIRouter:
         return scene_router(lambda: self.address, self._set_view, self._click, self.scene.drag, self.bridges)
@@ -70,7 +69,7 @@ class SceneServer:
         return f"http://127.0.0.1:{self.port}/scene/"
 
     @property
-    def stream(self) -> str:
+    def stream_url(self) -> str:
         return f"ws://127.0.0.1:{self.port}/scene/"
 
 
@@ -100,7 +99,7 @@ async def serving(scene_server: SceneServer):
         await scene_server.scene.stop()
 
 
-async def eventually(condition, seconds: float = 20.0):
+async def wait_until(condition, seconds: float = 20.0):
     async with asyncio.timeout(seconds):
         while not condition():  # noqa: ASYNC110 there is no event for it
             await asyncio.sleep(0.02)
@@ -108,17 +107,25 @@ async def eventually(condition, seconds: float = 20.0):
 
 PROTOCOL = f"viser-v{viser.__version__}"
 
-DOWN_NORTH = {"eye_enu_m": [0, 0, 10], "ray_enu": [0, 1, -1], "view_x": 0.5, "view_y": 0.6}
-MOVED = {
+CLICK_NORTH: dict[str, object] = {
+    "eye_enu_m": [0, 0, 10],
+    "ray_enu": [0, 1, -1],
+    "view_x": 0.5,
+    "view_y": 0.6,
+}
+"""Body of a click request whose ray meets the ground 10 m north of the origin."""
+DRAG_MESSAGE = {
     "type": "TransformControlsUpdateMessage",
     "name": GROUND_HANDLE,
     "wxyz": (1.0, 0.0, 0.0, 0.0),
     "position": (3.0, 4.0, 5.0),
     "owner": "client:1",
 }
+"""viser's message while the ground handle is dragged."""
 
 
-def types_in(data: bytes) -> list[str]:
+def message_types(data: bytes) -> list[str]:
+    """Types of viser's messages in one frame: two lengths, then the compressed messages, then buffers."""
     size, compressed = int.from_bytes(data[:8], "little"), int.from_bytes(data[8:16], "little")
     inner = ZstdDecompressor().decompress(data[16 : 16 + compressed], max_output_size=size)
     return [m["type"] for m in msgspec.msgpack.decode(inner)["messages"]]
@@ -126,4 +133,4 @@ def types_in(data: bytes) -> list[str]:
 
 def open_stream(scene_server: SceneServer, query: str = "", **options):
     options.setdefault("max_size", None)
-    return connect(scene_server.stream + query, subprotocols=[PROTOCOL], **options)
+    return connect(scene_server.stream_url + query, subprotocols=[PROTOCOL], **options)
