@@ -35,15 +35,16 @@ ARGUMENTS = [
     "--disable-gpu-compositing",
     "--disable-background-networking",
 ]
-"""WebGL is rendered in software. The page is composited without it: that would take another core."""
+"""Chromium renders WebGL in software. It composites the page without WebGL, because this would take another
+core."""
 TIMEOUT_MS = 60_000
 """Chromium renders in software, and the machine may be busy."""
 
-MEASURED_MS = 5_000
-"""Time limit for measuring a visible element, which may disappear meanwhile."""
+MEASURE_TIMEOUT_MS = 5_000
+"""Time limit for reading the position of a visible element, which may disappear at any time."""
 
-ATTEMPTS = 6
-"""Number of times that a confirmation is opened."""
+MAX_ATTEMPTS = 6
+"""Number of times that `confirm_by_slider` opens a confirmation."""
 
 COARSE = 0.5
 """Device pixels per CSS pixel: the layout is the same, and rendering map and 3D view takes a quarter of the
@@ -55,7 +56,7 @@ SAME_CLIENT = """
 sessionStorage.setItem('gcs.client-id', %s);
 sessionStorage.setItem('gcs.left', '1');
 """
-"""Gives the page this client id, which the tab keeps across reloads."""
+"""Sets the page's client id, which the tab keeps across reloads."""
 REPORT_CSP_VIOLATIONS = """
 addEventListener('securitypolicyviolation', (e) =>
   console.error(`policy: ${e.effectiveDirective} stopped ${e.blockedURI}`));
@@ -76,7 +77,8 @@ READ_CANVAS = """
   done({ drawn: drawn / (pixels.length / 4), colours: colours.size });
 }))
 """
-"""Reads the canvas in the rendered frame: afterwards the browser clears the buffer."""
+"""Reads the canvas while a frame is rendered: the browser clears the buffer after each frame. Returns the
+share of pixels that are drawn, and the number of colours."""
 
 
 @contextlib.contextmanager
@@ -106,7 +108,7 @@ def same_client(client_id: str) -> str:
 
 
 def press(control: Locator, key: str) -> None:
-    """Presses a key on a control as soon as it is enabled; a disabled control would ignore the key."""
+    """Waits until a control is enabled and presses a key on it; a disabled control would ignore the key."""
     expect(control).to_be_enabled()
     control.press(key)
 
@@ -213,20 +215,21 @@ def box_of(control: Locator) -> FloatRect:
     return box
 
 
-def slide(page: Page, open_again: Callable[[], object] = lambda: None) -> None:
-    """Drags the slider of the open confirmation to its end with the mouse.
+def confirm_by_slider(page: Page, open_again: Callable[[], object] = lambda: None) -> None:
+    """Confirms the open confirmation: drags its slider to the end with the mouse.
 
     Args:
         page: the page.
-        open_again: opens the confirmation again: it expires after 5 s, and a busy machine may need longer.
+        open_again: opens the confirmation again if it has expired: it expires after 5 s, and a busy machine
+            may need longer.
     """
     knob = page.get_by_role("alertdialog").get_by_role("slider")
-    for attempt in range(ATTEMPTS):
+    for attempt in range(MAX_ATTEMPTS):
         if attempt:
             open_again()
         expect(knob).to_be_visible()
         try:
-            box = knob.bounding_box(timeout=MEASURED_MS)
+            box = knob.bounding_box(timeout=MEASURE_TIMEOUT_MS)
         except TimeoutError:
             continue
         if box is None:
@@ -234,23 +237,23 @@ def slide(page: Page, open_again: Callable[[], object] = lambda: None) -> None:
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         page.mouse.move(x, y)
         page.mouse.down()
-        grabbed = knob.is_visible()  # the confirmation does not expire while the slider is held
+        slider_held = knob.is_visible()  # the confirmation does not expire while the slider is held
         page.mouse.move(x + 400, y, steps=8)
         page.mouse.up()
-        if grabbed:
+        if slider_held:
             return
-    raise AssertionError(f"the confirmation expired {ATTEMPTS} times before the slider was held")
+    raise AssertionError(f"the confirmation expired {MAX_ATTEMPTS} times before the slider was held")
 
 
 def hold_space(page: Page) -> None:
-    """Holds the Space bar until the confirmation is complete."""
+    """Confirms the open confirmation: holds the Space bar until the confirmation closes."""
     page.get_by_role("alertdialog").wait_for()
     page.keyboard.down("Space")
     page.get_by_role("alertdialog").wait_for(state="hidden")
     page.keyboard.up("Space")
 
 
-def number(text: str) -> float:
+def first_number(text: str) -> float:
     """The first number in a text of the page (which uses the typographic minus).
 
     Raises:
@@ -264,7 +267,7 @@ def number(text: str) -> float:
 
 def shown_value(parent: Locator, label: str) -> float:
     """The value with this label, as displayed."""
-    return number(
+    return first_number(
         parent.locator(".value", has=parent.page.get_by_text(label, exact=True)).locator(".text").inner_text()
     )
 
@@ -277,8 +280,8 @@ def scene(page: Page) -> Frame:
 
 
 def violations_in_both_themes(page: Page) -> list[str]:
-    """`serious_violations` of the current page in the dark and light themes; before and after, the page is
-    dark."""
+    """`serious_violations` of the current page in the dark and the light theme. The page must be dark, and is
+    dark afterwards."""
     found = serious_violations(page)
     page.emulate_media(color_scheme="light")
     if page.locator("html[data-theme]").count():  # only the dashboard; other pages use the media query

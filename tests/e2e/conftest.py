@@ -15,8 +15,8 @@ from tests.station import free_port, server, vehicle
 from tools import build_page
 
 os.environ["GCS_CLIENT_ID"] = "e2e"
-"""All programs and pages of a test are one client, which controls its vehicle, unless a test sets another
-id."""
+"""All programs and pages of a test are one client, which has control of the vehicle, unless the test sets
+another id."""
 
 
 @pytest.fixture(scope="module")

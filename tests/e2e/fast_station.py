@@ -8,15 +8,15 @@ from typing import Any
 from gcs_server.client import SyncGcs, SyncVehicle
 
 SPEED = 3
-"""Simulated time per real time: one minute of flight takes 20 s, and 50 Hz are 17 per simulated second."""
+"""Simulated time per real time: one minute of flight takes 20 s. A stream at 50 Hz sends 17 setpoints in one
+simulated second."""
 FAST = ["--speed", str(SPEED), "--no-log"]
-"""Options of a vehicle at this speed and without its onboard log, which would take a fifth of its CPU
-time."""
+"""Options of a simulated vehicle: this speed, and no onboard log (it would take a fifth of the CPU time)."""
 
 
 @dataclass(frozen=True)
 class Station:
-    """Addresses of a test's server and vehicle."""
+    """A test's server, with its URL and a client, and the test's vehicle."""
 
     url: str
     gcs: SyncGcs
@@ -33,8 +33,8 @@ def take_off_to_hold(drone: Any, height_m: float = 10) -> None:
 
 
 def move_aside(drone: SyncVehicle, east_m: float) -> None:
-    """Flies a vehicle to the east, into Hold: simulated vehicles take off 3 m apart, too near for a group on
-    a busy machine."""
+    """Flies a vehicle to the east; it ends in Hold. Simulated vehicles take off 3 m apart, which is too near
+    for a group on a busy machine."""
     n, e, d = drone.position_ned_m()
     with drone.offboard(position_ned_m=(n, e + east_m, d), valid_for_s=60):
         drone.until(lambda v: (v["offboard"]["health"]["position_error_m"] or 9.0) < 1.0, what="the position")

@@ -1,4 +1,5 @@
-"""Attacks on a server by a client: `python -m tests.e2e.hostile PORT ATTACK`."""
+"""Attacks on a server by a client: `python -m tests.e2e.hostile PORT PID ATTACK`, where PID is the server's
+process id."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ class Target:
     """The server under attack."""
 
     port: int
-    process: int
+    pid: int
     connections: list[socket.socket] = field(default_factory=list[socket.socket])
 
     def connect(self, timeout_s: float = 5.0) -> socket.socket:
@@ -61,7 +62,7 @@ class Target:
 
     def memory_mb(self) -> float:
         """Resident memory of the server's process [MB]."""
-        for line in Path(f"/proc/{self.process}/status").read_text().splitlines():
+        for line in Path(f"/proc/{self.pid}/status").read_text().splitlines():
             if line.startswith("VmRSS:"):
                 return int(line.split()[1]) / 1000
         raise OSError("the server has ended")
@@ -261,21 +262,25 @@ ATTACKS: list[Callable[[Target], None]] = [
 
 @dataclass
 class Effects:
-    """Effects on another client."""
+    """Effects of an attack on another client and on the server's memory."""
 
     longest_s: float = 0.0
-    """Longest response time of the client's requests, each on a new connection."""
+    """Longest response time of the requests that each opened a new connection."""
     longest_pause_s: float = 0.0
-    """Longest delay of the server's event loop, measured by a program in control on an open connection."""
+    """Longest response time of the requests on one open connection: the longest delay of the server's event
+    loop."""
     served: int = 0
+    """Number of requests on new connections with status 200."""
     failures: list[str] = field(default_factory=list[str])
+    """Beginnings of all other responses on new connections."""
     memory_mb: float = 0.0
-    """Largest increase of the memory of the server's process."""
+    """Largest increase of the resident memory of the server's process [MB]."""
 
 
 @contextlib.contextmanager
 def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Effects]:
-    """Attacks from another process while the block runs, and measures the effects on another client."""
+    """Runs an attack from another process to its end, then the block. Measures the effects on another client
+    during both."""
     effects, stopped = Effects(), threading.Event()
     before_mb = target.memory_mb()
     request = b"GET /api/v1/me HTTP/1.1\r\nHost: localhost\r\n" + headers
@@ -317,7 +322,7 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Eff
     threads = [threading.Thread(target=work) for work in (measure_new_connections, measure_open_connection)]
     for thread in threads:
         thread.start()
-    command = [sys.executable, "-m", "tests.e2e.hostile", str(target.port), str(target.process), attack]
+    command = [sys.executable, "-m", "tests.e2e.hostile", str(target.port), str(target.pid), attack]
     try:
         subprocess.run(command, check=True, timeout=120)
         yield effects
@@ -327,9 +332,9 @@ def attacked(target: Target, attack: str, headers: bytes = b"") -> Generator[Eff
             thread.join()
 
 
-def main(port: str, process: str, name: str) -> None:
+def main(port: str, pid: str, name: str) -> None:
     """Runs one attack and keeps its connections for a second."""
-    target = Target(int(port), int(process))
+    target = Target(int(port), int(pid))
     next(attack for attack in ATTACKS if attack.__name__ == name)(target)
     time.sleep(1.0)
     target.release()

@@ -1,4 +1,4 @@
-"""Writes small map files of one colour, such as an operator puts into the data folder."""
+"""Writes small map files of one colour, like those that an operator puts into the data folder."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def png(colour: tuple[int, int, int], side: int = 256) -> bytes:
 
 
 def write_pmtiles(path: Path, picture: bytes) -> None:
-    """The whole world as one tile at zoom 0."""
+    """Writes a map of the whole world: one tile of zoom 0."""
     metadata = gzip.compress(json.dumps({"attribution": "© Red Survey"}).encode())
     # One entry: tile 0, run of 1, its length, and its offset plus one; the length is a varint.
     size = len(picture)

@@ -1,4 +1,4 @@
-"""A vehicle whose missions are registered as flight modes, with the server's API and another ground
+"""A vehicle with missions that are registered as flight modes, the server's API for it, and another ground
 station."""
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ DOMAIN = 58
 NAMESPACE = f"modes_{os.getpid()}"
 LINK = f"ros2://{DOMAIN}/{NAMESPACE}"
 SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
-LATE_DISARMING = ["--param", "COM_DISARM_PRFLT=60"]
-"""Time after arming until PX4 disarms a vehicle that does not take off [s]: on a busy computer the mission is
-compiled in more than the ten seconds of the default."""
+DISARM_LATE = ["--param", "COM_DISARM_PRFLT=60"]
+"""Time after arming until PX4 disarms a vehicle that has not taken off [s]. The default is 10 s; on a busy
+computer the server may need longer to compile the mission."""
 TAKE_OFF_MISSION: dict[str, Any] = {
     **MISSION,
     "steps": [
@@ -37,7 +37,7 @@ TAKE_OFF_MISSION: dict[str, Any] = {
 
 
 class OtherStation:
-    """Another ground station, or a transmitter, over MAVLink; the server is connected over ROS 2 only."""
+    """Another ground station, connected over MAVLink; the server is connected over ROS 2 only."""
 
     def __init__(self, port: int) -> None:
         station.wait_until(lambda: self._connected(port), "the simulator's port", 30.0)
@@ -61,11 +61,11 @@ class OtherStation:
         self.command(mavlink.MAV_CMD_DO_SET_MODE, 1, 4, 10 + int(mode.removeprefix("external_")))
 
     def mode(self) -> int:
-        """Custom mode of the newest heartbeat, after a second."""
+        """Custom mode in the last heartbeat that is received within 1.5 s."""
         return [each.custom_mode for each in self._received(1.5) if each.get_type() == "HEARTBEAT"][-1]
 
     def mode_names(self) -> list[str]:
-        """Names in AVAILABLE_MODES."""
+        """Names of the modes in AVAILABLE_MODES."""
         self.command(mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
         return [each.mode_name for each in self._received(2.0) if each.get_type() == "AVAILABLE_MODES"]
 
@@ -78,7 +78,7 @@ class OtherStation:
 
 
 class ModesVehicle:
-    """The server's API for the vehicle, and the other station."""
+    """The server's API for a vehicle with mission modes, and the other ground station."""
 
     def __init__(self, url: str, process: subprocess.Popen[bytes], other_station: OtherStation) -> None:
         self.url, self.process, self.other_station = url, process, other_station
@@ -157,7 +157,7 @@ class ModesVehicle:
         return mode
 
     def until_north(self) -> None:
-        """Waits until the mission flies north."""
+        """Waits until the vehicle flies north in its mission."""
         self.until_mission("flying")
         start_north_m = self.north_m()
         station.wait_until(lambda: self.north_m() > start_north_m + 1.5, "the flight north", 15.0)
@@ -188,15 +188,15 @@ def modes_vehicle() -> Iterator[ModesVehicle]:
     port = station.free_port()
     ports = ["--tcp-port", str(port), "--gcs-remote-port", "0", "--no-api", "--no-log"]
     with (
-        station.running([*SIMULATOR, *ports, *LATE_DISARMING]),
+        station.running([*SIMULATOR, *ports, *DISARM_LATE]),
         station.server([LINK]) as (url, process),
     ):
         yield ModesVehicle(url, process, OtherStation(port))
 
 
-def streams_process(server: int) -> int:
-    """Process id of the setpoint streams' process of a server."""
-    tasks = Path(f"/proc/{server}/task").iterdir()
+def stream_process_pid(server_pid: int) -> int:
+    """Process id of the stream process of a server with this process id."""
+    tasks = Path(f"/proc/{server_pid}/task").iterdir()
     children = [int(pid) for task in tasks for pid in (task / "children").read_text().split()]
     commands = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children}
     return next(pid for pid, command in commands.items() if b"streamer.process.worker" in command)

@@ -20,18 +20,18 @@ QUALITIES = (85, 78, 70, 60, 50)
 SCHEMES: tuple[Any, ...] = ("dark", "light")
 SIZE, TABLET = (1440, 900), (1024, 768)
 UNCHANGED_FOR_MS = 300
-"""A window without a change for this time counts as complete: 3D view and map render slowly in software."""
+"""A window without a change for this time is complete: 3D view and map are rendered slowly in software."""
 WAIT_FOR_ANIMATIONS = """() => Promise.all(document.getAnimations()
   .filter((a) => a.effect?.getComputedTiming().endTime < Infinity)
   .map((a) => a.finished.catch(() => null)))"""
 """Waits for the end of all finite animations."""
 CLIENT_ID = "pictures"
-"""Id of the page and the programs, which are one client in control of the vehicle."""
+"""Client id of the page and of the programs: they are one client, which has control of the vehicle."""
 
 
 @dataclass
 class PictureSetup:
-    """Page, station and folder of the pictures."""
+    """What a function that takes pictures needs: the page, the server's URL, the vehicle and the folder."""
 
     browser: Browser
     page: Page
@@ -58,7 +58,8 @@ def save(page: Page, path: Path) -> None:
 
 
 def wait_until_unchanged(page: Page, longest_s: float = 6.0) -> None:
-    """Waits until the window does not change; at most `longest_s`, because a flying vehicle always moves."""
+    """Waits until the window does not change, at most `longest_s`: the picture of a flying vehicle always
+    changes."""
     screenshots = [b""]
 
     def unchanged() -> bool:
@@ -85,7 +86,7 @@ def save_in_both_themes(
 
 
 def pill(page: Page) -> str:
-    """The vehicle's state, as displayed."""
+    """The vehicle's state as the page displays it."""
     return page.locator(".pill b").inner_text()
 
 

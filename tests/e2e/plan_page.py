@@ -1,4 +1,4 @@
-"""Steps in the plan room that several tests use."""
+"""Actions in the plan view that several tests use."""
 
 from __future__ import annotations
 
@@ -40,20 +40,20 @@ CLICKS = ((0.35, 0.55), (0.45, 0.4), (0.55, 0.5))
 """Positions to click, as fractions of the map."""
 
 
-def plan_room(page: Page) -> Locator:
-    """Opens the plan room and waits until its map accepts clicks."""
+def open_plan_view(page: Page) -> Locator:
+    """Opens the plan view and waits until its map accepts clicks."""
     page.get_by_role("toolbar", name="Map").wait_for()
     expect(page.locator(".bar")).to_have_text("10 m")
     page.keyboard.press("w")
-    room = page.get_by_role("region", name="Plan view")
-    room.wait_for()
+    view = page.get_by_role("region", name="Plan view")
+    view.wait_for()
     page.get_by_role("toolbar", name="Map").wait_for()
-    return room
+    return view
 
 
-def steps_of(room: Locator) -> Locator:
+def steps_of(view: Locator) -> Locator:
     """The entries of the list of items (waypoint plan) or steps (offboard mission)."""
-    return room.get_by_role("listbox", name=re.compile("^(Items|Steps)$")).get_by_role("option")
+    return view.get_by_role("listbox", name=re.compile("^(Items|Steps)$")).get_by_role("option")
 
 
 def on_map(page: Page, fraction: tuple[float, float]) -> tuple[float, float]:
@@ -62,9 +62,9 @@ def on_map(page: Page, fraction: tuple[float, float]) -> tuple[float, float]:
     return box["x"] + fraction[0] * box["width"], box["y"] + fraction[1] * box["height"]
 
 
-def undo_and_redo_everything(page: Page, room: Locator) -> None:
+def undo_and_redo_everything(page: Page, view: Locator) -> None:
     """Undoes all edits and redoes them: the list must be the same."""
-    steps = steps_of(room)
+    steps = steps_of(view)
     undo, redo = (page.get_by_role("button", name=name, exact=True) for name in ("Undo", "Redo"))
     before = steps.all_inner_texts()
     changes = 0
@@ -79,32 +79,33 @@ def undo_and_redo_everything(page: Page, room: Locator) -> None:
     assert steps.all_inner_texts() == before
 
 
-def import_tower(page: Page, room: Locator) -> None:
+def import_tower(page: Page, view: Locator) -> None:
     """Imports the tower inspection from a file into the editor."""
     file = {"name": "tower.yaml", "mimeType": "application/yaml", "buffer": TOWER.encode()}
     page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
-    expect(room.get_by_label("Name of the plan")).to_have_value("Tower inspection")
+    expect(view.get_by_label("Name of the plan")).to_have_value("Tower inspection")
 
 
-def check_without_findings(room: Locator) -> Locator:
-    """Reads the vehicle's parameters for the check and waits until it has no findings; returns the region."""
-    findings = room.get_by_role("region", name="Findings")
+def check_without_findings(view: Locator) -> Locator:
+    """Reads the vehicle's parameters and waits until the check has no findings; returns the region of
+    findings."""
+    findings = view.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Read the parameters").click()
     expect(findings).to_contain_text("no findings")
     return findings
 
 
-def run_dry_run(page: Page, room: Locator, longest_s: float = 120) -> Locator:
+def run_dry_run(page: Page, view: Locator, longest_s: float = 120) -> Locator:
     """Runs a dry run of the plan; returns the time slider of its result."""
-    bar = room.get_by_role("region", name="Dry run")
+    bar = view.get_by_role("region", name="Dry run")
     bar.get_by_role("button", name="Dry run", exact=True).click()
     expect(bar).to_contain_text("Dry run: ", timeout=longest_s * 1000)
     return page.get_by_role("slider", name="Time in the dry run")
 
 
-def upload_plan(room: Locator) -> Locator:
+def upload_plan(view: Locator) -> Locator:
     """Uploads the plan to the vehicle; returns the region that confirms the upload."""
-    on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
+    on_vehicle = view.get_by_role("region", name="Plan on the vehicle")
     on_vehicle.get_by_role("button", name=re.compile("upload", re.I)).click()
     expect(on_vehicle).to_contain_text("This plan is on 101 Quad.")
     return on_vehicle

@@ -1,4 +1,4 @@
-"""Pictures of the plan room: a survey with findings, an offboard mission, its dry run."""
+"""Pictures of the plan view: a survey with findings, an offboard mission, its dry run."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ FENCE = ((0.46, 0.24), (0.66, 0.22), (0.66, 0.62), (0.56, 0.66), (0.46, 0.5))
 """Corners, as fractions of the window."""
 
 
-def open_room(page: Page, zoom: str | None = None) -> Locator:
-    """Opens the plan room over the map."""
+def open_plan_view(page: Page, zoom: str | None = None) -> Locator:
+    """Opens the plan view over the map."""
     page.keyboard.press("w")
-    room = page.get_by_role("region", name="Plan view")
-    room.wait_for()
+    view = page.get_by_role("region", name="Plan view")
+    view.wait_for()
     page.get_by_role("toolbar", name="Map").wait_for()
     if zoom is not None:
         page.get_by_role("button", name=zoom).click()
     wait_until_unchanged(page, 2)
-    return room
+    return view
 
 
-def close_room(page: Page) -> None:
-    """Closes the plan room and the large map, as the other states require."""
+def close_plan_view(page: Page) -> None:
+    """Closes the plan view and the large map, as the other states require."""
     page.get_by_role("button", name="Close the plan view").click()
     page.keyboard.press("m")
 
@@ -42,40 +42,40 @@ def plan(setup: PictureSetup) -> None:
     """A waypoint plan: the form of a survey, a geofence that it leaves, a selected point, the altitudes."""
     page = setup.page
     setup.drone.request("POST", "/params/refresh", {"wait": True})
-    room = open_room(page, "Zoom out")
-    room.get_by_label("Name of the plan").fill("Field survey")
-    add = room.get_by_role("button", name="Add item")
+    view = open_plan_view(page, "Zoom out")
+    view.get_by_label("Name of the plan").fill("Field survey")
+    add = view.get_by_role("button", name="Add item")
     choose(add, "Survey")
     click(page, FIELD)
-    room.get_by_label("Altitude", exact=True).fill("25")
+    view.get_by_label("Altitude", exact=True).fill("25")
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
     save_in_both_themes(page, setup.folder, "pattern")
-    room.get_by_role("button", name="Insert survey").click()
-    findings = room.get_by_role("region", name="Findings")
+    view.get_by_role("button", name="Insert survey").click()
+    findings = view.get_by_role("region", name="Findings")
     findings.get_by_role("button", name="Add a take-off at the beginning").click()
     choose(add, "Return")
     choose(add, "Geofence: stay inside")
     click(page, FENCE)
-    room.get_by_role("button", name="Add geofence").click()
-    room.get_by_role("option", name="Waypoint").nth(2).click()
+    view.get_by_role("button", name="Add geofence").click()
+    view.get_by_role("option", name="Waypoint").nth(2).click()
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
     save_in_both_themes(page, setup.folder, "plan")
-    close_room(page)
+    close_plan_view(page)
 
 
 def mission(setup: PictureSetup) -> None:
     """An offboard mission: its steps as a tree, its path, a selected step."""
     page = setup.page
-    room = open_room(page)
+    view = open_plan_view(page)
     page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
-    room.get_by_role("option", name="Up beside the tower").click()
+    view.get_by_role("option", name="Up beside the tower").click()
     page.get_by_role("button", name="Zoom in").click()
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 4)
     save_in_both_themes(page, setup.folder, "mission")
-    close_room(page)
+    close_plan_view(page)
 
 
 def dry_run(setup: PictureSetup) -> None:
@@ -83,17 +83,17 @@ def dry_run(setup: PictureSetup) -> None:
     page = setup.page
     setup.drone.request("PUT", "/params/MNT_DO_STAB", {"value": 2})  # the mission locks the yaw of the gimbal
     setup.drone.request("POST", "/params/refresh", {"wait": True})
-    room = open_room(page)
-    import_tower(page, room)
-    room.get_by_role("button", name="Conditions").click()
+    view = open_plan_view(page)
+    import_tower(page, view)
+    view.get_by_role("button", name="Conditions").click()
     for label, value in (("Wind", "4"), ("Wind from", "270"), ("Gusts", "1"), ("Flights with", "8")):
-        room.get_by_label(label).first.fill(value)
-    room.get_by_role("button", name="Conditions").click()
+        view.get_by_label(label).first.fill(value)
+    view.get_by_role("button", name="Conditions").click()
     page.get_by_role("button", name="Zoom in").click()
-    scrub = run_dry_run(page, room, longest_s=600)
+    scrub = run_dry_run(page, view, longest_s=600)
     for key in ("PageUp", "PageUp", "ArrowRight", "ArrowRight"):
         scrub.press(key)
     page.mouse.move(0, 0)
     wait_until_unchanged(page, 3)
     save_in_both_themes(page, setup.folder, "dry-run")
-    close_room(page)
+    close_plan_view(page)

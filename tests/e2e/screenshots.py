@@ -1,7 +1,7 @@
-"""`make screenshots`: the page in each of its states, light and dark, as small pictures in docs/images.
+"""`make screenshots`: takes pictures of the page in each state, light and dark, for docs/images.
 
-It starts a station with simulated vehicles and flies it through the states.
-The states that failed are listed at the end. `--only offboard,lost` takes only the pictures of these states.
+It starts a server and simulated vehicles, and flies the vehicles so that the page shows each state. At the
+end it lists the states that failed. `--only offboard,lost` takes only the pictures of these states.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ IMAGES = REPOSITORY / "docs" / "images"
 
 
 def flying(setup: PictureSetup) -> None:
-    """In Hold after a flight, with a trail."""
+    """The vehicle flies to a position, with a trail behind it."""
     home = setup.drone.topic("home")
     assert home is not None
     setup.drone.goto(home["lat_deg"] + 0.00028, home["lon_deg"] + 0.00035, alt_home_m=14)
@@ -89,26 +89,26 @@ def room(setup: PictureSetup) -> None:
     page = setup.page
     page.keyboard.press("m")
     page.keyboard.press("p")
-    dock = page.get_by_role("region", name="Offboard view")
-    north, east, up = (dock.get_by_label(f"Position, {axis}") for axis in ("North", "East", "Up"))
+    view = page.get_by_role("region", name="Offboard view")
+    north, east, up = (view.get_by_label(f"Position, {axis}") for axis in ("North", "East", "Up"))
     north.fill("12")
     east.fill("6")
     up.fill("12")
-    dock.get_by_role("button", name="Start…").click()
+    view.get_by_role("button", name="Start…").click()
     hold_space(page)
     until_pill(page, "Offboard")
     wait_until_unchanged(page, 4)
     north.fill("2")
     east.fill("14")
     up.fill("10")
-    dock.get_by_role("button", name="Send").click()
+    view.get_by_role("button", name="Send").click()
     wait_until_unchanged(page, 5)
     north.fill("16")
     east.fill("4")
     up.fill("14")
     save_in_both_themes(page, setup.folder, "room")
     page.keyboard.press("Tab")
-    dock.get_by_role("button", name="Hold", exact=True).click()
+    view.get_by_role("button", name="Hold", exact=True).click()
     page.get_by_role("button", name="Close the offboard view").click()
     page.keyboard.press("m")
 
@@ -118,11 +118,11 @@ def drag(setup: PictureSetup) -> None:
     page = setup.page
     until_pill(page, "Holding")
     page.keyboard.press("p")
-    dock = page.get_by_role("region", name="Offboard view")
-    dock.get_by_role("radio", name="Drag in 3D").click()
-    dock.get_by_role("button", name="Reset target to vehicle").click()
+    view = page.get_by_role("region", name="Offboard view")
+    view.get_by_role("radio", name="Drag in 3D").click()
+    view.get_by_role("button", name="Reset target to vehicle").click()
     for name in ("1 m south", "1 m east", "15° right", "15° right"):
-        dock.get_by_role("button", name=name).click()
+        view.get_by_role("button", name=name).click()
     wait_until_unchanged(page, 5)
     save_in_both_themes(page, setup.folder, "drag")
     page.get_by_role("button", name="Close the offboard view").click()
@@ -198,18 +198,18 @@ def group(setup: PictureSetup) -> None:
         wait_until_unchanged(page, 4)
         page.keyboard.press("m")
         page.keyboard.press("p")
-        dock = page.get_by_role("region", name="Offboard view")
-        dock.get_by_role("radio", name="Group", exact=True).click()
-        for box in dock.get_by_role("checkbox").all()[:2]:
+        view = page.get_by_role("region", name="Offboard view")
+        view.get_by_role("radio", name="Group", exact=True).click()
+        for box in view.get_by_role("checkbox").all()[:2]:
             box.check()
-        dock.get_by_label("Minimum separation").fill("2")
-        dock.get_by_label("Move, North").fill("12")
-        dock.get_by_role("button", name="Start group…").click()
+        view.get_by_label("Minimum separation").fill("2")
+        view.get_by_label("Move, North").fill("12")
+        view.get_by_role("button", name="Start group…").click()
         hold_space(page)
-        dock.get_by_text("Flying", exact=True).wait_for()
+        view.get_by_text("Flying", exact=True).wait_for()
         wait_until_unchanged(page, 3)
         save_in_both_themes(page, setup.folder, "group")
-        dock.get_by_role("button", name="Hold group").click()
+        view.get_by_role("button", name="Hold group").click()
         until_pill(page, "Holding")
         page.get_by_role("button", name="Close the offboard view").click()
         page.keyboard.press("m")

@@ -55,7 +55,7 @@ FOREIGN = ["http://evil.example", "null", "http://localhost:1", "http://localhos
 
 
 @dataclass
-class Site:
+class AttackedServer:
     """A server, its vehicle, and its credentials."""
 
     port: int
@@ -113,7 +113,7 @@ class Site:
         except InvalidStatus as refused:
             return refused.response.status_code
 
-    def assert_untouched(self) -> None:
+    def assert_nothing_changed(self) -> None:
         """Checks that no vehicle moved, no command was accepted, no link was opened, and no connection leaves
         the machine."""
         with httpx.Client(verify=False, base_url=f"{self.url}/api/v1", headers=self.bearer) as client:
@@ -158,7 +158,7 @@ def remote_addresses(root: int) -> set[str]:
 
 
 @contextlib.contextmanager
-def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
+def running_server(folder: Path, *, exposed: bool) -> Iterator[AttackedServer]:
     port, mavlink = free_port(socket.SOCK_STREAM), free_port()
     command = server_command(port, [f"udpin://127.0.0.1:{mavlink}"], folder)
     command += ["--host", "0.0.0.0"] if exposed else []
@@ -173,74 +173,74 @@ def running_site(folder: Path, *, exposed: bool) -> Iterator[Site]:
     ):
         wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
         token = (folder / "token").read_text().strip() if exposed else None
-        site = Site(port, token, process, folder)
-        with SyncGcs(site.url, token=token or "") as gcs:
+        target = AttackedServer(port, token, process, folder)
+        with SyncGcs(target.url, token=token or "") as gcs:
             gcs.wait_for_vehicle(VEHICLE, ready=True, timeout_s=120)
         wait_until(
-            lambda: httpx.get(f"{site.url}/scene/", headers=site.bearer, verify=False).status_code == 200,
+            lambda: httpx.get(f"{target.url}/scene/", headers=target.bearer, verify=False).status_code == 200,
             "the 3D view",
         )
-        yield site
+        yield target
 
 
 @pytest.fixture(scope="module")
-def sites(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Site]]:
+def targets(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, AttackedServer]]:
     with (
-        running_site(tmp_path_factory.mktemp("a"), exposed=False) as loopback,
-        running_site(tmp_path_factory.mktemp("b"), exposed=True) as exposed,
+        running_server(tmp_path_factory.mktemp("a"), exposed=False) as loopback,
+        running_server(tmp_path_factory.mktemp("b"), exposed=True) as exposed,
     ):
         yield {"loopback": loopback, "exposed": exposed}
 
 
 @pytest.fixture(params=["loopback", "exposed"])
-def site(sites: dict[str, Site], request: pytest.FixtureRequest) -> Iterator[Site]:
-    """Each of the two sites; checks afterwards that nothing has changed."""
-    found = sites[request.param]
+def target(targets: dict[str, AttackedServer], request: pytest.FixtureRequest) -> Iterator[AttackedServer]:
+    """Each of the two servers; checks after the test that nothing has changed."""
+    found = targets[request.param]
     yield found
-    found.assert_untouched()
+    found.assert_nothing_changed()
 
 
 @pytest.fixture
-def loopback(sites: dict[str, Site]) -> Iterator[Site]:
-    yield sites["loopback"]
-    sites["loopback"].assert_untouched()
+def loopback(targets: dict[str, AttackedServer]) -> Iterator[AttackedServer]:
+    yield targets["loopback"]
+    targets["loopback"].assert_nothing_changed()
 
 
 @pytest.fixture
-def exposed(sites: dict[str, Site]) -> Iterator[Site]:
-    yield sites["exposed"]
-    sites["exposed"].assert_untouched()
+def exposed(targets: dict[str, AttackedServer]) -> Iterator[AttackedServer]:
+    yield targets["exposed"]
+    targets["exposed"].assert_nothing_changed()
 
 
 @pytest.mark.parametrize("origin", FOREIGN)
-def test_pages_of_other_sites_are_refused(site: Site, origin: str) -> None:
-    """They are refused with any credentials: a browser adds the cookie by itself, and a token may be
-    stolen."""
-    for credentials in ({}, site.cookie | site.bearer):
-        assert site.statuses({**credentials, "Origin": origin}) == {403}
+def test_pages_of_other_sites_are_refused(target: AttackedServer, origin: str) -> None:
+    """The server refuses them even with valid credentials: a browser adds the cookie by itself, and a token
+    may be stolen."""
+    for credentials in ({}, target.cookie | target.bearer):
+        assert target.statuses({**credentials, "Origin": origin}) == {403}
 
 
-def test_requests_of_a_foreign_page_without_an_origin_are_refused(site: Site) -> None:
+def test_requests_of_a_foreign_page_without_an_origin_are_refused(target: AttackedServer) -> None:
     """For a request such as `<img src>` the browser sends `Sec-Fetch-Site` instead of an Origin."""
-    assert site.statuses({**site.cookie, "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}) == {
-        403
-    }
+    assert target.statuses(
+        {**target.cookie, "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"}
+    ) == {403}
 
 
 @pytest.mark.parametrize("name", ["rebound.example:{}", "localhost.evil.example:{}", "192.168.1.5:{}"])
-def test_a_rebound_host_name_is_refused(sites: dict[str, Site], name: str) -> None:
+def test_a_rebound_host_name_is_refused(targets: dict[str, AttackedServer], name: str) -> None:
     """DNS rebinding: another name resolves to this server. The request's Origin equals its Host, and it has
     no cookie."""
     # A WebSocket that is refused before it is accepted always gets status 403.
-    for site, refused in ((sites["loopback"], {403}), (sites["exposed"], {401, 403})):
-        host = name.format(site.port)
+    for target, refused in ((targets["loopback"], {403}), (targets["exposed"], {401, 403})):
+        host = name.format(target.port)
         rebound = {"Host": host, "Origin": f"http://{host}"}
-        assert site.statuses(rebound) == refused
-        assert site.statuses({"Host": host}) == refused
-        site.assert_untouched()
+        assert target.statuses(rebound) == refused
+        assert target.statuses({"Host": host}) == refused
+        target.assert_nothing_changed()
 
 
-def test_requests_without_a_valid_token_are_refused(exposed: Site) -> None:
+def test_requests_without_a_valid_token_are_refused(exposed: AttackedServer) -> None:
     assert exposed.token
     name, _, value = exposed.cookie["Cookie"].partition("=")
     invalid_headers = [
@@ -261,21 +261,21 @@ def test_requests_without_a_valid_token_are_refused(exposed: Site) -> None:
         gcs.vehicles()
 
 
-def test_a_cookie_without_the_pages_origin_commands_nothing(exposed: Site) -> None:
+def test_a_cookie_without_the_pages_origin_commands_nothing(exposed: AttackedServer) -> None:
     assert exposed.statuses(exposed.cookie, reads=False) == {403}
 
 
-def test_direct_access_to_viser_is_refused(site: Site) -> None:
+def test_direct_access_to_viser_is_refused(target: AttackedServer) -> None:
     listening = {
         int(local.rpartition(":")[2], 16)
-        for pid in process_tree(site.process.pid)
+        for pid in process_tree(target.process.pid)
         for local, _, state in tcp_sockets(pid)
         if state == "0A"
     }
-    assert listening == {site.port}, "the proxy is the only access"
-    (path,) = site.folder.glob("gcs-scene-*/s")
+    assert listening == {target.port}, "the proxy is the only access"
+    (path,) = target.folder.glob("gcs-scene-*/s")
     assert path.parent.stat().st_mode & 0o077 == 0
-    secrets = [{}, {"X-Scene-Secret": "guess"}, site.bearer or {"X-Scene-Secret": ""}]
+    secrets = [{}, {"X-Scene-Secret": "guess"}, target.bearer or {"X-Scene-Secret": ""}]
 
     async def handshake(headers: dict[str, str]) -> int:
         try:
@@ -299,14 +299,14 @@ def types_in(data: bytes) -> set[str]:
     return {message["type"] for message in msgspec.msgpack.decode(inner)["messages"]}
 
 
-def test_a_share_request_opens_no_tunnel(site: Site) -> None:
-    before = processes(site.process.pid)
+def test_a_share_request_opens_no_tunnel(target: AttackedServer) -> None:
+    before = processes(target.process.pid)
 
     async def share() -> set[str]:
         types: set[str] = set()
         async with connect(
-            f"ws://127.0.0.1:{site.port}/scene/",
-            additional_headers=site.page_headers,
+            f"ws://127.0.0.1:{target.port}/scene/",
+            additional_headers=target.page_headers,
             subprotocols=[VISER],
             max_size=None,
         ) as stream:
@@ -325,8 +325,8 @@ def test_a_share_request_opens_no_tunnel(site: Site) -> None:
 
     types = asyncio.run(share())
     assert not [kind for kind in types if "Share" in kind]
-    assert processes(site.process.pid) == before, "viser's tunnel is a separate process"
-    assert remote_addresses(site.process.pid) == set()
+    assert processes(target.process.pid) == before, "viser's tunnel is a separate process"
+    assert remote_addresses(target.process.pid) == set()
 
 
 def send_until_acknowledged(client: httpx.Client, command: str) -> None:
@@ -342,17 +342,17 @@ def send_until_acknowledged(client: httpx.Client, command: str) -> None:
     assert statuses[-1] == httpx.codes.OK
 
 
-def test_after_all_attacks_authorized_commands_work(sites: dict[str, Site]) -> None:
+def test_after_all_attacks_authorized_commands_work(targets: dict[str, AttackedServer]) -> None:
     """Runs last and shows that the vehicles could have moved during all attacks."""
-    for site in sites.values():
-        for headers in (site.bearer, site.page_headers):
+    for target in targets.values():
+        for headers in (target.bearer, target.page_headers):
             with httpx.Client(
-                verify=False, base_url=f"{site.url}/api/v1/vehicles", headers=headers
+                verify=False, base_url=f"{target.url}/api/v1/vehicles", headers=headers
             ) as client:
                 send_until_acknowledged(client, "arm")
                 assert client.get(f"/{VEHICLE}").json()["status"]["armed"] is True
                 send_until_acknowledged(client, "disarm")
-        assert {asyncio.run(site.handshake(path, site.page_headers)) for path in STREAMS} == {101}
+        assert {asyncio.run(target.handshake(path, target.page_headers)) for path in STREAMS} == {101}
 
 
 @pytest.mark.realtime
@@ -365,10 +365,10 @@ def test_after_a_restart_cookies_stay_valid(tmp_path: Path) -> None:
     for _ in range(2):
         with output_file.open("wb") as out, running(command, stdout=out, stderr=subprocess.STDOUT) as process:
             wait_for_start(process, lambda: "Ready: " in output_file.read_text(), output_file)
-            site = Site(port, (tmp_path / "token").read_text().strip(), process, tmp_path)
-            assert f"http://localhost:{port}/?token={site.token}" in output_file.read_text()
-            cookies.append(site.cookie)
-            assert httpx.get(f"{site.url}/api/v1/health", headers=cookies[0]).status_code == 200
-            assert site.token not in Path(f"/proc/{process.pid}/cmdline").read_text()
+            target = AttackedServer(port, (tmp_path / "token").read_text().strip(), process, tmp_path)
+            assert f"http://localhost:{port}/?token={target.token}" in output_file.read_text()
+            cookies.append(target.cookie)
+            assert httpx.get(f"{target.url}/api/v1/health", headers=cookies[0]).status_code == 200
+            assert target.token not in Path(f"/proc/{process.pid}/cmdline").read_text()
             end(process, signal.SIGTERM)
     assert cookies[0] == cookies[1]

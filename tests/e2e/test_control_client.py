@@ -54,12 +54,12 @@ def test_a_program_that_waits_for_control_gets_it_when_it_is_granted(url: str) -
             anna, bob = anna_gcs.vehicle("101").control, bob_gcs.vehicle("101").control
             await anna.take()
 
-            async def reply_to_request(give: bool) -> None:
+            async def reply_to_request(grant: bool) -> None:
                 for _ in range(200):
                     if (await anna.show())["requests"]:
                         break
                     await asyncio.sleep(0.05)
-                await (anna.grant("bob") if give else anna.deny("bob"))
+                await (anna.grant("bob") if grant else anna.deny("bob"))
 
             async with asyncio.TaskGroup() as group:
                 group.create_task(reply_to_request(False))

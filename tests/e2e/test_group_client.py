@@ -1,5 +1,5 @@
-"""A group by the Python client with real processes: common flight, Hold at the end of the block and after an
-error."""
+"""The Python client flies a group with real processes. The group ends in Hold at the end of the block and
+after an error."""
 
 from __future__ import annotations
 

@@ -14,10 +14,10 @@ from gcs_server.client import SyncGcs, setpoints
 from tests.e2e.browser import (
     REPOSITORY,
     chromium,
+    confirm_by_slider,
+    first_number,
     hold_space,
-    number,
     open_page,
-    slide,
     tab_to,
     violations_in_both_themes,
 )
@@ -45,12 +45,12 @@ def modes(drones: list[Any]) -> set[str]:
 
 
 def open_group(page: Page) -> Any:
-    """Opens the group form of the offboard room."""
+    """Opens the group form of the offboard view."""
     expect(page.locator(".pill b")).to_have_text("Holding")
     page.keyboard.press("p")
-    room = page.get_by_role("region", name="Offboard view")
-    room.get_by_role("radio", name="Group", exact=True).click()
-    return room
+    view = page.get_by_role("region", name="Offboard view")
+    view.get_by_role("radio", name="Group", exact=True).click()
+    return view
 
 
 def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
@@ -69,22 +69,22 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         for drone in drones:
             drone.until(lambda v: v["status"]["mode"] == "hold", what="the end of the take-off")
         move_aside(drones[1], 8.0)
-        room = open_group(page)
+        view = open_group(page)
 
         # Missing input is shown in the form, the server's refusals beside the button with the vehicles'
         # names.
-        room.get_by_role("button", name="Start group…").click()
-        expect(room).to_contain_text("Choose two vehicles or more.")
-        for drone in IDS:
-            room.get_by_role("checkbox", name=re.compile(f"^{drone} Quad")).check()
-        expect(room).to_contain_text(re.compile(r"Closest pair now: 101 and 102, \d"))
-        room.get_by_label("Move, North").fill("6")
-        room.get_by_label("Minimum separation").fill("60")
-        room.get_by_role("button", name="Start group…").click()
+        view.get_by_role("button", name="Start group…").click()
+        expect(view).to_contain_text("Choose two vehicles or more.")
+        for vehicle_id in IDS:
+            view.get_by_role("checkbox", name=re.compile(f"^{vehicle_id} Quad")).check()
+        expect(view).to_contain_text(re.compile(r"Closest pair now: 101 and 102, \d"))
+        view.get_by_label("Move, North").fill("6")
+        view.get_by_label("Minimum separation").fill("60")
+        view.get_by_role("button", name="Start group…").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Start group: 101 Quad and 102 Quad")
         expect(page.get_by_role("alertdialog")).to_contain_text("all move 6.0 m north together")
-        slide(page, room.get_by_role("button", name="Start group…").click)
-        refusal = room.get_by_role("alert")
+        confirm_by_slider(page, view.get_by_role("button", name="Start group…").click)
+        refusal = view.get_by_role("alert")
         expect(refusal).to_contain_text("101 Quad and 102 Quad")
         expect(refusal).to_contain_text(re.compile("[Vv]ehicles? 10[12]"))
         assert violations_in_both_themes(page) == []
@@ -92,17 +92,17 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
 
         # Started, flown, and renewed as long as the page is visible.
         before = positions(drones)
-        room.get_by_label("Minimum separation").fill("1")
-        room.get_by_label("Valid for, seconds").fill("4")
+        view.get_by_label("Minimum separation").fill("1")
+        view.get_by_label("Valid for, seconds").fill("4")
         tab_to(page, "Start group…")
         page.keyboard.press("Enter")
         hold_space(page)
-        card = room.get_by_role("region", name=re.compile("^Group"))
+        card = view.get_by_role("region", name=re.compile("^Group"))
         expect(card).to_contain_text("Flying")
         expect(card).to_contain_text("from this page")
         expect(refusal).to_be_hidden()
         began_s = time.monotonic()
-        expect(room.get_by_label("Move, North")).to_have_value("0")  # a second press moves nothing
+        expect(view.get_by_label("Move, North")).to_have_value("0")  # a second press moves nothing
 
         def moved_north(north_m: float) -> bool:
             return all(
@@ -111,15 +111,15 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
 
         wait_until(lambda: moved_north(5.5), "both six metres north", 30)
         expect(card).to_contain_text("This page renews the setpoints while it is visible")
-        assert number(card.locator(".figures b").first.inner_text()) > 1
+        assert first_number(card.locator(".figures b").first.inner_text()) > 1
         wait_until(lambda: time.monotonic() - began_s > 10, "a time longer than the validity")
         group = gcs.request("GET", "/groups")["groups"][-1]
         assert (group["state"], group["findings"]) == ("flying", [])
 
         # Another offset for all, from their current positions; then Hold by one click.
-        room.get_by_label("Move, North").fill("3")
-        room.get_by_label("Valid for, seconds").fill("30")
-        room.get_by_role("button", name="Send to group").click()
+        view.get_by_label("Move, North").fill("3")
+        view.get_by_label("Valid for, seconds").fill("30")
+        view.get_by_role("button", name="Send to group").click()
         wait_until(lambda: moved_north(8.4), "three metres more", 30)
         expect(page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first).to_contain_text(
             "Group · accepted"
@@ -129,15 +129,15 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         page.keyboard.press("Enter")
         wait_until(lambda: modes(drones) == {"hold"}, "Hold")
         expect(card).to_contain_text("commanded Hold.")
-        expect(room.get_by_role("button", name="Hold group")).to_have_count(0)
+        expect(view.get_by_role("button", name="Hold group")).to_have_count(0)
 
         # After the end the page shows the reason once, and no button for Hold or Send.
         expect(card).to_contain_text("Ended")
-        expect(room.get_by_role("button", name="Send to group")).to_have_count(0)
+        expect(view.get_by_role("button", name="Send to group")).to_have_count(0)
 
         # While the page is hidden it does not renew, so the setpoints expire and the group switches to Hold.
-        room.get_by_label("Valid for, seconds").fill("3")
-        room.get_by_role("button", name="Start group…").click()
+        view.get_by_label("Valid for, seconds").fill("3")
+        view.get_by_role("button", name="Start group…").click()
         hold_space(page)
         expect(card).to_contain_text("Flying")
         page.evaluate(SET_VISIBILITY, "hidden")
@@ -151,13 +151,13 @@ def test_two_vehicles_are_flown_together_and_put_into_hold() -> None:
         with SyncGcs(url, client="pair", client_id="pair") as other:
             velocity_setpoints = dict.fromkeys(IDS, setpoints.velocity_ned(0.5, 0, 0))
             with other.group(velocity_setpoints, minimum_separation_m=1, valid_for_s=60):
-                other_group = room.get_by_role("region", name="Group 3")
+                other_group = view.get_by_role("region", name="Group 3")
                 expect(other_group).to_contain_text("from pair")
                 expect(other_group).to_contain_text("Flying")
-                room.get_by_role("radio", name="Form", exact=True).click()
+                view.get_by_role("radio", name="Form", exact=True).click()
                 page.keyboard.press("p")
                 offboard_card = page.get_by_label("Offboard", exact=True)
                 expect(offboard_card).to_contain_text("In group 3, controlled by pair.")
                 offboard_card.get_by_role("button", name="Show the group").click()
-                room.get_by_role("button", name="Hold group").click()
+                view.get_by_role("button", name="Hold group").click()
                 wait_until(lambda: modes(drones) == {"hold"}, "Hold by a client without control")

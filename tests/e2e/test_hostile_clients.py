@@ -15,11 +15,11 @@ LONGEST_PAUSE_S = 15.0
 """Large, because the test machine may be busy with other tests."""
 pytestmark = pytest.mark.story
 
-QUICK = {"idle_sockets", "huge_headers", "huge_chunked_bodies", "largest_json", "unread_websocket"}
+QUICK_ATTACKS = {"idle_sockets", "huge_headers", "huge_chunked_bodies", "largest_json", "unread_websocket"}
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
+def attacked_server(tmp_path_factory):
     log = tmp_path_factory.mktemp("log") / "server.log"
     with server(["udpin://127.0.0.1:0"], log=log) as (url, process):
         httpx.get(f"{url}/api/v1/openapi.json", timeout=60).raise_for_status()
@@ -28,13 +28,13 @@ def site(tmp_path_factory):
 
 def attacks():
     for attack in ATTACKS:
-        marks = () if attack.__name__ in QUICK else (pytest.mark.realtime,)
+        marks = () if attack.__name__ in QUICK_ATTACKS else (pytest.mark.realtime,)
         yield pytest.param(attack.__name__, marks=marks)
 
 
 @pytest.mark.parametrize("attack", list(attacks()))
-def test_other_clients_are_served_during_an_attack_and_memory_and_log_stay_small(site, attack):
-    target, log = site
+def test_other_clients_are_served_during_an_attack_and_memory_and_log_stay_small(attacked_server, attack):
+    target, log = attacked_server
     with attacked(target, attack, b"X-Client-Id: innocent\r\n") as effects:
         pass
     assert effects.served
@@ -47,12 +47,12 @@ def test_other_clients_are_served_during_an_attack_and_memory_and_log_stay_small
 
 
 def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clients_again_when_some_are_free(
-    site,
+    attacked_server,
 ):
-    target, log = site
-    soft, hard = resource.prlimit(target.process, resource.RLIMIT_NOFILE)
-    used = len(list(Path(f"/proc/{target.process}/fd").iterdir()))
-    resource.prlimit(target.process, resource.RLIMIT_NOFILE, (used + 30, hard))
+    target, log = attacked_server
+    soft, hard = resource.prlimit(target.pid, resource.RLIMIT_NOFILE)
+    used = len(list(Path(f"/proc/{target.pid}/fd").iterdir()))
+    resource.prlimit(target.pid, resource.RLIMIT_NOFILE, (used + 30, hard))
     before = len(log.read_text())
     try:
         for _ in range(100):
@@ -62,7 +62,7 @@ def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clie
         )
     finally:
         target.release()
-        resource.prlimit(target.process, resource.RLIMIT_NOFILE, (soft, hard))
+        resource.prlimit(target.pid, resource.RLIMIT_NOFILE, (soft, hard))
     url = f"http://{HOST}:{target.port}"
     wait_until(lambda: is_up(url), "a response")
     text = log.read_text()[before:]
@@ -72,8 +72,8 @@ def test_a_server_without_free_file_descriptors_reports_it_once_and_accepts_clie
     assert any("refuses clients" in warning["text"] for warning in warnings)
 
 
-def test_a_refusal_is_received_although_the_client_continues_to_send(site):
-    target, _ = site
+def test_a_refusal_is_received_although_the_client_continues_to_send(attacked_server):
+    target, _ = attacked_server
     connection = target.connect()
     head = b"POST /api/v1/vehicles/1/arm HTTP/1.1\r\nHost: localhost\r\nContent-Length: 3000000\r\n\r\n"
     target.send(connection, head)

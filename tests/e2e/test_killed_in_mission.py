@@ -1,4 +1,4 @@
-"""The death of the server while PX4 flies a waypoint plan: real processes, killed by signals."""
+"""The server is killed while PX4 flies a waypoint plan: real processes, killed by signals."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from vehicle_sim.mavlink import generated_dialect as mavlink
 pytestmark = pytest.mark.realtime
 
 HOLD, MISSION, RTL = 3 << 24 | 4 << 16, 4 << 24 | 4 << 16, 5 << 24 | 4 << 16
+"""PX4's custom_mode: sub mode and main mode."""
 LAT, LON = 47.397742, 8.545594
 NORTH_DEG = 1 / 111_195
 
@@ -52,8 +53,8 @@ def modes_without_server(port: int, last: int) -> list[int]:
 
 
 def upload_and_start(gcs: Any, drone: Any, action: int) -> tuple[str, dict[str, Any]]:
-    """Uploads the plan and starts it; returns the stated action on a lost link, and the plan on the
-    vehicle."""
+    """Uploads the plan and starts it. Returns the text about a lost link, and the plan that the server
+    reports on the vehicle."""
     for name, value in (("NAV_DLL_ACT", action), ("COM_DL_LOSS_T", 10)):
         drone.request("PUT", f"/params/{name}", {"value": value})
     stored = gcs.request("POST", "/plans", {"name": "North", "plan": PLAN})

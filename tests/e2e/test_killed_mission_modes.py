@@ -1,7 +1,7 @@
 """Processes that are killed while a mission flies as a flight mode, over real DDS and in real time.
 
-The vehicle must leave the mode as the recorded PX4 does. The vehicle's own status messages show this, because
-no server is left."""
+The vehicle must leave the mode as the recorded PX4 does. The tests read this from the vehicle's own status
+messages, because no server is running."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tests.e2e.mission_modes import (
     NAMESPACE,
     ModesVehicle,
     modes_vehicle,
-    streams_process,
+    stream_process_pid,
 )
 from vehicle_sim.mavlink import generated_dialect as mavlink
 
@@ -38,8 +38,8 @@ HOLD, RTL, TAKEOFF = 4, 5, 17
 """VehicleStatus.nav_state."""
 ARMED = 2
 RETURN_DELAY_S = (0.7, 1.8)
-"""Shortest and longest time from the end of the arming check replies until PX4 returns [s]. PX4 waits 1.05 to
-1.25 s from the last reply, which may be 0.3 s old; the rest is for a busy machine."""
+"""Shortest and longest time from the end of the arming check replies until PX4 returns [s]. PX4 returns 1.05
+to 1.25 s after the last reply, which may be 0.3 s old; the additional time is for a busy machine."""
 NOT_IN_CHARGE_S = 1.5
 """Time within which PX4 reports that the executor is no longer in charge; recorded: 0.5 s."""
 FAR_MISSION: dict[str, Any] = {
@@ -126,7 +126,7 @@ def selectable(status: Any, mode: int) -> bool:
     return bool(status.can_set_nav_states_mask >> mode & 1)
 
 
-def runs(pid: int) -> bool:
+def is_running(pid: int) -> bool:
     """Whether a process still runs; a zombie does not."""
     with contextlib.suppress(FileNotFoundError):
         return bool(Path(f"/proc/{pid}/cmdline").read_bytes())
@@ -138,7 +138,7 @@ def test_when_server_and_streams_die_together_px4_returns_until_another_mode_is_
     vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
     mission_state = start_mission(vehicle, px4, executor=executor)
-    killed_s = kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
+    killed_s = kill_together(vehicle.process.pid, stream_process_pid(vehicle.process.pid))
     left = px4.until(lambda each: each.nav_state != mission_state, "the end of the mode", 5.0)
     assert RETURN_DELAY_S[0] < time.monotonic() - killed_s < RETURN_DELAY_S[1]
     assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, mission_state, True)
@@ -160,13 +160,13 @@ def test_the_mode_of_a_killed_server_is_removed_and_the_next_server_can_register
     vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
     mission_state = start_mission(vehicle, px4, executor=executor)
-    streams = streams_process(vehicle.process.pid)
+    streams = stream_process_pid(vehicle.process.pid)
     vehicle.process.kill()
     left = px4.until(lambda each: each.nav_state != mission_state, "the end of the mode", RETURN_DELAY_S[1])
     assert (left.nav_state, left.nav_state_user_intention, left.failsafe) == (RTL, mission_state, True)
     px4.until(lambda each: not selectable(each, mission_state), "the removal of the mode", 1.0)
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
-    station.wait_until(lambda: not runs(streams), "the end of the stream process", 5.0)
+    station.wait_until(lambda: not is_running(streams), "the end of the stream process", 5.0)
     with station.server([LINK]) as (url, process):
         restarted = ModesVehicle(url, process, vehicle.other_station)
         station.wait_until(lambda: restarted.status.get("mode") == "rtl", "the vehicle's return", 20.0)
@@ -191,7 +191,7 @@ def test_when_server_and_streams_die_during_the_executors_take_off_px4_completes
     taking_off = px4.until(lambda each: each.nav_state == TAKEOFF, "the take-off", 5.0)
     assert (taking_off.executor_in_charge, selectable(taking_off, mission_state)) == (1, True)
     ground_down_m = px4.position.latest.z
-    kill_together(vehicle.process.pid, streams_process(vehicle.process.pid))
+    kill_together(vehicle.process.pid, stream_process_pid(vehicle.process.pid))
     removed = px4.until(lambda each: not selectable(each, mission_state), "the removal of the mode", 5.0)
     assert (removed.nav_state, removed.failsafe) == (TAKEOFF, False)
     px4.until(lambda each: each.executor_in_charge == 0, "the executor is not in charge", NOT_IN_CHARGE_S)
@@ -205,7 +205,7 @@ def test_a_killed_stream_process_ends_the_mode_and_the_operator_is_informed(
     vehicle: ModesVehicle, px4: Px4Topics, executor: bool
 ) -> None:
     start_mission(vehicle, px4, executor=executor)
-    os.kill(streams_process(vehicle.process.pid), signal.SIGKILL)
+    os.kill(stream_process_pid(vehicle.process.pid), signal.SIGKILL)
     station.wait_until(lambda: vehicle.status["mode"] in ("hold", "rtl"), "the end of the mode", 5.0)
     assert vehicle.mission() == "suspended"
     station.wait_until(lambda: "is no longer registered" in vehicle.texts(), "the message", 5.0)

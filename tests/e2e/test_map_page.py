@@ -1,5 +1,5 @@
-"""The map and the 3D view by hand: a clicked position is a goal for the vehicle or the camera; the 3D view
-does not reload."""
+"""Clicks on the map and in the 3D view: the vehicle flies to a clicked position, or the camera looks at it.
+The 3D view does not reload."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, Route, expect
 
 from gcs_server.client import SyncVehicle
-from tests.e2e.browser import box_of, open_page, scene, serious_violations, slide
+from tests.e2e.browser import box_of, confirm_by_slider, open_page, scene, serious_violations
 from tests.e2e.fast_station import Station
 from tests.e2e.map_files import png, write_mbtiles, write_pmtiles
 from tests.station import wait_until
@@ -33,7 +33,7 @@ async (shot) => {
   return [...ctx.getImageData(0, 0, 1, 1).data].slice(0, 3);
 }
 """
-FREE = """
+FREE_CENTRE = """
 () => {
   const box = (name) => document.querySelector(name)?.getBoundingClientRect();
   const stage = box('main'), small = box('section.inset'), cards = box('aside');
@@ -56,7 +56,7 @@ def large_map(page: Page, *, beside_scene: bool = False) -> None:
 
 def menu_at(page: Page, east_px: int, north_px: int) -> Locator:
     """Opens the menu at a position relative to the vehicle."""
-    x, y = page.evaluate(FREE)
+    x, y = page.evaluate(FREE_CENTRE)
     page.mouse.click(x + east_px, y - north_px)
     menu = page.get_by_role("dialog")
     menu.wait_for()
@@ -103,7 +103,7 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
         check_refusal_in_the_menu(page, menu)
         menu.get_by_role("button", name="Go here").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("at 10.0 m above home")
-        slide(page)
+        confirm_by_slider(page)
         expect(menu).to_be_hidden()
         wait_until(lambda: metres_from(drone, goal) < 1.5, "the vehicle at the clicked position", 30)
         wait_until(
@@ -112,11 +112,11 @@ def test_the_vehicle_flies_to_a_position_on_the_map_or_in_3d(browser: Browser, s
 
         menu = menu_at(page, -80, -64)
         expect(menu).to_contain_text("Look here: First take control on the gimbal card")
-        aim = position_of(menu)
+        roi_position = position_of(menu)
         menu.get_by_role("button", name="Set ROI").click()
         expect(menu).to_be_hidden()
         roi = drone.request("GET", "/gimbal")["roi"]
-        assert (roi["lat_deg"], roi["lon_deg"]) == pytest.approx(aim, abs=1e-6)
+        assert (roi["lat_deg"], roi["lon_deg"]) == pytest.approx(roi_position, abs=1e-6)
         home = newest(drone, "home")["alt_amsl_m"]
         assert roi["alt_amsl_m"] == pytest.approx(home, abs=0.1)
         wait_until(lambda: newest(drone, "gimbal")["pitch_rad"] < -0.4, "the camera down to the position")
@@ -160,7 +160,7 @@ def check_refusal_in_the_menu(page: Page, menu: Locator) -> None:
 
     page.route("**/goto", refuse)
     menu.get_by_role("button", name="Go here").click()
-    slide(page)
+    confirm_by_slider(page)
     expect(menu.get_by_role("alert")).to_contain_text("Go here: The vehicle refused")
     expect(menu.get_by_role("alert")).to_contain_text("Too windy.")
     expect(menu.get_by_role("alert")).to_contain_text("Wait.")

@@ -1,4 +1,4 @@
-"""Offboard missions as flight modes of PX4 over ROS 2; server and simulator are processes, in real time."""
+"""Offboard missions as PX4 flight modes over ROS 2; server and simulator are real processes, in real time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ pytest.importorskip("cyclonedds")
 from tests import station
 from tests.e2e.browser import REPOSITORY, chromium, hold_space, open_page, violations_in_both_themes
 from tests.e2e.mission_modes import MISSION, MODE_NAME, TAKE_OFF_MISSION, ModesVehicle, modes_vehicle
-from tests.e2e.plan_page import plan_room
+from tests.e2e.plan_page import open_plan_view
 from tools import build_page
 
 
@@ -74,16 +74,16 @@ def test_a_mission_selected_on_the_ground_takes_off_when_armed_lands_and_hands_o
 
 @pytest.mark.realtime
 @pytest.mark.browser
-def test_in_the_plan_room_a_mission_is_registered_started_and_removed(vehicle: ModesVehicle) -> None:
+def test_in_the_plan_view_a_mission_is_registered_started_and_removed(vehicle: ModesVehicle) -> None:
     build_page.build(REPOSITORY)
     vehicle.take_off()
     file = {"name": "line.json", "mimeType": "application/json", "buffer": json.dumps(MISSION).encode()}
     with chromium() as browser, open_page(browser, vehicle.url, scene=False) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
-        expect(room.get_by_label("Name of the plan")).to_have_value("Line")
-        room.get_by_text("Mission as a PX4 flight mode", exact=True).click()
-        modes = room.get_by_role("group", name="Mission as a PX4 flight mode")
+        expect(view.get_by_label("Name of the plan")).to_have_value("Line")
+        view.get_by_text("Mission as a PX4 flight mode", exact=True).click()
+        modes = view.get_by_role("group", name="Mission as a PX4 flight mode")
         modes.get_by_label("Name of the flight mode").fill(MODE_NAME)
         deferral = modes.get_by_label("Defer failsafes")
         register = modes.get_by_role("button", name=re.compile("register", re.I))

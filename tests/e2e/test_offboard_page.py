@@ -1,4 +1,4 @@
-"""The offboard room as operators use it: by form, by gamepad, by handles in 3D."""
+"""The offboard view as operators use it: by form, by gamepad, by handles in 3D."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
     box_of,
+    confirm_by_slider,
+    first_number,
     hold_space,
-    number,
     open_page,
     scene,
-    slide,
     tab_to,
     violations_in_both_themes,
 )
@@ -68,7 +68,7 @@ HANDLES_AND_CAMERA = """
 }
 """
 """Positions of the handles and of the camera."""
-REACH_PX = 90
+ARROW_LENGTH_PX = 90
 """Length of the handles' arrows in the window."""
 PANELS = """
 () => [...document.querySelectorAll('main .panel, main .cameras, .dock')]
@@ -101,13 +101,13 @@ def pill(page: Page) -> Locator:
     return page.locator(".pill b")
 
 
-def open_room(page: Page) -> Locator:
-    """Opens the offboard room by its key when the page shows the vehicle."""
+def open_offboard_view(page: Page) -> Locator:
+    """Opens the offboard view by its key when the page shows the vehicle."""
     expect(pill(page)).to_have_text(re.compile("Holding|Offboard"))
     page.keyboard.press("p")
-    room = page.get_by_role("region", name="Offboard view")
-    expect(room.get_by_text("If the stream stops")).to_be_visible()
-    return room
+    view = page.get_by_role("region", name="Offboard view")
+    expect(view.get_by_text("If the stream stops")).to_be_visible()
+    return view
 
 
 def beside_all_panels(page: Page, frame: Any) -> bool:
@@ -117,10 +117,13 @@ def beside_all_panels(page: Page, frame: Any) -> bool:
     if box is None or handle is None:
         return False
     x, y = box["x"] + handle[0], box["y"] + handle[1]
-    if not (box["x"] < x - REACH_PX and x + REACH_PX < box["x"] + box["width"]):
+    if not (box["x"] < x - ARROW_LENGTH_PX and x + ARROW_LENGTH_PX < box["x"] + box["width"]):
         return False
     return all(
-        x + REACH_PX < left or x - REACH_PX > right or y + REACH_PX < top or y - REACH_PX > bottom
+        x + ARROW_LENGTH_PX < left
+        or x - ARROW_LENGTH_PX > right
+        or y + ARROW_LENGTH_PX < top
+        or y - ARROW_LENGTH_PX > bottom
         for left, top, right, bottom in page.evaluate(PANELS)
         if right > left
     )
@@ -140,36 +143,36 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
     """Preview, start, another type, the values after limits, and the reason why a type is unavailable."""
     drone = hovering.drone
     with open_page(browser, hovering.url, scene=False) as page:
-        room = open_room(page)
-        north = room.get_by_label("Position, North")
+        view = open_offboard_view(page)
+        north = view.get_by_label("Position, North")
         north.fill("far")
-        room.get_by_role("button", name="Start…").click()
-        expect(room).to_contain_text("North: enter a number.")
+        view.get_by_role("button", name="Start…").click()
+        expect(view).to_contain_text("North: enter a number.")
         assert not offboard_status(drone)["streaming"]
         north.fill("5")
-        room.get_by_label("Position, Up").fill("12")
-        expect(room).to_contain_text(re.compile(r"Not sent: \d.* away, \d"))
-        room.get_by_role("button", name="Start…").click()
+        view.get_by_label("Position, Up").fill("12")
+        expect(view).to_contain_text(re.compile(r"Not sent: \d.* away, \d"))
+        view.get_by_role("button", name="Start…").click()
         expect(page.get_by_role("alertdialog")).to_contain_text("starts a setpoint stream: Position N 5.0")
-        slide(page, room.get_by_role("button", name="Start…").click)
+        confirm_by_slider(page, view.get_by_role("button", name="Start…").click)
         expect(pill(page)).to_have_text("Offboard")
         assert offboard_status(drone)["setpoint"]["position_ned_m"][0] == 5
         health = page.get_by_label("Stream health")
-        wait_until(lambda: number(health.inner_text().partition("Rate")[2]) > 30, "30 Hz in the room")
+        wait_until(lambda: first_number(health.inner_text().partition("Rate")[2]) > 30, "30 Hz in the view")
         expect(health).to_contain_text("Position error")
         wait_until(lambda: drone.topic("local_position")["position_ned_m"][0] > 4, "the position reached")
         expect(page.get_by_label(re.compile("^North: target 5.0 m, actual"))).to_be_visible()
 
-        room.get_by_text("Limits", exact=True).click()
-        room.get_by_label("Maximum ground speed").fill("1")
-        room.get_by_role("button", name="Set limits").click()
-        expect(room.get_by_text("ground speed 1 m/s")).to_be_visible()
-        room.get_by_role("combobox", name="Setpoint type").click()
+        view.get_by_text("Limits", exact=True).click()
+        view.get_by_label("Maximum ground speed").fill("1")
+        view.get_by_role("button", name="Set limits").click()
+        expect(view.get_by_text("ground speed 1 m/s")).to_be_visible()
+        view.get_by_role("combobox", name="Setpoint type").click()
         expect(page.get_by_role("option", name=re.compile("^Thrust and torque"))).to_contain_text("MAVLink")
         assert violations_in_both_themes(page) == []
         page.get_by_role("option", name=re.compile("^Velocity local")).click()
-        room.get_by_label("Velocity, East").fill("4")
-        room.get_by_role("button", name="Send").click()
+        view.get_by_label("Velocity, East").fill("4")
+        view.get_by_role("button", name="Send").click()
         sent = page.get_by_label("Sent setpoints", exact=True).get_by_role("listitem").first
         expect(sent).to_contain_text(re.compile("Velocity.*4.0.*accepted:"))
         wait_until(lambda: 0.6 < speed_m_s(drone) < 1.3, "the limited speed")
@@ -183,26 +186,26 @@ def test_setpoints_are_flown_by_form(browser: Browser, hovering: Station) -> Non
 def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hovering: Station) -> None:
     drone = hovering.drone
     with open_page(browser, hovering.url, scene=False, script=PAD) as page:
-        room = open_room(page)
-        room.get_by_role("radio", name="Gamepad").click()
-        expect(room.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
-        room.get_by_role("button", name="Start stream").click()
+        view = open_offboard_view(page)
+        view.get_by_role("radio", name="Gamepad").click()
+        expect(view.get_by_label("Gamepad", exact=True)).to_contain_text("Test pad")
+        view.get_by_role("button", name="Start stream").click()
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
-        room.get_by_role("button", name="Start stick control").click()
-        expect(room).to_contain_text("Hovering")
+        view.get_by_role("button", name="Start stick control").click()
+        expect(view).to_contain_text("Hovering")
 
         page.evaluate("testPad.axes = [0, 0, 0, -1]")
-        expect(room.get_by_label("Right stick: horizontal motion").locator(".lever")).to_have_attribute(
+        expect(view.get_by_label("Right stick: horizontal motion").locator(".lever")).to_have_attribute(
             "y2", "-38"
         )
         assert offboard_status(drone)["setpoint"]["velocity_frd_m_s"] == [0, 0, 0]
         page.evaluate("testPad.pressed = true")
-        expect(room).to_contain_text("Sticks control the vehicle")
+        expect(view).to_contain_text("Sticks control the vehicle")
         wait_until(lambda: speed_m_s(drone) > 0.7, "the vehicle to move by the stick")
         assert violations_in_both_themes(page) == []
         page.evaluate("testPad.pressed = false")
-        expect(room).to_contain_text("Hovering")
+        expect(view).to_contain_text("Hovering")
         wait_until(
             lambda: offboard_status(drone)["setpoint"].get("velocity_frd_m_s") == [0, 0, 0],
             "zero velocity requested",
@@ -212,9 +215,9 @@ def test_a_gamepad_flies_only_while_its_button_is_pressed(browser: Browser, hove
         expect(page.get_by_label("Sent setpoints", exact=True)).to_contain_text("Gamepad · accepted")
 
         page.evaluate("testPad.pressed = true")
-        expect(room).to_contain_text("Sticks control the vehicle")
+        expect(view).to_contain_text("Sticks control the vehicle")
         page.evaluate("testPad.connected = false")
-        expect(room.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
+        expect(view.get_by_role("alert")).to_contain_text("The gamepad was disconnected.")
         expect(pill(page)).to_have_text("Holding")  # not renewed: position hold, then Hold
         wait_until(lambda: speed_m_s(drone) < 0.2, "the vehicle stopped")
 
@@ -224,13 +227,13 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
     """The position is a preview until Send is pressed; keys move it in steps."""
     drone = hovering.drone
     with open_page(browser, hovering.url, size=(1280, 720)) as page:
-        room = open_room(page)
-        room.get_by_role("radio", name="Drag in 3D").click()
+        view = open_offboard_view(page)
+        view.get_by_role("radio", name="Drag in 3D").click()
         frame = scene(page)
         wait_until(lambda: frame.evaluate(HANDLE, 0) is not None, "the handles", 40)
         wait_until(lambda: math.dist(*frame.evaluate(HANDLES_AND_CAMERA)) > 4.4, "the camera moving back")
         before_step, _ = frame.evaluate(HANDLES_AND_CAMERA)
-        room.get_by_role("button", name="1 m north").click()
+        view.get_by_role("button", name="1 m north").click()
         wait_until(
             lambda: math.dist(frame.evaluate(HANDLES_AND_CAMERA)[0], before_step) > 0.9,
             "the handles one step further",
@@ -240,7 +243,7 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
         box = box_of(page.get_by_title("3D view", exact=True))
 
         def displayed_position() -> list[float]:
-            return [number(text) for text in room.locator(".cell b").all_inner_texts()]
+            return [first_number(text) for text in view.locator(".cell b").all_inner_texts()]
 
         position_before = displayed_position()
         x, y, dx, dy = frame.evaluate(
@@ -257,10 +260,10 @@ def test_a_position_is_set_by_handles_in_3d(browser: Browser, hovering: Station)
         assert displayed_position()[2] == position_before[2]
         assert math.dist(drone.topic("local_position")["position_ned_m"], before) < 1
         dragged_position = displayed_position()
-        room.get_by_role("button", name="Start…").click()
+        view.get_by_role("button", name="Start…").click()
         hold_space(page)
         expect(pill(page)).to_have_text("Offboard")
         setpoint = offboard_status(drone)["setpoint"]["position_ned_m"]
         assert setpoint[:2] == pytest.approx(dragged_position[:2], abs=0.1)
         page.keyboard.press("p")
-        expect(room).to_be_hidden()
+        expect(view).to_be_hidden()

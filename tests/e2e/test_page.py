@@ -15,12 +15,12 @@ from gcs_server.client import SyncGcs
 from tests.e2e.browser import (
     READ_CANVAS,
     box_of,
+    confirm_by_slider,
+    first_number,
     hold_space,
-    number,
     open_page,
     scene,
     shown_value,
-    slide,
     tab_to,
     violations_in_both_themes,
 )
@@ -34,12 +34,12 @@ LONGER_THAN_ANY_HOLD_MS = 2_000
 
 
 @pytest.fixture(scope="module")
-def field() -> Iterator[Station]:
-    """One station for all flights; each test leaves the vehicle on the ground."""
+def module_station() -> Iterator[Station]:
+    """One server and one vehicle for all flights; each test leaves the vehicle on the ground."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, _),
-        # Return hovers above home until the page's next click
+        # In Return the vehicle hovers above home and does not land, until the page commands Land.
         vehicle(port, arguments=[*FAST, "--param", "RTL_LAND_DELAY=-1"]),
         SyncGcs(url, client="e2e") as gcs,
     ):
@@ -47,10 +47,10 @@ def field() -> Iterator[Station]:
 
 
 @pytest.fixture
-def landed(field: Station) -> Iterator[Station]:
+def landed(module_station: Station) -> Iterator[Station]:
     """The station with its vehicle ready on the ground, before and after each test."""
-    drone = field.gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
-    yield field
+    drone = module_station.gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
+    yield module_station
     if drone.status()["armed"]:
         drone.land()
         drone.until_disarmed()
@@ -75,12 +75,12 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         altitude = page.get_by_label("Above home")
         altitude.fill("999")
         expect(page.get_by_role("alertdialog")).to_contain_text("from 1 to 120 m above home")
-        slide(page)
+        confirm_by_slider(page)
         assert not drone.status()["armed"]
         altitude.fill("6")
         altitude.press("Tab")
         expect(page.get_by_role("alertdialog")).to_contain_text("Arms, climbs to 6.0 m above home")
-        slide(page)
+        confirm_by_slider(page)
         expect(pill(page)).to_have_text(re.compile("Taking off|Holding"))
         wait_until(lambda: shown_value(instrument, "Above home") > 3, "the climb on the page")
         expect(pill(page)).to_have_text("Holding", timeout=FLIGHT_MS)
@@ -88,13 +88,13 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
 
         start = card.get_by_role("button", name="Start")
         start.click()
-        slide(page, start.click)
+        confirm_by_slider(page, start.click)
         expect(pill(page)).to_have_text("Offboard")
         target = card.locator(".cell", has_text="Up").locator("b")
-        before = number(target.inner_text())
+        before = first_number(target.inner_text())
         card.get_by_role("button", name="1 m up").click()
         expect(target).to_contain_text(f"{before + 1:.1f}")
-        wait_until(lambda: number(card.locator(".figures").inner_text()) > 30, "30 Hz on the page")
+        wait_until(lambda: first_number(card.locator(".figures").inner_text()) > 30, "30 Hz on the page")
         expect(card).to_contain_text(re.compile(r"Valid [0-9.]+\s?s left"))
         stream = drone.request("GET", "/offboard")
         assert stream["streaming"]
@@ -113,13 +113,13 @@ def test_a_vehicle_is_flown_by_mouse(browser: Browser, landed: Station) -> None:
         expect(page.get_by_role("alertdialog")).to_contain_text(
             re.compile(r"m above home \(lower near home\), flies \d")
         )
-        slide(page)
+        confirm_by_slider(page)
         expect(pill(page)).to_have_text("Returning")
         assert drone.status()["mode"] == "rtl"
 
         land = page.get_by_role("button", name="Land", exact=True)
         land.click()
-        slide(page, land.click)
+        confirm_by_slider(page, land.click)
         expect(pill(page)).to_have_text("Landing")
         drone.until_disarmed()
         expect(page.get_by_role("button", name="Arm", exact=True)).to_be_visible()

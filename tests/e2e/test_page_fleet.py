@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs_server.client import SyncGcs
-from tests.e2e.browser import hold_space, open_page, slide, violations_in_both_themes
+from tests.e2e.browser import confirm_by_slider, hold_space, open_page, violations_in_both_themes
 from tests.e2e.fast_station import FAST
 from tests.station import free_port, server, vehicle, wait_until
 
@@ -42,7 +42,7 @@ def test_two_vehicles_are_selected_and_commanded_separately_and_a_lost_connectio
         expect(chips.nth(1)).to_have_attribute("aria-pressed", "true")
         page.get_by_role("button", name="Arm", exact=True).click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Arm 102 Quad")
-        slide(page, page.get_by_role("button", name="Arm", exact=True).click)
+        confirm_by_slider(page, page.get_by_role("button", name="Arm", exact=True).click)
         refusal = page.locator(".place").get_by_role("alert")
         expect(refusal).to_contain_text("Arming: The vehicle refused")
         expect(refusal).to_contain_text("102 Quad")

@@ -1,4 +1,4 @@
-"""The plan room inserts a stored mission and a trajectory file; the server has no vehicle."""
+"""The plan view inserts a stored mission and a trajectory file; the server has no vehicle."""
 
 from __future__ import annotations
 
@@ -42,29 +42,29 @@ def test_a_stored_mission_and_a_trajectory_file_are_inserted(browser: Browser) -
         httpx.post(f"{url}/api/v1/plans", json={"name": "Mast", "plan": MAST}).raise_for_status()
         page.get_by_role("toolbar", name="Map").wait_for()
         page.keyboard.press("w")
-        room = page.get_by_role("region", name="Plan view")
+        view = page.get_by_role("region", name="Plan view")
         file = {"name": "field.json", "mimeType": "", "buffer": json.dumps(FIELD).encode()}
         page.get_by_label("File to import").set_input_files(file)  # type: ignore[arg-type]
-        entries = steps_of(room)
+        entries = steps_of(view)
         expect(entries).to_have_count(3)  # home, take-off, landing
 
-        choose(room.get_by_role("button", name="Add step"), "Insert a stored mission…")
-        choice = room.get_by_role("region", name="Insert a stored mission")
+        choose(view.get_by_role("button", name="Add step"), "Insert a stored mission…")
+        choice = view.get_by_role("region", name="Insert a stored mission")
         choice.get_by_role("button", name="Mast").click()
         expect(choice.get_by_role("alert")).to_contain_text("'Mast' has positions relative to its start")
         assert violations_in_both_themes(page) == []
         choice.get_by_role("button", name="Keep the planned positions").click()
         expect(entries.filter(has_text="Mast:")).to_contain_text("Around")
         expect(entries.nth(2)).to_have_attribute("aria-selected", "true")
-        expect(room.get_by_role("status").first).to_contain_text("Take-off of 'Mast' is left out.")
+        expect(view.get_by_role("status").first).to_contain_text("Take-off of 'Mast' is left out.")
         page.keyboard.press("Control+z")
         expect(entries).to_have_count(3)
 
-        choose(room.get_by_role("button", name="Add step"), "Trajectory from a table")
+        choose(view.get_by_role("button", name="Add step"), "Trajectory from a table")
         file_input = page.get_by_label("Choose a CSV or NumPy file")
         damaged = {"name": "line.npy", "mimeType": "", "buffer": b"\x93NUMPY"}
         file_input.set_input_files(damaged)  # type: ignore[arg-type]
-        expect(room.get_by_role("alert")).to_contain_text("“line.npy” was not imported.")
+        expect(view.get_by_role("alert")).to_contain_text("“line.npy” was not imported.")
         file_input.set_input_files({**damaged, "buffer": rows.getvalue()})  # type: ignore[arg-type]
-        expect(room.get_by_text("“line.npy”: 2 rows, 20.0 s, without yaw.")).to_be_visible()
+        expect(view.get_by_text("“line.npy”: 2 rows, 20.0 s, without yaw.")).to_be_visible()
         expect(entries.filter(has_text="line.csv")).to_have_count(1)

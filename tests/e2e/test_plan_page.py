@@ -1,4 +1,4 @@
-"""The plan room in a browser: a plan is drawn by clicks, corrected, undone, saved and opened again."""
+"""The plan view in a browser: a plan is drawn by clicks, corrected, undone, saved and opened again."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.e2e.plan_page import (
     check_without_findings,
     home_of,
     on_map,
-    plan_room,
+    open_plan_view,
     save_as_anna,
     start_plan,
     steps_of,
@@ -42,16 +42,16 @@ POSITION_IN_3D = """
 @pytest.mark.story
 def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browser, station: Station) -> None:
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
-        steps = steps_of(room)
+        view = open_plan_view(page)
+        steps = steps_of(view)
         waypoints = steps.filter(has_text="Waypoint")
         for count, point in enumerate(CLICKS, 1):
             page.mouse.click(*on_map(page, point))
             expect(waypoints).to_have_count(count)
         page.keyboard.press("Escape")
-        expect(room.get_by_text("Click the map to add waypoints.")).to_be_hidden()
+        expect(view.get_by_text("Click the map to add waypoints.")).to_be_hidden()
 
-        drag_and_undo(page, room)
+        drag_and_undo(page, view)
 
         card = page.get_by_role("group", name="Selection")
         waypoints.nth(1).click()
@@ -62,23 +62,23 @@ def test_a_plan_is_drawn_corrected_undone_saved_and_opened_again(browser: Browse
         page.get_by_role("button", name="Redo").click()
         expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
 
-        findings = room.get_by_role("region", name="Findings")
+        findings = view.get_by_role("region", name="Findings")
         expect(findings).to_contain_text("The plan has no take-off")
         findings.get_by_role("button", name="Add a take-off at the beginning").click()
         expect(steps.nth(1)).to_contain_text("Take off")
         expect(findings).not_to_contain_text("The plan has no take-off")
         assert violations_in_both_themes(page) == []
 
-        room.get_by_label("Name of the plan").fill("Tower")
+        view.get_by_label("Name of the plan").fill("Tower")
         page.get_by_role("button", name="Save", exact=True).click()
-        expect(room).to_contain_text("Saved as version 1.")
+        expect(view).to_contain_text("Saved as version 1.")
         page.reload()
-        room = plan_room(page)
-        expect(room).to_contain_text("version 1")
+        view = open_plan_view(page)
+        expect(view).to_contain_text("version 1")
         expect(waypoints).to_have_count(3)
         expect(waypoints.nth(1)).to_contain_text("45.5 m above home")
 
-        conflicting_edits(page, room, station)
+        conflicting_edits(page, view, station)
 
 
 def test_a_plan_is_uploaded_and_flown_and_interrupted_by_the_hold_key(
@@ -98,23 +98,23 @@ def test_a_plan_is_uploaded_and_flown_and_interrupted_by_the_hold_key(
     ]
     station.gcs.request("POST", "/plans", {"name": "Far", "plan": {"planned_home": home, "items": items}})
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         page.get_by_role("button", name="Open", exact=True).click()
-        room.get_by_role("button", name=re.compile("^Far Waypoint plan · 3 items")).click()
-        expect(room.get_by_role("option", name="3 Return")).to_be_visible()
-        upload_and_fly(page, room, station)
+        view.get_by_role("button", name=re.compile("^Far Waypoint plan · 3 items")).click()
+        expect(view.get_by_role("option", name="3 Return")).to_be_visible()
+        upload_and_fly(page, view, station)
 
 
 @pytest.mark.story
 def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browser, station: Station) -> None:
     with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         page.get_by_label("File to import").set_input_files(EXAMPLES / "tower_inspection.yaml")
-        steps = steps_of(room)
-        expect(room).to_contain_text("Offboard mission")
+        steps = steps_of(view)
+        expect(view).to_contain_text("Offboard mission")
         expect(steps.filter(has_text="Down around the mast")).to_contain_text("Helix")
         expect(steps.filter(has_text="round: Orbit").first).to_contain_text("radius 12 m")
-        findings = check_without_findings(room)
+        findings = check_without_findings(view)
 
         steps.filter(has_text="Down around the mast").click()
         climb = page.get_by_role("group", name="Selection").get_by_label("Altitude gain")
@@ -133,7 +133,7 @@ def test_an_offboard_mission_is_opened_edited_checked_and_undone(browser: Browse
         expect(steps.filter(has_text="Is the picture sharp")).to_have_count(1)
         assert violations_in_both_themes(page) == []
         page.get_by_role("button", name="Save", exact=True).click()
-        expect(room).to_contain_text("Saved as version 1.")
+        expect(view).to_contain_text("Saved as version 1.")
     (stored,) = [
         plan for plan in station.gcs.request("GET", "/plans")["plans"] if plan["kind"] == "offboard_mission"
     ]
@@ -153,10 +153,10 @@ def test_an_offboard_mission_is_flown_paused_and_aborted_by_clicks(
         return mission is not None and mission["state"] == state
 
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         page.get_by_role("button", name="Open", exact=True).click()
-        room.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
-        start = room.get_by_role("region", name="Fly this mission")
+        view.get_by_role("button", name=re.compile("^Hop Offboard mission · 2 steps")).click()
+        start = view.get_by_role("region", name="Fly this mission")
         expect(start).to_contain_text("The check found no errors for 101 Quad.")
         start.get_by_role("button", name="Fly…").click()
         expect(
@@ -200,9 +200,9 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
     with open_page(browser, station.url) as page:
         page.get_by_title("3D view", exact=True).wait_for()
         page.keyboard.press("w")
-        room = page.get_by_role("region", name="Plan view")
+        view = page.get_by_role("region", name="Plan view")
         page.get_by_role("button", name="Open", exact=True).click()
-        room.get_by_role("button", name=re.compile("^Hill Waypoint plan")).click()
+        view.get_by_role("button", name=re.compile("^Hill Waypoint plan")).click()
         page.keyboard.press("m")
         page.get_by_role("radio", name="Free").click()
         page.get_by_role("button", name="Show plan").click()
@@ -210,7 +210,7 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         menu = page.get_by_role("dialog", name="At this position: 101 Quad")
 
         page.mouse.click(x, y)
-        waypoint = steps_of(room).filter(has_text="Waypoint")
+        waypoint = steps_of(view).filter(has_text="Waypoint")
         expect(waypoint).to_have_attribute("aria-selected", "true")
         latitude = page.get_by_role("group", name="Selection").get_by_label("Latitude")
         before = latitude.input_value()
@@ -227,7 +227,7 @@ def test_a_plan_is_edited_in_3d_where_a_click_commands_no_vehicle(browser: Brows
         expect(waypoint).to_have_attribute("aria-selected", "false")
         expect(menu).to_be_hidden()
         page.get_by_role("button", name="Close the plan view").click()
-        expect(room).to_be_hidden()
+        expect(view).to_be_hidden()
         page.mouse.click(x, y + 60)
         expect(menu).to_contain_text("Go here")
 
@@ -248,9 +248,9 @@ def window_position(page: Page, enu_m: tuple[float, float, float]) -> tuple[floa
     return box["x"] + found[0], box["y"] + found[1]
 
 
-def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
+def upload_and_fly(page: Page, view: Locator, station: Station) -> None:
     """Uploads the plan, starts it after confirmation, and commands Hold by the key H."""
-    start_plan(page, upload_plan(room), station)
+    start_plan(page, upload_plan(view), station)
     page.keyboard.press("w")
     card = page.get_by_role("region", name="Mission", exact=True)
     expect(card).to_contain_text("of 3")
@@ -263,10 +263,10 @@ def upload_and_fly(page: Page, room: Locator, station: Station) -> None:
     expect(card).to_contain_text("The vehicle has left Mission mode")
 
 
-def drag_and_undo(page: Page, room: Locator) -> None:
+def drag_and_undo(page: Page, view: Locator) -> None:
     """Drags a waypoint by mouse, and restores its position by Undo."""
     card = page.get_by_role("group", name="Selection")
-    room.get_by_role("option", name="Waypoint").nth(1).click()
+    view.get_by_role("option", name="Waypoint").nth(1).click()
     latitude = card.get_by_label("Latitude")
     before = latitude.input_value()
     x, y = on_map(page, CLICKS[1])
@@ -279,21 +279,21 @@ def drag_and_undo(page: Page, room: Locator) -> None:
     expect(latitude).to_have_value(before)
 
 
-def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
+def conflicting_edits(page: Page, view: Locator, station: Station) -> None:
     """Another client saves the open plan: the page shows the conflict and overwrites nothing."""
     plans = station.gcs.request("GET", "/plans")["plans"]
     assert [(plan["name"], plan["version"]) for plan in plans] == [("Tower", 1)]
     path = f"/plans/{plans[0]['id']}"
     stored = station.gcs.request("GET", path)
     save_as_anna(station, path, 1, {**stored["plan"], "items": []})
-    expect(room).to_contain_text("anna saved version 2 of this plan.")
+    expect(view).to_contain_text("anna saved version 2 of this plan.")
     page.get_by_role("group", name="Selection").wait_for()
-    room.get_by_role("option", name="Waypoint").first.click()
+    view.get_by_role("option", name="Waypoint").first.click()
     page.keyboard.press("Delete")
     page.get_by_role("button", name="Save", exact=True).click()
-    expect(room.get_by_role("alert")).to_contain_text(re.compile("version 2, saved by anna"))
-    room.get_by_role("button", name="Save my version as a new plan").click()
-    expect(room).to_contain_text("Saved as version 1.")
+    expect(view.get_by_role("alert")).to_contain_text(re.compile("version 2, saved by anna"))
+    view.get_by_role("button", name="Save my version as a new plan").click()
+    expect(view).to_contain_text("Saved as version 1.")
     assert len(station.gcs.request("GET", path)["plan"]["items"]) == 0
     assert len(station.gcs.request("GET", "/plans")["plans"]) == 2
 
@@ -301,22 +301,22 @@ def conflicting_edits(page: Page, room: Locator, station: Station) -> None:
 @pytest.mark.story
 def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, station: Station) -> None:
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         for point in ((0.35, 0.5), (0.65, 0.5)):
             page.mouse.click(*on_map(page, point))
             page.wait_for_timeout(400)  # two quick clicks are a double click
         page.keyboard.press("Escape")
-        choose(room.get_by_role("button", name="Add item"), "Obstacle")
+        choose(view.get_by_role("button", name="Add item"), "Obstacle")
         for point in ((0.48, 0.45), (0.53, 0.45), (0.53, 0.55), (0.48, 0.55)):
             page.mouse.click(*on_map(page, point))
             page.wait_for_timeout(400)
-        room.get_by_role("button", name="Add obstacle").click()
-        obstacle = steps_of(room).filter(has_text="obstacle, top")
+        view.get_by_role("button", name="Add obstacle").click()
+        obstacle = steps_of(view).filter(has_text="obstacle, top")
         expect(obstacle).to_contain_text("Obstacle 1")
 
         card = page.get_by_role("group", name="Selection")
         card.get_by_label("Name", exact=True).fill("Barn")
-        findings = room.get_by_role("region", name="Findings")
+        findings = view.get_by_role("region", name="Findings")
         expect(findings).not_to_contain_text("Barn")
         card.get_by_label("Top", exact=True).fill("40")
         expect(obstacle).to_contain_text("top 40.0 m above home")
@@ -324,7 +324,7 @@ def test_an_obstacle_is_drawn_raised_into_the_path_and_shown(browser: Browser, s
         assert violations_in_both_themes(page) == []
         finding = findings.get_by_role("listitem").filter(has_text="passes through Barn")
         finding.get_by_role("button", name="Show").click()
-        expect(steps_of(room).filter(has_text="Waypoint").nth(1)).to_have_attribute("aria-selected", "true")
+        expect(steps_of(view).filter(has_text="Waypoint").nth(1)).to_have_attribute("aria-selected", "true")
 
         obstacle.click()
         page.keyboard.press("Delete")

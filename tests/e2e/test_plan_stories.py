@@ -1,5 +1,5 @@
-"""Complete use of the plan room: survey and tower inspection from drawing to flight, by mouse, keyboard and
-files."""
+"""The whole way from drawing to flight in the plan view: surveys and tower inspections, by mouse, by keyboard
+and with files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.e2e.plan_page import (
     home_of,
     import_tower,
     on_map,
-    plan_room,
+    open_plan_view,
     run_dry_run,
     save_as_anna,
     start_plan,
@@ -47,24 +47,24 @@ MAP = "Map from above. Arrows move the crosshair, Enter opens the menu for its p
 
 def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station: Station) -> None:
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
-        choose(room.get_by_role("button", name="Add item"), "Survey")
+        view = open_plan_view(page)
+        choose(view.get_by_role("button", name="Add item"), "Survey")
         for point in FIELD:
             page.mouse.click(*on_map(page, point))
-        expect(room.get_by_text("4 corners")).to_be_visible()
-        room.get_by_label("Altitude", exact=True).fill("15")
-        expect(room.get_by_role("group", name="Figures of the pattern")).to_contain_text("cm/px")
-        room.get_by_role("button", name="Insert survey").click()
-        waypoints = steps_of(room).filter(has_text="Waypoint")
+        expect(view.get_by_text("4 corners")).to_be_visible()
+        view.get_by_label("Altitude", exact=True).fill("15")
+        expect(view.get_by_role("group", name="Figures of the pattern")).to_contain_text("cm/px")
+        view.get_by_role("button", name="Insert survey").click()
+        waypoints = steps_of(view).filter(has_text="Waypoint")
         expect(waypoints.nth(3)).to_contain_text("15.0 m above home")
 
-        findings = room.get_by_role("region", name="Findings")
+        findings = view.get_by_role("region", name="Findings")
         expect(findings).to_contain_text("The plan has no take-off")
         findings.get_by_role("button", name="Add a take-off at the beginning").click()
         expect(findings).not_to_contain_text("The plan has no take-off")
-        undo_and_redo_everything(page, room)
+        undo_and_redo_everything(page, view)
 
-        scrub = run_dry_run(page, room)
+        scrub = run_dry_run(page, view)
         press(scrub, "End")
         expect(scrub).to_have_attribute(
             "aria-valuetext", re.compile(r"^0\d:\d\d, \d+\.\d m above the start$")
@@ -74,11 +74,11 @@ def test_a_survey_is_drawn_corrected_dry_run_and_flown(browser: Browser, station
         press(scrub, "Home")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:00"))
 
-        start_plan(page, upload_plan(room), station)
+        start_plan(page, upload_plan(view), station)
         page.keyboard.press("h")
         wait_until(lambda: station.drone.status()["mode"] == "hold", "the mode Hold", 60)
         waypoints.nth(2).click()
-        room.get_by_role("button", name=re.compile(r"^Fly from item \d+…$")).click()
+        view.get_by_role("button", name=re.compile(r"^Fly from item \d+…$")).click()
         expect(page.get_by_role("alertdialog")).to_contain_text("Fly the mission of 101 Quad from item")
         page.keyboard.press("Escape")
 
@@ -87,9 +87,9 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
     browser: Browser, station: Station
 ) -> None:
     with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
-        room = plan_room(page)
-        import_tower(page, room)
-        steps, findings = steps_of(room), check_without_findings(room)
+        view = open_plan_view(page)
+        import_tower(page, view)
+        steps, findings = steps_of(view), check_without_findings(view)
         steps.filter(has_text="Around the tower").click()
         card = page.get_by_role("group", name="Selection")
         card.get_by_label("Part of the step").select_option(label="point 3c")
@@ -99,10 +99,10 @@ def test_a_tower_inspection_is_imported_edited_dry_run_and_started(
         expect(card.get_by_label("Altitude above start")).to_have_value("18")
         expect(findings).to_contain_text("no findings")
 
-        scrub = run_dry_run(page, room)
+        scrub = run_dry_run(page, view)
         press(scrub, "PageUp")
         expect(scrub).to_have_attribute("aria-valuetext", re.compile(r"^00:10"))
-        room.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save and fly…"
+        view.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save and fly…"
         expect(page.get_by_role("alertdialog")).to_contain_text(
             "If the server fails or loses the connection to the vehicle:"
         )
@@ -121,8 +121,8 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
     browser: Browser, station: Station
 ) -> None:
     with open_page(browser, station.url, scene=False, size=(1280, 800)) as page:
-        room = plan_room(page)
-        steps, add = steps_of(room), room.get_by_role("button", name="Add step")
+        view = open_plan_view(page)
+        steps, add = steps_of(view), view.get_by_role("button", name="Add step")
         card = page.get_by_role("group", name="Selection")
         choose(page.get_by_role("button", name="New", exact=True), "Offboard mission")
         for point in AROUND_THE_TOWER:
@@ -138,9 +138,9 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
         steps.filter(has_text="3 points").click()
         card.get_by_label("Heading").select_option(label="towards a point")
         card.get_by_label("Photo every").fill("6")
-        check_without_findings(room)
-        press(run_dry_run(page, room), "End")
-        room.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save and fly…"
+        check_without_findings(view)
+        press(run_dry_run(page, view), "End")
+        view.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save and fly…"
         hold_space(page)
         start = station.drone.position_ned_m()
 
@@ -165,8 +165,8 @@ def test_a_tower_inspection_is_drawn_by_clicks_and_flown_with_the_gimbal_at_the_
 def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station: Station) -> None:
     home_of(station)
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
-        steps, keyboard = steps_of(room), page.keyboard
+        view = open_plan_view(page)
+        steps, keyboard = steps_of(view), page.keyboard
         tab_to(page, MAP)
         for keys in (("ArrowUp",) * 4, ("ArrowRight",) * 4):
             for key in keys:
@@ -186,11 +186,11 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
         expect(steps.filter(has_text="Return")).to_have_count(0)
         keyboard.press("Control+Shift+z")
         expect(steps.filter(has_text="Return")).to_have_count(1)
-        expect(room.get_by_role("region", name="Findings")).not_to_contain_text("Error:")
+        expect(view.get_by_role("region", name="Findings")).not_to_contain_text("Error:")
 
         tab_to(page, "Dry run")
         keyboard.press("Enter")
-        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Dry run: ", timeout=120_000)
+        expect(view.get_by_role("region", name="Dry run")).to_contain_text("Dry run: ", timeout=120_000)
         tab_to(page, "Time in the dry run")
         keyboard.press("PageUp")
         keyboard.press("ArrowRight")
@@ -199,7 +199,7 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
 
         tab_to(page, "Save and upload")
         keyboard.press("Enter")
-        on_vehicle = room.get_by_role("region", name="Plan on the vehicle")
+        on_vehicle = view.get_by_role("region", name="Plan on the vehicle")
         expect(on_vehicle).to_contain_text("This plan is on 101 Quad.")
         tab_to(page, "Fly…")
         keyboard.press("Enter")
@@ -212,7 +212,7 @@ def test_a_plan_is_created_and_flown_by_keyboard_only(browser: Browser, station:
 def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station: Station) -> None:
     home = home_of(station)
     with open_page(browser, station.url, scene=False, size=(1024, 768)) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         keyboard = page.keyboard
         tab_to(page, "Add item")
         keyboard.press("Enter")
@@ -220,8 +220,8 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         keyboard.type("surv")
         expect(page.get_by_role("menuitem", name="Survey", exact=True)).to_be_focused()
         keyboard.press("Enter")
-        expect(room.get_by_label("Pattern", exact=True)).to_be_focused()
-        figures = room.get_by_role("group", name="Figures of the pattern")
+        expect(view.get_by_label("Pattern", exact=True)).to_be_focused()
+        figures = view.get_by_role("group", name="Figures of the pattern")
         expect(figures).to_contain_text("Add 3 more corners")
         tab_to(page, "Add rectangle")
         keyboard.press("Enter")
@@ -229,22 +229,22 @@ def test_a_survey_is_made_and_dry_run_by_keyboard_only(browser: Browser, station
         type_into(page, "Latitude", f"{home['lat_deg'] + 0.0002:.7f}")
         type_into(page, "Altitude", "15")
         type_into(page, "Side overlap", "96")
-        expect(room.get_by_text("Enter a number from 0 to 95.")).to_be_visible()
+        expect(view.get_by_text("Enter a number from 0 to 95.")).to_be_visible()
         type_into(page, "Side overlap", "50")
         type_into(page, "Heading of the lines", "90")
         expect(figures).to_contain_text("90°")
         assert violations_in_both_themes(page) == []
         tab_to(page, "Insert survey")
         keyboard.press("Enter")
-        expect(steps_of(room).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
-        findings = room.get_by_role("region", name="Findings")
+        expect(steps_of(view).filter(has_text="Waypoint").nth(3)).to_contain_text("15.0 m above home")
+        findings = view.get_by_role("region", name="Findings")
         tab_to(page, "Add a take-off at the beginning")
         keyboard.press("Enter")
         expect(findings).not_to_contain_text("The plan has no take-off")
         expect(findings).not_to_contain_text("Error:")
         tab_to(page, "Dry run")
         keyboard.press("Enter")
-        expect(room.get_by_role("region", name="Dry run")).to_contain_text("Dry run: ", timeout=120_000)
+        expect(view.get_by_role("region", name="Dry run")).to_contain_text("Dry run: ", timeout=120_000)
 
 
 def type_into(page: Page, label: str, text: str) -> None:
@@ -261,39 +261,39 @@ def test_files_are_dropped_exported_and_older_versions_restored(browser: Browser
     items = [{"kind": kind, **position, "altitude": altitude} for kind in ("takeoff", "waypoint", "land")]
     plan = {"planned_home": home, "items": items}
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         file = station.gcs.request("POST", "/plans", {"name": "Tower", "plan": plan})
         path = f"/plans/{file['id']}"
         page.get_by_role("button", name="Open", exact=True).click()
-        room.get_by_role("button", name=re.compile("^Tower Waypoint plan · 3 items")).click()
+        view.get_by_role("button", name=re.compile("^Tower Waypoint plan · 3 items")).click()
         with page.expect_download() as download:
             choose(page.get_by_role("button", name="Export"), "QGroundControl .plan")
         written = Path(download.value.path()).read_text(encoding="utf-8")
         assert [item["command"] for item in json.loads(written)["mission"]["items"]] == [22, 16, 21]
 
         page.evaluate(DROP, written)
-        expect(room.get_by_label("Name of the plan")).to_have_value("dropped")
-        expect(steps_of(room).filter(has_text="Waypoint")).to_have_count(1)
+        expect(view.get_by_label("Name of the plan")).to_have_value("dropped")
+        expect(steps_of(view).filter(has_text="Waypoint")).to_have_count(1)
         page.evaluate(DROP, "{")
-        expect(room.get_by_role("alert")).to_contain_text("“dropped.plan” was not imported.")
-        expect(steps_of(room).filter(has_text="Waypoint")).to_have_count(1)
+        expect(view.get_by_role("alert")).to_contain_text("“dropped.plan” was not imported.")
+        expect(steps_of(view).filter(has_text="Waypoint")).to_have_count(1)
         drag_by_touch(page)
 
         save_as_anna(station, path, 1, {**plan, "items": items[:1]})
         page.get_by_role("button", name="Open", exact=True).click()
-        room.get_by_role("button", name="Versions of Tower").click()
-        room.get_by_role("button", name=re.compile(r"^Version 1 3 items")).click()
-        expect(room).to_contain_text("Version 1 of 2, saved by e2e.")
-        room.get_by_role("button", name="Restore this version").click()
-        expect(room).to_contain_text("Saved as version 3.")
+        view.get_by_role("button", name="Versions of Tower").click()
+        view.get_by_role("button", name=re.compile(r"^Version 1 3 items")).click()
+        expect(view).to_contain_text("Version 1 of 2, saved by e2e.")
+        view.get_by_role("button", name="Restore this version").click()
+        expect(view).to_contain_text("Saved as version 3.")
     assert len(station.gcs.request("GET", path)["plan"]["items"]) == 3
 
 
 def drag_by_touch(page: Page) -> None:
     """Drags a waypoint by touch."""
-    room = page.get_by_role("region", name="Plan view")
+    view = page.get_by_role("region", name="Plan view")
     x, y = on_map(page, (0.4, 0.35))
-    choose(room.get_by_role("button", name="Add item"), "Waypoint")
+    choose(view.get_by_role("button", name="Add item"), "Waypoint")
     page.mouse.click(x, y)
     latitude = page.get_by_role("group", name="Selection").get_by_label("Latitude")
     page.keyboard.press("Escape")

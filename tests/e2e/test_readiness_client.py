@@ -1,4 +1,4 @@
-"""Readiness and parameters of a real process over real sockets, as a script uses them."""
+"""A script reads readiness and parameters from a real server process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The reasons against arming on the page: in the status, after a refusal, by keyboard; updated live."""
+"""The page shows the reasons against arming: in the status, after a refusal and by keyboard; it updates them
+without input."""
 
 from __future__ import annotations
 

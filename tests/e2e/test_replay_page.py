@@ -1,5 +1,5 @@
-"""A recording of a real PX4 on the page: listed, replayed, positioned, and shown with the values of the
-log."""
+"""A recording of a real PX4 on the page: the page lists it, replays it, seeks in it, and shows the values of
+the log."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from gcs_server.replay.records import Batch, Cursor, message_id, open_log, read_batch
-from tests.e2e.browser import number, open_page, serious_violations, shown_value
+from tests.e2e.browser import first_number, open_page, serious_violations, shown_value
 from tests.station import free_port, is_up, running, server_command, wait_until
 from vehicle_sim.mavlink import generated_dialect as sim
 
@@ -110,7 +110,7 @@ def compare(page: Page, log: Log, time_us: int) -> None:
     pitch_deg = math.degrees(math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x)))))
     card = page.get_by_role("region", name="Gimbal")
     shown_pitch = card.get_by_text("Pitch", exact=True).locator("xpath=following-sibling::*[1]").inner_text()
-    assert abs(number(shown_pitch) - pitch_deg) <= 0.1
+    assert abs(first_number(shown_pitch) - pitch_deg) <= 0.1
     clock = page.get_by_role("slider", name="Time in the recording").get_attribute("aria-valuenow")
     assert clock is not None
     assert int(clock) > 0

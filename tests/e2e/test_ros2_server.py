@@ -1,4 +1,4 @@
-"""A vehicle that is connected over ROS 2 only; server and simulator are processes, in real time."""
+"""A vehicle that is connected over ROS 2 only; server and simulator are real processes, in real time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DOMAIN = 52
 NAMESPACE = f"server_{os.getpid()}"
 SIMULATOR = [sys.executable, "-m", "vehicle_sim", "--ros2", str(DOMAIN), "--ros2-namespace", NAMESPACE]
 NO_MAVLINK = ["--gcs-remote-port", "0", "--no-api", "--no-log"]
-EVERY_KIND: list[dict[str, Any]] = [
+SETPOINTS_OF_EVERY_TYPE: list[dict[str, Any]] = [
     {"type": "velocity", "velocity_ned_m_s": [1, 1, 0]},
     {"type": "velocity_body", "velocity_frd_m_s": [1, 0, 0]},
     {"type": "position_global", "lat_deg": 47.39775, "lon_deg": 8.5456, "alt_home_m": 10},
@@ -34,7 +34,7 @@ EVERY_KIND: list[dict[str, Any]] = [
 ]
 
 
-class Flight:
+class VehicleApi:
     """The server's API for the vehicle."""
 
     def __init__(self, url: str, process: subprocess.Popen[bytes]) -> None:
@@ -67,23 +67,25 @@ class Flight:
 
 
 @pytest.fixture
-def flight() -> Iterator[Flight]:
+def flight() -> Iterator[VehicleApi]:
     ports = ["--tcp-port", str(station.free_port())]
     with (
         station.running([*SIMULATOR, *NO_MAVLINK, *ports]),
         station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process),
     ):
-        yield Flight(url, process)
+        yield VehicleApi(url, process)
 
 
 @pytest.mark.realtime
-def test_a_vehicle_connected_over_ros_2_only_flies_every_kind_of_setpoint_and_lands(flight: Flight) -> None:
+def test_a_vehicle_connected_over_ros_2_only_flies_every_kind_of_setpoint_and_lands(
+    flight: VehicleApi,
+) -> None:
     flight.take_off()
     assert "not possible now" in flight.call("disarm", {}, 409)["detail"]
     assert "no mission on the vehicle" in flight.call("mode", {"mode": "mission"}, 409)["detail"]
     flight.start({"type": "position", "position_ned_m": [0, 0, -11]})
     assert flight.vehicle()["offboard"]["sends_failed"] < 100
-    for setpoint in EVERY_KIND:
+    for setpoint in SETPOINTS_OF_EVERY_TYPE:
         body = {"setpoint": setpoint, "valid_for_s": 20, "on_expiry": {"action": "hold"}}
         flight.call("offboard/setpoint", body)
         station.wait_until(lambda: flight.vehicle()["offboard"]["age_s"] > 0.5, "half a second")
@@ -99,12 +101,12 @@ def test_a_vehicle_connected_over_ros_2_only_flies_every_kind_of_setpoint_and_la
 
 
 @pytest.mark.realtime
-def test_a_killed_server_leaves_the_vehicle_to_its_failsafe(flight: Flight) -> None:
+def test_a_killed_server_leaves_the_vehicle_to_its_failsafe(flight: VehicleApi) -> None:
     flight.take_off()
     flight.start({"type": "position", "position_ned_m": [0, 0, -11]})
     flight.process.send_signal(signal.SIGKILL)
     with station.server([f"ros2://{DOMAIN}/{NAMESPACE}"]) as (url, process):
-        restarted = Flight(url, process)
+        restarted = VehicleApi(url, process)
         station.wait_until(lambda: restarted.vehicle()["status"].get("mode"), "the vehicle's messages")
         status = restarted.vehicle()["status"]
         assert status["mode"] != "offboard"

@@ -1,4 +1,4 @@
-"""The server's process: used ports, recordings, invalid bytes, equal system ids, its simulator, its
+"""The server's process: ports in use, recordings, invalid bytes, equal system ids, the simulator, and the
 shutdown."""
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def command_without_scene(links: list[str], data: Path) -> list[str]:
 
 
 @pytest.mark.story
-def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_remedy(tmp_path: Path) -> None:
+def test_an_http_port_in_use_ends_the_server_with_an_error_that_names_port_and_fix(tmp_path: Path) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -144,19 +144,19 @@ def test_a_simulator_survives_its_killed_server_and_the_next_server_finds_it(tmp
             f"--sim-args={sim_arguments}",
         ]
 
-    def booted_s(server: Server) -> float:
+    def time_since_boot_s(server: Server) -> float:
         wait_until(lambda: "attitude" in server.vehicles().get("1", {}).get("topics", {}), "the vehicle")
         return server.vehicles()["1"]["topics"]["attitude"]["vehicle_time_boot_s"]
 
     pid_file = tmp_path / "simulator.json"
     try:
         with serving(command()) as first:
-            before_s = booted_s(first)
+            before_s = time_since_boot_s(first)
             pid = json.loads(pid_file.read_text())["pid"]
             end(first.process, signal.SIGKILL)
         assert Path(f"/proc/{pid}").exists(), "the simulator ended with its server"
         with serving(command()) as second:
-            assert booted_s(second) > before_s, "the vehicle booted again"
+            assert time_since_boot_s(second) > before_s, "the vehicle booted again"
             assert json.loads(pid_file.read_text())["pid"] == pid
             assert second.get("/version")["simulator"]
             wait_until(

@@ -1,4 +1,4 @@
-"""A mission for several vehicles on the page: loaded, flown in simulation and flown to its end, by clicks."""
+"""A mission for several vehicles is loaded on the page, flown in a dry run and flown to its end, by mouse."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, expect
 from gcs_server.client import SyncGcs
 from tests.e2e.browser import hold_space, open_page
 from tests.e2e.fast_station import FAST, Station
-from tests.e2e.plan_page import EXAMPLES, check_without_findings, plan_room, run_dry_run
+from tests.e2e.plan_page import EXAMPLES, check_without_findings, open_plan_view, run_dry_run
 from tests.station import free_port, server, vehicle, wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.realtime]
@@ -39,18 +39,18 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
     browser: Browser, station: Station
 ) -> None:
     with open_page(browser, station.url, scene=False) as page:
-        room = plan_room(page)
+        view = open_plan_view(page)
         page.get_by_label("File to import").set_input_files(EXAMPLES / "two_vehicle_show.yaml")
-        expect(room.get_by_label("Name of the plan")).to_have_value("Two-vehicle show")
-        check_without_findings(room)
+        expect(view.get_by_label("Name of the plan")).to_have_value("Two-vehicle show")
+        check_without_findings(view)
         for role, vehicle_id in VEHICLES.items():
-            room.get_by_label(f"Vehicle of {role}").select_option(vehicle_id)
+            view.get_by_label(f"Vehicle of {role}").select_option(vehicle_id)
 
-        dry_run_region = room.get_by_role("region", name="Dry run")
+        dry_run_region = view.get_by_role("region", name="Dry run")
         dry_run_region.get_by_role("button", name="Conditions").click()
         dry_run_region.get_by_label("Flights with varied conditions").fill("2")
         dry_run_region.get_by_role("button", name="Conditions").click()
-        run_dry_run(page, room, longest_s=400)
+        run_dry_run(page, view, longest_s=400)
         for role in VEHICLES:
             expect(dry_run_region).to_contain_text(
                 re.compile(rf"{role}, 2 simulated flights: 95 % within \d+\.\d m")
@@ -59,7 +59,7 @@ def test_a_two_vehicle_show_is_loaded_flown_in_simulation_and_flown_to_its_end(
             re.compile(r"Smallest separation of lead and left in all flights: \d+\.\d m")
         )
 
-        room.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save, check and fly…"
+        view.get_by_role("button", name=re.compile("fly…$", re.I)).click()  # "Save, check and fly…"
         expect(page.get_by_role("alertdialog")).to_contain_text("Fly “Two-vehicle show” with")
         hold_space(page)
 

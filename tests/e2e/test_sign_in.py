@@ -1,4 +1,4 @@
-"""Sign-in by a browser: by the form, by the link, by a link on another site's page."""
+"""Sign-in with a browser: by the form, by the printed link, and by a link on another site's page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CLICK_ON_FLIGHTS = "() => document.querySelector('button[aria-label=\"Recorded f
 
 
 @pytest.fixture
-def link(tmp_path: Path) -> Iterator[str]:
+def sign_in_link(tmp_path: Path) -> Iterator[str]:
     """The link printed by a server that accepts connections from other machines."""
     port, output_file = free_port(socket.SOCK_STREAM), tmp_path / "output.txt"
     command = [*server_command(port, [], tmp_path), "--no-scene", "--host", "0.0.0.0"]
@@ -37,13 +37,13 @@ def link(tmp_path: Path) -> Iterator[str]:
         yield output_file.read_text().partition("Ready: ")[2].split()[0]
 
 
-def visit(browser: Browser, link: str) -> tuple[Page, PageMonitor]:
+def visit(browser: Browser, sign_in_link: str) -> tuple[Page, PageMonitor]:
     """A new page, in a browser without a cookie of this server, and its monitor."""
     page = browser.new_context(color_scheme="dark").new_page()
     page.set_default_timeout(TIMEOUT_MS)
     # Without a cookie, the 3D view would be refused.
     page.route("**/scene/**", lambda route: route.fulfill(content_type="text/plain", body=""))
-    return page, PageMonitor(page, link)
+    return page, PageMonitor(page, sign_in_link)
 
 
 def check(page: Page, monitor: PageMonitor, foreign: list[str]) -> None:
@@ -53,11 +53,11 @@ def check(page: Page, monitor: PageMonitor, foreign: list[str]) -> None:
 
 
 @pytest.mark.story
-def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
-    token = link.partition("token=")[2]
-    home = f"http://{urlsplit(link).netloc}"
+def test_a_user_signs_in_by_the_form_and_by_the_link(sign_in_link: str) -> None:
+    token = sign_in_link.partition("token=")[2]
+    home = f"http://{urlsplit(sign_in_link).netloc}"
     with chromium() as browser:
-        page, monitor = visit(browser, link)
+        page, monitor = visit(browser, sign_in_link)
         page.goto(f"{home}/docs?a=1")
         field = page.get_by_label("Token")
         expect(field).to_be_focused()
@@ -72,8 +72,8 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
         expect(page.get_by_role("heading", name="API")).to_be_visible()
         check(page, monitor, [])
 
-        page, monitor = visit(browser, link)
-        page.goto(link)
+        page, monitor = visit(browser, sign_in_link)
+        page.goto(sign_in_link)
         assert page.url == f"{home}/", "the token is in the address, and so in the history and in screenshots"
         assert page.evaluate(FIRST_MESSAGE_TYPE) == "hello"
         assert page.evaluate("() => document.cookie") == "", "a script can read the cookie"
@@ -86,8 +86,8 @@ def test_a_user_signs_in_by_the_form_and_by_the_link(link: str) -> None:
 
         # A browser does not send a SameSite=Strict cookie when a page of another site opens the address.
         # The server's page then repeats the request once, with the cookie.
-        page, monitor = visit(browser, link)
-        links_html = f'<a id="link" href="{link}">fly</a><a id="docs" href="{home}/docs">read</a>'
+        page, monitor = visit(browser, sign_in_link)
+        links_html = f'<a id="link" href="{sign_in_link}">fly</a><a id="docs" href="{home}/docs">read</a>'
         page.route(f"{OTHER_SITE}**", lambda route: route.fulfill(content_type="text/html", body=links_html))
         cases = (("link", f"{home}/", "Offboard GCS"), ("docs", f"{home}/docs", "Offboard GCS: API"))
         for name, address, title in cases:

@@ -54,7 +54,7 @@ def test_an_end_without_a_result_is_an_error_with_a_reason(body, text):
 
 
 @pytest.mark.parametrize("ignores_sigterm", [False, True])
-def test_cancelling_ends_the_process_even_if_it_ignores_signals(ignores_sigterm):
+def test_cancelling_ends_the_process_even_if_it_ignores_sigterm(ignores_sigterm):
     body = f"""
     if {ignores_sigterm}:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -1,4 +1,5 @@
-"""A confirmation dialog of the page, and the rules for each; commands do not reach the server."""
+"""A confirmation dialog of the page, and checks of the rules for all confirmations. Commands of the page are
+blocked, so that none reaches the server."""
 
 from __future__ import annotations
 
@@ -48,7 +49,7 @@ HOLD_KEY_OUTSIDE = """
   }, held_ms);
 })
 """
-"""Presses and holds a key on an element outside the confirmation, whatever has the focus."""
+"""Presses and holds a key on an element outside the slider, although this element need not have the focus."""
 
 
 def refuse_commands(page: Page) -> list[str]:
@@ -79,7 +80,7 @@ def await_command(page: Page, commands: list[str], what: str) -> None:
 
 
 class Confirmation:
-    """An open confirmation dialog, and the rules that each confirmation must follow."""
+    """An open confirmation dialog, and the rules for all confirmations."""
 
     def __init__(self, page: Page, commands: list[str]) -> None:
         self.page, self.commands = page, commands
@@ -89,7 +90,7 @@ class Confirmation:
         self._request: Callable[[], None] = lambda: None
 
     def check(self, request: Callable[[], None]) -> None:
-        """Checks that only the dialog's own slider confirms it; `request` opens the dialog again."""
+        """Checks the rules; only the dialog's own slider may confirm it. `request` opens the dialog again."""
         self._request = request
         self._announces_itself()
         self._keeps_the_focus()
@@ -177,8 +178,8 @@ def press_new_buttons(
     Args:
         page: the page.
         pressed: names of the buttons pressed before; the function adds names.
-        where: name of the open room or panel.
-        reopen: opens the room or panel again if a pressed button closed it; None: no button closes it.
+        where: name of the open view or panel, for messages.
+        reopen: opens the view or panel again if a pressed button closed it; None: no button closes it.
     """
     dialog = page.get_by_role("alertdialog")
     for name in sorted(page.evaluate(BUTTONS), key=lambda name: name.startswith("Close")):

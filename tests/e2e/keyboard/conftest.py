@@ -1,4 +1,4 @@
-"""A browser and two flying vehicles for the keyboard tests, one set for each module."""
+"""A server and two vehicles for the keyboard tests of each module."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ def port() -> int:
 
 
 @pytest.fixture(scope="module")
-def vehicles(port: int) -> Iterator[int]:
-    """The process group of two vehicles, so that groups are available; 101 flies."""
+def vehicles_pid(port: int) -> Iterator[int]:
+    """Two simulated vehicles, 101 and 102, so that groups are available; the process id of the simulator."""
     with vehicle(port, instances=2, arguments=FAST) as process:
         yield process.pid
 
 
 @pytest.fixture(scope="module")
-def field(port: int, vehicles: int) -> Iterator[Station]:
-    """One station for all tests of the module."""
-    assert vehicles
+def module_station(port: int, vehicles_pid: int) -> Iterator[Station]:
+    """One server and its two vehicles, for all tests of the module."""
+    assert vehicles_pid
     with server([f"udpin://127.0.0.1:{port}"]) as (url, _), SyncGcs(url, client="e2e") as gcs:
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         gcs.wait_for_vehicle("102", ready=True, timeout_s=120)
@@ -35,10 +35,10 @@ def field(port: int, vehicles: int) -> Iterator[Station]:
 
 
 @pytest.fixture
-def flying(field: Station) -> Station:
+def flying(module_station: Station) -> Station:
     """The station with its vehicle in flight, in Hold."""
-    if not field.drone.status()["armed"]:
-        field.drone.takeoff(6)
-    field.drone.hold()
-    field.drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold in flight")
-    return field
+    if not module_station.drone.status()["armed"]:
+        module_station.drone.takeoff(6)
+    module_station.drone.hold()
+    module_station.drone.until(lambda v: v["status"]["mode"] == "hold", what="Hold in flight")
+    return module_station

@@ -52,16 +52,16 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
         expect(page.locator(".pill b")).to_have_text("Holding")
         commands = refuse_commands(page)
         page.keyboard.press("p")
-        room = page.get_by_role("region", name="Offboard view")
-        box = room.get_by_role("checkbox", name="Renew while this page is open")
+        view = page.get_by_role("region", name="Offboard view")
+        box = view.get_by_role("checkbox", name="Renew while this page is open")
         box.focus()
         page.keyboard.press("Space")
         page.keyboard.press("h")
         await_command(page, commands, "Hold after a checkbox")
         assert commands.pop().endswith("/vehicles/101/hold")
 
-        room.locator("summary").first.press("Enter")
-        choice = room.get_by_label("Failsafe action")
+        view.locator("summary").first.press("Enter")
+        choice = view.get_by_label("Failsafe action")
         choice.focus()
         before = choice.input_value()
         page.keyboard.press("h")
@@ -69,12 +69,11 @@ def test_the_hold_key_works_after_using_a_checkbox_a_list_and_a_slider(
         assert commands.pop().endswith("/vehicles/101/hold")
         assert choice.input_value() == before
 
-        field = room.get_by_label("Valid for, seconds")
-        field.press("h")
-        assert commands == []  # this field accepts text
+        text_field = view.get_by_label("Valid for, seconds")
+        text_field.press("h")
+        assert commands == []  # the field receives the letter
 
-        # with shortcuts disabled only Escape works; the page shows this, and keeps the setting across a
-        # reload
+        # With shortcuts disabled only Escape works; the page shows that they are off, also after a reload.
         page.keyboard.press("Escape")
         press(page.get_by_role("button", name="Fly", exact=True), "Enter")
         page.keyboard.press("?")

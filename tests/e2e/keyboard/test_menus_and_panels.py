@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.story]
 
 
 def add_item(page: Page) -> Locator:
-    """The button of the menu in the plan room."""
+    """The button in the plan view that opens the menu of items."""
     return page.get_by_role("button", name="Add item")
 
 
@@ -29,7 +29,7 @@ def opened_menu(page: Page) -> Locator:
 
 
 def setpoint_type(page: Page) -> Locator:
-    """The button of the list in the offboard room."""
+    """The button in the offboard view that opens the list of setpoint types."""
     return page.get_by_role("combobox", name="Setpoint type")
 
 
@@ -136,8 +136,11 @@ def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus
 ) -> None:
     with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        for room, button, open_overlay in (("w", add_item, opened_menu), ("p", setpoint_type, opened_list)):
-            page.keyboard.press(room)
+        for view_key, button, open_overlay in (
+            ("w", add_item, opened_menu),
+            ("p", setpoint_type, opened_list),
+        ):
+            page.keyboard.press(view_key)
             checks = open_checks(page)
             check_escape(page, open_overlay(page), button(page), checks)
             page.keyboard.press("Escape")
@@ -158,19 +161,19 @@ def test_escape_closes_only_the_menu_the_list_or_the_panel_and_returns_the_focus
 
 
 @pytest.mark.parametrize(
-    ("room", "open_overlay"),
+    ("view_key", "open_overlay"),
     [("w", opened_menu), ("p", opened_list), (None, opened_panel)],
     ids=["menu", "list", "panel"],
 )
 def test_the_safety_keys_and_the_hold_button_work_while_a_menu_list_or_panel_is_open(
-    browser: Browser, flying: Station, room: str | None, open_overlay: Callable[[Page], Locator]
+    browser: Browser, flying: Station, view_key: str | None, open_overlay: Callable[[Page], Locator]
 ) -> None:
     with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
         expect(page.get_by_role("button", name="You have control")).to_be_visible()
         commands = refuse_commands(page)
-        if room is not None:
-            page.keyboard.press(room)
+        if view_key is not None:
+            page.keyboard.press(view_key)
         overlay = open_overlay(page)
         page.keyboard.press("h")
         await_command(page, commands, "Hold by its key")

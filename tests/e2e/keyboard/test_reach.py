@@ -1,4 +1,4 @@
-"""Each control of each room can be reached by keyboard; screen readers do not announce counters."""
+"""Each control of each view can be reached by keyboard; screen readers do not announce changing numbers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, expect
 from gcs_server.client.errors import Refused
 from tests.e2e.browser import open_page
 from tests.e2e.fast_station import Station
-from tests.e2e.keyboard.walk import close_all, rooms, walk
+from tests.e2e.keyboard.tab_order import check_tab_order, close_all, views_and_panels
 from tests.station import wait_until
 
 pytestmark = [pytest.mark.browser, pytest.mark.story]
@@ -38,23 +38,23 @@ ANNOUNCEMENTS = """
 """
 
 
-def test_every_control_of_every_room_is_reached_by_tab_and_has_a_name(
+def test_every_control_of_every_view_is_reached_by_tab_and_has_a_name(
     browser: Browser, flying: Station
 ) -> None:
     with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
-        for name, open_it in rooms(page):
+        for name, open_it in views_and_panels(page):
             open_it()
             page.wait_for_timeout(50)
             try:
-                walk(page, "Shift+Tab" if name == "fly" else "Tab")
+                check_tab_order(page, "Shift+Tab" if name == "fly" else "Tab")
             except AssertionError as error:
                 raise AssertionError(f"in {name}: {error}") from error
-            if not name.startswith("room"):
+            if not name.startswith("view"):
                 close_all(page)
 
 
-def test_counters_are_not_announced(browser: Browser, flying: Station, vehicles: int) -> None:
+def test_counters_are_not_announced(browser: Browser, flying: Station, vehicles_pid: int) -> None:
     drone = flying.drone
     with open_page(browser, flying.url, scene=False) as page:
         expect(page.locator(".pill b")).to_have_text("Holding")
@@ -77,12 +77,12 @@ def test_counters_are_not_announced(browser: Browser, flying: Station, vehicles:
             page.wait_for_timeout(500)
             assert page.evaluate(ANNOUNCEMENTS, LISTEN_MS) == []
         drone.hold()
-        os.killpg(vehicles, signal.SIGSTOP)
+        os.killpg(vehicles_pid, signal.SIGSTOP)
         try:
             expect(page.locator(".pill b")).to_have_text("Connection lost")
             expect(page.get_by_role("button", name=re.compile("^101"))).to_contain_text("connection lost")
             page.wait_for_timeout(500)
             assert page.evaluate(ANNOUNCEMENTS, LISTEN_MS) == []
         finally:
-            os.killpg(vehicles, signal.SIGCONT)
+            os.killpg(vehicles_pid, signal.SIGCONT)
         expect(page.locator(".pill b")).not_to_have_text("Connection lost")

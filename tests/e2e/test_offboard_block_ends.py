@@ -1,4 +1,4 @@
-"""The end of a program's offboard block: an error, Ctrl-C, cancellation, a killed server."""
+"""A program's offboard block ends by an error, by Ctrl-C, by cancellation, or by a killed server."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ with SyncGcs(sys.argv[1], client="sync") as gcs:
 
 @pytest.fixture(scope="module")
 def flying() -> Iterator[Any]:
-    """A vehicle in flight for all tests of this file, in real time."""
+    """A vehicle in flight for all tests of this file, at three times real time."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
@@ -138,7 +138,8 @@ def test_a_client_that_disconnects_during_the_start_leaves_a_stream_that_expires
 
 
 def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
-    """The server is killed inside the block: the vehicle cannot be put into Hold, and the error says so."""
+    """The server is killed inside the block, so the client cannot put the vehicle into Hold; the error states
+    this."""
     port = free_port()
     with (
         server([f"udpin://127.0.0.1:{port}"]) as (url, process),
@@ -147,11 +148,11 @@ def test_a_failed_stop_is_reported_in_addition_to_the_blocks_error() -> None:
     ):
         drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
         with (
-            pytest.raises(RuntimeError, match="mine") as caught,
+            pytest.raises(RuntimeError, match="the block's error") as caught,
             drone.offboard(position_ned_m=(0, 0, 0), valid_for_s=60),
         ):
             end(process, signal.SIGKILL)
-            raise RuntimeError("mine")
+            raise RuntimeError("the block's error")
         assert any("Hold" in note for note in caught.value.__notes__)
         with pytest.raises(Unreachable):
             drone.status()

@@ -1,4 +1,4 @@
-"""The death of a client, the server or the stream process in flight: real processes, killed by signals."""
+"""A client, the server or the stream process is killed in flight: real processes, killed by signals."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ with SyncGcs(sys.argv[1], client="victim") as gcs:
             time.sleep(0.05)
 """
 
-POSITION = 0x30000
+CUSTOM_MODE_POSITION = 0x30000
+"""PX4's custom_mode of Position: main mode 3."""
 START_REQUEST = {"setpoint": {"type": "position", "position_ned_m": [0, 0, -25]}, "valid_for_s": 60}
 
 
@@ -86,7 +87,9 @@ def test_after_a_killed_server_the_failsafe_acts_and_the_next_server_sends_nothi
             wait_until(lambda: is_up(url), "the second server")
             with SyncGcs(url, client="e2e") as gcs:
                 drone = gcs.wait_for_vehicle("101", timeout_s=60)
-                state = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
+                state = drone.until(
+                    lambda v: v["status"]["custom_mode"] == CUSTOM_MODE_POSITION, what="PX4's failsafe"
+                )
                 assert state["status"]["armed"], "the vehicle is not armed"
                 assert drone.request("GET", "/offboard")["state"] == "idle"
                 drone.until_disarmed(timeout_s=120)
@@ -106,8 +109,10 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
             drone = gcs.wait_for_vehicle("101", ready=True, timeout_s=120)
             take_off_to_hold(drone, 25)
             drone.request("POST", "/offboard/start", START_REQUEST)
-            os.kill(stream_process(server.pid), signal.SIGKILL)
-            ended = drone.until(lambda v: v["status"]["custom_mode"] == POSITION, what="PX4's failsafe")
+            os.kill(stream_process_pid(server.pid), signal.SIGKILL)
+            ended = drone.until(
+                lambda v: v["status"]["custom_mode"] == CUSTOM_MODE_POSITION, what="PX4's failsafe"
+            )
             assert ended["status"]["armed"]
             stream = drone.request("GET", "/offboard")
             assert stream["state"] == "idle"
@@ -119,8 +124,8 @@ def test_after_a_killed_stream_process_the_failsafe_acts_and_a_new_stream_can_st
             drone.until(lambda v: v["status"]["mode"] == "hold", timeout_s=30, what="Hold")
 
 
-def stream_process(server_pid: int) -> int:
-    """The server's child process that sends the setpoints."""
+def stream_process_pid(server_pid: int) -> int:
+    """Process id of the server's child process that sends the setpoints."""
     tasks = Path(f"/proc/{server_pid}/task").iterdir()  # started by a thread
     children = [child for task in tasks for child in (task / "children").read_text().split()]
     commands = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}

@@ -1,4 +1,4 @@
-"""Moves through the page by Tab and checks the reached controls; the keys that open each room and panel."""
+"""Presses Tab through the page and checks the reached controls; opens each view and panel by keyboard."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STOPS_AT_ONCE = 20
 MAX_PANELS = 6
 MAX_ROUNDS = 3
 
-WALK = """
+RECORD_FOCUS = """
 () => {
   if (!window.walked) document.addEventListener('focusin', (e) => window.walked.add(e.target));
   window.walked = new Set();
@@ -38,21 +38,21 @@ WITHOUT_A_NAME = """
 """
 
 
-def walk(page: Page, tab_key: str) -> None:
+def check_tab_order(page: Page, tab_key: str) -> None:
     """Presses Tab through the whole page; checks that every visible control is reached and has a name.
 
     A control that appears at an earlier position (a warning, for example) is reached in the next round.
     """
-    page.evaluate(WALK)
+    page.evaluate(RECORD_FOCUS)
     for _ in range(MAX_ROUNDS):
-        _round(page, tab_key)
+        _press_tab_for_a_round(page, tab_key)
         if page.evaluate(UNREACHED) == []:
             break
     assert page.evaluate(UNREACHED) == []
     assert page.evaluate(WITHOUT_A_NAME) == []
 
 
-def _round(page: Page, tab_key: str) -> None:
+def _press_tab_for_a_round(page: Page, tab_key: str) -> None:
     for _ in range(0, MAX_STOPS, STOPS_AT_ONCE):
         before = page.evaluate("() => window.walked.size")
         for _ in range(STOPS_AT_ONCE):
@@ -62,8 +62,8 @@ def _round(page: Page, tab_key: str) -> None:
     pytest.fail(f"{MAX_STOPS} presses of {tab_key} do not complete a round")
 
 
-def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
-    """Every room and panel, with the keys that open it."""
+def views_and_panels(page: Page) -> list[tuple[str, Callable[[], None]]]:
+    """Name of each view and panel, and a function that opens it by keyboard."""
 
     input_selector = page.get_by_label("Setpoint input")
 
@@ -102,19 +102,19 @@ def rooms(page: Page) -> list[tuple[str, Callable[[], None]]]:
 
     keys = {"messages": "n", "values": "v", "readiness": "y", "parameters": "i", "control": "c", "help": "?"}
     keys["vehicles"] = "j"
-    parts = [(f"room: {name}", input_kind(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
+    parts = [(f"view: {name}", input_kind(name)) for name in ("Form", "Drag in 3D", "Gamepad", "Group")]
     return [
         ("fly", lambda: None),
         *((name, key(character)) for name, character in keys.items()),
         ("flights", flights),
         ("map point menu", menu),
-        ("room: plan", key("w")),
-        ("room: offboard", offboard),
+        ("view: plan", key("w")),
+        ("view: offboard", offboard),
         *parts,
     ]
 
 
 def close_all(page: Page) -> None:
-    """Closes all rooms and panels by Escape."""
+    """Closes all views and panels by Escape."""
     for _ in range(MAX_PANELS):
         page.keyboard.press("Escape")
