@@ -1,4 +1,4 @@
-"""Each finding occurs in a plan with that fault, and a plan without faults has no findings."""
+"""Each fault of a plan causes its finding, and a plan without faults has no findings."""
 
 from __future__ import annotations
 
@@ -76,14 +76,14 @@ def circle(radius_m: float, *, inclusion: bool, north_m: float = 0.0) -> FenceCi
     return FenceCircle(inclusion=inclusion, center=Point(**at(north_m)), radius_m=radius_m)
 
 
-def needs(takeoff_land_required: int) -> CheckLimits:
+def limits_requiring(takeoff_land_required: int) -> CheckLimits:
     return CheckLimits(vehicle=VehicleModel(takeoff_land_required=takeoff_land_required))
 
 
 GOOD = plan(
     TAKEOFF, wp(100), wp(100, 100), LAND, fence=(square(300), circle(20, inclusion=False, north_m=-50))
 )
-CROSSED = FencePolygon(
+SELF_INTERSECTING = FencePolygon(
     inclusion=False, polygon=tuple(Point(**at(n, e)) for n, e in ((500, 0), (510, 10), (510, 0), (500, 10)))
 )
 TERRAIN = alt(30, "terrain")
@@ -93,11 +93,11 @@ DEFAULTS, ENDURANCE = CheckLimits(), CheckLimits(power=POWER)
 CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("plan_empty", plan(), DEFAULTS, None),
     ("home_missing", plan(TAKEOFF, planned_home=None), DEFAULTS, None),
-    ("takeoff_missing", plan(wp(50)), needs(1), None),
+    ("takeoff_missing", plan(wp(50)), limits_requiring(1), None),
     ("takeoff_not_first", plan(wp(50), TAKEOFF), DEFAULTS, 1),
     ("takeoff_too_low", plan(Takeoff(**at(0), altitude=alt(481.5, "amsl"))), DEFAULTS, 0),
-    ("landing_missing", plan(TAKEOFF, wp(50)), needs(3), None),
-    ("takeoff_landing_mismatch", plan(TAKEOFF, wp(50)), needs(4), None),
+    ("landing_missing", plan(TAKEOFF, wp(50)), limits_requiring(3), None),
+    ("takeoff_landing_mismatch", plan(TAKEOFF, wp(50)), limits_requiring(4), None),
     ("command_refused", plan(TAKEOFF, CommandItem(command=18, frame=3, params=(0,) * 7)), DEFAULTS, 1),
     ("command_refused", plan(TAKEOFF, SetServo(servo=1.0, pulse_us=1500.0)), DEFAULTS, 1),
     ("command_refused", plan(TAKEOFF, CameraZoom(zoom_type=2.0, value=50.0)), DEFAULTS, 1),
@@ -126,7 +126,7 @@ CASES: list[tuple[str, Plan, CheckLimits, int | None]] = [
     ("fence_violation", plan(TAKEOFF, wp(9), fence=(circle(3, inclusion=False, north_m=9),)), DEFAULTS, 1),
     ("fence_crossed", plan(TAKEOFF, wp(99), fence=(circle(9, inclusion=False, north_m=50),)), DEFAULTS, 1),
     ("fence_home_outside", plan(TAKEOFF, fence=(square(50, north_m=200),)), DEFAULTS, None),
-    ("fence_invalid", plan(TAKEOFF, fence=(CROSSED,)), DEFAULTS, None),
+    ("fence_invalid", plan(TAKEOFF, fence=(SELF_INTERSECTING,)), DEFAULTS, None),
     ("rally_outside_fence", plan(TAKEOFF, fence=(square(9),), rally_points=(
         RallyPoint(**at(50), altitude=alt(20)),)), DEFAULTS, None),
     ("rally_terrain", plan(TAKEOFF, rally_points=(RallyPoint(**at(5), altitude=TERRAIN),)), DEFAULTS, None),
@@ -144,7 +144,9 @@ def test_a_good_plan_has_no_findings() -> None:
 @pytest.mark.parametrize(
     ("code", "document", "limits", "row"), CASES, ids=[f"{n}-{case[0]}" for n, case in enumerate(CASES)]
 )
-def test_each_finding_names_its_item(code: str, document: Plan, limits: CheckLimits, row: int | None) -> None:
+def test_each_finding_has_its_item_a_message_and_a_fix(
+    code: str, document: Plan, limits: CheckLimits, row: int | None
+) -> None:
     found = {finding.code: finding for finding in check(document, limits)}
     assert found[code].row == row
     assert found[code].message.endswith(".")
@@ -155,7 +157,7 @@ def test_each_finding_names_its_item(code: str, document: Plan, limits: CheckLim
 def test_every_code_has_a_case() -> None:
     ground_codes = {"terrain_hit", "terrain_near", "terrain_outdated", "home_off_ground"}  # test_terrain.py
     obstacle_codes = {"obstacle_hit", "obstacle_near", "obstacle_invalid"}  # test_obstacles.py
-    traffic_codes = {"separation", "separation_unknown"}  # test_plan_traffic.py
+    traffic_codes = {"separation", "separation_unknown"}  # tests/protocol/test_plan_traffic.py
     other_codes = {"check_failed"} | ground_codes | obstacle_codes | traffic_codes
     assert {code for code, *_ in CASES} | other_codes == set(CODES)
 
@@ -163,7 +165,7 @@ def test_every_code_has_a_case() -> None:
 def test_a_missing_takeoff_is_an_error_only_if_the_vehicle_requires_a_takeoff() -> None:
     severities = [
         next(each.severity for each in check(plan(wp(50)), limits) if each.code == "takeoff_missing")
-        for limits in (CheckLimits(), needs(1))
+        for limits in (CheckLimits(), limits_requiring(1))
     ]
     assert severities == ["warning", "error"]
 
@@ -172,12 +174,12 @@ def test_a_check_that_raises_becomes_a_finding_and_the_other_checks_continue(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def broken_rule(context: object) -> Any:
-        raise RuntimeError("out of order")
+        raise RuntimeError("a fault")
 
     monkeypatch.setattr(check_items, "RULES", (broken_rule, *check_items.RULES))
     found = check(plan(TAKEOFF, wp(2001)))
     assert [finding.code for finding in found] == ["check_failed", "leg_too_long"]
-    assert "broken rule could not be carried out: RuntimeError('out of order')" in found[0].message
+    assert "broken rule could not be carried out: RuntimeError('a fault')" in found[0].message
 
 
 @settings(deadline=None, max_examples=40)

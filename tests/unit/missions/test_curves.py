@@ -1,4 +1,4 @@
-"""A path as a curve: it passes its points, is at rest at both ends, and is continuous."""
+"""A path as a curve: it passes through its points, is at rest at both ends, and is continuous."""
 
 import math
 
@@ -24,7 +24,7 @@ def path_of(steps):
 
 
 @given(steps)
-def test_the_curve_passes_its_points_at_their_times(steps):
+def test_the_curve_passes_through_its_points_at_their_times(steps):
     path = path_of(steps)
     curve = PathCurve(path, None)
     for point in path.points:

@@ -134,7 +134,7 @@ def test_too_many_flights_are_refused():
 
 
 def evaluate_flight(*, fence_radius_m: float | None = None, battery_end: float = 0.9, obstacles=()) -> DryRun:
-    """The evaluated dry run of a flight 40 m to the north in 10 s."""
+    """The result of a flight 40 m to the north in 10 s, without a simulation."""
     t_s = np.arange(0.0, 10.05, 0.1)
     positions = np.stack([4.0 * t_s, 0.0 * t_s, np.full_like(t_s, -5.0)], axis=1)
     battery = np.linspace(1.0, battery_end, len(t_s))
@@ -163,7 +163,7 @@ def test_a_battery_below_its_reserve_causes_a_finding(battery_end, code):
     )
 
 
-def test_the_battery_is_known_with_an_endurance_or_with_sim_bat_drain():
+def test_the_battery_consumption_is_known_from_an_endurance_or_from_sim_bat_drain():
     unknown = replace(AIRCRAFT, endurance_s=None)
     assert not unknown.battery_is_known
     assert replace(unknown, parameters={"SIM_BAT_DRAIN": 60.0}).battery_is_known

@@ -1,4 +1,4 @@
-"""The deviation of simulated flights from the nominal flight, whatever their delays."""
+"""The deviation of simulated flights from the nominal flight; delays are no deviation."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ def fly(
     steps: Sequence[tuple[str, float]] = (("step 1", 0.0),),
     finished: bool = True,
 ) -> Track:
-    """A flight along a path (N, 2) at HEIGHT_M or (N, 3).
+    """The track of a flight along a path.
 
     Args:
-        path: its corners.
+        path: corners of the path, (N, 2) at HEIGHT_M or (N, 3).
         speed_m_s: constant speed along the path.
         waits_s: waiting times, by the distance along the path.
         steps: names of the steps, and the distances along the path where they begin.
@@ -58,7 +58,7 @@ def fly(
 
 
 def compare(nominal: Track, flight: Track) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions of the stations, horizontal and vertical deviation."""
+    """Positions of the stations on the nominal path; horizontal and vertical deviation at each station."""
     path = Stations.from_track(nominal, SPACING_M, MAX_STATIONS)
     return path.position_ned_m, *deviation(path, flight)
 
@@ -86,8 +86,8 @@ def test_a_flight_beside_the_path_deviates_by_this_distance_whatever_its_delays(
 
 def test_each_pass_of_a_path_that_retraces_itself_has_its_own_deviation():
     path = np.array([[0.0, 0.0], [60.0, 0.0], [0.0, 0.0]])
-    second = np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 5.0], [0.0, 5.0]])
-    stations_ned_m, across, _ = compare(fly(path), fly(second, waits_s={20.0: 40.0}))
+    flown_path = np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 5.0], [0.0, 5.0]])
+    stations_ned_m, across, _ = compare(fly(path), fly(flown_path, waits_s={20.0: 40.0}))
     turn = int(stations_ned_m[:, 0].argmax())
     assert across[: turn - 12] == pytest.approx(0.0, abs=0.05)
     assert across[turn + 12 :] == pytest.approx(5.0, abs=0.05)
@@ -106,8 +106,8 @@ def test_each_pass_of_a_path_that_crosses_itself_has_its_own_deviation():
 
 def test_the_climb_and_the_descent_at_one_position_are_compared_separately():
     column = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [0.0, 0.0, 0.0]])
-    blown = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [3.0, 0.0, -30.0], [3.0, 0.0, 0.0]])
-    stations_ned_m, across, above = compare(fly(column), fly(blown, waits_s={15.0: 20.0, 33.0: 9.0}))
+    flown_path = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -30.0], [3.0, 0.0, -30.0], [3.0, 0.0, 0.0]])
+    stations_ned_m, across, above = compare(fly(column), fly(flown_path, waits_s={15.0: 20.0, 33.0: 9.0}))
     top = int(stations_ned_m[:, 2].argmin())
     assert across[: top - 8] == pytest.approx(0.0, abs=0.05)
     assert across[top + 8 :] == pytest.approx(3.0, abs=0.05)
@@ -135,7 +135,7 @@ def test_a_short_deviation_between_two_stations_of_a_long_path_is_detected():
     assert across[away_from_bump] == pytest.approx(0.0, abs=0.05)
 
 
-# --- flights that are not complete, and other ways through the mission ------------------------------
+# --- incomplete flights and other branches ----------------------------------------------------------
 
 LEGS = (("step 1", 0.0), ("step 2", 40.0), ("step 3", 80.0))
 

@@ -1,4 +1,4 @@
-"""Dry runs over the ground of elevation data."""
+"""Dry runs over the ground of elevation files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ SIZE = 41
 
 
 def ground(amsl_m_at) -> Ground:
-    """Elevation data around home; `amsl_m_at` gives the altitude from the distance to the north [m]."""
+    """Elevation data around home; `amsl_m_at` returns the ground's altitude AMSL [m] at a distance north of
+    home [m]."""
     north_deg = HOME.lat_deg + STEP_DEG * (SIZE // 2)
     rows = [float(amsl_m_at(111_195.0 * STEP_DEG * (SIZE // 2 - row))) for row in range(SIZE)]
     amsl_m = np.repeat(np.array(rows, dtype=np.float32)[:, None], SIZE, axis=1)
@@ -36,8 +37,8 @@ def position_deg(north_m: float) -> tuple[float, float]:
     return (lat_deg, lon_deg)
 
 
-def step_up(height_m: float, from_m: float = 25.0) -> GroundGrid:
-    """Level ground that rises to a plateau."""
+def plateau(height_m: float, from_m: float = 25.0) -> GroundGrid:
+    """Level ground that rises to a plateau of this height, over 10 m from `from_m` north of home."""
     north_m = -60.0 + 5.0 * np.arange(40)
     rows = np.clip((north_m - from_m) / 10.0, 0.0, 1.0) * height_m
     return GroundGrid(-60.0, -60.0, 5.0, np.repeat(rows[:, None], 25, axis=1))
@@ -77,7 +78,7 @@ def test_unknown_ground_is_level_and_reported():
 
 @pytest.mark.flight
 def test_a_vehicle_lands_on_higher_ground():
-    run = dry_run(flyable(short_plan(45.0)), AIRCRAFT, site=Site(ground=step_up(2.0)))
+    run = dry_run(flyable(short_plan(45.0)), AIRCRAFT, site=Site(ground=plateau(2.0)))
     assert (run.finished, run.landed) == (True, True)
     assert run.track is not None
     assert run.track.position_ned_m[-1][2] == pytest.approx(-2.0, abs=0.1)
@@ -88,7 +89,7 @@ def test_a_vehicle_lands_on_higher_ground():
 
 @pytest.mark.flight
 def test_a_path_into_rising_ground_ends_with_a_collision_in_every_flight():
-    batch = monte_carlo(flyable(short_plan(45.0)), AIRCRAFT, flights=1, site=Site(ground=step_up(20.0)))
+    batch = monte_carlo(flyable(short_plan(45.0)), AIRCRAFT, flights=1, site=Site(ground=plateau(20.0)))
     (finding,) = [each for each in batch.nominal.findings if each.code == "obstacle_hit"]
     assert "the ground" in finding.message
     assert finding.position_ned_m is not None
@@ -115,7 +116,7 @@ def test_each_vehicle_of_a_mission_starts_on_its_own_ground():
     mission = read(f"name: Hops\nroles:\n  lead: {{steps: {steps}}}\n  left: {{steps: {steps}}}\n")
     lat_deg, lon_deg = position_deg(45.0)
     upper = replace(AIRCRAFT, home=HomePosition(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=HOME.alt_amsl_m))
-    site = Site(ground=step_up(8.0))
+    site = Site(ground=plateau(8.0))
     result = dry_run_together(mission, {"lead": AIRCRAFT, "left": upper}, Conditions(), site=site)
     for role, height_m in (("lead", 0.0), ("left", 8.0)):
         run = result.roles[role]

@@ -1,4 +1,4 @@
-"""Dry runs of offboard missions, by the runner that flies real vehicles."""
+"""Dry runs of offboard missions: the runner is the same as for real vehicles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Each spread of a Monte Carlo run changes the flights; without a spread they do not differ."""
+"""Each spread of a Monte Carlo run changes the flights; without a spread all flights are equal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEADY = Conditions(wind_ned_m_s=(0.0, 2.0, 0.0), gusts_m_s=0.0, sensor_noise=0.
 NOISY = replace(STEADY, sensor_noise=1.0)
 NO_SPREAD = Spread(wind_m_s=0.0, gusts=0.0, mass=0.0, battery=0.0, sensor_noise=0.0)
 SPREAD_OF = {"mass_scale": "mass", "battery_scale": "battery", "sensor_noise": "sensor_noise"}
-"""The name of the spread, by the name of its condition."""
+"""The field of `Spread` that varies each field of `Conditions`."""
 
 
 @functools.cache

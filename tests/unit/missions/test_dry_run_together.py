@@ -1,4 +1,4 @@
-"""Dry runs of a mission for several vehicles, by the runners that fly real vehicles."""
+"""Dry runs of a mission for several vehicles: the runners are the same as for real vehicles."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ def fly_crossing(height_m: float, minimum_m: float) -> DryRunTogether:
 
 
 @pytest.fixture(scope="module")
-def crossing_above() -> DryRunTogether:
+def crossing_at_two_altitudes() -> DryRunTogether:
     return fly_crossing(9, 3)
 
 
-def test_all_vehicles_fly_from_their_positions_and_wait_for_each_other(crossing_above):
-    lead, left = (crossing_above.roles[role] for role in ("lead", "left"))
+def test_all_vehicles_fly_from_their_positions_and_wait_for_each_other(crossing_at_two_altitudes):
+    lead, left = (crossing_at_two_altitudes.roles[role] for role in ("lead", "left"))
     assert (lead.finished, left.finished, lead.landed, left.landed) == (True,) * 4
     assert lead.track is not None
     assert left.track is not None
@@ -68,11 +68,11 @@ def test_all_vehicles_fly_from_their_positions_and_wait_for_each_other(crossing_
     assert left.track.q_ned_frd is not None, "the second vehicle has no track of its own"
 
 
-def test_the_smallest_distance_is_reported_and_above_the_minimum(crossing_above):
-    (closest,) = crossing_above.closest
+def test_the_smallest_distance_is_reported_and_above_the_minimum(crossing_at_two_altitudes):
+    (closest,) = crossing_at_two_altitudes.closest
     assert closest.roles == ("lead", "left")
     assert 3.0 < closest.distance_m < 8.0
-    assert crossing_above.findings == ()
+    assert crossing_at_two_altitudes.findings == ()
 
 
 def test_two_vehicles_that_cross_at_the_same_altitude_cause_a_finding_with_position_and_time():
@@ -116,7 +116,7 @@ def batch() -> MonteCarloTogether:
 
 
 @pytest.mark.story
-def test_each_role_of_many_flights_has_its_own_corridor(batch):
+def test_each_role_of_a_monte_carlo_run_has_its_own_corridor(batch):
     for role, east_m in (("lead", 0.0), ("left", APART_M)):
         role_flights = batch.roles[role]
         assert len(role_flights.flights) == 4

@@ -1,5 +1,5 @@
-"""GeoJSON and KML: files written by this server are read completely, other files as far as their meaning is
-defined."""
+"""GeoJSON and KML: the server reads its own files completely, and from other files only what the formats
+define."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_hostile_kml_is_refused_with_a_reason(text: str, message: str) -> None:
         kml.read(text.encode())
 
 
-def a_zip(name: str, content: bytes) -> bytes:
+def kmz_file(name: str, content: bytes) -> bytes:
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(name, content)
@@ -145,9 +145,9 @@ def a_zip(name: str, content: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (a_zip("doc.kml", b" " * 40_000_000), "its KML document is larger than 8 MiB"),
-        (a_zip("doc.txt", b""), "it has no KML document"),
-        (a_zip("doc.kml", b"<kml/>")[:40], "it cannot be unpacked"),
+        (kmz_file("doc.kml", b" " * 40_000_000), "its KML document is larger than 8 MiB"),
+        (kmz_file("doc.txt", b""), "it has no KML document"),
+        (kmz_file("doc.kml", b"<kml/>")[:40], "it cannot be unpacked"),
         (b"PK\x03\x04" + b"\x00" * 100, "it cannot be unpacked"),
     ],
     ids=["bomb", "no document", "cut off", "zeros"],

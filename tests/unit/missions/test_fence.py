@@ -16,12 +16,14 @@ ROUNDING_STEPS = [(n, e) for n in (-1e-6, 0.0, 1e-6) for e in (-1e-6, 0.0, 1e-6)
 metres = st.floats(-100, 100)
 positions = st.tuples(metres, metres)
 corners = st.lists(positions, min_size=3, max_size=8)
-inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59)).filter(lambda p: FENCED.breach(p) is None)
+inside = st.tuples(st.floats(-59, 59), st.floats(-59, 59)).filter(
+    lambda position: FENCED.breach(position) is None
+)
 
 
-def is_inside(p, region=FENCED):
-    """Inside to within a micrometre: a position on the edge counts."""
-    return any(region.breach((p[0] + n, p[1] + e)) is None for n, e in ROUNDING_STEPS)
+def is_inside(position, region=FENCED):
+    """Whether the position is inside or at most 1 µm outside: a position on the edge counts as inside."""
+    return any(region.breach((position[0] + n, position[1] + e)) is None for n, e in ROUNDING_STEPS)
 
 
 @given(st.lists(positions, min_size=1, max_size=20), corners, st.floats(1, 100))
@@ -34,7 +36,7 @@ def test_checking_many_positions_at_once_equals_checking_each_position(many, cor
 
 
 @given(inside, positions)
-def test_no_position_before_the_last_inside_position_is_outside(start, target):
+def test_every_position_up_to_the_last_position_inside_is_inside(start, target):
     end = FENCED.last_position_inside(start, target)
     for fraction in (step / 20 for step in range(21)):
         assert is_inside(
@@ -49,8 +51,8 @@ def test_a_target_inside_a_convex_region_is_left_unchanged(target):
 
 
 @given(positions)
-def test_the_nearest_position_inside_is_inside(p):
-    nearest = FENCED.position_inside(p)
+def test_the_nearest_position_inside_is_inside(position):
+    nearest = FENCED.position_inside(position)
     assert nearest is not None
     assert is_inside(nearest)
 
@@ -61,18 +63,18 @@ def test_a_region_of_disjoint_fences_has_no_position_inside():
 
 
 @given(inside, st.floats(-math.pi, math.pi))
-def test_a_position_at_the_reported_distance_is_on_the_edge(p, course):
-    direction = (math.cos(course), math.sin(course))
-    edge_m = FENCED.distance_to_edge_m(p, direction)
+def test_a_position_at_the_reported_distance_is_on_the_edge(start, direction_rad):
+    direction = (math.cos(direction_rad), math.sin(direction_rad))
+    edge_m = FENCED.distance_to_edge_m(start, direction)
     for distance_m, expected in ((edge_m - 0.01, True), (edge_m + 0.01, False)):
         if distance_m > 0.0:
-            position = (p[0] + direction[0] * distance_m, p[1] + direction[1] * distance_m)
+            position = (start[0] + direction[0] * distance_m, start[1] + direction[1] * distance_m)
             assert (
                 is_inside(position) == expected or min(abs(edge) for edge, _ in FENCED.edges(position)) < 0.02
             )
 
 
-def test_a_breach_is_the_name_of_the_limit_that_excludes_the_position():
+def test_breach_returns_the_name_of_the_limit_that_the_position_exceeds():
     assert FENCED.breach((30.0, 30.0)) == "the fence"
     assert FENCED.breach((-60.0, 60.0)) == "70 m"
     assert FENCED.breach((-10.0, -10.0)) is None

@@ -37,7 +37,7 @@ def a_plan_file(**mission: Any) -> bytes:
     return json.dumps({"fileType": "Plan", "mission": fields, "version": 1}).encode()
 
 
-FULL = MAX_FILE_BYTES - 200
+NEARLY_MAX_BYTES = MAX_FILE_BYTES - 200
 HOSTILE = {
     "100 MB": b" " * 100_000_000,
     "deep lists": b"[" * 1_000_000,
@@ -53,22 +53,22 @@ HOSTILE = {
     "twice": b'{"fileType":"Plan","fileType":"Plan"}',
     "lone surrogate": b'{"fileType":"Plan\\ud800"}',
     "wrong types": a_plan_file(items=[{"type": "SimpleItem", "command": [], "frame": {}, "params": "x"}]),
-    "many empty lists": b"[" + b"[]," * (FULL // 3) + b"[]]",
+    "many empty lists": b"[" + b"[]," * (NEARLY_MAX_BYTES // 3) + b"[]]",
     "many keys": b"{" + b",".join(b'"%d":0' % n for n in range(240_000)) + b"}",
-    "many commas": b"QGC WPL 110\n" + b"," * FULL,
-    "many lines": b"QGC WPL 110\n" + b"\n" * FULL,
+    "many commas": b"QGC WPL 110\n" + b"," * NEARLY_MAX_BYTES,
+    "many lines": b"QGC WPL 110\n" + b"\n" * NEARLY_MAX_BYTES,
     "many items": b"QGC WPL 110\n" + b"1 0 3 16 0 0 0 0 1 1 1 1\n" * 20_000,
-    "long table": b"lat_deg,lon_deg\n" + b"1,1\n" * (FULL // 4),
-    "wide table": b"lat_deg" + b",lat_deg" * (FULL // 8),
-    "long line": b"<kml><Placemark><LineString><coordinates>" + b"1,1\n" * (FULL // 4 - 40)
+    "long table": b"lat_deg,lon_deg\n" + b"1,1\n" * (NEARLY_MAX_BYTES // 4),
+    "wide table": b"lat_deg" + b",lat_deg" * (NEARLY_MAX_BYTES // 8),
+    "long line": b"<kml><Placemark><LineString><coordinates>" + b"1,1\n" * (NEARLY_MAX_BYTES // 4 - 40)
     + b"</coordinates></LineString></Placemark></kml>",
-    "many elements": b"<kml>" + b"<a/>" * (FULL // 4 - 10) + b"</kml>",
+    "many elements": b"<kml>" + b"<a/>" * (NEARLY_MAX_BYTES // 4 - 10) + b"</kml>",
     "many attributes": b"<kml " + b" ".join(b'a%d=""' % n for n in range(600_000)) + b"/>",
 }  # fmt: skip
 
 
-def refusal(read: Callable[[bytes], Any], data: bytes) -> PlanError | None:
-    """The error of a read; None if it returns a plan. Any other exception fails the test."""
+def plan_error_of(read: Callable[[bytes], Any], data: bytes) -> PlanError | None:
+    """The PlanError that the reader raises; None if it returns a plan. Any other exception fails the test."""
     try:
         read(data)
     except PlanError as error:
@@ -80,7 +80,7 @@ def refusal(read: Callable[[bytes], Any], data: bytes) -> PlanError | None:
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_hostile_file_is_refused_with_a_reason(name: str, reader: str) -> None:
     began_s = time.process_time()
-    error = refusal(READERS[reader], HOSTILE[name])
+    error = plan_error_of(READERS[reader], HOSTILE[name])
     assert error is not None
     assert error.place
     assert error.fix.endswith(".")
@@ -104,7 +104,7 @@ def test_a_hostile_file_takes_limited_memory(name: str) -> None:
 @given(data=st.binary(max_size=300) | st.text(max_size=300).map(lambda text: text.encode("utf-8", "ignore")))
 def test_any_bytes_give_a_plan_or_a_plan_error(data: bytes) -> None:
     for read in READERS.values():
-        refusal(read, data)
+        plan_error_of(read, data)
 
 
 JSON = st.recursive(
@@ -130,4 +130,4 @@ def test_a_plan_file_with_any_value_in_any_field_gives_a_plan_or_a_plan_error(da
     parent, keys = data.draw(st.sampled_from([(item, ITEM_KEYS), (mission, KEYS)]))
     parent[data.draw(st.sampled_from(keys))] = data.draw(JSON)
     document = json.dumps({"fileType": "Plan", "mission": mission})
-    refusal(lambda text: qgc_plan.write(qgc_plan.read(text).plan), document.encode())
+    plan_error_of(lambda text: qgc_plan.write(qgc_plan.read(text).plan), document.encode())

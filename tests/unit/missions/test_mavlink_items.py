@@ -1,4 +1,4 @@
-"""Plans as mission items and back, compared with the dialect's names and frames."""
+"""Plans are converted to mission items and back; commands, parameters and frames match the dialect."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from tests.support.plan_strategies import plans
 
 def test_constants_match_the_dialect() -> None:
     names = [name for name, _ in inspect.getmembers(wire) if name.startswith("MAV_")]
-    frames = {f"{name}": value for name, value in vars(dialect).items() if name.startswith("MAV_")}
+    dialect_constants = {name: value for name, value in vars(dialect).items() if name.startswith("MAV_")}
     assert len(names) > 10
-    assert {name: getattr(wire, name) for name in names} == {name: frames[name] for name in names}
+    assert {name: getattr(wire, name) for name in names} == {name: dialect_constants[name] for name in names}
 
 
 @pytest.mark.parametrize("cls", TYPED_ITEMS, ids=lambda cls: cls.__name__)

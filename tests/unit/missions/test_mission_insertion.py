@@ -47,14 +47,16 @@ def tower(*steps: dict[str, Any], **rest: Any) -> OffboardMission:
 FIELD = mission(TAKE_OFF, fly(5, 0, -10), LAND)
 
 
-def refused(host: OffboardMission, added: OffboardMission, *at: str | int, **options: Any) -> PlanError:
+def insertion_error(
+    host: OffboardMission, added: OffboardMission, *at: str | int, **options: Any
+) -> PlanError:
     with pytest.raises(PlanError) as raised:
         insert(host, added, at or ("steps", 1), **options)
     return raised.value
 
 
 def path_of(found: OffboardMission) -> list[tuple[float, ...]]:
-    """The ends of the planned segments, from HOME."""
+    """The ends of the planned segments, as positions relative to HOME (NED)."""
     assert found.home is not None
     timeline = compile_mission(found)
     assert not {"step_invalid", "estimate_missing"} & codes(timeline)
@@ -85,7 +87,7 @@ def test_take_off_and_landing_are_omitted_from_a_mission_that_is_flown_in_the_ai
     two_takeoffs = tower(TAKE_OFF, LAND, TAKE_OFF, fly(30, 0, -12))
     shorter = insert(FIELD, two_takeoffs, ("steps", 2), in_air=True).mission.missions["Tower"]
     assert [step.step for step in shorter] == ["land", "take_off", "fly"]
-    error = refused(FIELD, tower(TAKE_OFF, LAND), in_air=True)
+    error = insertion_error(FIELD, tower(TAKE_OFF, LAND), in_air=True)
     assert (error.field, error.reason) == ("in_air", "without its take-off and landing it has no steps")
 
 
@@ -151,7 +153,7 @@ def test_a_mission_that_was_inserted_before_is_called_again() -> None:
     )
 
 
-def test_a_mission_inserted_into_a_list_of_its_own_makes_no_loop() -> None:
+def test_inserting_a_mission_into_a_copy_of_a_list_that_it_calls_creates_no_loop() -> None:
     added = tower(call("round"), missions={"round": [fly(1, 0, -9)]})
     host = mission(TAKE_OFF, call("round"), missions={"round": [fly(1, 0, -9)]})
     found = insert(host, added, ("missions", "round", 0)).mission
@@ -177,7 +179,7 @@ def chain(depth: int) -> dict[str, Any]:
 
 def test_calls_may_be_nested_eight_deep() -> None:
     assert insert(FIELD, tower(call("level 1"), missions=chain(7)), ("steps", 1)).called == "Tower"
-    error = refused(FIELD, tower(call("level 1"), missions=chain(8)))
+    error = insertion_error(FIELD, tower(call("level 1"), missions=chain(8)))
     assert "nested deeper than 8" in error.reason
     assert "Replace some calls" in error.fix
 
@@ -197,10 +199,10 @@ def test_many_lists_that_call_each_other_take_little_time() -> None:
 
 def test_too_many_lists_or_tables_are_refused() -> None:
     host = mission(TAKE_OFF, missions={f"list {i}": [LAND] for i in range(100)})
-    assert refused(host, tower()).place == "field missions"
+    assert insertion_error(host, tower()).place == "field missions"
     tables = {f"{i}.csv": CSV for i in range(20)}
     added = tower({"step": "table", "file": "a.csv"}, tables={"a.csv": CSV + "30,0,0,-10\n"})
-    assert refused(mission(TAKE_OFF, tables=tables), added).place == "field tables"
+    assert insertion_error(mission(TAKE_OFF, tables=tables), added).place == "field tables"
 
 
 def test_a_mission_for_several_vehicles_is_refused() -> None:
@@ -213,7 +215,7 @@ def test_a_mission_for_several_vehicles_is_refused() -> None:
             }
         )
     )
-    error = refused(FIELD, added)
+    error = insertion_error(FIELD, added)
     assert "for 2 vehicles (roles: a, b)" in error.reason
 
 
@@ -250,7 +252,7 @@ def test_positions_are_unchanged_if_the_starts_are_the_same() -> None:
 
 def test_different_starts_need_a_decision_if_positions_are_relative() -> None:
     host, added = mission(TAKE_OFF, LAND, home=HOME), tower(*RELATIVE, home=ELSEWHERE, tables={"a.csv": CSV})
-    error = refused(host, added)
+    error = insertion_error(host, added)
     assert error.field == "positions"
     assert "188 m apart" in error.reason
     assert "from_start" in error.fix
@@ -288,7 +290,7 @@ def test_a_role_has_its_own_start() -> None:
     added = tower(*RELATIVE[1:-1], home=HOME, tables={"a.csv": CSV})
     assert insert(host, added, ("roles", "a", "steps", 1)).mission.missions["Tower"] == added.steps
     at = ("roles", "b", "steps", 1)
-    assert "20 m apart" in refused(host, added, *at).reason
+    assert "20 m apart" in insertion_error(host, added, *at).reason
     found = insert(host, added, at, positions="same_places").mission
     start = planned_starts(found)["b"]
     ends = [each.end_ned_m for each in compile_mission(found, start=start, role="b").segments]
@@ -297,15 +299,15 @@ def test_a_role_has_its_own_start() -> None:
         if segment.title == "Fly":
             assert min(math.dist(segment.end_ned_m, end) for end in ends) < 0.01
     assert set(found.tables) == {"a.csv", "a 2.csv"}
-    shared = refused(host, added, "missions", "round", 0, positions="same_places")
+    shared = insertion_error(host, added, "missions", "round", 0, positions="same_places")
     assert "roles that may fly this list have different planned starts" in shared.reason
     assert insert(host, added, ("missions", "round", 0), positions="from_start").called == "Tower"
-    assert 'roles", "lead"' in refused(host, added, "steps", 0).fix
+    assert 'roles", "lead"' in insertion_error(host, added, "steps", 0).fix
 
 
 def test_positions_that_are_too_far_away_are_refused() -> None:
     host, added = mission(TAKE_OFF, home=HOME), tower(home={**ELSEWHERE, "lat_deg": 80.0})
-    error = refused(host, added, positions="same_places")
+    error = insertion_error(host, added, positions="same_places")
     assert "km from the start" in error.reason
 
 
@@ -347,20 +349,22 @@ def test_avoidance_becomes_a_field_of_each_step() -> None:
     assert avoidance_of_steps(FIELD) == ["around", False]
     assert avoidance_of_steps(mission(TAKE_OFF, avoidance="around")) == [None, False]
     table = {"step": "table", "file": "a.csv", "name": "Line"}
-    error = refused(FIELD, tower(table, avoidance=True, tables={"a.csv": CSV}))
+    error = insertion_error(FIELD, tower(table, avoidance=True, tables={"a.csv": CSV}))
     assert error.place == "mission 'Tower', step 'Line'"
     assert "`avoidance` is over, that of this mission is off" in error.reason
 
 
 def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
     center = {"lat_deg": 47.0, "lon_deg": 8.0}
-    inside = {"shape": "circle", "inclusion": True, "center": center, "radius_m": 300}
-    outside = {"shape": "circle", "inclusion": False, "center": center, "radius_m": 5}
+    inclusion = {"shape": "circle", "inclusion": True, "center": center, "radius_m": 300}
+    exclusion = {"shape": "circle", "inclusion": False, "center": center, "radius_m": 5}
     corners = [center, {**center, "lat_deg": 47.0001}, {**center, "lon_deg": 8.0001}]
     barn = {"polygon": corners, "top": {"value_m": 8.0, "reference": "home"}}
     actions = {"link_loss": "continue"}
-    added = tower(fly(1, 0, -9), fence=[inside, outside], obstacles=[barn], home=ELSEWHERE, actions=actions)
-    host = mission(TAKE_OFF, LAND, home=HOME, fence=[outside])
+    added = tower(
+        fly(1, 0, -9), fence=[inclusion, exclusion], obstacles=[barn], home=ELSEWHERE, actions=actions
+    )
+    host = mission(TAKE_OFF, LAND, home=HOME, fence=[exclusion])
     found = insert(host, added, ("steps", 1), positions="from_start")
     assert found.mission.fence == (*host.fence, added.fence[0])
     assert found.mission.obstacles[0].top.value_m == 20.0
@@ -370,11 +374,11 @@ def test_geofence_obstacles_and_actions_are_merged_and_named_in_notes() -> None:
         "1 obstacle of 'Tower' is added.",
         "The actions of this mission apply: link_loss hold, not continue.",
     )
-    wider = {**inside, "radius_m": 400}
-    error = refused(mission(TAKE_OFF, fence=[wider]), tower(fence=[inside]))
+    wider = {**inclusion, "radius_m": 400}
+    error = insertion_error(mission(TAKE_OFF, fence=[wider]), tower(fence=[inclusion]))
     assert (error.place, "stay inside" in error.reason) == ("mission 'Tower', field fence", True)
     assert isinstance(
-        insert(mission(TAKE_OFF, fence=[inside]), tower(fence=[inside]), ("steps", 1)), InsertionResult
+        insert(mission(TAKE_OFF, fence=[inclusion]), tower(fence=[inclusion]), ("steps", 1)), InsertionResult
     )
 
 
@@ -387,7 +391,7 @@ def test_tables_are_inserted_with_the_mission_and_a_missing_table_is_refused() -
     table_step = found.missions["Tower"][1]
     assert isinstance(table_step, Table)
     assert table_step.file == "a 2.csv"
-    error = refused(host, tower(TAKE_OFF, table))
+    error = insertion_error(host, tower(TAKE_OFF, table))
     assert (error.place, error.reason) == (
         "mission 'Tower', step 'table'",
         "the mission has no table 'a.csv'",

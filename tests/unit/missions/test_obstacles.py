@@ -74,11 +74,13 @@ def test_the_distance_equals_the_minimum_over_many_positions_of_the_path(start, 
 
 
 def test_a_top_above_sea_level_is_converted_with_the_altitude_of_home() -> None:
-    above_sea = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 488.0, reference="amsl")
+    amsl_obstacle = block(ORIGIN, (20.0, 30.0), (-5.0, 5.0), 488.0, reference="amsl")
     path = np.array([(0.0, 0.0, -9.0), (40.0, 0.0, -9.0)])
-    (from_home,), (from_sea,) = (list(shapes(each).clearances(path)) for each in (BARN, above_sea))
-    assert from_home.distance_m == pytest.approx(from_sea.distance_m, abs=1e-6)
-    assert from_sea.name == "obstacle 1"  # an obstacle without a name gets its number
+    (home_clearance,), (amsl_clearance,) = (
+        list(shapes(each).clearances(path)) for each in (BARN, amsl_obstacle)
+    )
+    assert home_clearance.distance_m == pytest.approx(amsl_clearance.distance_m, abs=1e-6)
+    assert amsl_clearance.name == "obstacle 1"  # an obstacle without a name gets its number
 
 
 # --- waypoint plans -----------------------------------------------------------------------------------

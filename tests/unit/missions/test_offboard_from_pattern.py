@@ -103,16 +103,16 @@ def test_the_nose_points_along_the_lines_of_a_survey() -> None:
 
 def test_an_orbit_becomes_one_step_that_can_be_edited() -> None:
     _, _, steps = make_pattern("orbit", clockwise=False, start_deg=90)
-    pointed, circles, released = steps
-    assert isinstance(circles, Orbit)
-    assert isinstance(pointed, Gimbal)
-    assert isinstance(released, Gimbal)
-    assert (circles.radius_m, circles.turns, circles.clockwise) == (25.0, 2.0, False)
-    assert circles.start_angle_ned_rad == pytest.approx(math.pi / 2)
-    assert circles.look_at == pointed.place
-    assert (pointed.track, released.track) == ("look_at", "release")
-    _, _, plain = make_pattern("orbit", look_at=None)
-    assert [step.step for step in plain] == ["orbit"]
+    gimbal_step, orbit_step, release_step = steps
+    assert isinstance(orbit_step, Orbit)
+    assert isinstance(gimbal_step, Gimbal)
+    assert isinstance(release_step, Gimbal)
+    assert (orbit_step.radius_m, orbit_step.turns, orbit_step.clockwise) == (25.0, 2.0, False)
+    assert orbit_step.start_angle_ned_rad == pytest.approx(math.pi / 2)
+    assert orbit_step.look_at == gimbal_step.place
+    assert (gimbal_step.track, release_step.track) == ("look_at", "release")
+    _, _, without_look_at = make_pattern("orbit", look_at=None)
+    assert [step.step for step in without_look_at] == ["orbit"]
 
 
 @pytest.mark.parametrize(

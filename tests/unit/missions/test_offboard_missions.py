@@ -46,7 +46,7 @@ def test_the_examples_compile_without_a_finding(path: Path) -> None:
     assert found.segments[-1].end_ned_m[2] == pytest.approx(0.0) or found.decision is not None
 
 
-def test_there_is_an_example_for_each_kind_of_flight() -> None:
+def test_the_examples_for_one_vehicle_are_complete() -> None:
     assert [path.stem for path in EXAMPLES] == ["figure_eight", "tower_inspection", "waypoints"]
 
 
@@ -196,7 +196,7 @@ OVERSIZED_ARRAY = (
     b"\x93NUMPY\x01\x00\x60\x00{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 5)}"
     + b" " * 40
 )
-"""An array whose header claims four terabytes."""
+"""An array whose header states a size of four terabytes."""
 
 
 @pytest.mark.parametrize(
@@ -336,7 +336,7 @@ def test_the_rest_of_a_mission_is_compiled_from_the_vehicles_position() -> None:
     assert found.findings == ()
 
 
-EDGES = (0.0, -1.0, 0.3, 1e-3, 7.0, 90.0, 9e3, -9e3)
+EDGE_VALUES = (0.0, -1.0, 0.3, 1e-3, 7.0, 90.0, 9e3, -9e3)
 STEPS = (
     "step: fly, points: [{p}, {q}], curve: smooth, heading: along_path",
     "step: fly, points: [{p}, {q}], look_at: {p}",
@@ -349,7 +349,9 @@ STEPS = (
 
 
 @settings(deadline=None, max_examples=30)
-@given(st.lists(st.tuples(st.sampled_from(STEPS), st.tuples(*[st.sampled_from(EDGES)] * 6)), max_size=3))
+@given(
+    st.lists(st.tuples(st.sampled_from(STEPS), st.tuples(*[st.sampled_from(EDGE_VALUES)] * 6)), max_size=3)
+)
 def test_any_steps_give_a_timeline_that_can_be_sampled(chosen: list[tuple[str, tuple[float, ...]]]) -> None:
     steps: list[str] = []
     for template, (a, b, c, d, n, m) in chosen:

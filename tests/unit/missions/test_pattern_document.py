@@ -23,13 +23,13 @@ PATTERNS = {
 }
 
 
-def text(kind, **changes):
+def pattern_json(kind, **changes):
     return json.dumps({"kind": kind, **PATTERNS[kind], **changes})
 
 
 @pytest.mark.parametrize("kind", PATTERNS)
 def test_each_kind_gives_items_with_positions(kind):
-    pattern = document.make(document.read(text(kind)))
+    pattern = document.make(document.read(pattern_json(kind)))
     assert sum(item.kind == "waypoint" for item in pattern.items) >= 4
     assert pattern.lines_length_m > 50
 
@@ -58,7 +58,7 @@ def test_each_kind_gives_items_with_positions(kind):
 )
 def test_the_error_for_an_invalid_value_names_its_field_and_a_fix(kind, changes, field):
     with pytest.raises(PlanError) as raised:
-        document.make(document.read(text(kind, **changes)))
+        document.make(document.read(pattern_json(kind, **changes)))
     assert raised.value.field == field
     assert raised.value.fix.endswith(".")
 

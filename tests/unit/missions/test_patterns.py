@@ -29,11 +29,11 @@ from missions.values import Altitude, HomePosition, Point
 CAMERA = Camera(13.2, 8.8, 8.8, 5472, 3648)
 ALTITUDE = Altitude(value_m=60.0, reference="home")
 COVERAGE = Coverage(CAMERA, distance_m=60.0)
-CHART = Map.centred_on([Point(lat_deg=47.4, lon_deg=8.5)], "the test", "outer")
+LOCAL_MAP = Map.centred_on([Point(lat_deg=47.4, lon_deg=8.5)], "the test", "outer")
 
 
 def points(corners: list[tuple[float, float]]) -> list[Point]:
-    return [CHART.point(corner) for corner in corners]
+    return [LOCAL_MAP.point(corner) for corner in corners]
 
 
 def star(radii: list[float], start: float = 0.0) -> list[tuple[float, float]]:
@@ -51,7 +51,7 @@ def areas(draw: st.DrawFn) -> tuple[list[tuple[float, float]], list[list[tuple[f
 
 
 def local_lines(found: Pattern) -> list[LineString]:
-    return [LineString([CHART.local(start), CHART.local(end)]) for start, end in found.lines]
+    return [LineString([LOCAL_MAP.local(start), LOCAL_MAP.local(end)]) for start, end in found.lines]
 
 
 def pictures(line: LineString, coverage: Coverage) -> list[Polygon]:
@@ -139,7 +139,7 @@ def test_pictures_are_taken_on_the_lines_and_not_in_the_turns() -> None:
         None,
     ]
     east = [
-        CHART.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))[0]
+        LOCAL_MAP.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))[0]
         for item in items
         if isinstance(item, Waypoint)
     ]
@@ -161,7 +161,7 @@ def test_a_crosshatch_adds_the_same_lines_at_right_angles() -> None:
 
 
 def test_a_survey_is_a_plan_without_findings() -> None:
-    home = CHART.point((0.0, 0.0))
+    home = LOCAL_MAP.point((0.0, 0.0))
     takeoff = Takeoff(lat_deg=home.lat_deg, lon_deg=home.lon_deg, altitude=ALTITUDE)
     items = make(Survey(points([(0, 0), (300, 0), (300, 200), (0, 200)]), COVERAGE, ALTITUDE)).items
     planned = HomePosition(lat_deg=home.lat_deg, lon_deg=home.lon_deg, alt_amsl_m=400.0)
@@ -169,7 +169,7 @@ def test_a_survey_is_a_plan_without_findings() -> None:
 
 
 def strip_covered(line: LineString, across_m: float, beyond_m: float) -> Polygon:
-    """The strip that a line's pictures cover at least, also beyond its ends."""
+    """The strip that the pictures of a line cover; it extends by `beyond_m` beyond both ends of the line."""
     start, end = np.array(line.coords)
     ahead = (end - start) / line.length * beyond_m
     return LineString([start - ahead, end + ahead]).buffer(across_m / 2.0, cap_style="flat")
@@ -201,7 +201,7 @@ def test_the_whole_width_of_a_corridor_is_covered(bends: list[float], width: flo
 
 def positions(found: Pattern) -> list[tuple[float, float]]:
     return [
-        CHART.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))
+        LOCAL_MAP.local(Point(lat_deg=item.lat_deg, lon_deg=item.lon_deg))
         for item in found.items
         if isinstance(item, Waypoint)
     ]
@@ -220,7 +220,7 @@ def test_a_perimeter_keeps_its_distance_and_is_flown_clockwise(
 
 @pytest.mark.parametrize("clockwise", [True, False])
 def test_an_orbit_stays_near_its_circle_and_points_at_the_centre(clockwise: bool) -> None:
-    center = CHART.point((0.0, 0.0))
+    center = LOCAL_MAP.point((0.0, 0.0))
     target_altitude = Altitude(value_m=5.0, reference="home")
     found = orbit(
         center,
@@ -266,19 +266,19 @@ def test_a_structure_scan_covers_its_sides_from_bottom_to_top() -> None:
         assert waypoint.yaw_ned_deg is not None
         error_rad = math.radians(waypoint.yaw_ned_deg - heading_deg(middle, (0.0, 0.0)))
         assert abs(math.remainder(error_rad, math.tau)) < 0.01
-    down = structure(replace(scan, from_top=True))
-    first = next(item for item in down.items if isinstance(item, Waypoint))
+    from_top = structure(replace(scan, from_top=True))
+    first = next(item for item in from_top.items if isinstance(item, Waypoint))
     assert first.altitude.value_m == heights[-1]
 
 
-BOW = points([(0, 0), (100, 100), (100, 0), (0, 100)])
+SELF_INTERSECTING = points([(0, 0), (100, 100), (100, 0), (0, 100)])
 FIELD = points([(0, 0), (300, 0), (300, 200), (0, 200)])
 
 
 @pytest.mark.parametrize(
     ("make_pattern", "message"),
     [
-        (lambda: make(Survey(BOW, COVERAGE, ALTITUDE)), "the area: its sides cross or touch"),
+        (lambda: make(Survey(SELF_INTERSECTING, COVERAGE, ALTITUDE)), "the area: its sides cross or touch"),
         (lambda: make(Survey(FIELD[:2], COVERAGE, ALTITUDE)), "fewer than 3 corners"),
         (lambda: make(Survey(FIELD, Coverage(CAMERA, 0.1), ALTITUDE)), "lines are needed"),
         (

@@ -1,4 +1,4 @@
-"""The mission runner: commands of operators and of others in each kind of step, and changes of control."""
+"""The mission runner in each kind of step: commands of operators and from outside, changes of control."""
 
 import math
 
@@ -117,7 +117,7 @@ def test_an_external_command_suspends_the_mission_until_an_operator_resumes_it(k
     end_wait(fake, kind).until_state("done")
 
 
-def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_the_vehicle():
+def test_a_pilot_who_takes_over_during_the_offboard_request_keeps_control():
     fake = FakeFlight(mission(flight_steps(FLY))).start()
     fake.until(lambda: fake.count(StreamScript) == 1)
     fake.sampler = None

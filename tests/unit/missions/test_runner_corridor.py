@@ -1,5 +1,4 @@
-"""The runner compares the flight with the corridor of its dry run, and flown positions with sent
-positions."""
+"""The runner compares the vehicle's position with the corridor of the dry run and with the sent position."""
 
 import math
 

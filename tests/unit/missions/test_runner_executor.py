@@ -1,5 +1,4 @@
-"""The mission runner in a mode with an executor: the take-off, and an executor that is not in charge any
-more."""
+"""The mission runner in a mode with a mode executor: the take-off, and an executor not in charge."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ AT_HEIGHT = CLIMBING._replace(landed="in_air", position_ned_m=(0.0, 0.0, -10.0))
 
 
 def taking_off() -> Runner:
-    """A mission during the take-off by its executor."""
+    """A mission whose executor has commanded the take-off."""
     runner = Runner(compile_mission(mission(flight_steps(FLY))), "M", mode=MODE)
     assert [type(each) for each in runner.start(0.0, ARMED)] == [TakeOff]
     assert runner.tick(0.1, CLIMBING) == []

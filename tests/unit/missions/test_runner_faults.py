@@ -1,4 +1,4 @@
-"""The mission runner: faults during each kind of step."""
+"""The mission runner: its actions on faults during each kind of step."""
 
 import pytest
 

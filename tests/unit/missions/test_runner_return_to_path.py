@@ -1,4 +1,5 @@
-"""The mission runner's return to its path from any position: geofence, rounds of a repeat, lag."""
+"""The mission runner returns to its path inside the geofence, skips a round of a repeat, and waits for a
+vehicle that lags."""
 
 import math
 

@@ -25,7 +25,7 @@ def only_items(plan: Plan) -> Plan:
     return Plan(items=plan.items, planned_home=plan.planned_home)
 
 
-def test_a_waypoints_file_is_read_with_home_frames_and_jumps() -> None:
+def test_a_waypoints_file_is_read_with_home_and_frames_and_jumps() -> None:
     plan = waypoints.read(WAYPOINTS).plan
     assert plan.planned_home == HomePosition(lat_deg=47.3977419, lon_deg=8.5455938, alt_amsl_m=489.4)
     takeoff, waypoint, jump = plan.items

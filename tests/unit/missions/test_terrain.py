@@ -49,7 +49,7 @@ def ground_of(*files: Path, margin_m: float = 3000.0) -> Ground:
 
 
 @pytest.fixture(scope="module")
-def hilly(tmp_path_factory: pytest.TempPathFactory) -> Ground:
+def hill_ground(tmp_path_factory: pytest.TempPathFactory) -> Ground:
     return ground_of(write(tmp_path_factory.mktemp("elevation") / "hill.tif", hill(500.0, 80.0)))
 
 
@@ -101,10 +101,10 @@ def test_the_finest_file_is_used_and_a_coarser_file_fills_its_gaps(tmp_path: Pat
         assert ground.altitude_amsl_m(LAT_DEG, LON_DEG + 0.005) == pytest.approx(200.0)
 
 
-def test_outside_all_files_the_ground_is_unknown(hilly: Ground) -> None:
-    assert hilly.altitude_amsl_m(LAT_DEG + 1.0, LON_DEG) is None
-    assert hilly.altitude_amsl_m(LAT_DEG, LON_DEG - 1.0) is None
-    assert hilly.altitude_amsl_m(-LAT_DEG, LON_DEG) is None
+def test_outside_all_files_the_ground_is_unknown(hill_ground: Ground) -> None:
+    assert hill_ground.altitude_amsl_m(LAT_DEG + 1.0, LON_DEG) is None
+    assert hill_ground.altitude_amsl_m(LAT_DEG, LON_DEG - 1.0) is None
+    assert hill_ground.altitude_amsl_m(-LAT_DEG, LON_DEG) is None
 
 
 def test_a_file_at_the_date_line_is_used_from_both_sides(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_files_with_two_bands_or_without_a_coordinate_system_are_refused(tmp_pat
             inspect(path)
 
 
-def test_altitudes_above_terrain_are_resolved(hilly: Ground) -> None:
+def test_altitudes_above_terrain_are_resolved(hill_ground: Ground) -> None:
     plan = Plan(
         planned_home=HOME,
         items=(
@@ -158,7 +158,7 @@ def test_altitudes_above_terrain_are_resolved(hilly: Ground) -> None:
         ),
         rally_points=(RallyPoint(lat_deg=LAT_DEG, lon_deg=LON_DEG, altitude=above_terrain(20.0)),),
     )
-    found = follow_ground(plan, hilly)
+    found = follow_ground(plan, hill_ground)
     assert (found.resolved, found.unknown, found.added) == (2, 0, 0)
     first, second = found.plan.items
     assert isinstance(first, Waypoint)
@@ -168,14 +168,14 @@ def test_altitudes_above_terrain_are_resolved(hilly: Ground) -> None:
     assert len(mission_items(found.plan)) == 2
 
 
-def test_without_ground_data_altitudes_stay_unresolved(hilly: Ground) -> None:
+def test_without_ground_data_altitudes_stay_unresolved(hill_ground: Ground) -> None:
     plan = Plan(
         items=(
             waypoint_at(0.0, above_terrain(30.0).model_copy(update={"resolved_amsl_m": 1.0})),
             waypoint_at(1.0, above_terrain(30.0)),
         )
     )
-    for ground, unknown in ((hilly, 1), (None, 2)):
+    for ground, unknown in ((hill_ground, 1), (None, 2)):
         found = follow_ground(plan, ground)
         assert found.unknown == unknown
         last = found.plan.items[-1]
@@ -185,7 +185,7 @@ def test_without_ground_data_altitudes_stay_unresolved(hilly: Ground) -> None:
 
 @given(st.floats(1.0, 30.0), st.floats(5.0, 100.0), st.floats(-0.004, 0.004))
 def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
-    hilly: Ground, tolerance_m: float, height_m: float, east_deg: float
+    hill_ground: Ground, tolerance_m: float, height_m: float, east_deg: float
 ) -> None:
     plan = Plan(
         planned_home=HOME,
@@ -194,21 +194,23 @@ def test_a_line_that_follows_the_ground_keeps_its_height_within_the_tolerance(
             waypoint_at(0.009, above_terrain(height_m), east_deg),
         ),
     )
-    found = follow_ground(plan, hilly, tolerance_m)
+    found = follow_ground(plan, hill_ground, tolerance_m)
     items = [each for each in found.plan.items if isinstance(each, Waypoint)]
     assert len(items) == 2 + found.added
     for start, end in itertools.pairwise(items):
-        line = line_positions((start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), hilly.spacing_m)
+        line = line_positions(
+            (start.lat_deg, start.lon_deg), (end.lat_deg, end.lon_deg), hill_ground.spacing_m
+        )
         low, high = start.altitude.resolved_amsl_m, end.altitude.resolved_amsl_m
         assert low is not None
         assert high is not None
-        above_m = low + (high - low) * line[:, 2] - hilly.altitudes_amsl_m(line[:, 0], line[:, 1])
+        above_m = low + (high - low) * line[:, 2] - hill_ground.altitudes_amsl_m(line[:, 0], line[:, 1])
         # These are not the points of `follow_ground`: between two samples the ground differs by 1 or 2 m.
         assert np.abs(above_m - height_m).max() < tolerance_m + 2.0
-    assert not list(plan_findings(found.plan, hilly, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
+    assert not list(plan_findings(found.plan, hill_ground, 30.0)) or height_m < 10.0 + tolerance_m + 2.0
 
 
-def test_added_waypoints_keep_the_target_of_a_jump(hilly: Ground) -> None:
+def test_added_waypoints_keep_the_target_of_a_jump(hill_ground: Ground) -> None:
     plan = Plan(
         items=(
             waypoint_at(-0.009, above_terrain(30.0)),
@@ -216,17 +218,17 @@ def test_added_waypoints_keep_the_target_of_a_jump(hilly: Ground) -> None:
             Jump(target_index=1, repeat=1),
         )
     )
-    found = follow_ground(plan, hilly, 5.0)
+    found = follow_ground(plan, hill_ground, 5.0)
     assert found.added > 0
     jump = found.plan.items[-1]
     assert isinstance(jump, Jump)
-    assert found.plan.items[jump.target_index] == follow_ground(plan, hilly).plan.items[1]
+    assert found.plan.items[jump.target_index] == follow_ground(plan, hill_ground).plan.items[1]
 
 
-def test_too_many_waypoints_are_refused(hilly: Ground) -> None:
+def test_too_many_waypoints_are_refused(hill_ground: Ground) -> None:
     items = tuple(waypoint_at(0.009 * (-1) ** i, above_terrain(30.0)) for i in range(400))
     with pytest.raises(PlanError, match="Increase the tolerance"):
-        follow_ground(Plan(items=items), hilly, 0.01)
+        follow_ground(Plan(items=items), hill_ground, 0.01)
 
 
 def codes(plan: Plan, ground: Ground, return_alt_m: float = 30.0) -> list[tuple[str, int | None]]:
@@ -234,15 +236,15 @@ def codes(plan: Plan, ground: Ground, return_alt_m: float = 30.0) -> list[tuple[
 
 
 def test_a_line_through_or_near_the_hill_causes_a_finding_and_a_line_well_above_it_none(
-    hilly: Ground,
+    hill_ground: Ground,
 ) -> None:
     for height_m, expected in ((40.0, [("terrain_hit", 1)]), (86.0, [("terrain_near", 1)]), (120.0, [])):
         altitude = Altitude(value_m=height_m, reference="home")
         plan = Plan(planned_home=HOME, items=(waypoint_at(-0.01, altitude), waypoint_at(0.01, altitude)))
-        assert codes(plan, hilly) == expected
+        assert codes(plan, hill_ground) == expected
 
 
-def test_the_return_path_is_checked_at_the_return_altitude(hilly: Ground) -> None:
+def test_the_return_path_is_checked_at_the_return_altitude(hill_ground: Ground) -> None:
     beside_hill = [
         waypoint_at(-0.01, Altitude(value_m=20.0, reference="home"), 0.01),
         waypoint_at(0.01, Altitude(value_m=20.0, reference="home"), 0.01),
@@ -251,27 +253,29 @@ def test_the_return_path_is_checked_at_the_return_altitude(hilly: Ground) -> Non
         planned_home=HOME,
         items=(*beside_hill, waypoint_at(0.01, Altitude(value_m=20.0, reference="home")), ReturnHome()),
     )
-    assert codes(plan, hilly, return_alt_m=30.0) == [("terrain_hit", 3)]
-    assert codes(plan, hilly, return_alt_m=100.0) == []
+    assert codes(plan, hill_ground, return_alt_m=30.0) == [("terrain_hit", 3)]
+    assert codes(plan, hill_ground, return_alt_m=100.0) == []
 
 
-def test_take_off_and_landing_may_be_near_the_ground(hilly: Ground) -> None:
+def test_take_off_and_landing_may_be_near_the_ground(hill_ground: Ground) -> None:
     altitude = Altitude(value_m=20.0, reference="home")
     takeoff = Takeoff(lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg, altitude=altitude)
     land = Land(
         lat_deg=HOME.lat_deg, lon_deg=HOME.lon_deg + 0.001, altitude=Altitude(value_m=0.0, reference="home")
     )
-    assert codes(Plan(planned_home=HOME, items=(takeoff, land)), hilly) == []
+    assert codes(Plan(planned_home=HOME, items=(takeoff, land)), hill_ground) == []
 
 
-def test_a_moved_item_and_a_wrong_home_cause_findings(hilly: Ground) -> None:
-    found = follow_ground(Plan(planned_home=HOME, items=(waypoint_at(0.0, above_terrain(30.0)),)), hilly).plan
+def test_a_moved_item_and_a_wrong_home_cause_findings(hill_ground: Ground) -> None:
+    found = follow_ground(
+        Plan(planned_home=HOME, items=(waypoint_at(0.0, above_terrain(30.0)),)), hill_ground
+    ).plan
     item = found.items[0]
     assert isinstance(item, Waypoint)
     moved = found.model_copy(update={"items": (item.model_copy(update={"lat_deg": LAT_DEG + 0.005}),)})
-    assert ("terrain_outdated", 0) in codes(moved, hilly)
+    assert ("terrain_outdated", 0) in codes(moved, hill_ground)
     high = found.model_copy(update={"planned_home": HOME.model_copy(update={"alt_amsl_m": 540.0})})
-    assert codes(high, hilly) == [("home_off_ground", None)]
+    assert codes(high, hill_ground) == [("home_off_ground", None)]
 
 
 def leg(place: str, *points: tuple[float, float, float]) -> Leg:
@@ -279,27 +283,27 @@ def leg(place: str, *points: tuple[float, float, float]) -> Leg:
     return Leg(place, "fly", 0.0, float(len(points)), main=True, points=rows)
 
 
-def test_a_finding_about_a_mission_into_the_hill_names_the_step(hilly: Ground) -> None:
+def test_a_finding_about_a_mission_into_the_hill_names_the_step(hill_ground: Ground) -> None:
     origin = LocalOrigin(HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m)
     north_m = distance_m(HOME.lat_deg, HOME.lon_deg, LAT_DEG, LON_DEG)
     climb = leg("step 1", (0.0, 0.0, 0.0), (0.0, 0.0, -30.0))
     outward = leg("step 2", (0.0, 0.0, -30.0), (north_m / 2, 0.0, -30.0))
     into_hill = leg("step 3", (north_m / 2, 0.0, -30.0), (north_m, 0.0, -30.0))
-    found = list(mission_findings([climb, outward, into_hill], origin, hilly))
+    found = list(mission_findings([climb, outward, into_hill], origin, hill_ground))
     assert [(each.code, each.step) for each in found] == [("terrain_hit", "step 3")]
-    profile = mission_profile([climb, outward, into_hill], origin, 0.0, hilly)
+    profile = mission_profile([climb, outward, into_hill], origin, 0.0, hill_ground)
     assert profile[0][1] == pytest.approx(0.0, abs=1.0)
     assert profile[-1] == (pytest.approx(north_m, abs=1.0), pytest.approx(80.0, abs=2.0))
 
 
-def test_the_profile_of_a_plan_has_its_length_and_the_hill(hilly: Ground) -> None:
+def test_the_profile_of_a_plan_has_its_length_and_the_hill(hill_ground: Ground) -> None:
     plan = Plan(
         planned_home=HOME,
         items=tuple(waypoint_at(north, above_terrain(30.0)) for north in (-0.009, 0.009, -0.009)),
     )
-    profile = plan_profile(plan, hilly)
+    profile = plan_profile(plan, hill_ground)
     assert len(profile) <= 600
     assert profile[-1][0] == pytest.approx(math.radians(0.037) * 6_371_000.0, rel=0.01)
     assert max(height or 0.0 for _, height in profile) == pytest.approx(80.0, abs=2.0)
     assert json.dumps(profile)
-    assert plan_profile(plan.model_copy(update={"planned_home": None}), hilly) == ()
+    assert plan_profile(plan.model_copy(update={"planned_home": None}), hill_ground) == ()

@@ -53,7 +53,7 @@ def random_path(rng: np.random.Generator) -> Pieces:
 
 
 def join(paths: list[Pieces]) -> Pieces:
-    """One path of these paths in order, with a stop at the end of each."""
+    """One path that consists of these paths in order, with a stop at the end of each."""
     return Pieces(
         np.concatenate([path.points for path in paths]),
         np.concatenate([path.spans for path in paths]),
@@ -101,8 +101,8 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
     curve = curve_through_points(points, limits, exact=seed % 3 == 0, heading=heading)
     assert_within_limits(curve, limits, 4000)
     h = 1e-4
-    moments = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.starts.tolist()]))
-    times = np.unique(np.concatenate((moments - h / 2.0, moments - h / 3.0)))
+    boundaries_s = np.concatenate((curve.phase_start_s, [curve.time_at(u) for u in curve.starts.tolist()]))
+    times = np.unique(np.concatenate((boundaries_s - h / 2.0, boundaries_s - h / 3.0)))
     before, after = curve.sample(times), curve.sample(times + h)
     jump_m = after.position_ned_m - before.position_ned_m - h * before.velocity_ned_m_s
     jump_m_s = after.velocity_ned_m_s - before.velocity_ned_m_s - h * before.acceleration_ned_m_s2
@@ -114,7 +114,7 @@ def test_position_velocity_and_acceleration_are_continuous(seed: int) -> None:
     assert np.abs(jump_rad).max() <= limits.yaw_acceleration_rad_s2 * h**2 + 1e-7
 
 
-def test_limits_come_from_the_vehicle() -> None:
+def test_limits_are_read_from_the_vehicles_parameters() -> None:
     found = MotionLimits.from_parameters(
         {"MPC_XY_VEL_MAX": 8.0, "MPC_TILTMAX_AIR": 30.0, "MPC_JERK_AUTO": math.nan, "MPC_YAWRAUTO_MAX": 90.0}
     )
@@ -124,7 +124,7 @@ def test_limits_come_from_the_vehicle() -> None:
     assert found.jerk_m_s3 == MotionLimits().jerk_m_s3
 
 
-def test_the_defaults_are_px4s() -> None:
+def test_the_default_limits_are_px4s_default_parameters() -> None:
     metadata = json.loads((ROOT / "vehicle_sim/data/parameters.json").read_text("utf-8"))
     defaults = {name: float(metadata[name][1]) for name in PARAMETERS.values()}
     assert MotionLimits.from_parameters(defaults) == MotionLimits()

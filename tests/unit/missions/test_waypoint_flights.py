@@ -1,5 +1,5 @@
-"""The monitor compares the flight of a waypoint plan with its planned path: progress, deviation, corridor and
-states, without a vehicle."""
+"""The waypoint monitor compares a flight with the planned path: progress, deviation, corridor and states. The
+tests replace the vehicle by readings."""
 
 import json
 import math
@@ -50,7 +50,7 @@ def planned(items):
 
 
 class MonitoredFlight:
-    """A monitored flight; `observe` gives the monitor the vehicle's state."""
+    """A waypoint monitor at 10 Hz; `codes` has the codes of its notices."""
 
     def __init__(self, items=SQUARE, **more):
         options = {"planned": planned(items), "from_start": True, **more}
@@ -122,7 +122,7 @@ def test_the_deviation_is_split_into_horizontal_and_vertical_and_the_time_left_d
     assert later < monitor.planned_flight().duration_s - 8
 
 
-def test_flying_the_first_seconds_of_the_next_item_before_its_report_is_no_deviation():
+def test_the_first_seconds_towards_the_next_item_are_no_deviation_before_px4_reports_that_item():
     monitored = MonitoredFlight()
     monitored.observe(1, (38.0, 0.0, -10.0))
     assert monitored.observe(1, (40.0, 6.0, -10.0)).horizontal_m == pytest.approx(0.0, abs=0.01)
@@ -253,7 +253,7 @@ def test_a_mission_that_ends_in_the_air_is_done_when_px4_holds():
     assert monitored.observe(1, (40.0, 0.0, -10.0), mode="hold", source="vehicle", reached=1).state == "done"
 
 
-def test_a_flight_without_a_planned_path_has_the_reason_and_an_end():
+def test_without_a_planned_path_the_monitor_reports_the_reason_and_the_end_of_the_flight():
     monitored = MonitoredFlight(planned=None, reason_not_compared="It was already flying.", from_start=False)
     monitor = monitored.observe(3, (40.0, 40.0, -5.0))
     assert (monitor.reason_not_compared, monitor.remaining_s, monitor.horizontal_m) == (

@@ -1,4 +1,4 @@
-"""At which item an interrupted flight of a plan resumes, and which settings PX4 does not restore."""
+"""The item at which an interrupted flight of a plan resumes, and the settings that PX4 does not restore."""
 
 import json
 
@@ -48,11 +48,11 @@ def items_of(items):
     [(0, None), (1, None), (2, None), (3, 2), (4, 2), (5, 4), (6, 4), (7, 6)],
     ids=lambda value: str(value),
 )
-def test_an_interrupted_leg_is_flown_again_from_its_beginning_with_the_items_after_it(flying_to, resumes_at):
+def test_an_interrupted_leg_is_flown_again_from_its_beginning(flying_to, resumes_at):
     assert leg_start(items_of(LINE), flying_to, 0) == resumes_at
 
 
-def test_a_flight_that_was_started_at_an_item_does_not_resume_before_it():
+def test_a_flight_that_was_started_at_an_item_does_not_resume_before_that_item():
     assert leg_start(items_of(LINE), 4, 4) == 4
     assert leg_start(items_of(LINE), 6, 4) == 4
     assert leg_start(items_of(LINE), 6, 2) == 4
@@ -120,7 +120,7 @@ def test_items_that_px4_does_not_repeat_are_listed():
     assert not_restored(roi, {"kind": "roi_none"}, video, {"kind": "video_stop"}) == ()
 
 
-def test_of_several_types_of_speed_px4_repeats_the_last_type():
+def test_px4_repeats_only_the_last_of_several_types_of_speed():
     (found,) = not_restored(CLIMB, SPEED)
     assert found.startswith("PX4 does not repeat item 2: set the climb speed yourself")
     assert not_restored(CLIMB, SPEED, CLIMB)[0].startswith("PX4 does not repeat item 3: set the speed")
@@ -133,7 +133,7 @@ def test_a_jump_is_listed_only_if_the_flight_resumes_inside_its_loop():
     assert not_restored(after=[{**jump, "target_index": 2}]) == ()
 
 
-def test_the_rest_is_checked_from_the_new_position_with_the_plans_item_numbers():
+def test_the_remaining_plan_is_checked_from_the_new_position_with_the_plans_item_numbers():
     corners = [(120, -1e-4), (130, -1e-4), (130, 1e-4), (120, 1e-4)]
     polygon = [{"lat_deg": 47.0 + n / 111_195, "lon_deg": 8.0 + e} for n, e in corners]
     tower = {"name": "Tower", "top": {"value_m": 90, "reference": "home"}, "polygon": polygon}

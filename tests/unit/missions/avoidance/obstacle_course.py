@@ -21,17 +21,17 @@ STEP_S = 0.05
 SCAN_EVERY = 4
 """Steps from one scan to the next: 5 Hz."""
 VELOCITY_LAG_S, MAX_ACCELERATION_M_S2 = 0.5, 3.0
-"""The time constant with which the vehicle follows a velocity, and its greatest acceleration."""
+"""Time constant with which the vehicle follows a velocity setpoint, and its greatest acceleration."""
 RANGE_M = 20.0
 SECTORS = 72
-_turns = np.arange(8) * math.pi / 4
+_headings = np.arange(8) * math.pi / 4
 DOWN = np.vstack(
     [
         [0.0, 0.0, 1.0],
-        np.stack([0.5 * np.cos(_turns), 0.5 * np.sin(_turns), np.full(8, math.sqrt(0.75))], axis=1),
+        np.stack([0.5 * np.cos(_headings), 0.5 * np.sin(_headings), np.full(8, math.sqrt(0.75))], axis=1),
     ]
 )
-"""A cone of 30° below: a single ray would miss obstacles beside it."""
+"""Rays of a downward sensor: a cone with a half-angle of 30°. A single ray would miss obstacles beside it."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,12 @@ class Course:
     """One flight among obstacles.
 
     Args:
-        blocks: obstacles; the ground is at down 0.
+        blocks: obstacles; the ground is at a down coordinate of 0.
         all_directions: whether the lidar measures in 72 directions; otherwise only straight ahead.
         down: whether there is a downward sensor.
+        start: position at the start (NED).
+        way: whether the vehicle avoids obstacles over or around them.
+        limits: limits of the detour.
         drift_ned_m_s: error of the velocity estimate: true minus estimated velocity.
     """
 
@@ -121,7 +124,7 @@ class Course:
         return Scan(self.now_s, rays, self._measure(directions), RANGE_M, half_angle_rad)
 
     def step(self, requested: WantedMotion) -> None:
-        """Flies one step."""
+        """Simulates STEP_S with this requested motion."""
         if self.steps % SCAN_EVERY == 0 and not self.blind:
             self._scan()
         state = MotionState(_vector(self.position_ned_m), _vector(self.velocity), self.yaw)
@@ -153,7 +156,7 @@ class Course:
         self.steps += 1
 
     def fly(self, goal: Vector3, seconds: float = 60.0, yaw: float = 0.0) -> None:
-        """Flies to a position until it is reached or the time is over."""
+        """Flies to a position until the vehicle reaches it or the time is over."""
         for _ in range(round(seconds / STEP_S)):
             self.step(WantedMotion(goal, yaw_ned_rad=yaw))
             if self.adjusted.state == "clear" and math.dist(self.position_ned_m, goal) < 0.3:
