@@ -9,8 +9,8 @@ from gcs_server.app import create_app
 from gcs_server.client import Gcs, Refused, Unknown
 from gcs_server.clock import LoopClock
 from gcs_server.links.memory import MemoryLink
-from tests.simulated_time import run_in_simulated_time
 from tests.protocol.mission_autopilot import MissionAutopilot
+from tests.simulated_time import run_in_simulated_time
 from tests.support.api_client import settings_for
 
 AT_20_M = {"value_m": 20, "reference": "home"}

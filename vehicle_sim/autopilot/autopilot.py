@@ -328,7 +328,9 @@ class Autopilot:
             self._setpoints.override_level(setpoint.q_ned_frd, setpoint.rates_frd_rad_s, setpoint.thrust)
         elif setpoint.kind in (SetpointKind.THRUST_TORQUE, SetpointKind.ACTUATORS):
             self._setpoints.override_motors(setpoint.thrust, setpoint.torque_frd, setpoint.motors)
-        elif not (uses_external or self._setpoints.below_trajectory) and self.view.simulation.setpoints_applied:
+        elif (
+            not (uses_external or self._setpoints.below_trajectory) and self.view.simulation.setpoints_applied
+        ):
             self._write_trajectory(setpoint)
 
     def receive_goto(self, goto: Goto) -> None:
