@@ -108,7 +108,7 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'velocity',
     name: 'Velocity',
-    frame: 'local, north east up',
+    frame: 'local frame: north, east, up',
     warning: 'The vehicle keeps moving until the setpoint changes or expires.',
     groups: [VELOCITY],
     yaw: 'angle_or_rate',
@@ -124,7 +124,7 @@ export const KINDS: readonly KindSpec[] = [
   {
     kind: 'acceleration',
     name: 'Acceleration',
-    frame: 'local, north east up',
+    frame: 'local frame: north, east, up',
     warning: 'The speed grows for as long as the setpoint is valid.',
     groups: [ACCELERATION],
     yaw: 'angle_or_rate',
