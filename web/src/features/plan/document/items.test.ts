@@ -77,6 +77,8 @@ describe('the fields of an item', () => {
     const climb: Item = { ...added('change_speed'), speed_type: 2 };
     expect(field(climb, 'speed_type')).toMatchObject({ type: 'choice', value: '2' });
     expect(detailOf(climb)).toBe('climb speed · 5.0 m/s');
+    expect(detailOf({ ...climb, speed_m_s: -2 })).toBe('climb speed · default');
+    expect(detailOf(added('trigger_interval'))).toBe('every 1.0 s');
     expect(toDocument(climb, 'speed_type', '3')).toBe(3);
   });
   it('keep a code number for which the editor has no text', () => {

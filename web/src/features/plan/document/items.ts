@@ -77,6 +77,9 @@ const DETAILS: Readonly<Partial<Record<ItemKind, readonly string[]>>> = {
   mount_configure: ['mode'],
 };
 
+/** Speeds of a speed change that stand for another value (MAV_CMD_DO_CHANGE_SPEED). */
+const SPECIAL_SPEEDS: Readonly<Record<number, string>> = { '-1': 'unchanged', '-2': 'default' };
+
 /** Text below the title. */
 export function detailOf(item: Item): string {
   const parts: string[] = [];
@@ -95,9 +98,10 @@ export function detailOf(item: Item): string {
   parts.push(...(DETAILS[item.kind] ?? []).flatMap((field) => optionText(item, field) ?? []));
   add('hold_s', (s) => `hold ${fixed(s, 0)} s`);
   add('delay_s', (s) => (s < 0 ? 'until a UTC time' : `${fixed(s, 0)} s`));
-  add('speed_m_s', (v) => `${fixed(v, 1)} m/s`);
+  add('speed_m_s', (v) => SPECIAL_SPEEDS[v] ?? `${fixed(v, 1)} m/s`);
   add('distance_m', (m) => `${fixed(m, 1)} m`);
   add('interval_s', (s) => `every ${fixed(s, 1)} s`);
+  if (item.kind === 'trigger_interval') add('interval_ms', (ms) => (ms < 0 ? 'unchanged' : `every ${fixed(ms / 1000, 1)} s`));
   add('count', (n) => `${n} ${n === 1 ? 'photo' : 'photos'}`);
   add('pitch_deg', (deg) => `pitch ${fixed(deg, 0)}°`);
   add('yaw_deg', (deg) => `yaw ${fixed(deg, 0)}°`);
