@@ -87,11 +87,11 @@ class Comparison:
 def compare(scenario: Scenario, flown: FaultFlight) -> Comparison:
     """Compares the simulated flight with PX4's runs."""
     until_s = SIMILAR_FOR_S.get(scenario.name, scenario.ends_s)
-    late, moments = _moments(scenario, flown, until_s)
+    moments_outside, moments = _moments(scenario, flown, until_s)
     first, second = scenario.runs
     until_s = min(until_s, *(_touchdown_s(run) for run in (first, second, flown)))
     position_lost_s = max(run.moments_s.get("xy_valid=0", math.inf) for run in scenario.runs)
-    off: list[OutOfLimits] = []
+    errors_outside: list[OutOfLimits] = []
     numbers = 0
     for t_s in sorted(at for at in set(first.at) & set(second.at) & set(flown.at) if at < until_s):
         for key, limit in SLACK.items():
@@ -100,8 +100,8 @@ def compare(scenario: Scenario, flown: FaultFlight) -> Comparison:
             slack = limit + descent * max(0.0, t_s - position_lost_s)
             pair = first.at[t_s][key], second.at[t_s][key]
             if not _is_within(flown.at[t_s][key], pair, slack, FACTOR.get(key, 1.0)):
-                off.append(OutOfLimits(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
-    return Comparison(scenario.name, moments, numbers, tuple(late), tuple(off))
+                errors_outside.append(OutOfLimits(f"{key} at {t_s:g} s", flown.at[t_s][key], pair))
+    return Comparison(scenario.name, moments, numbers, tuple(moments_outside), tuple(errors_outside))
 
 
 def _moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[list[OutOfLimits], int]:
@@ -109,18 +109,18 @@ def _moments(scenario: Scenario, flown: FaultFlight, until_s: float) -> tuple[li
     moments."""
     first, second = (run.moments_s for run in scenario.runs)
     touchdown_s = min(map(_touchdown_s, scenario.runs))
-    late: list[OutOfLimits] = []
+    outside: list[OutOfLimits] = []
     common = [key for key in sorted(set(first) & set(second)) if max(first[key], second[key]) < until_s]
     for key in common:
         pair = first[key], second[key]
         limit_s = MOMENT_LIMIT_S if max(pair) < touchdown_s - MOMENT_LIMIT_S else TOUCHDOWN_LIMIT_S
         found_s = flown.moments_s.get(key, math.nan)
         if not _is_within(found_s, pair, limit_s, 1.0):
-            late.append(OutOfLimits(key, found_s, pair))
+            outside.append(OutOfLimits(key, found_s, pair))
     for key in sorted(set(flown.moments_s) - set(first) - set(second)):
         if flown.moments_s[key] < until_s and not key.startswith(RANDOM_MOMENTS):
-            late.append(OutOfLimits(key, flown.moments_s[key], (math.nan, math.nan)))
-    return late, len(common)
+            outside.append(OutOfLimits(key, flown.moments_s[key], (math.nan, math.nan)))
+    return outside, len(common)
 
 
 def _touchdown_s(run: FaultFlight) -> float:

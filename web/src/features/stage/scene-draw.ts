@@ -154,12 +154,12 @@ export class ScenePainter {
   }
 
   /** Draws a side or the top of a solid. Hidden sides and edges are drawn weaker. */
-  private face(view: SceneView, { ring, edges, tone, inFront, shade }: Face): void {
+  private face(view: SceneView, { ring, edges, tone, facesCamera, shade }: Face): void {
     const colour = this.colour(tone);
-    this.fill(view, ring, colour, inFront ? shade : 0.06);
+    this.fill(view, ring, colour, facesCamera ? shade : 0.06);
     this.ctx.beginPath();
     for (const edge of edges) this.trace(view, edge);
-    this.stroke(colour, inFront && !this.inset ? 1.6 : 1, inFront ? 0.9 : 0.3);
+    this.stroke(colour, facesCamera && !this.inset ? 1.6 : 1, facesCamera ? 0.9 : 0.3);
   }
 
   /** Draws a thin line on the ground below a path, which shows the position of the path from any side. */

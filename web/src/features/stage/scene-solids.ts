@@ -10,7 +10,7 @@ export interface Face {
   readonly edges: readonly (readonly [Vector, Vector])[];
   readonly tone: Tone;
   /** Whether the outer side faces the camera. */
-  readonly inFront: boolean;
+  readonly facesCamera: boolean;
   /** Opacity; it depends on the direction of the face, so that adjacent faces differ. */
   readonly shade: number;
 }
@@ -42,20 +42,20 @@ function faces(base: readonly Vector[], top_m: number, tone: Tone, eye: Vector):
     // Horizontal direction out of the body.
     const [east, north] = [orientation * (b[1] - a[1]), -orientation * (b[0] - a[0])];
     const length = Math.hypot(east, north) || 1;
-    const inFront = east * (eye[0] - a[0]) + north * (eye[1] - a[1]) > 0;
-    return { ring: [a, b, c, d] as const, out: [east / length, north / length] as const, inFront };
+    const facesCamera = east * (eye[0] - a[0]) + north * (eye[1] - a[1]) > 0;
+    return { ring: [a, b, c, d] as const, out: [east / length, north / length] as const, facesCamera };
   });
-  const sides = walls.map(({ ring, out, inFront }, i): Face => {
+  const sides = walls.map(({ ring, out, facesCamera }, i): Face => {
     const [a, b, c, d] = ring;
     const hasEdge = (other: (typeof walls)[number] | undefined): boolean =>
-      other === undefined || other.inFront !== inFront || out[0] * other.out[0] + out[1] * other.out[1] < ROUND_COS;
+      other === undefined || other.facesCamera !== facesCamera || out[0] * other.out[0] + out[1] * other.out[1] < ROUND_COS;
     const edges = [[a, b] as const, [c, d] as const];
     if (hasEdge(walls[(i + walls.length - 1) % walls.length])) edges.push([d, a]);
     if (hasEdge(walls[(i + 1) % walls.length])) edges.push([b, c]);
-    return { ring, edges, tone, inFront, shade: SIDE_SHADE + (SIDE_CONTRAST * (1 + (out[0] + out[1]) / Math.SQRT2)) / 2 };
+    return { ring, edges, tone, facesCamera, shade: SIDE_SHADE + (SIDE_CONTRAST * (1 + (out[0] + out[1]) / Math.SQRT2)) / 2 };
   });
-  const top: Face = { ring: roof, edges: [], tone, inFront: eye[2] > top_m, shade: TOP_SHADE };
-  return [...sides, top].sort((a, b) => Number(a.inFront) - Number(b.inFront));
+  const top: Face = { ring: roof, edges: [], tone, facesCamera: eye[2] > top_m, shade: TOP_SHADE };
+  return [...sides, top].sort((a, b) => Number(a.facesCamera) - Number(b.facesCamera));
 }
 
 /** Twice the area of a ring; negative: clockwise. */

@@ -161,9 +161,9 @@ describe('the drawing', () => {
     });
     const faces = facesOf(viewFrom([0, -60, 40], 0.5), [box(0, 12), box(100, 60), box(50, 0)]);
     expect(faces).toHaveLength(10);
-    const rounded = faces.map(({ ring, inFront }) => ({ inFront, ring: ring.map((corner) => corner.map((metre) => Math.round(metre) + 0)) }));
+    const rounded = faces.map(({ ring, facesCamera }) => ({ facesCamera, ring: ring.map((corner) => corner.map((metre) => Math.round(metre) + 0)) }));
     const front = (north_m: number, up_m: number) => ({
-      inFront: true,
+      facesCamera: true,
       ring: [
         [-5, north_m, 0],
         [5, north_m, 0],
@@ -172,7 +172,7 @@ describe('the drawing', () => {
       ],
     });
     const top = {
-      inFront: true,
+      facesCamera: true,
       ring: [
         [-5, 0, 12],
         [5, 0, 12],
@@ -181,19 +181,19 @@ describe('the drawing', () => {
       ],
     };
     // The camera is below the top of the far box, so this top is not in front.
-    expect([rounded.slice(0, 5).filter(({ inFront }) => inFront), rounded.slice(5).filter(({ inFront }) => inFront)]).toEqual([
+    expect([rounded.slice(0, 5).filter(({ facesCamera }) => facesCamera), rounded.slice(5).filter(({ facesCamera }) => facesCamera)]).toEqual([
       [front(100, 60)],
       [front(0, 12), top],
     ]);
     expect(rounded[4]).toEqual(front(100, 60));
-    expect(faces.slice(5).flatMap(({ edges, inFront }) => (inFront ? edges : []))).toHaveLength(4);
+    expect(faces.slice(5).flatMap(({ edges, facesCamera }) => (facesCamera ? edges : []))).toHaveLength(4);
     const round = Array.from({ length: 24 }, (_, i) => at(5 * Math.cos((i * Math.PI) / 12), 5 * Math.sin((i * Math.PI) / 12)));
-    const upright = facesOf(viewFrom([0, -60, 40], 0.5), [{ ring: round, top_amsl_m: 500, tone: 'danger' }]).flatMap(({ edges, inFront }) =>
-      inFront ? edges.filter(([a, b]) => a[2] !== b[2]) : [],
+    const upright = facesOf(viewFrom([0, -60, 40], 0.5), [{ ring: round, top_amsl_m: 500, tone: 'danger' }]).flatMap(({ edges, facesCamera }) =>
+      facesCamera ? edges.filter(([a, b]) => a[2] !== b[2]) : [],
     );
     expect(upright).toHaveLength(2);
     const clockwise = { ...box(0, 12), ring: box(0, 12).ring.reverse() };
-    expect(facesOf(viewFrom([0, -60, 40], 0.5), [clockwise]).filter(({ inFront }) => inFront)).toHaveLength(2);
+    expect(facesOf(viewFrom([0, -60, 40], 0.5), [clockwise]).filter(({ facesCamera }) => facesCamera)).toHaveLength(2);
   });
 
   it('has an overview pose from which all points are visible in the free area', () => {
